@@ -1,0 +1,159 @@
+"""Multi-objective robot tasks on MuJoCo Warp and C MuJoCo. Nothing in here knows of learning."""
+
+import torch
+from pydantic import ValidationError
+
+from .ant import Ant
+from .cheetah import Cheetah, Cheetah3
+from .environment import Environment, TimeStep
+from .errors import MorlaxError, unknown
+from .hopper import Hopper
+from .humanoid import Humanoid
+from .options import TaskOptions
+from .physics import Physics
+from .walker import Walker
+
+__all__ = [
+    "Environment",
+    "MorlaxError",
+    "TaskOptions",
+    "Physics",
+    "TimeStep",
+    "get",
+    "make",
+    "names",
+    "register",
+]
+
+_REGISTRY: dict[str, type[Environment]] = {}
+
+
+def register(name: str, environment: type[Environment]) -> None:
+    """Make `environment` known as `name`, to `make` and to every command.
+
+    Raises:
+        MorlaxError: the name is taken by another class.
+    """
+    if _REGISTRY.setdefault(name, environment) is not environment:
+        raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
+
+
+def names() -> tuple[str, ...]:
+    """Every registered name."""
+    return tuple(sorted(_REGISTRY))
+
+
+def get(name: str) -> type[Environment]:
+    """The class registered as `name`."""
+    if name not in _REGISTRY:
+        raise unknown("environment", name, _REGISTRY)
+    return _REGISTRY[name]
+
+
+def make(
+    name: str,
+    num_worlds: int,
+    device: str | torch.device | None = None,
+    backend: str | None = None,
+    seed: int = 0,
+    *,
+    auto_reset: bool = True,
+    deterministic: bool = False,
+    **task_options: object,
+) -> Environment:
+    """N worlds of the task `name`.
+
+    Args:
+        name: one of `names()`.
+        num_worlds: N.
+        device: "cuda", "cpu", "cuda:1", ...; None is CUDA where there is one.
+        backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None: by the device.
+        seed: of whatever the worlds draw at random (the tasks draw nothing unless asked to).
+        auto_reset: start a new episode in the step that ended the last one.
+        deterministic: make MuJoCo Warp repeat itself bit for bit on CUDA, at some cost in speed.
+        task_options: fields of the task's `Options`, for example `episode_length=200`.
+
+    Raises:
+        MorlaxError: an unknown name, option or backend, or a device that is not there.
+    """
+    environment = get(name)
+    try:
+        options = environment.Options.model_validate(task_options)
+    except ValidationError as error:
+        raise explained(error, environment.Options) from None
+    place = resolve_device(device)
+    backend = backend or ("warp" if place.type == "cuda" else "mujoco")
+    if num_worlds < 1:
+        raise MorlaxError(f"num_worlds is {num_worlds}: it takes at least one world.")
+    model = environment.load_model()
+    if options.solver_iterations is not None:
+        model.opt.iterations = options.solver_iterations
+    if backend == "mujoco":
+        if place.type != "cpu":
+            raise MorlaxError(f"C MuJoCo runs on the CPU: with device {place}, use backend 'warp'.")
+        from .mujoco_physics import MujocoPhysics
+
+        physics: Physics = MujocoPhysics(model, num_worlds, environment.substeps)
+    elif backend == "warp":
+        from .warp_physics import WarpPhysics
+
+        physics = WarpPhysics(
+            model,
+            num_worlds,
+            place,
+            environment.substeps,
+            options.nconmax,
+            options.njmax,
+            deterministic,
+        )
+    else:
+        raise unknown("backend", backend, ("mujoco", "warp"))
+    return environment(physics, options, seed, auto_reset)
+
+
+def resolve_device(device: str | torch.device | None) -> torch.device:
+    """The device that was asked for, or CUDA where there is one."""
+    if device is None:
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        place = torch.device(device)
+    except RuntimeError:
+        raise MorlaxError(f"{device!r} is no device: say 'cuda', 'cuda:1' or 'cpu'.") from None
+    if place.type not in ("cpu", "cuda"):
+        raise MorlaxError(f"device {place} is not supported: use 'cuda' or 'cpu'.")
+    if place.type == "cuda":
+        if not torch.cuda.is_available():
+            raise MorlaxError("no CUDA device was found: use --device cpu, or check the driver.")
+        place = torch.device("cuda", place.index or 0)
+        if place.index >= torch.cuda.device_count():
+            raise MorlaxError(f"{place} is not there: there are {torch.cuda.device_count()} GPUs.")
+    return place
+
+
+def explained(error: ValidationError, model: type) -> MorlaxError:
+    """pydantic's findings in plain sentences, an unknown key with the nearest right one."""
+    sentences = []
+    for finding in error.errors():
+        key = ".".join(str(part) for part in finding["loc"])
+        if finding["type"] == "extra_forbidden":
+            owner = model
+            for part in finding["loc"][:-1]:
+                owner = owner.model_fields[part].annotation
+            sentences.append(str(unknown("key", key, owner.model_fields)))
+        else:
+            reason = finding["msg"].removeprefix("Value error, ")
+            value = finding["input"]
+            given = "" if isinstance(value, dict) else f" (given: {value!r})"
+            sentences.append(f"{key}: {reason}{given}." if key else f"{reason}")
+    return MorlaxError(" ".join(sentences))
+
+
+for _name, _environment in {
+    "ant": Ant,
+    "cheetah": Cheetah,
+    "cheetah3": Cheetah3,
+    "hopper": Hopper,
+    "humanoid": Humanoid,
+    "walker": Walker,
+}.items():
+    register(_name, _environment)

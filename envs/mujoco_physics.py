@@ -1,0 +1,40 @@
+"""Physics on C MuJoCo: many worlds on a pool of threads, in float64."""
+
+import mujoco
+import torch
+from mujoco.batch import Batch
+from torch import Tensor
+
+from .physics import Physics
+
+
+class MujocoPhysics(Physics):
+    """C MuJoCo behind `mujoco.batch`; results do not depend on the number of threads."""
+
+    def __init__(self, model: mujoco.MjModel, num_worlds: int, substeps: int):
+        # A world that blew up must stay so until its environment has seen it and reset it,
+        # and is reported there, not in a MUJOCO_LOG.TXT in the working directory.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        mujoco.set_mju_user_warning(lambda message: None)
+        self.model, self.num_worlds, self.device = model, num_worlds, torch.device("cpu")
+        self.substeps = substeps
+        self._batch = Batch(model, nsim=num_worlds)
+        self.qpos = torch.from_numpy(self._batch.bind("qpos"))
+        self.qvel = torch.from_numpy(self._batch.bind("qvel"))
+        self.ctrl = torch.from_numpy(self._batch.bind("ctrl"))
+        self.warmstart = torch.from_numpy(self._batch.bind("qacc_warmstart"))
+        # MuJoCo lends its sensor readings read-only, but a reset has to write them
+        self.sensors = torch.zeros(num_worlds, model.nsensordata, dtype=torch.float64)
+        self._readings = self._batch.bind("sensordata") if model.nsensordata else None
+        self._no_overflow = torch.zeros(num_worlds, dtype=torch.int32)
+
+    def step(self) -> None:
+        self._batch.step(nstep=self.substeps)
+        if self._readings is not None:
+            self.sensors.numpy()[:] = self._readings
+
+    def overflow(self) -> Tensor:
+        return self._no_overflow  # C MuJoCo grows its buffers as it needs
+
+    def remedy(self, bits: int) -> str:
+        return ""

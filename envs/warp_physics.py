@@ -1,0 +1,77 @@
+"""Physics on MuJoCo Warp: for CUDA, and for tests also on the CPU, in float32."""
+
+import mujoco
+import mujoco_warp as mjw
+import torch
+import warp as wp
+from torch import Tensor
+
+from .physics import Physics
+
+# A solver that stops at its iteration limit is not an error: the limits are the task's own.
+_LIMITS = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS
+_CONSTRAINTS = mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ
+
+
+class WarpPhysics(Physics):
+    """MuJoCo Warp behind torch views of its arrays.
+
+    On CUDA a step only enqueues work, and Python is most of its cost: put the caller inside a
+    `morlax_torch.graph.Graph`. On the CPU the step records itself once and is then replayed.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_worlds: int,
+        device: torch.device,
+        substeps: int,
+        nconmax: int,
+        njmax: int,
+        deterministic: bool = False,
+    ):
+        self.model, self.num_worlds, self.device = model, num_worlds, device
+        self.substeps, self.nconmax, self.njmax = substeps, nconmax, njmax
+        with wp.ScopedDevice(str(device)):
+            self._model = mjw.put_model(model)
+            self._model.opt.warn_overflow = 0  # it prints from kernels; `overflow` is read instead
+            if deterministic:
+                self._model.opt.deterministic = True
+            if device.type == "cuda":
+                # Leaving the solver early costs a conditional node in the graph: worth it only
+                # where many iterations could be saved.
+                self._model.opt.graph_conditional = model.opt.iterations > 6
+            self._data = data = mjw.make_data(
+                model, nworld=num_worlds, nconmax=nconmax, njmax=njmax
+            )
+        self.qpos = wp.to_torch(data.qpos)
+        self.qvel = wp.to_torch(data.qvel)
+        self.ctrl = wp.to_torch(data.ctrl)
+        self.warmstart = wp.to_torch(data.qacc_warmstart)
+        self.sensors = wp.to_torch(data.sensordata)
+        self._overflow = wp.to_torch(data.overflow)
+        self._replay: wp.Graph | None = None
+
+    def step(self) -> None:
+        if self.device.type == "cuda":
+            self._advance()
+        elif self._replay is None:
+            self._advance()  # compiles the kernels, once per machine, and loads them
+            with wp.ScopedCapture(device="cpu") as capture:
+                self._advance()
+            self._replay = capture.graph
+        else:
+            wp.capture_launch(self._replay)
+
+    def _advance(self) -> None:
+        with wp.ScopedDevice(str(self.device)):
+            for _ in range(self.substeps):
+                mjw.step(self._model, self._data)
+
+    def overflow(self) -> Tensor:
+        return self._overflow & ~int(_LIMITS)
+
+    def remedy(self, bits: int) -> str:
+        if bits & int(_CONSTRAINTS):
+            return f"raise --task.njmax above {self.njmax} (constraint rows of a world)"
+        return f"raise --task.nconmax above {self.nconmax} (contacts of a world)"

@@ -1,0 +1,93 @@
+"""A family of actors, a family of critics, and the scales they see the world in."""
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from .config import NetworkConfig
+from .hypernetwork import Hypernetwork
+from .networks import mlp
+from .normalizer import Normalizer
+
+MIN_STD = 1e-3
+
+
+class TanhNormal:
+    """A Gaussian squashed by tanh. Its samples stay unsquashed: `tanh` makes them actions."""
+
+    def __init__(self, mean: Tensor, spread: Tensor):
+        self.mean, self.std = mean, softplus(spread) + MIN_STD  # (..., A)
+
+    def sample(self, generator: torch.Generator | None = None) -> Tensor:
+        return self.mean + self.std * self._noise(generator)
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """(..., A) unsquashed to (...): the density of tanh(action)."""
+        standard = (action - self.mean) / self.std
+        gaussian = -0.5 * standard.square() - self.std.log() - 0.5 * math.log(2 * math.pi)
+        return (gaussian - _log_slope(action)).sum(-1)
+
+    def entropy(self, generator: torch.Generator | None = None) -> Tensor:
+        """(...): the Gaussian's entropy, and one sample of what tanh takes from it."""
+        gaussian = 0.5 + 0.5 * math.log(2 * math.pi) + self.std.log()
+        return (gaussian + _log_slope(self.sample(generator))).sum(-1)
+
+    def _noise(self, generator: torch.Generator | None) -> Tensor:
+        return torch.empty_like(self.mean).normal_(generator=generator)
+
+
+def _log_slope(action: Tensor) -> Tensor:
+    """log(d tanh(u) / du), in a form that does not overflow."""
+    return 2 * (math.log(2) - action - softplus(-2 * action))
+
+
+class Agent(nn.Module):
+    """What training changes: an actor and a critic for every trade-off, and the normalisers.
+
+    `policies` and `values` generate the networks of K trade-offs once and return functions that
+    run them, each on its own rows of *normalised* observations.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_size: int,
+        num_objectives: int,
+        config: NetworkConfig,
+        generator: torch.Generator | None = None,
+    ):
+        super().__init__()
+        actor = mlp(observation_size, config.actor, 2 * action_size, generator)
+        critic = mlp(observation_size, config.critic, num_objectives, generator)
+
+        def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
+            return Hypernetwork(
+                target,
+                num_objectives,
+                config.hidden,
+                config.features,
+                scale=config.scale,
+                features=features,
+                generator=generator,
+            )
+
+        self.actor = family(actor)
+        self.critic = family(critic, self.actor.features if config.type == "single" else None)
+        self.observation_normalizer = Normalizer(observation_size)
+        self.value_normalizer = Normalizer(num_objectives)
+
+    def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
+        """(K, m) trade-offs to a function from observations (K, B, O) to action distributions."""
+        parameters = self.actor(tradeoffs)
+        return lambda seen: TanhNormal(*self.actor.run(parameters, seen).chunk(2, dim=-1))
+
+    def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
+        """(K, m) trade-offs to a function from observations (K, B, O) to values (K, B, m).
+
+        The values are in the units of `value_normalizer`.
+        """
+        parameters = self.critic(tradeoffs)
+        return lambda seen: self.critic.run(parameters, seen)

@@ -1,0 +1,85 @@
+"""One file that holds all that training, or acting, goes on from."""
+
+import pickle
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import torch
+
+from .config import Config
+from .envs import Environment, MorlaxError
+from .files import replacing
+from .morlax import MORLAX
+
+FORMAT = 1
+
+
+def describe(env: Environment) -> dict[str, Any]:
+    """What must be equal for a checkpoint to fit an environment."""
+    return {
+        "objectives": list(env.objectives),
+        "observation_size": env.observation_size,
+        "action_size": env.action_size,
+    }
+
+
+def save(path: Path, morlax: MORLAX, progress: dict[str, float]) -> None:
+    """Write the whole state of `morlax` and the run's own counters, atomically."""
+    contents = {
+        "format": FORMAT,
+        "config": morlax.config.model_dump(mode="json"),
+        "environment": describe(morlax.env),
+        "progress": progress,
+        "morlax": morlax.state_dict(),
+    }
+    with replacing(path) as file:
+        torch.save(contents, file)
+
+
+def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """What `save` wrote.
+
+    Raises:
+        MorlaxError: no file, not a checkpoint, damaged, or of a format this version cannot read.
+    """
+    try:
+        contents = torch.load(path, map_location=device, weights_only=True)
+    except FileNotFoundError:
+        raise MorlaxError(f"there is no checkpoint {path}.") from None
+    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError, BadZipFile):
+        raise MorlaxError(
+            f"the checkpoint {path} is damaged or is none: use another one of its folder."
+        ) from None
+    if not isinstance(contents, dict) or "format" not in contents:
+        raise MorlaxError(f"{path} is no checkpoint of morlax_torch.")
+    if contents["format"] != FORMAT:
+        raise MorlaxError(
+            f"the checkpoint {path} has format {contents['format']}, but this version of "
+            f"morlax_torch reads format {FORMAT}: use the version that wrote it."
+        )
+    return contents
+
+
+def restore(contents: dict[str, Any], path: Path, morlax: MORLAX) -> None:
+    """Put a loaded checkpoint into `morlax`.
+
+    Raises:
+        MorlaxError: it is of another task or another size.
+    """
+    config, env = morlax.config, morlax.env
+    stored_config, stored = contents["config"], contents["environment"]
+    if stored_config["env"] != config.env:
+        raise MorlaxError(f"{path} is of task {stored_config['env']!r}, not {config.env!r}.")
+    for name, value in describe(env).items():
+        if stored[name] != value:
+            raise MorlaxError(f"{path} has {name} {stored[name]}, but the task has {value}.")
+    mine: Config = config
+    if stored_config["worlds"] != mine.worlds or stored_config["network"] != mine.network.model_dump(
+        mode="json"
+    ):
+        raise MorlaxError(
+            f"{path} was made with other sizes (worlds {stored_config['worlds']}, network "
+            f"{stored_config['network']}): resume with the config of its own run."
+        )
+    morlax.load_state_dict(contents["morlax"])

@@ -1,0 +1,68 @@
+"""What the commands share: reading the command line, and saying what went wrong."""
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+import tyro
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+from rich.console import Console
+from tyro.constructors import (
+    ConstructorRegistry,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
+
+from .envs import MorlaxError
+
+console = Console(highlight=False)
+_registry = ConstructorRegistry()
+
+
+@_registry.struct_rule
+def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Let tyro read a pydantic model into plain values, to be checked by `load_config` alone."""
+    if not (isinstance(info.type, type) and issubclass(info.type, BaseModel)):
+        return None
+    fields = []
+    for name, field in info.type.model_fields.items():
+        default = getattr(info.default, name, field.default)
+        if default is PydanticUndefined:
+            default = tyro.MISSING
+        fields.append(StructFieldSpec(name, field.annotation, default, field.description))
+    return StructConstructorSpec(dict, tuple(fields))
+
+
+def parse(model: type[BaseModel], default: BaseModel, arguments: Sequence[str], about: str) -> Any:
+    """The command line over `default`, as nested plain values."""
+    return tyro.cli(
+        model,
+        default=default,
+        args=arguments,
+        description=about,
+        registry=_registry,
+    )
+
+
+def run(main: Callable[[Sequence[str]], None]) -> None:
+    """Run a command; a user's mistake is one sentence and exit status 2, not a traceback."""
+    try:
+        main(sys.argv[1:])
+    except MorlaxError as error:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(f"error: {error}", markup=False)
+        sys.exit(2)
+    except torch.OutOfMemoryError:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(memory_advice(), markup=False)
+        sys.exit(2)
+
+
+def memory_advice() -> str:
+    """What to say when the GPU's memory is full."""
+    free, total = (size / 2**30 for size in torch.cuda.mem_get_info())
+    return (
+        f"error: the GPU's memory is full ({free:.1f} of {total:.1f} GiB free): use fewer --worlds, "
+        "or free memory that other programs hold."
+    )

@@ -1,0 +1,133 @@
+"""A fixed set of trade-offs, an episode each: the returns, and the front they make."""
+
+from pathlib import Path
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from . import pareto
+from .agent import Agent
+from .envs import Environment, MorlaxError
+from .files import replacing
+from .graph import Graph
+
+Protocol = Literal["latched", "paper"]
+
+
+class Front(NamedTuple):
+    """What a family of policies reached."""
+
+    objectives: tuple[str, ...]
+    tradeoffs: np.ndarray  # (K, m)
+    returns: np.ndarray  # (K, m) undiscounted sums
+    lengths: np.ndarray  # (K,) control steps until the episode ended
+    reference_point: np.ndarray  # (m,)
+
+    @property
+    def non_dominated(self) -> np.ndarray:
+        """(K,) bool"""
+        return pareto.non_dominated(self.returns)
+
+    def indicators(self) -> dict[str, float]:
+        """Hypervolume, sparsity, expected utility and cardinality by name.
+
+        A hypervolume that is not exact is called `hypervolume_approximate`.
+        """
+        returns = self.returns
+        exact = pareto.is_exact(*returns.shape)
+        return {
+            "hypervolume" if exact else "hypervolume_approximate": pareto.hypervolume(
+                returns, self.reference_point
+            ),
+            "sparsity": pareto.sparsity(returns),
+            "expected_utility": pareto.expected_utility(returns, self.tradeoffs),
+            "cardinality": pareto.cardinality(returns),
+        }
+
+    @property
+    def hypervolume(self) -> float:
+        return pareto.hypervolume(self.returns, self.reference_point)
+
+    def save(self, path: Path) -> None:
+        """Write an .npz with one array for each field, and `non_dominated`."""
+        with replacing(path) as file:
+            np.savez_compressed(file, non_dominated=self.non_dominated, **self._asdict())
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """What `save` wrote."""
+        try:
+            with np.load(path) as arrays:
+                fields = {name: arrays[name] for name in cls._fields}
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise MorlaxError(f"{path} holds no front: {error}.") from None
+        return cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
+
+
+class Evaluator:
+    """Runs the deterministic policies of K trade-offs, one world each, for one episode.
+
+    `latched`, the default: a return is the sum of rewards up to and including the first step that
+    ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an episode
+    early; steps on which the robot counts as failed earn nothing, later ones may, and the
+    reward that its `reset` reports is added.
+
+    The environment has K worlds and no automatic reset.
+    """
+
+    def __init__(
+        self, agent: Agent, env: Environment, tradeoffs: Tensor, protocol: Protocol = "latched"
+    ):
+        if env.auto_reset or env.num_worlds != len(tradeoffs):
+            raise ValueError("an evaluator needs one world per trade-off and auto_reset=False")
+        self.agent, self.env, self.protocol = agent, env, protocol
+        self.tradeoffs = tradeoffs.to(env.device)
+        self._observation = env.reset()
+        self._returns = torch.zeros_like(self.tradeoffs)
+        self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
+        self._lengths = torch.zeros(len(tradeoffs), dtype=torch.int32, device=env.device)
+        with torch.no_grad():
+            self._policies = {k: v.clone() for k, v in agent.actor(self.tradeoffs).items()}
+        self._step = Graph(self._one_step, env.device, [env.generator])
+
+    def compile(self) -> None:
+        """Compile kernels and record the step."""
+        self._step.record()
+
+    @torch.no_grad()
+    def evaluate(self) -> Front:
+        """The front of the agent as it is now."""
+        for name, values in self.agent.actor(self.tradeoffs).items():
+            self._policies[name].copy_(values)
+        self._observation.copy_(self.env.reset())
+        self._alive.fill_(True)
+        self._lengths.zero_()
+        self._returns.zero_()
+        if self.protocol == "paper":
+            self._returns += self.env.paper_reset_reward()
+        for _ in range(self.env.episode_length):
+            self._step()
+        return Front(
+            self.env.objectives,
+            self.tradeoffs.cpu().numpy(),
+            self._returns.cpu().numpy().astype(np.float64),
+            self._lengths.cpu().numpy(),
+            np.array(self.env.reference_point),
+        )
+
+    @torch.no_grad()
+    def _one_step(self) -> None:
+        seen = self.agent.observation_normalizer(self._observation)
+        output = self.agent.actor.run(self._policies, seen[:, None])[:, 0]
+        mean, _ = output.chunk(2, dim=-1)
+        step = self.env.step(mean.tanh())
+        if self.protocol == "paper":
+            self._alive.copy_(~step.terminated)
+        counted = torch.where(self._alive[:, None], step.reward, 0.0)
+        self._returns += counted
+        self._lengths += self._alive
+        if self.protocol == "latched":
+            self._alive &= ~step.terminated
+        self._observation.copy_(step.observation)

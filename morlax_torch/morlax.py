@@ -1,0 +1,136 @@
+"""MORLAX: explore with the policies of K trade-offs, learn one hypernetwork from all of them."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .agent import Agent
+from .config import Config
+from .envs import Environment
+from .graph import Graph
+from .ppo import PPO, Losses, judge, minibatches
+from .rollout import Rollout, collect
+from .tradeoffs import sample_tradeoffs
+
+
+class MORLAX:
+    """Trains an `Agent` in the worlds of an environment, one `iterate` at a time.
+
+    All that it draws comes from one generator, and all that it is stands in tensors that are
+    written in place: `state_dict` copies them, `load_state_dict` goes on from a copy as if never
+    stopped. On CUDA, call `compile` once, and an iteration becomes two recorded graphs.
+    """
+
+    def __init__(self, env: Environment, config: Config):
+        config.check_sizes(len(env.objectives))
+        self.env, self.config = env, config
+        self.agent = Agent(
+            env.observation_size,
+            env.action_size,
+            len(env.objectives),
+            config.network,
+            torch.Generator().manual_seed(config.seed),
+        ).to(env.device)
+        self.ppo = PPO(self.agent, config.ppo)
+        self.generator = torch.Generator(env.device).manual_seed(config.seed)
+        clusters = config.num_clusters
+        self.tradeoffs = torch.zeros(clusters, len(env.objectives), device=env.device)  # (K, m)
+        self.rollout = Rollout.empty(config.horizon, clusters, env)
+        self.observation = env.reset().clone()  # (N, O)
+        self.iteration = 0
+        self.steps_per_iteration = config.worlds * config.horizon
+        self.metric_names = (
+            *Losses._fields,
+            *(f"explained_variance/{name}" for name in env.objectives),
+            *(f"mean_reward/{name}" for name in env.objectives),
+            "terminated",
+        )
+        self._metrics = torch.zeros(len(self.metric_names), device=env.device)
+        self._metrics_since = 0
+        generators = (self.generator, env.generator)
+        self.explore = Graph(self._explore, env.device, generators)
+        self.learn = Graph(self._learn, env.device, generators)
+
+    @property
+    def env_steps(self) -> int:
+        """How many environment steps have been learnt from."""
+        return self.iteration * self.steps_per_iteration
+
+    def compile(self) -> None:
+        """Compile kernels and record the graphs; the state stays as it is."""
+        state = self.state_dict()
+        self.explore.record()
+        self.learn.record()
+        self.load_state_dict(state)
+        self._metrics.zero_()
+
+    def iterate(self) -> None:
+        """One iteration of MORLAX."""
+        self.explore()
+        self.learn()
+        self.iteration += 1
+
+    def _explore(self) -> None:
+        sampling = self.config.sampling
+        sample_tradeoffs(
+            self.tradeoffs, self.config.num_corners(self.tradeoffs.shape[1]), sampling.alpha,
+            self.generator,
+        )  # fmt: skip
+        collect(
+            self.env, self.agent, self.tradeoffs, self.observation, self.rollout, self.generator
+        )
+
+    def _learn(self) -> None:
+        ppo = self.config.ppo
+        batch, explained = judge(self.agent, self.tradeoffs, self.rollout, ppo)
+        losses = torch.zeros(len(Losses._fields), device=self.env.device)
+        for tradeoffs, part in minibatches(batch, self.tradeoffs, ppo, self.generator):
+            found = self.ppo.improve(tradeoffs, part, self.generator)
+            losses += torch.stack([loss.detach() for loss in found])
+        # only now: during the update the policies must see what they saw when they acted
+        self.agent.observation_normalizer.update(self.rollout.observation)
+        reward, terminated = self.rollout.reward, self.rollout.terminated
+        self._metrics += torch.cat(
+            [
+                losses / (ppo.epochs * ppo.minibatches),
+                explained,
+                reward.mean((0, 1, 2)),
+                terminated.float().mean()[None],
+            ]
+        )
+
+    def metrics(self) -> dict[str, float]:
+        """Means over the iterations since the last call. Waits for the GPU."""
+        iterations = max(1, self.iteration - self._metrics_since)
+        self._metrics_since = self.iteration
+        values = torch.cat(
+            [
+                self._metrics / iterations,
+                self.env.blowups.float()[None],
+                self.env.physics.overflow().max().float()[None],
+            ]
+        ).tolist()
+        self._metrics.zero_()
+        return dict(zip((*self.metric_names, "blowups", "overflow"), values, strict=True))
+
+    def state_dict(self) -> dict[str, Any]:
+        """A copy of everything that what comes next depends on."""
+        return {
+            "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
+            "optimizers": [value.clone() for value in self.ppo.state()],
+            "generator": self.generator.get_state(),
+            "environment": self.env.state_dict(),
+            "observation": self.observation.clone(),
+            "iteration": self.iteration,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go back to what `state_dict` gave, in place: recorded graphs stay valid."""
+        self.agent.load_state_dict(state["agent"])
+        for mine, stored in zip(self.ppo.state(), state["optimizers"], strict=True):
+            mine.copy_(stored)
+        self.generator.set_state(state["generator"].cpu())
+        self.env.load_state_dict(state["environment"])
+        self.observation.copy_(state["observation"])
+        self.iteration = self._metrics_since = state["iteration"]

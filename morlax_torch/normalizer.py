@@ -1,0 +1,38 @@
+"""Running mean and variance."""
+
+import torch
+from torch import Tensor, nn
+
+LIMIT = 10.0  # standard deviations; what lies further out is clipped
+
+
+class Normalizer(nn.Module):
+    """Scales what it is given by the mean and variance of all it has been updated with."""
+
+    mean: Tensor
+    variance: Tensor
+    count: Tensor
+
+    def __init__(self, size: int):
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("variance", torch.ones(size))
+        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return ((x - self.mean) * (self.variance + 1e-8).rsqrt()).clamp(-LIMIT, LIMIT)
+
+    def inverse(self, x: Tensor) -> Tensor:
+        """From normalised back to natural units."""
+        return x * (self.variance + 1e-8).sqrt() + self.mean
+
+    @torch.no_grad()
+    def update(self, x: Tensor) -> None:
+        """Merge a batch (..., size) into the statistics, in place (Chan et al., 1979)."""
+        x = x.flatten(0, -2)
+        batch_variance, batch_mean = torch.var_mean(x, dim=0, correction=0)
+        self.count += len(x)
+        share = (len(x) / self.count).float()
+        shift = batch_mean - self.mean
+        self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
+        self.mean.add_(shift * share)

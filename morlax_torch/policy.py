@@ -1,0 +1,104 @@
+"""A trained family of policies, as other programs use it."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from . import checkpoint
+from .agent import Agent
+from .config import Config, load_config
+from .envs import MorlaxError, resolve_device
+
+
+class SpecializedPolicy(nn.Module):
+    """The policy of one trade-off: observations (B, O) to actions (B, A) in (-1, 1)."""
+
+    def __init__(self, normalizer: nn.Module, actor: nn.Module):
+        super().__init__()
+        self.normalizer, self.actor = normalizer, actor
+
+    def forward(self, observation: Tensor) -> Tensor:
+        mean, _ = self.actor(self.normalizer(observation)).chunk(2, dim=-1)
+        return mean.tanh()
+
+
+class Policy(nn.Module):
+    """Every trade-off's deterministic policy.
+
+    policy(observation, tradeoff): (B, O) and (m,) or (B, m) to actions (B, A) in (-1, 1); each row
+    may have its own trade-off. Trade-offs need not sum to one, but not be negative or all zero.
+    """
+
+    def __init__(self, agent: Agent, config: Config, objectives: Sequence[str]):
+        super().__init__()
+        self.agent, self.config, self.objectives = agent, config, tuple(objectives)
+
+    @torch.no_grad()
+    def forward(self, observation: Tensor, tradeoff: Tensor | Sequence[float]) -> Tensor:
+        tradeoff = self._checked(tradeoff, observation.device)
+        seen = self.agent.observation_normalizer(observation)
+        if tradeoff.ndim == 1:
+            output = self.agent.actor.run(self.agent.actor(tradeoff[None]), seen[None])[0]
+        else:
+            output = self.agent.actor.run(self.agent.actor(tradeoff), seen[:, None])[:, 0]
+        mean, _ = output.chunk(2, dim=-1)
+        return mean.tanh()
+
+    def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
+        """A plain module for one trade-off (m,), normaliser and tanh inside."""
+        normalizer = self.agent.observation_normalizer
+        tradeoff = self._checked(tradeoff, normalizer.mean.device)
+        fixed = SpecializedPolicy(normalizer, self.agent.actor.specialize(tradeoff))
+        return fixed.requires_grad_(False)
+
+    def _checked(self, tradeoff: Tensor | Sequence[float], device: torch.device) -> Tensor:
+        tradeoff = torch.as_tensor(np.asarray(tradeoff, dtype=np.float32)) if not isinstance(
+            tradeoff, Tensor
+        ) else tradeoff  # fmt: skip
+        tradeoff = tradeoff.to(device, torch.float32)
+        m = len(self.objectives)
+        if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
+            raise MorlaxError(
+                f"a trade-off needs {m} numbers ({', '.join(self.objectives)}), but the shape "
+                f"is {tuple(tradeoff.shape)}."
+            )
+        if not (tradeoff >= 0).all() or not (tradeoff.sum(-1) > 0).all():
+            raise MorlaxError("a trade-off must not be negative, nor zero in every objective.")
+        return tradeoff
+
+
+def find_checkpoint(run: str | os.PathLike[str]) -> Path:
+    """The best checkpoint of a run's folder, or the file itself."""
+    path = Path(run)
+    if path.is_file():
+        return path
+    for name in ("best", "latest"):
+        candidate = path / "checkpoints" / f"{name}.pt"
+        if candidate.is_file():
+            return candidate
+    what = "has no checkpoints" if path.is_dir() else "does not exist"
+    raise MorlaxError(f"{path} {what}: name the folder of a run, such as runs/ant/..., or a .pt.")
+
+
+def load(run: str | os.PathLike[str], device: str | torch.device | None = "cpu") -> Policy:
+    """The policies of a run's folder or of a checkpoint file.
+
+    Raises:
+        MorlaxError: there is none, or it is damaged.
+    """
+    place = resolve_device(device)
+    path = find_checkpoint(run)
+    contents = checkpoint.load(path, place)
+    config, stored = load_config(contents["config"]), contents["environment"]
+    agent = Agent(
+        stored["observation_size"],
+        stored["action_size"],
+        len(stored["objectives"]),
+        config.network,
+    ).to(place)
+    agent.load_state_dict(contents["morlax"]["agent"])
+    return Policy(agent, config, stored["objectives"])
