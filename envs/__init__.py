@@ -16,8 +16,8 @@ from .walker import Walker
 __all__ = [
     "Environment",
     "MorlaxError",
-    "TaskOptions",
     "Physics",
+    "TaskOptions",
     "TimeStep",
     "get",
     "make",

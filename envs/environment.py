@@ -44,7 +44,9 @@ class Environment(ABC):
     # What the paper's own evaluation adds to each return: these terms, for no step at all.
     paper_reset_terms: ClassVar[dict[str, float]] = {}
 
-    def __init__(self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True):
+    def __init__(
+        self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
+    ):
         self.physics, self.options, self.auto_reset = physics, options, auto_reset
         self.num_worlds, self.device = physics.num_worlds, physics.device
         self.episode_length = options.episode_length

@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveInt
 class TaskOptions(BaseModel):
     """The options of every task; a task states its own defaults, and may add to them."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     objectives: dict[str, dict[str, float]]
     """What is traded off: each objective is a weighted sum of reward terms."""

@@ -8,6 +8,8 @@ from torch import Tensor
 
 from .physics import Physics
 
+wp.config.log_level = wp.LOG_WARNING  # Warp tells of each kernel it loads
+
 # A solver that stops at its iteration limit is not an error: the limits are the task's own.
 _LIMITS = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS
 _CONSTRAINTS = mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ

@@ -7,7 +7,6 @@ from zipfile import BadZipFile
 
 import torch
 
-from .config import Config
 from .envs import Environment, MorlaxError
 from .files import replacing
 from .morlax import MORLAX
@@ -74,10 +73,8 @@ def restore(contents: dict[str, Any], path: Path, morlax: MORLAX) -> None:
     for name, value in describe(env).items():
         if stored[name] != value:
             raise MorlaxError(f"{path} has {name} {stored[name]}, but the task has {value}.")
-    mine: Config = config
-    if stored_config["worlds"] != mine.worlds or stored_config["network"] != mine.network.model_dump(
-        mode="json"
-    ):
+    network = config.network.model_dump(mode="json")
+    if stored_config["worlds"] != config.worlds or stored_config["network"] != network:
         raise MorlaxError(
             f"{path} was made with other sizes (worlds {stored_config['worlds']}, network "
             f"{stored_config['network']}): resume with the config of its own run."

@@ -63,6 +63,6 @@ def memory_advice() -> str:
     """What to say when the GPU's memory is full."""
     free, total = (size / 2**30 for size in torch.cuda.mem_get_info())
     return (
-        f"error: the GPU's memory is full ({free:.1f} of {total:.1f} GiB free): use fewer --worlds, "
-        "or free memory that other programs hold."
+        f"error: the GPU's memory is full ({free:.1f} of {total:.1f} GiB free): use fewer "
+        "--worlds, or free memory that other programs hold."
     )

@@ -23,7 +23,7 @@ from .envs import MorlaxError, TaskOptions
 
 
 class Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 class SamplingConfig(Section):
@@ -67,9 +67,9 @@ class PPOConfig(Section):
     """Passes over a rollout."""
     minibatches: PositiveInt = 8
     """Updates per pass; it divides the worlds of a cluster (dense sampling: the worlds)."""
-    discount: float = Field(0.99, ge=0, le=1)
+    discount: float = Field(default=0.99, ge=0, le=1)
     """What a reward one step later is worth."""
-    gae_lambda: float = Field(0.95, ge=0, le=1)
+    gae_lambda: float = Field(default=0.95, ge=0, le=1)
     """How far advantages look before they trust the critic."""
     clip: PositiveFloat = 0.2
     """How far a probability ratio may move before it stops counting."""
@@ -90,7 +90,7 @@ class EvaluationConfig(Section):
 
     every: PositiveInt = 2_000_000
     """Environment steps between evaluations."""
-    tradeoffs: int = Field(512, ge=2)
+    tradeoffs: int = Field(default=512, ge=2)
     """How many fixed trade-offs are judged, an episode each."""
 
 
@@ -205,7 +205,8 @@ def file_values(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise MorlaxError(f"cannot read the config {path}: {error.strerror}.") from None
     except yaml.YAMLError as error:
-        raise MorlaxError(f"the config {path} is not YAML: {' '.join(str(error).split())}") from None
+        reason = " ".join(str(error).split())
+        raise MorlaxError(f"the config {path} is not YAML: {reason}") from None
     if not isinstance(values, dict):
         raise MorlaxError(f"the config {path} must hold keys and values, such as env: ant.")
     return merged(task_values(values["env"]), values) if "env" in values else values

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import torch
 import tyro
 from rich.table import Table
 
 from . import cli, envs
-from .config import load_config
 from .envs import resolve_device
 from .evaluation import Evaluator, Front, Protocol
 from .figures import front_figure

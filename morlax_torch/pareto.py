@@ -1,7 +1,5 @@
 """Pareto indicators, by moocore. Every objective is maximised; points are (n, m)."""
 
-from collections.abc import Sequence
-
 import moocore
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +15,9 @@ def non_dominated(points: ArrayLike) -> NDArray[np.bool_]:
     Of equal points the first counts. A point that is not finite is dominated.
     """
     points = np.asarray(points, dtype=np.float64)
-    finite = np.isfinite(points).all(1)
-    mask = finite.copy()
-    if finite.any():
+    mask = np.zeros(len(points), dtype=np.bool_)
+    finite = np.flatnonzero(np.isfinite(points).all(1))
+    if len(finite):
         mask[finite] = moocore.is_nondominated(points[finite], maximise=True)
     return mask
 
@@ -30,7 +28,7 @@ def front(points: ArrayLike) -> NDArray[np.float64]:
     return points[non_dominated(points)]
 
 
-def hypervolume(points: ArrayLike, reference_point: Sequence[float]) -> float:
+def hypervolume(points: ArrayLike, reference_point: ArrayLike) -> float:
     """The volume between the reference point and the front (Zitzler and Thiele, 1999).
 
     Exact where `is_exact` says so, else moocore's deterministic approximation. A point that does

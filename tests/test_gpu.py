@@ -1,0 +1,61 @@
+"""On CUDA: the recorded graphs do what the eager program does."""
+
+import pytest
+import torch
+
+from morlax_torch import MORLAX, envs
+from morlax_torch.config import load_config
+from morlax_torch.evaluation import Evaluator
+from morlax_torch.tradeoffs import evaluation_tradeoffs
+
+pytestmark = [
+    pytest.mark.gpu,
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no CUDA device"),
+]
+SMALL = {"worlds": 256, "horizon": 8, "ppo": {"minibatches": 4, "epochs": 2}}
+
+
+def trained(task: str, recorded: bool) -> MORLAX:
+    config = load_config({"env": task, **SMALL})
+    env = envs.make(task, config.worlds, "cuda", deterministic=True)
+    morlax = MORLAX(env, config)
+    if recorded:
+        morlax.compile()
+    for _ in range(4):
+        morlax.iterate()
+    return morlax
+
+
+@pytest.mark.parametrize("task", envs.names())
+def test_recorded_graphs_equal_the_eager_program(task: str):
+    eager, recorded = trained(task, False), trained(task, True)
+    torch.testing.assert_close(recorded.tradeoffs, eager.tradeoffs)
+    torch.testing.assert_close(recorded.rollout.reward, eager.rollout.reward, rtol=0, atol=2e-2)
+    for name, value in eager.agent.state_dict().items():
+        torch.testing.assert_close(
+            recorded.agent.state_dict()[name], value, rtol=1e-2, atol=1e-3, msg=name
+        )
+
+
+def test_a_recorded_evaluation_equals_an_eager_one():
+    morlax = trained("cheetah", True)
+    fronts = []
+    for recorded in (False, True):
+        env = envs.make("cheetah", 16, "cuda", deterministic=True, auto_reset=False)
+        evaluator = Evaluator(morlax.agent, env, evaluation_tradeoffs(16, 2))
+        if recorded:
+            evaluator.compile()
+        fronts.append(evaluator.evaluate())
+    torch.testing.assert_close(
+        torch.tensor(fronts[0].returns), torch.tensor(fronts[1].returns), rtol=1e-2, atol=1.0
+    )
+
+
+def test_a_restored_state_goes_on_the_same_way():
+    morlax = trained("walker", True)
+    state = morlax.state_dict()
+    morlax.iterate()
+    first = morlax.rollout.reward.clone()
+    morlax.load_state_dict(state)
+    morlax.iterate()
+    torch.testing.assert_close(morlax.rollout.reward, first, rtol=0, atol=1e-4)
