@@ -66,7 +66,7 @@ class Environment(ABC):
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
         """This robot's compiled MJCF."""
-        assets = resources.files(__package__) / "assets"
+        assets = resources.files(str(__package__)) / "assets"
         with resources.as_file(assets / cls.model_file) as path:
             return mujoco.MjModel.from_xml_path(str(path))
 
@@ -109,7 +109,7 @@ class Environment(ABC):
         self.age += 1
         healthy = self.physics.healthy()
         terms = self.terms()
-        reward = (torch.stack(list(terms.values()), -1).unsqueeze(-1) * self._weights).sum(1)
+        reward = self.combine(terms)
         terminated = self.failed() | ~healthy
         truncated = (self.age >= self.episode_length) & ~terminated
         self.blowups += (~healthy).sum()
@@ -123,6 +123,10 @@ class Environment(ABC):
             self._remember()
             observation = final_observation
         return TimeStep(observation, reward, terminated, truncated, final_observation, terms)
+
+    def combine(self, terms: dict[str, Tensor]) -> Tensor:
+        """Reward terms (N,) each, to the reward of every objective (N, m)."""
+        return (torch.stack(list(terms.values()), -1).unsqueeze(-1) * self._weights).sum(1)
 
     def _restart(self, done: Tensor) -> None:
         start = self.starts.draw(self.num_worlds, self.generator)

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import torch
 import tyro
@@ -32,7 +32,8 @@ def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
         default = getattr(info.default, name, field.default)
         if default is PydanticUndefined:
             default = tyro.MISSING
-        fields.append(StructFieldSpec(name, field.annotation, default, field.description))
+        kind: Any = field.annotation
+        fields.append(StructFieldSpec(name, kind, default, field.description))
     return StructConstructorSpec(dict, tuple(fields))
 
 
@@ -52,17 +53,18 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     try:
         main(sys.argv[1:])
     except MorlaxError as error:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(f"error: {error}", markup=False)
-        sys.exit(2)
-    except torch.OutOfMemoryError:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(memory_advice(), markup=False)
-        sys.exit(2)
+        fail(str(error))
+    except RuntimeError as error:  # torch and Warp each have their own way to run out of memory
+        if "memory" not in str(error) and "allocate" not in str(error):
+            raise
+        free, total = (size / 2**30 for size in torch.cuda.mem_get_info())
+        fail(
+            f"the GPU's memory is full ({free:.1f} of {total:.1f} GiB free): use fewer --worlds, "
+            "or free memory that other programs hold."
+        )
 
 
-def memory_advice() -> str:
-    """What to say when the GPU's memory is full."""
-    free, total = (size / 2**30 for size in torch.cuda.mem_get_info())
-    return (
-        f"error: the GPU's memory is full ({free:.1f} of {total:.1f} GiB free): use fewer "
-        "--worlds, or free memory that other programs hold."
-    )
+def fail(sentence: str) -> NoReturn:
+    """Say what is wrong and exit."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"error: {sentence}", markup=False)
+    sys.exit(2)

@@ -167,7 +167,7 @@ class Config(Section):
 def config_class(env: str) -> type[Config]:
     """`Config` with the options of one task, so that they too are typed and checked."""
     options = envs.get(env).Options
-    return create_model("Config", __base__=Config, task=(options, options()))
+    return create_model("Config", __base__=Config, task=(options, options.model_validate({})))
 
 
 def load_config(values: dict[str, Any], device_type: str | None = None) -> Config:

@@ -6,7 +6,7 @@ import torch
 
 from .agent import Agent
 from .config import Config
-from .envs import Environment
+from .envs import Environment, MorlaxError
 from .graph import Graph
 from .ppo import PPO, Losses, judge, minibatches
 from .rollout import Rollout, collect
@@ -22,7 +22,10 @@ class MORLAX:
     """
 
     def __init__(self, env: Environment, config: Config):
-        config.check_sizes(len(env.objectives))
+        if env.num_worlds != config.worlds:
+            raise MorlaxError(
+                f"there are {env.num_worlds} worlds, but config.worlds says {config.worlds}."
+            )
         self.env, self.config = env, config
         self.agent = Agent(
             env.observation_size,

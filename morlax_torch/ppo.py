@@ -59,7 +59,7 @@ def judge(
     if config.normalize_values:
         agent.value_normalizer.update(target)
         target = agent.value_normalizer(target)
-    scalar = torch.einsum("tkgm,km->tkg", advantage, tradeoffs)
+    scalar = (advantage * tradeoffs[:, None]).sum(-1)
     scalar = (scalar - scalar.mean()) / (scalar.std() + 1e-8)
     batch = Batch(
         seen, rollout.action, rollout.log_prob.unsqueeze(-1), scalar.unsqueeze(-1), target

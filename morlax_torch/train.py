@@ -37,7 +37,8 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
             is no longer finite; the checkpoints stay as they were.
     """
     began = time.perf_counter()
-    torch.set_float32_matmul_precision("high")
+    if torch.cuda.is_available():
+        torch.set_float32_matmul_precision("high")  # TF32
     morlax = MORLAX(make_worlds(config, config.worlds), config)
     tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, len(morlax.env.objectives))
     judges = make_worlds(config, len(tradeoffs), auto_reset=False)
