@@ -136,10 +136,12 @@ def explained(error: ValidationError, model: type) -> MorlaxError:
     for finding in error.errors():
         key = ".".join(str(part) for part in finding["loc"])
         if finding["type"] == "extra_forbidden":
+            *path, last = finding["loc"]
             owner = model
-            for part in finding["loc"][:-1]:
+            for part in path:
                 owner = owner.model_fields[part].annotation
-            sentences.append(str(unknown("key", key, owner.model_fields)))
+            section = f"{'.'.join(map(str, path))} key" if path else "key"
+            sentences.append(str(unknown(section, str(last), owner.model_fields)))
         else:
             reason = finding["msg"].removeprefix("Value error, ")
             value = finding["input"]

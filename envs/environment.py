@@ -61,7 +61,8 @@ class Environment(ABC):
         self.reward_terms = tuple(self.terms())
         self.objectives = tuple(options.objectives)
         self.reference_point = self._reference_point()
-        self._weights = torch.tensor(self._weighting()).to(physics.qpos)  # (terms, m)
+        weights = torch.tensor(self._weighting(), dtype=torch.float64)
+        self._weights = weights.to(physics.qpos)  # (terms, m)
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -163,10 +164,6 @@ class Environment(ABC):
 
     def _weighting(self) -> list[list[float]]:
         objectives, shared = self.options.objectives, self.options.shared
-        if len(objectives) < 2:
-            raise MorlaxError(
-                f"a trade-off needs at least two objectives, but these are given: {objectives}."
-            )
         for name in [*shared, *(name for group in objectives.values() for name in group)]:
             if name not in self.reward_terms:
                 raise unknown("reward term", name, self.reward_terms)

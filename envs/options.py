@@ -1,6 +1,6 @@
 """What a user may change about a task without touching Python."""
 
-from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveInt
+from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveInt, field_validator
 
 
 class TaskOptions(BaseModel):
@@ -26,3 +26,10 @@ class TaskOptions(BaseModel):
     """Contacts that MuJoCo Warp makes room for, for each world."""
     njmax: PositiveInt = 64
     """Constraint rows that MuJoCo Warp makes room for, for each world."""
+
+    @field_validator("objectives")
+    @classmethod
+    def _at_least_two(cls, objectives: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+        if len(objectives) < 2:
+            raise ValueError("a trade-off needs at least two objectives")
+        return objectives

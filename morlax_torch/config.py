@@ -1,5 +1,6 @@
 """Every number that a run depends on, typed and checked."""
 
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -166,22 +167,20 @@ class Config(Section):
 
 def config_class(env: str) -> type[Config]:
     """`Config` with the options of one task, so that they too are typed and checked."""
-    options = envs.get(env).Options
+    return _with_options(envs.get(env).Options)
+
+
+@cache
+def _with_options(options: type[TaskOptions]) -> type[Config]:
     return create_model("Config", __base__=Config, task=(options, options.model_validate({})))
 
 
-def load_config(values: dict[str, Any], device_type: str | None = None) -> Config:
+def load_config(values: dict[str, Any]) -> Config:
     """A checked config from nested plain values, as a YAML file holds them.
-
-    The section `cpu` holds what differs without a GPU; it applies if `device_type` is "cpu".
 
     Raises:
         MorlaxError: an unknown key, a wrong type or a combination that cannot work.
     """
-    values = dict(values)
-    cpu = values.pop("cpu", None)
-    if device_type == "cpu" and cpu:
-        values = merged(values, cpu)
     if not isinstance(values.get("env"), str):
         raise MorlaxError(f"the config names no environment: add env: {envs.names()[0]}.")
     model = config_class(values["env"])
@@ -191,14 +190,16 @@ def load_config(values: dict[str, Any], device_type: str | None = None) -> Confi
         raise envs.explained(error, model) from None
 
 
-def task_values(env: str) -> dict[str, Any]:
-    """The values of configs/<env>.yaml; for a task without one, only its name."""
+def task_values(env: str, device_type: str) -> dict[str, Any]:
+    """The values of configs/<env>.yaml for "cuda" or "cpu"; without such a file, the name alone."""
     envs.get(env)
     file = resources.files("morlax_torch.configs") / f"{env}.yaml"
-    return yaml.safe_load(file.read_text()) if file.is_file() else {"env": env}
+    return (
+        _fitted(yaml.safe_load(file.read_text()), device_type) if file.is_file() else {"env": env}
+    )
 
 
-def file_values(path: Path) -> dict[str, Any]:
+def file_values(path: Path, device_type: str) -> dict[str, Any]:
     """The values of a YAML file over those of the task that it names."""
     try:
         values = yaml.safe_load(path.read_text())
@@ -209,11 +210,21 @@ def file_values(path: Path) -> dict[str, Any]:
         raise MorlaxError(f"the config {path} is not YAML: {reason}") from None
     if not isinstance(values, dict):
         raise MorlaxError(f"the config {path} must hold keys and values, such as env: ant.")
-    return merged(task_values(values["env"]), values) if "env" in values else values
+    values = _fitted(values, device_type)
+    if not isinstance(values.get("env"), str):
+        return values
+    return merged(task_values(values["env"], device_type), values)
+
+
+def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
+    """Without the section `cpu`, which holds what differs without a GPU."""
+    values = dict(values)
+    cpu = values.pop("cpu", None) or {}
+    return merged(values, cpu) if device_type == "cpu" else values
 
 
 def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """`above` over `below`; sections merge, but objectives are replaced as a whole."""
+    """`above` over `below`; sections merge, but groups of reward terms are replaced as a whole."""
     result = dict(below)
     for key, value in above.items():
         both = isinstance(value, dict) and isinstance(result.get(key), dict)

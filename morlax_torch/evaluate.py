@@ -47,7 +47,7 @@ def evaluate(
 
 def command(arguments: Sequence[str]) -> None:
     def main(
-        run: Annotated[Path, tyro.conf.Positional],
+        run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
         tradeoffs: int = 512,
         protocol: Protocol = "latched",
         device: str | None = None,

@@ -159,10 +159,7 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
         first.add_argument(name)
     early = first.parse_known_args(arguments)[0]
     run = Run.open(Path(early.resume)) if early.resume else None
-    if run is not None:
-        below = run.config()
-    else:
-        below = load_config(_values(early, arguments), envs.resolve_device(early.device).type)
+    below = run.config() if run else load_config(_values(early, arguments))
     model = create_model("Train", __base__=(Command, config_class(below.env)))
     about = f"{__doc__} The defaults below are those of --env {below.env}, from configs/."
     values = cli.parse(model, model.model_validate(below.model_dump()), arguments, about)
@@ -183,18 +180,19 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
 
 
 def _values(early: argparse.Namespace, arguments: Sequence[str]) -> dict:
+    device_type = envs.resolve_device(early.device).type
     if early.config is None:
         if early.env is None and not {"-h", "--help"} & set(arguments):
             raise MorlaxError(f"say which task to train: --env NAME, of {', '.join(envs.names())}.")
-        return task_values(early.env or "cheetah")
-    values = file_values(Path(early.config))
+        return task_values(early.env or "cheetah", device_type)
+    values = file_values(Path(early.config), device_type)
     if early.env is None:
         return values
     if values.setdefault("env", early.env) != early.env:
         raise MorlaxError(
             f"{early.config} is for env {values['env']!r}, but --env says {early.env!r}."
         )
-    return merged(task_values(early.env), values)
+    return merged(task_values(early.env, device_type), values)
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -1,0 +1,137 @@
+"""The squashed Gaussian's density, and the initial actors and critics of every trade-off."""
+
+import math
+
+import pytest
+import torch
+from torch.distributions import Normal, TanhTransform, TransformedDistribution
+from torch.nn.functional import softplus
+
+from morlax_torch.agent import TanhNormal
+
+TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
+
+
+def test_log_prob_is_that_of_the_squashed_action(generator):
+    mean, spread, action = torch.randn(3, 50, 4, generator=generator, dtype=torch.float64)
+    scale = softplus(spread) + 0.001
+    oracle = TransformedDistribution(Normal(mean, scale), TanhTransform())
+    expected = oracle.log_prob(action.tanh()).sum(-1)
+    torch.testing.assert_close(TanhNormal(mean, spread).log_prob(action), expected)
+
+
+def test_the_density_of_an_action_integrates_to_one():
+    u = torch.linspace(-12, 12, 20001, dtype=torch.float64)[:, None]
+    mean, spread = torch.tensor([[0.4]]).double(), torch.tensor([[0.2]]).double()
+    density = TanhNormal(mean, spread).log_prob(u).exp()
+    assert torch.trapezoid(density, u.tanh()[:, 0]).item() == pytest.approx(1.0, abs=1e-6)
+
+
+def test_entropy_is_right_on_average(generator):
+    mean, spread = torch.tensor([0.7, -0.3]).double(), torch.tensor([-0.5, 0.8]).double()
+    many = TanhNormal(mean.expand(200_000, 2), spread.expand(200_000, 2))
+    # -E[log p] by quadrature: the actions' dimensions are independent
+    expected = 0.0
+    for centre, width in zip(mean, many.std[0], strict=True):
+        u = torch.linspace(-12, 12, 20001, dtype=torch.float64) * width + centre
+        gaussian = Normal(centre, width).log_prob(u)
+        expected += torch.trapezoid(
+            gaussian.exp() * ((1 - u.tanh() ** 2).clamp(min=1e-300).log() - gaussian), u
+        ).item()
+    estimates = many.entropy(generator)
+    error = estimates.std().item() / math.sqrt(len(estimates))
+    assert estimates.mean().item() == pytest.approx(expected, abs=5 * error)
+
+
+def test_samples_have_the_mean_and_the_spread_of_the_gaussian(generator):
+    policy = TanhNormal(torch.full((100_000, 1), 2.0), torch.full((100_000, 1), 1.0))
+    samples = policy.sample(generator)
+    scale = math.log1p(math.e) + 0.001
+    assert samples.mean().item() == pytest.approx(2.0, abs=0.03)
+    assert samples.std().item() == pytest.approx(scale, rel=0.02)
+
+
+@pytest.mark.parametrize("action", (-200.0, -30.0, 0.0, 30.0, 200.0))
+def test_extreme_values_stay_finite(action, generator):
+    u = torch.full((1, 1), action)
+    for mean in (-200.0, 0.0, 200.0):
+        for spread in (-200.0, 0.0, 200.0):
+            mean_, spread_ = torch.full((1, 1), mean), torch.full((1, 1), spread)
+            mean_.requires_grad_(), spread_.requires_grad_()
+            policy = TanhNormal(mean_, spread_)
+            value = policy.log_prob(u) + policy.entropy(generator)
+            value.sum().backward()
+            assert value.isfinite().all()
+            assert mean_.grad.isfinite().all()
+            assert spread_.grad.isfinite().all()
+
+
+def test_the_standard_deviation_never_falls_below_its_floor():
+    std = TanhNormal(torch.zeros(3), torch.tensor([-1e3, -20.0, 0.0])).std
+    torch.testing.assert_close(std, torch.tensor([0.001, 0.001, math.log(2) + 0.001]))
+
+
+def test_dual_networks_share_nothing(make_agent):
+    agent = make_agent(type="dual")
+    assert agent.actor.features is not agent.critic.features
+    mine, theirs = (set(map(id, part.parameters())) for part in (agent.actor, agent.critic))
+    assert not mine & theirs
+
+
+def test_a_single_network_shares_only_its_features(make_agent):
+    agent = make_agent(type="single")
+    assert agent.actor.features is agent.critic.features
+    mine, theirs = (set(map(id, part.parameters())) for part in (agent.actor, agent.critic))
+    assert mine & theirs == set(map(id, agent.actor.features.parameters()))
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_each_tradeoff_has_a_policy_and_values_of_its_own(make_agent, generator, type):
+    agent = make_agent(type=type)
+    seen = torch.randn(1, 6, 3, generator=generator).expand(4, 6, 3)
+    policy, values = agent.policies(TRADEOFFS)(seen), agent.values(TRADEOFFS)(seen)
+    assert policy.mean.shape == policy.std.shape == (4, 6, 2)
+    assert policy.log_prob(policy.sample(generator)).shape == (4, 6)
+    assert policy.entropy(generator).shape == (4, 6)
+    assert values.shape == (4, 6, 2)
+    for k, tradeoff in enumerate(TRADEOFFS):
+        mean, spread = agent.actor.specialize(tradeoff)(seen[k]).chunk(2, -1)
+        torch.testing.assert_close(policy.mean[k], mean)
+        torch.testing.assert_close(policy.std[k], softplus(spread) + 0.001)
+        torch.testing.assert_close(values[k], agent.critic.specialize(tradeoff)(seen[k]))
+    assert not torch.allclose(policy.mean[0], policy.mean[1], atol=1e-3)
+    assert not torch.allclose(values[0], values[1], atol=1e-3)
+
+
+def test_values_have_a_number_for_each_objective(make_agent):
+    agent = make_agent(num_objectives=3)
+    assert agent.values(torch.eye(3))(torch.zeros(3, 5, 3)).shape == (3, 5, 3)
+
+
+def test_initial_networks_are_lecun_uniform_with_zero_biases(make_agent):
+    agent = make_agent(30, 4, scale=0.0, actor=(80, 60), critic=(50,))
+    for family, sizes in ((agent.actor, (30, 80, 60, 8)), (agent.critic, (30, 50, 2))):
+        generated = family(TRADEOFFS)
+        assert len(generated) == 2 * (len(sizes) - 1)
+        for layer in range(len(sizes) - 1):
+            weight, bias = generated[f"{2 * layer}.weight"][0], generated[f"{2 * layer}.bias"]
+            fan_in, fan_out = sizes[layer], sizes[layer + 1]
+            bound = math.sqrt(3 / fan_in)  # variance 1 / fan_in
+            assert weight.shape == (fan_out, fan_in)
+            assert weight.abs().max() <= bound
+            assert weight.abs().max() > 0.95 * bound
+            assert weight.var().item() == pytest.approx(1 / fan_in, rel=0.25)
+            assert not bias.any()
+    for layer in agent.actor.features[::2]:
+        assert layer.weight.abs().max() <= math.sqrt(3 / layer.in_features)
+        assert not layer.bias.any()
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_the_same_seed_gives_the_same_agent(make_agent, type):
+    torch.manual_seed(1)
+    first = make_agent(seed=5, type=type).state_dict()
+    torch.manual_seed(2)
+    again, other = (make_agent(seed=seed, type=type).state_dict() for seed in (5, 6))
+    assert all(torch.equal(value, again[name]) for name, value in first.items())
+    assert not torch.equal(first["actor.weight"], other["actor.weight"])

@@ -1,0 +1,237 @@
+"""The command line: what it understands, and one plain sentence for each mistake."""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from morlax_torch import cli, evaluate, train
+from morlax_torch.config import Config
+
+TINY = (
+    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
+    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
+)
+
+
+def run(monkeypatch, module, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", [module.__name__, *arguments])
+    module.main()
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def trained(workplace: Path, monkeypatch) -> Path:
+    arguments = ("--env", "hopper", *TINY, "--max-env-steps", "320", "--output", "run")
+    run(monkeypatch, train, *arguments)
+    return workplace / "run"
+
+
+def sentence(capsys) -> str:
+    captured = capsys.readouterr()
+    text = " ".join((captured.out + captured.err).split())
+    assert "Traceback" not in text
+    return text
+
+
+def read(*arguments: str) -> Config:
+    return train.read(arguments)[0]
+
+
+def test_a_run_goes_where_people_expect_it(workplace, monkeypatch, capsys):
+    run(monkeypatch, train, "--env", "hopper", *TINY, "--max-env-steps", "320", "--seed", "7")
+    (folder,) = (workplace / "runs" / "hopper").iterdir()
+    assert folder.name.endswith("-7")
+    assert yaml.safe_load((folder / "config.yaml").read_text())["seed"] == 7
+    assert "hypervolume" in sentence(capsys)
+
+
+def test_dotted_overrides_win_over_a_file_which_wins_over_the_task(workplace):
+    Path("my.yaml").write_text("env: ant\nppo: {learning_rate: 0.01, clip: 0.3}\nhorizon: 7\n")
+    config = read("--config", "my.yaml", "--device", "cpu", "--ppo.learning-rate", "1e-4")
+    assert (config.env, config.horizon, config.ppo.clip) == ("ant", 7, 0.3)
+    assert config.ppo.learning_rate == 1e-4
+
+
+def test_a_cpu_gets_fewer_worlds_than_a_gpu(monkeypatch):
+    on_cpu = read("--env", "cheetah", "--device", "cpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    on_gpu = read("--env", "cheetah")
+    assert on_cpu.worlds < on_gpu.worlds
+    assert (on_cpu.device, on_cpu.backend) == ("cpu", "mujoco")
+    assert (on_gpu.device, on_gpu.backend) == ("cuda:0", "warp")
+
+
+def test_objectives_are_regrouped_without_touching_python(workplace):
+    Path("my.yaml").write_text(
+        "env: hopper\n"
+        "task:\n"
+        "  objectives: {fast: {run: 1.5}, high: {jump: 12}, upright: {upright: 4}}\n"
+        "  shared: {alive: 1}\n"
+    )
+    config = read("--config", "my.yaml", "--device", "cpu")
+    assert tuple(config.task.objectives) == ("fast", "high", "upright")
+    assert config.num_corners(3) == 3
+    assert read("--env", "hopper", "--task.shared.alive", "2").task.shared["alive"] == 2
+
+
+@pytest.mark.parametrize("module", [train, evaluate])
+def test_help_is_complete(module, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, module, "--help")
+    assert exit.value.code == 0
+    text = sentence(capsys)
+    names = ["--env", "--config", "--resume", "--output", "--seed", "--max-seconds"]
+    for name in names if module is train else ["RUN", "--tradeoffs", "--protocol", "--output"]:
+        assert name in text
+
+
+MISTAKES = {
+    "no task": ((), "say which task to train: --env NAME, of ant, cheetah"),
+    "unknown task": (("--env", "chetah"), "did you mean 'cheetah'?"),
+    "unknown flag": (("--env", "ant", "--ppo.learning-rat", "1"), "--ppo.learning-rate"),
+    "wrong type": (("--env", "ant", "--worlds", "many"), "many"),
+    "negative": (("--env", "ant", "--ppo.learning-rate", "-1"), "ppo.learning_rate"),
+    "K does not divide N": (("--env", "ant", "--worlds", "100"), "must divide worlds (100)"),
+    "K is one": (("--env", "ant", "--sampling.clusters", "1"), "at least 2"),
+    "odd corners": (("--env", "ant", "--sampling.corners", "1"), "must be 0 or 2"),
+    "too many corners": (
+        ("--env", "cheetah3", "--worlds", "512", "--sampling.clusters", "2"),
+        "less than the 3 corners",
+    ),
+    "minibatches": (("--env", "ant", "--ppo.minibatches", "7"), "ppo.minibatches (7) must divide"),
+    "no GPU": (("--env", "ant", "--device", "cuda"), "no CUDA device"),
+    "no device": (("--env", "ant", "--device", "gpu"), "'gpu' is no device"),
+    "unknown backend": (("--env", "ant", "--backend", "bullet"), "bullet"),
+    "no config file": (("--config", "none.yaml"), "cannot read the config none.yaml"),
+    "resume nothing": (("--resume", "nowhere"), "nowhere is no run"),
+}
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="one of the mistakes is to have no GPU")
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_gets_one_sentence_and_creates_nothing(name, workplace, monkeypatch, capsys):
+    arguments, expected = MISTAKES[name]
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, train, *arguments)
+    assert exit.value.code == 2
+    text = sentence(capsys).replace("│ ", "").replace("- ", "-")
+    assert expected in text
+    assert not list(workplace.iterdir())
+
+
+FILES = {
+    "unknown key": ("env: ant\nhorzion: 3\n", "unknown key 'horzion': did you mean 'horizon'?"),
+    "unknown nested key": ("env: ant\nppo: {epoch: 3}\n", "did you mean 'epochs'?"),
+    "unknown task option": ("env: ant\ntask: {njmx: 3}\n", "did you mean 'njmax'?"),
+    "unknown reward term": (
+        "env: ant\ntask: {objectives: {a: {vx: 1}, b: {vz: 1}}}\n",
+        "unknown reward term 'vz'",
+    ),
+    "wrong type": ("env: ant\nworlds: many\n", "worlds: Input should be a valid integer"),
+    "no task": ("worlds: 3\n", "names no environment"),
+    "no YAML": ("env: [ant\n", "is not YAML"),
+    "no mapping": ("- 3\n", "must hold keys and values"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_mistake_in_a_config_file_gets_one_sentence(name, workplace, monkeypatch, capsys):
+    text, expected = FILES[name]
+    Path("my.yaml").write_text(text)
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, train, "--config", "my.yaml", "--device", "cpu")
+    assert exit.value.code == 2
+    assert expected in sentence(capsys)
+    assert [path.name for path in workplace.iterdir()] == ["my.yaml"]
+
+
+def test_a_task_of_another_name_than_the_file_s_is_refused(workplace, monkeypatch, capsys):
+    Path("my.yaml").write_text("env: ant\n")
+    with pytest.raises(SystemExit):
+        run(monkeypatch, train, "--config", "my.yaml", "--env", "hopper", "--device", "cpu")
+    assert "is for env 'ant', but --env says 'hopper'" in sentence(capsys)
+
+
+def test_a_folder_in_use_is_not_overwritten(trained, monkeypatch, capsys):
+    before = {path: path.stat().st_mtime_ns for path in trained.rglob("*")}
+    with pytest.raises(SystemExit):
+        run(monkeypatch, train, "--env", "hopper", *TINY, "--output", "run")
+    assert "run is there already" in sentence(capsys)
+    assert before == {path: path.stat().st_mtime_ns for path in trained.rglob("*")}
+
+
+def test_an_output_that_cannot_be_written_is_one_sentence(workplace, monkeypatch, capsys):
+    Path("file").write_text("")
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, train, "--env", "hopper", *TINY, "--output", "file/run")
+    assert exit.value.code == 2
+    assert "cannot make file/run" in sentence(capsys)
+
+
+def test_a_resumed_run_keeps_its_numbers(trained, monkeypatch, capsys):
+    run(monkeypatch, train, "--resume", "run", "--max-env-steps", "640")
+    assert "640 steps" in sentence(capsys)
+    with pytest.raises(SystemExit):
+        run(monkeypatch, train, "--resume", "run", "--ppo.clip", "0.5")
+    assert "ppo cannot change when a run is resumed" in sentence(capsys)
+
+
+@pytest.mark.parametrize("damage", [b"", b"no checkpoint at all", None])
+def test_a_damaged_checkpoint_is_one_sentence(damage, trained, monkeypatch, capsys):
+    latest = trained / "checkpoints" / "latest.pt"
+    whole = latest.read_bytes()
+    latest.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    (trained / "checkpoints" / "best.pt").unlink()
+    for module, arguments in ((train, ("--resume", "run")), (evaluate, ("run",))):
+        with pytest.raises(SystemExit) as exit:
+            run(monkeypatch, module, *arguments)
+        assert exit.value.code == 2
+        assert "is damaged or is none" in sentence(capsys)
+
+
+def test_a_checkpoint_of_another_task_is_refused(trained, monkeypatch, capsys):
+    run(monkeypatch, train, "--env", "ant", *TINY, "--max-env-steps", "160", "--output", "other")
+    latest = Path("checkpoints", "latest.pt")
+    (trained / latest).write_bytes((trained.parent / "other" / latest).read_bytes())
+    capsys.readouterr()
+    with pytest.raises(SystemExit):
+        run(monkeypatch, train, "--resume", "run")
+    assert "is of task 'ant', not 'hopper'" in sentence(capsys)
+
+
+def test_evaluate_prints_the_indicators_and_writes_the_front(trained, monkeypatch, capsys):
+    run(monkeypatch, evaluate, "run", "--device", "cpu", "--tradeoffs", "5")
+    text = sentence(capsys)
+    for name in ("hypervolume", "sparsity", "expected utility", "cardinality"):
+        assert name in text
+    with np.load(trained / "front.npz") as front:
+        assert front["tradeoffs"].shape == front["returns"].shape == (5, 2)
+        assert front["non_dominated"].dtype == bool
+        assert front["reference_point"].tolist() == [0, 0]
+    with (trained / "front.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 5
+    assert {"tradeoff_run", "return_jump", "length", "non_dominated"} <= set(rows[0])
+    assert (trained / "front.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_runs_out_of_memory_says_what_to_do(monkeypatch, capsys):
+    def full(_: object) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 900 GiB")
+
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda: (2**30, 2**33))
+    with pytest.raises(SystemExit) as exit:
+        cli.run(full)
+    assert exit.value.code == 2
+    assert "memory is full (1.0 of 8.0 GiB free): use fewer --worlds" in sentence(capsys)

@@ -1,0 +1,48 @@
+"""The configs that ship, and what is refused before anything is created."""
+
+import pytest
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.config import load_config, task_values
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+@pytest.mark.parametrize("env", envs.names())
+def test_every_task_has_a_config_for_either_device(env, device):
+    config = load_config(task_values(env, device))
+    assert config.env == env
+    assert config.max_env_steps is not None
+
+
+@pytest.mark.parametrize("env", envs.names())
+def test_a_config_survives_being_written_and_read(env):
+    config = load_config(task_values(env, "cpu"))
+    assert load_config(config.model_dump(mode="json")) == config
+
+
+def test_the_paper_s_objectives_are_the_default():
+    objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in envs.names()}
+    assert objectives == {
+        "ant": ("vx", "vy"),
+        "cheetah": ("run", "energy"),
+        "cheetah3": ("run", "energy", "height"),
+        "hopper": ("run", "jump"),
+        "humanoid": ("run", "energy"),
+        "walker": ("run", "energy"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"worlds": 100}, r"must divide worlds \(100\): try --worlds 96"),
+        ({"sampling": {"clusters": 1}}, "at least 2 trade-offs"),
+        ({"sampling": {"corners": 3}}, "must be 0 or 2"),
+        ({"worlds": 64, "ppo": {"minibatches": 16}}, "must divide the 8 worlds"),
+        ({"worlds": 60, "sampling": {"mode": "dense"}}, "must divide the 60 worlds"),
+        ({"task": {"objectives": {"all": {"run": 1.0}}}}, "at least two objectives"),
+    ],
+)
+def test_sizes_that_do_not_fit_are_refused(changes, expected):
+    with pytest.raises(MorlaxError, match=expected):
+        load_config({"env": "cheetah", "worlds": 512, **changes})

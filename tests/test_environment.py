@@ -1,0 +1,334 @@
+"""Episodes end, restart and repeat as a learner must be able to rely on."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from morlax_torch import envs
+
+BACKENDS = ("mujoco", "warp")
+SINGLE = 1e-5  # how far single precision may be from C MuJoCo's forward pass
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+def make(task: str, backend: str, worlds: int = 3, **options) -> envs.Environment:
+    return envs.make(task, worlds, "cpu", backend=backend, **options)
+
+
+def still(env: envs.Environment) -> Tensor:
+    return torch.zeros(env.num_worlds, env.action_size)
+
+
+def random_actions(env: envs.Environment, steps: int, seed: int = 0) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
+
+
+def state(env: envs.Environment) -> dict[str, Tensor]:
+    """All that a world's future depends on but chance, a row for each world."""
+    physics = env.physics
+    return {
+        "qpos": physics.qpos.clone(),
+        "qvel": physics.qvel.clone(),
+        "warmstart": physics.warmstart.clone(),
+        "sensors": physics.sensors.clone(),
+        "age": env.age.clone(),
+    }
+
+
+def assert_same_step(one: envs.TimeStep, other: envs.TimeStep) -> None:
+    assert torch.equal(one.observation, other.observation)
+    assert torch.equal(one.reward, other.reward)
+    assert torch.equal(one.terminated, other.terminated)
+    assert torch.equal(one.truncated, other.truncated)
+    assert torch.equal(one.final_observation, other.final_observation)
+
+
+def forward(model: mujoco.MjModel, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
+    """C MuJoCo's own view of a state."""
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel = qpos.double().numpy(), qvel.double().numpy()
+    mujoco.mj_forward(model, data)
+    return data
+
+
+# Ends of episodes
+
+
+def test_time_runs_out_without_a_failure(backend):
+    env = make("cheetah", backend, episode_length=4)
+    for age in (1, 2, 3):
+        step = env.step(still(env))
+        assert not (step.truncated | step.terminated).any()
+        assert env.age.tolist() == [age] * 3
+    step = env.step(still(env))
+    assert step.truncated.all()
+    assert not step.terminated.any()
+    assert env.age.tolist() == [0, 0, 0]
+    assert not env.step(still(env)).truncated.any()
+
+
+def test_a_failure_ends_only_the_episode_of_its_world_and_pays_as_usual(backend):
+    env = make("cheetah", backend)
+    env.step(still(env))
+    env.physics.qpos[1, 2] = 2.0  # radians: on its way to its back
+    step = env.step(still(env))
+    assert step.terminated.tolist() == [False, True, False]
+    assert not step.truncated.any()
+    assert env.age.tolist() == [2, 0, 2]
+    assert step.reward[1, 1] == 5.0  # idle: alive, and no energy spent
+    assert env.blowups == 0
+
+
+def test_failing_at_the_last_moment_is_a_failure(backend):
+    env = make("cheetah", backend, episode_length=2)
+    env.step(still(env))
+    env.physics.qpos[1, 2] = 2.0
+    step = env.step(still(env))
+    assert step.terminated.tolist() == [False, True, False]
+    assert step.truncated.tolist() == [True, False, True]
+    assert env.age.tolist() == [0, 0, 0]
+
+
+def test_an_episode_ends_in_one_way(backend):
+    env = make("walker", backend, worlds=8, episode_length=35)
+    steps = [env.step(action) for action in random_actions(env, 150)]
+    terminated = torch.stack([step.terminated for step in steps])
+    truncated = torch.stack([step.truncated for step in steps])
+    assert terminated.any()
+    assert truncated.any()
+    assert not (terminated & truncated).any()
+
+
+def test_without_automatic_reset_an_episode_goes_on_after_its_end(backend):
+    env = make("hopper", backend, episode_length=2, auto_reset=False)
+    ends = []
+    for _ in range(3):
+        step = env.step(still(env))
+        ends.append(step.truncated.all().item())
+        assert torch.equal(step.observation, env.observe().float())
+    assert ends == [False, True, True]
+    assert env.age.tolist() == [3, 3, 3]
+
+
+# Restarts
+
+
+def test_a_reset_restores_all_of_a_finished_world_and_nothing_of_the_others(backend):
+    env, twin = make("humanoid", backend), make("humanoid", backend, auto_reset=False)
+    start = state(make("humanoid", backend))
+    for action in random_actions(env, 9):
+        env.step(action)
+        twin.step(action)
+    for either in (env, twin):
+        either.physics.qpos[1, 2] = 0.3  # metres: on the floor
+        step = either.step(still(either))
+        assert step.terminated.tolist() == [False, True, False]
+
+    restarted, going_on = state(env), state(twin)
+    for name, value in restarted.items():
+        assert torch.equal(value[1], start[name][1]), name
+        assert torch.equal(value[[0, 2]], going_on[name][[0, 2]]), name
+        if name != "age":
+            assert not torch.equal(going_on[name][1], start[name][1]), name
+
+
+def test_after_a_reset_sensors_read_the_new_state(backend):
+    env = make("humanoid", backend, episode_length=2)
+    for action in random_actions(env, 2):
+        env.step(action)
+    assert env.age.tolist() == [0, 0, 0]
+    expected = forward(env.physics.model, env.physics.qpos[0], env.physics.qvel[0]).sensordata
+    np.testing.assert_allclose(env.physics.sensors[0], expected, rtol=0, atol=SINGLE)
+
+
+@pytest.mark.parametrize("task", envs.names())
+def test_nothing_leaks_from_an_episode_into_the_next(task, backend):
+    length = 45  # some random robots fail before, others do not
+    env = make(task, backend, episode_length=length)
+    script = random_actions(env, length)
+    worlds = torch.arange(env.num_worlds)
+
+    episodes: list[list[list[Tensor]]] = [[[]] for _ in worlds]
+    for _ in range(3 * length):
+        step = env.step(script[env.age.long(), worlds])  # each episode plays the same actions
+        ends = step.terminated | step.truncated
+        seen = torch.cat([step.observation, step.reward, step.final_observation], -1)
+        for world in worlds:
+            episodes[world][-1].append(seen[world])
+            if ends[world]:
+                episodes[world].append([])
+
+    for first, *later in episodes:  # the first one had no other before it
+        assert len(later) >= 3
+        for episode in later:
+            for now, then in zip(episode, first, strict=False):
+                assert torch.equal(now, then)
+        assert all(len(episode) == len(first) for episode in later[:-1])
+
+
+def test_reset_starts_every_world_anew(backend):
+    env = make("hopper", backend)
+    first, start = env.reset(), state(env)
+    for action in random_actions(env, 5):
+        env.step(action)
+    assert torch.equal(env.reset(), first)
+    for name, value in state(env).items():
+        assert torch.equal(value, start[name]), name
+
+
+def test_rewards_of_an_episode_start_from_its_own_beginning(backend):
+    env = make("hopper", backend, episode_length=6)
+    env.physics.qvel[:, 0] = 50.0  # m/s: far from the start when time runs out
+    for _ in range(6):
+        env.step(still(env))
+    assert abs(env.step(still(env)).terms["run"]).max() < 1.0
+
+
+# Options
+
+
+def test_staggered_worlds_start_at_all_ages(backend):
+    options = {"episode_length": 100, "stagger": True}
+    env = make("hopper", backend, 256, **options)
+    ages = env.age.clone()
+    assert ages.min() < 10
+    assert ages.max() >= 90
+    assert ages.max() < 100
+    assert len(ages.unique()) > 50
+    assert torch.equal(make("hopper", backend, 256, **options).age, ages)
+    assert not torch.equal(make("hopper", backend, 256, seed=1, **options).age, ages)
+
+    step = env.step(still(env))
+    assert torch.equal(step.truncated, ages == 99)
+    assert (env.age[step.truncated] == 0).all()  # later episodes are of full length
+
+
+def test_worlds_start_together_unless_asked_otherwise(backend):
+    env = make("hopper", backend, 16)
+    assert (env.age == 0).all()
+    assert (env.physics.qpos == env.physics.qpos[0]).all()
+
+
+def test_noisy_starts_differ_as_much_as_was_asked_for(backend):
+    noise = 0.05
+    env = make("humanoid", backend, 64, reset_noise=noise)
+    qpos, qvel = env.physics.qpos, env.physics.qvel
+    assert len(qpos.unique(dim=0)) > 55
+    exact = make("humanoid", backend, 1).physics.qpos
+    shift = (qpos - exact)[:, [0, 1, 2, *range(7, qpos.shape[1])]]
+    assert shift.abs().max() <= noise * 1.001
+    assert shift.std().item() == pytest.approx(noise / 3**0.5, rel=0.1)
+    assert qvel.std().item() == pytest.approx(noise, rel=0.1)
+    torch.testing.assert_close(qpos[:, 3:7].norm(dim=-1), torch.ones(64).to(qpos))
+
+
+def test_noisy_starts_show_the_sensors_of_their_own_state(backend):
+    env = make("humanoid", backend, 8, reset_noise=0.05, episode_length=2)
+    for action in (None, *random_actions(env, 2)):
+        observation = env.reset() if action is None else env.step(action).observation
+        if env.age.any():
+            continue
+        for world in range(env.num_worlds):
+            data = forward(env.physics.model, env.physics.qpos[world], env.physics.qvel[world])
+            sensors = env.physics.sensors[world]
+            np.testing.assert_allclose(sensors, data.sensordata, rtol=0, atol=SINGLE)
+            head = data.body("head").xpos[2]
+            assert observation[world, 21].item() == pytest.approx(head, abs=SINGLE)
+
+
+def test_noisy_starts_are_new_in_each_episode_and_repeat_with_the_seed(backend):
+    options = {"reset_noise": 0.05, "episode_length": 3}
+
+    def starts(seed: int) -> list[Tensor]:
+        env = make("cheetah", backend, seed=seed, **options)
+        steps = [env.step(action) for action in random_actions(env, 6)]
+        return [step.observation for step in steps if step.truncated.all()]
+
+    first, second = starts(seed=0)
+    assert not torch.equal(first, second)
+    assert all(map(torch.equal, starts(seed=0), (first, second)))
+    assert not any(map(torch.equal, starts(seed=1), (first, second)))
+
+
+@pytest.mark.parametrize("iterations", (None, 8))
+def test_eight_solver_iterations_converge_where_the_paper_stops_at_two(backend, iterations):
+    with np.load(Path(__file__).parent / "reference" / "walker.npz") as file:
+        actions = torch.from_numpy(file["action"]).float()
+        converged = file["qpos_converged"][:, -1]
+    env = make("walker", backend, 2, solver_iterations=iterations, auto_reset=False)
+    for action in actions.unbind(1):
+        env.step(action)
+    error = np.abs(env.physics.qpos.numpy() - converged).max()
+    assert error > 0.1 if iterations is None else error < 1e-3
+
+
+def test_a_humanoid_may_see_its_hands_and_feet(backend):
+    blind, seeing = make("humanoid", backend), make("humanoid", backend, extremities=True)
+    assert (blind.observation_size, seeing.observation_size) == (58, 67)
+    without, with_them = blind.reset(), seeing.reset()
+    assert (without[:, 22:25] == 0).all()
+    assert torch.equal(with_them[:, :22], without[:, :22])
+    assert torch.equal(with_them[:, 34:], without[:, 25:])
+
+    data = forward(seeing.physics.model, seeing.physics.qpos[0], seeing.physics.qvel[0])
+    torso = data.body("torso")
+    expected = [
+        torso.xmat.reshape(3, 3).T @ (data.body(name).xpos - torso.xpos)
+        for name in ("right_hand", "left_hand", "right_foot", "left_foot")
+    ]
+    np.testing.assert_allclose(with_them[0, 22:34], np.concatenate(expected), atol=SINGLE)
+
+    for action in random_actions(blind, 20):
+        seen = blind.step(action).observation
+        assert (seen[:, 22:25] == 0).all()
+        assert torch.equal(seeing.step(action).observation[:, 34:], seen[:, 25:])
+
+
+# Going back
+
+
+@pytest.mark.parametrize("task", ("humanoid", "walker"))
+def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
+    options = {"episode_length": 25, "stagger": True, "reset_noise": 0.02}
+    env = make(task, backend, **options)
+    actions = random_actions(env, 60)
+    for action in actions[:20]:
+        env.step(action)
+    saved = env.state_dict()
+    went_on = [env.step(action) for action in actions[20:]]
+    assert sum((step.truncated | step.terminated).sum() for step in went_on) >= 3
+
+    other = make(task, backend, **options)
+    other.step(actions[0])  # so that chance, too, has to be set back
+    for resumed in (other, env):
+        resumed.load_state_dict(saved)
+        assert torch.equal(resumed.age, saved["age"])
+        for action, then in zip(actions[20:], went_on, strict=True):
+            assert_same_step(resumed.step(action), then)
+
+
+def test_a_saved_state_is_a_copy(backend):
+    env = make("hopper", backend)
+    saved = env.state_dict()
+    copies = {name: value.clone() for name, value in saved.items()}
+    for action in random_actions(env, 3):
+        env.step(action)
+    for name, value in saved.items():
+        assert torch.equal(value, copies[name]), name
+
+
+def test_a_saved_state_remembers_blow_ups(backend):
+    env, other = make("hopper", backend), make("hopper", backend)
+    env.physics.qpos[1] = float("nan")
+    env.step(still(env))
+    other.load_state_dict(env.state_dict())
+    assert other.blowups == 1

@@ -1,0 +1,242 @@
+"""A front holds the returns of deterministic policies, as both evaluation protocols define them."""
+
+import gc
+
+import numpy as np
+import pytest
+import torch
+from morlax_torch.envs import TimeStep
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.agent import Agent
+from morlax_torch.evaluation import Evaluator, Front
+
+# Published returns of doing nothing, with the reward of the reset.
+IDLE = {
+    "cheetah": (501.8, 2505.0),
+    "walker": (119.8, 615.0),
+    "hopper": (35.7, 137.6),
+    "ant": (2506.0, 2506.0),
+    "humanoid": (170.4, 588.0),
+}
+
+
+@pytest.mark.parametrize("task", IDLE)
+def test_doing_nothing_returns_what_was_published(make_agent, task):
+    env = envs.make(task, 2, "cpu", "mujoco", auto_reset=False)
+    agent = make_agent(env.observation_size, env.action_size)
+    with torch.no_grad():
+        for parameter in agent.actor.parameters():
+            parameter.zero_()
+    front = Evaluator(agent, env, torch.eye(2), "paper").evaluate()
+    np.testing.assert_allclose(front.returns, [IDLE[task]] * 2, rtol=0.01)
+
+
+class Scripted:
+    """Worlds that pay, fail and recover by a script, whatever is done."""
+
+    REWARD = torch.tensor([[1.0, 10.0], [2.0, 20.0], [4.0, 40.0], [8.0, 80.0]])  # by step
+    FAILED = torch.tensor(
+        [[False, False, False, False], [False, True, False, False], [False, False, True, True]]
+    )  # by world and step
+
+    def __init__(self, auto_reset: bool = False):
+        self.auto_reset, self.num_worlds, self.device = auto_reset, 3, torch.device("cpu")
+        self.observation_size, self.action_size, self.episode_length = 3, 2, 4
+        self.objectives, self.reference_point = ("run", "jump"), (0.5, 5.0)
+        self.generator = torch.Generator()
+        self.actions: list[torch.Tensor] = []
+
+    def reset(self) -> torch.Tensor:
+        self.t = 0
+        return self.seen()
+
+    def seen(self) -> torch.Tensor:
+        return torch.full((3, 3), float(self.t))
+
+    def step(self, action: torch.Tensor) -> TimeStep:
+        self.actions.append(action.clone())
+        reward, failed = self.REWARD[self.t].expand(3, 2), self.FAILED[:, self.t]
+        self.t += 1
+        truncated = torch.full((3,), self.t >= 4) & ~failed
+        return TimeStep(self.seen(), reward, failed, truncated, self.seen(), {})
+
+    def paper_reset_reward(self) -> torch.Tensor:
+        return torch.tensor([100.0, 1000.0])
+
+
+TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
+
+
+@pytest.fixture
+def agent(make_agent) -> Agent:
+    """Of the scripted worlds."""
+    agent = make_agent()
+    agent.observation_normalizer.update(torch.tensor([[0.0, 1.0, 2.0], [3.0, 5.0, 7.0]]))
+    return agent
+
+
+def test_a_latched_return_ends_with_the_step_that_fails(agent):
+    front = Evaluator(agent, Scripted(), TRADEOFFS).evaluate()
+    assert front.returns.tolist() == [[15, 150], [3, 30], [7, 70]]
+    assert front.lengths.tolist() == [4, 2, 3]
+
+
+def test_the_papers_return_leaves_out_only_the_steps_that_fail(agent):
+    front = Evaluator(agent, Scripted(), TRADEOFFS, "paper").evaluate()
+    assert front.returns.tolist() == [[115, 1150], [113, 1130], [103, 1030]]
+
+
+def test_an_evaluator_can_be_used_again(agent):
+    evaluator = Evaluator(agent, Scripted(), TRADEOFFS)
+    first, second = evaluator.evaluate(), evaluator.evaluate()
+    assert second.returns.tolist() == first.returns.tolist() == [[15, 150], [3, 30], [7, 70]]
+    assert second.lengths.tolist() == first.lengths.tolist()
+
+
+def test_actions_are_the_means_of_each_tradeoffs_policy(agent):
+    env = Scripted()
+    evaluator = Evaluator(agent, env, TRADEOFFS)
+    with torch.no_grad():
+        agent.actor.bias += 0.3  # what counts is the agent at the time of the evaluation
+    evaluator.evaluate()
+    assert len(env.actions) == 4
+    for t, action in enumerate(env.actions):
+        seen = agent.observation_normalizer(torch.full((1, 3), float(t)))
+        for k, tradeoff in enumerate(TRADEOFFS):
+            mean, _ = agent.actor.specialize(tradeoff)(seen)[0].chunk(2)
+            torch.testing.assert_close(action[k], mean.tanh())
+
+
+@pytest.mark.parametrize("protocol", ("latched", "paper"))
+def test_evaluating_changes_nothing_about_the_agent(agent, protocol):
+    before = {name: value.clone() for name, value in agent.state_dict().items()}
+    Evaluator(agent, Scripted(), TRADEOFFS, protocol).evaluate()
+    assert all(torch.equal(value, before[name]) for name, value in agent.state_dict().items())
+    assert all(p.requires_grad and p.grad is None for p in agent.parameters())
+
+
+def test_it_refuses_worlds_that_do_not_fit(agent):
+    with pytest.raises(ValueError, match="one world per trade-off"):
+        Evaluator(agent, Scripted(), TRADEOFFS[:2])
+    with pytest.raises(ValueError, match="auto_reset"):
+        Evaluator(agent, Scripted(auto_reset=True), TRADEOFFS)
+
+
+def one_episode(agent: Agent, tradeoff: torch.Tensor, task: str, **options) -> tuple:
+    """Returns and length in a single world of its own."""
+    env = envs.make(task, 1, "cpu", "mujoco", **options)
+    actor, observation = agent.actor.specialize(tradeoff), env.reset()
+    total, length = torch.zeros(len(env.objectives), dtype=torch.float64), 0
+    with torch.no_grad():
+        while True:
+            mean, _ = actor(agent.observation_normalizer(observation)).chunk(2, -1)
+            step = env.step(mean.tanh())
+            total, length = total + step.reward[0], length + 1
+            if step.terminated or step.truncated:
+                return total.tolist(), length
+            observation = step.observation
+
+
+def test_returns_are_those_of_single_worlds_stepped_by_hand(make_agent):
+    env = envs.make("hopper", 3, "cpu", "mujoco", auto_reset=False)
+    agent = make_agent(env.observation_size, env.action_size, scale=1.0)
+    front = Evaluator(agent, env, TRADEOFFS).evaluate()
+    for k, tradeoff in enumerate(TRADEOFFS):
+        returns, length = one_episode(agent, tradeoff, "hopper")
+        assert front.lengths[k] == length < 500  # every one of them falls
+        np.testing.assert_allclose(front.returns[k], returns, rtol=1e-3)
+    assert len(np.unique(front.returns, axis=0)) == 3
+
+
+def test_an_episode_without_failure_lasts_until_time_is_up(make_agent):
+    env = envs.make("cheetah3", 3, "cpu", "mujoco", auto_reset=False, episode_length=20)
+    agent = make_agent(env.observation_size, env.action_size, 3)
+    front = Evaluator(agent, env, torch.eye(3)).evaluate()
+    assert front.lengths.tolist() == [20, 20, 20]
+    assert front.objectives == env.objectives
+    for k, tradeoff in enumerate(torch.eye(3)):
+        returns, length = one_episode(agent, tradeoff, "cheetah3", episode_length=20)
+        assert length == 20
+        np.testing.assert_allclose(front.returns[k], returns, rtol=1e-3)
+
+
+@pytest.fixture
+def front() -> Front:
+    return Front(
+        objectives=("run", "jump"),
+        tradeoffs=TRADEOFFS.numpy(),
+        returns=np.array([[4.0, 1.0], [1.0, 4.0], [1.0, 1.0]]),
+        lengths=np.array([500, 80, 7]),
+        reference_point=np.array([0.5, 0.0]),
+    )
+
+
+def test_a_front_states_its_indicators(front):
+    assert front.non_dominated.tolist() == [True, True, False]
+    assert front.hypervolume == pytest.approx(3.5 + 1.5)
+    assert front.indicators() == pytest.approx(
+        {
+            "hypervolume": 5.0,
+            "sparsity": 18.0,
+            "expected_utility": (4 + 4 + 0.3 + 2.8) / 3,
+            "cardinality": 2,
+        }
+    )
+
+
+def test_an_evaluated_front_knows_where_it_came_from(agent):
+    front = Evaluator(agent, Scripted(), TRADEOFFS).evaluate()
+    assert front.objectives == ("run", "jump")
+    assert front.reference_point.tolist() == [0.5, 5.0]
+    np.testing.assert_array_equal(front.tradeoffs, TRADEOFFS)
+    assert front.hypervolume == pytest.approx(14.5 * 145)
+
+
+def test_a_front_survives_its_file(front, tmp_path):
+    front.save(tmp_path / "front.npz")
+    again = Front.load(tmp_path / "front.npz")
+    assert again.objectives == front.objectives
+    for name in ("tradeoffs", "returns", "lengths", "reference_point"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(front, name))
+    with np.load(tmp_path / "front.npz") as arrays:
+        assert arrays["non_dominated"].tolist() == [True, True, False]
+
+
+def flipped(data: bytes) -> bytes:
+    """One bit of the stored numbers is wrong."""
+    middle = data.index(b"returns.npy") + 60
+    return data[:middle] + bytes([data[middle] ^ 4]) + data[middle + 1 :]
+
+
+DAMAGES = {
+    "empty": lambda _: b"",
+    "text": lambda _: b"no front at all\n",
+    "noise": lambda _: np.random.default_rng(0).bytes(500),
+    "truncated": lambda data: data[: len(data) // 2],
+    "flipped": flipped,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_an_error_in_words(front, tmp_path, damage):
+    path = tmp_path / "front.npz"
+    front.save(path)
+    path.write_bytes(DAMAGES[damage](path.read_bytes()))
+    with pytest.raises(MorlaxError, match=r"front\.npz"):
+        Front.load(path)
+    gc.collect()  # a file left open would be noticed here
+
+
+def test_a_file_of_something_else_or_nothing_is_an_error_in_words(tmp_path):
+    path = tmp_path / "other.npz"
+    with pytest.raises(MorlaxError, match=r"other\.npz"):
+        Front.load(path)
+    np.savez(path, returns=np.zeros((2, 2)))
+    with pytest.raises(MorlaxError, match=r"other\.npz"):
+        Front.load(path)
+
+
+def test_a_front_that_cannot_be_written_is_an_error_in_words(front, tmp_path):
+    with pytest.raises(MorlaxError, match="cannot write"):
+        front.save(tmp_path / "nowhere" / "front.npz")

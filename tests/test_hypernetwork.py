@@ -1,0 +1,262 @@
+"""A hypernetwork generates the parameters M f(w) + b of any module, for every trade-off w."""
+
+import copy
+
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.func import functional_call
+from torch.nn.functional import silu
+
+from morlax_torch import Hypernetwork
+
+K, B, M = 5, 4, 3  # trade-offs, inputs of each, objectives
+TRADEOFFS = torch.tensor(
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.2, 0.3, 0.5], [0.6, 0.3, 0.1]]
+)
+
+
+class Scaled(nn.Module):
+    """A target with a buffer, which is not generated."""
+
+    def __init__(self):
+        super().__init__()
+        self.linear = nn.Linear(3, 2)
+        self.register_buffer("scale", torch.tensor([2.0, -3.0]))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.scale * self.linear(x)
+
+
+class TwoInputs(nn.Module):
+    """A target that takes two inputs, and has a parameter of its own."""
+
+    def __init__(self):
+        super().__init__()
+        self.left, self.right = nn.Linear(3, 2), nn.Linear(4, 2)
+        self.gain = nn.Parameter(torch.tensor([1.5]))
+
+    def forward(self, x: Tensor, y: Tensor) -> Tensor:
+        return self.gain * self.left(x) * self.right(y)
+
+
+def normalized_batch() -> nn.Module:
+    norm = nn.BatchNorm1d(3)
+    norm.running_mean.copy_(torch.tensor([1.0, -1.0, 0.5]))
+    norm.running_var.copy_(torch.tensor([4.0, 0.25, 1.0]))
+    return nn.Sequential(norm, nn.Linear(3, 2)).eval()
+
+
+TARGETS = {
+    "linear": (lambda: nn.Linear(3, 2), [(3,)]),
+    "mlp": (lambda: nn.Sequential(nn.Linear(3, 6), nn.SiLU(), nn.Linear(6, 2)), [(3,)]),
+    "convolutional": (
+        lambda: nn.Sequential(nn.Conv2d(2, 3, 3), nn.SiLU(), nn.Flatten(), nn.Linear(12, 2)),
+        [(2, 4, 4)],
+    ),
+    "recurrent": (lambda: nn.GRUCell(3, 5), [(3,), (5,)]),
+    "batch norm": (normalized_batch, [(3,)]),
+    "buffer": (Scaled, [(3,)]),
+    "two inputs": (TwoInputs, [(3,), (4,)]),
+}
+
+NO_BATCHING_RULE = pytest.mark.filterwarnings("ignore:There is a performance drop:UserWarning")
+
+
+@pytest.fixture(
+    params=[
+        pytest.param(name, marks=NO_BATCHING_RULE if name == "recurrent" else ())
+        for name in TARGETS
+    ]
+)
+def target(request: pytest.FixtureRequest) -> nn.Module:
+    torch.manual_seed(1)
+    return TARGETS[request.param][0]()
+
+
+@pytest.fixture
+def inputs(request: pytest.FixtureRequest, generator: torch.Generator) -> list[Tensor]:
+    name = request.node.callspec.params["target"]
+    return [torch.randn(K, B, *shape, generator=generator) for shape in TARGETS[name][1]]
+
+
+def family_of(target: nn.Module, scale: float = 0.5) -> Hypernetwork:
+    generator = torch.Generator().manual_seed(2)
+    return Hypernetwork(target, M, (8, 7), 4, scale=scale, generator=generator)
+
+
+def test_a_family_equals_its_members_run_one_by_one(target, inputs):
+    family = family_of(target)
+    parameters = family(TRADEOFFS)
+    found = family.run(parameters, *inputs)
+    for k in range(K):
+        own = {name: value[k] for name, value in parameters.items()}
+        expected = functional_call(target, own, tuple(x[k] for x in inputs))
+        torch.testing.assert_close(found[k], expected)
+    assert not torch.allclose(found[0], found[1], atol=1e-2)
+
+
+def test_a_family_of_mlps_equals_batched_matrix_products(generator):
+    family = family_of(nn.Sequential(nn.Linear(3, 6), nn.SiLU(), nn.Linear(6, 2)))
+    parameters, x = family(TRADEOFFS), torch.randn(K, B, 3, generator=generator)
+    hidden = silu(torch.bmm(x, parameters["0.weight"].mT) + parameters["0.bias"][:, None])
+    expected = torch.bmm(hidden, parameters["2.weight"].mT) + parameters["2.bias"][:, None]
+    torch.testing.assert_close(family.run(parameters, x), expected)
+
+
+def test_parameters_are_affine_in_the_features_of_the_tradeoff(target):
+    family = family_of(target)
+    generated = family(TRADEOFFS)
+    first, second, last = (family.features[index] for index in (0, 2, 4))
+    for k, w in enumerate(TRADEOFFS):
+        f = silu(second.weight @ silu(first.weight @ w + first.bias) + second.bias)
+        flat = family.weight @ (last.weight @ f + last.bias) + family.bias
+        start = 0
+        for name, parameter in target.named_parameters():
+            own = flat[start : start + parameter.numel()].view(parameter.shape)
+            torch.testing.assert_close(generated[name][k], own)
+            start += parameter.numel()
+        assert start == len(flat)
+    assert list(generated) == [name for name, _ in target.named_parameters()]
+
+
+def test_every_tradeoff_starts_with_the_target_itself(target, inputs):
+    family = family_of(target, scale=0.0)
+    parameters = family(TRADEOFFS)
+    for name, parameter in target.named_parameters():
+        assert torch.equal(parameters[name], parameter.expand(K, *parameter.shape))
+    outputs = family.run(parameters, *inputs)
+    for k in range(K):
+        torch.testing.assert_close(outputs[k], target(*(x[k] for x in inputs)))
+
+
+@pytest.mark.parametrize("scale", (0.1, 1.0))
+def test_scale_spreads_the_first_networks(scale):
+    target = nn.Linear(30, 20)
+    family = family_of(target, scale)
+    assert family.weight.abs().max() <= scale
+    assert family.weight.std().item() == pytest.approx(scale / 3**0.5, rel=0.05)
+    assert family(TRADEOFFS)["weight"].std(0).min() > 0
+    torch.testing.assert_close(family.bias[:600].view(20, 30), target.weight)
+
+
+def test_tradeoffs_are_normalised_to_sum_to_one():
+    family = family_of(nn.Linear(3, 2))
+    factors = torch.tensor([0.01, 1.0, 2.0, 30.0, 512.0])[:, None]
+    for name, value in family(factors * TRADEOFFS).items():
+        torch.testing.assert_close(value, family(TRADEOFFS)[name])
+
+
+def test_specialize_is_a_plain_member_of_the_family(target, inputs):
+    family = family_of(target)
+    outputs = family.run(family(TRADEOFFS), *inputs)
+    for k, tradeoff in enumerate(TRADEOFFS):
+        member = family.specialize(tradeoff)
+        assert type(member) is type(target)
+        assert member.state_dict().keys() == target.state_dict().keys()
+        torch.testing.assert_close(member(*(x[k] for x in inputs)), outputs[k])
+
+
+def test_a_specialised_network_no_longer_follows_the_family():
+    family, x = family_of(nn.Linear(3, 2)), torch.ones(1, 3)
+    member = family.specialize(TRADEOFFS[0])
+    before = member(x)
+    with torch.no_grad():
+        family.bias += 1.0
+    assert torch.equal(member(x), before)
+    assert not torch.allclose(family.specialize(TRADEOFFS[0])(x), before)
+
+
+def test_buffers_travel_with_the_state():
+    other = Scaled()
+    other.scale.mul_(10)
+    family, source = family_of(Scaled()), family_of(other)
+    family.load_state_dict(source.state_dict())
+    x = torch.ones(K, B, 3)
+    expected = source.run(source(TRADEOFFS), x)
+    torch.testing.assert_close(family.run(family(TRADEOFFS), x), expected)
+    torch.testing.assert_close(family.specialize(TRADEOFFS[0])(x[0]), expected[0])
+
+
+def test_a_parameter_may_have_no_dimensions():
+    class Gain(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.gain = nn.Parameter(torch.tensor(1.5))
+
+        def forward(self, x: Tensor) -> Tensor:
+            return self.gain * x
+
+    family, x = family_of(Gain()), torch.ones(K, B)
+    parameters = family(TRADEOFFS)
+    assert parameters["gain"].shape == (K,)
+    expected = parameters["gain"][:, None].expand(K, B)
+    torch.testing.assert_close(family.run(parameters, x), expected)
+
+
+def test_the_target_passed_in_is_not_changed(target, inputs):
+    before = copy.deepcopy(target.state_dict())
+    family = family_of(target)
+    family.run(family(TRADEOFFS), *inputs).square().sum().backward()
+    with torch.no_grad():
+        for parameter in family.parameters():
+            parameter.fill_(3.0)
+    family.specialize(TRADEOFFS[0])
+    for name, value in target.state_dict().items():
+        assert torch.equal(value, before[name])
+    assert all(p.requires_grad and p.grad is None for p in target.parameters())
+
+
+def test_only_the_affine_map_and_the_features_are_learnt(target):
+    family = family_of(target)
+    features = {f"features.{name}" for name, _ in family.features.named_parameters()}
+    assert {name for name, _ in family.named_parameters()} == {"weight", "bias", *features}
+    size = sum(p.numel() for p in target.parameters())
+    assert family.weight.shape == (size, 4)
+    assert family.bias.shape == (size,)
+
+
+def gradients(family: Hypernetwork, inputs: list[Tensor]) -> dict[str, Tensor]:
+    family.run(family(TRADEOFFS), *inputs).square().sum().backward()
+    return {name: parameter.grad for name, parameter in family.named_parameters()}
+
+
+def test_gradients_reach_every_part(target, inputs):
+    for name, gradient in gradients(family_of(target), inputs).items():
+        assert gradient.abs().sum() > 0, name
+
+
+def test_features_learn_once_the_affine_map_has_left_zero(generator):
+    family = family_of(nn.Linear(3, 2), scale=0.0)
+    found = gradients(family, [torch.randn(K, B, 3, generator=generator)])
+    assert found["weight"].abs().sum() > 0
+    assert all(not value.any() for name, value in found.items() if name.startswith("features"))
+
+
+def test_gradients_are_those_of_the_composed_function():
+    family = family_of(nn.Linear(3, 2)).double()
+    x = torch.randn(K, B, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    names = [name for name, _ in family.named_parameters()]
+
+    def outputs(*values: Tensor) -> Tensor:
+        generated = functional_call(
+            family, dict(zip(names, values, strict=True)), (TRADEOFFS.double(),)
+        )
+        return family.run(generated, x)
+
+    values = [p.detach().requires_grad_() for p in family.parameters()]
+    assert torch.autograd.gradcheck(outputs, values, fast_mode=True)
+
+
+def test_two_families_can_share_their_features():
+    first = family_of(nn.Linear(3, 2))
+    second = Hypernetwork(nn.Linear(3, 1), M, num_features=4, features=first.features)
+    assert second.features is first.features
+    assert second.weight is not first.weight
+    assert second.weight.shape == (4, 4)
+
+
+def test_the_same_generator_draws_the_same_family():
+    target = nn.Linear(3, 2)
+    first, second = family_of(target).state_dict(), family_of(target).state_dict()
+    assert all(torch.equal(value, second[name]) for name, value in first.items())

@@ -1,0 +1,93 @@
+"""The normaliser knows the mean and the variance of everything it was updated with."""
+
+import numpy as np
+import pytest
+import torch
+
+from morlax_torch.normalizer import Normalizer
+
+
+def normalizer_of(batches: list[np.ndarray]) -> Normalizer:
+    normalizer = Normalizer(batches[0].shape[-1])
+    for batch in batches:
+        normalizer.update(torch.from_numpy(batch).float())
+    return normalizer
+
+
+@pytest.fixture
+def batches() -> list[np.ndarray]:
+    """Batches of unequal sizes, shapes and distributions."""
+    random = np.random.default_rng(0)
+    return [
+        random.normal(location, width, (*shape, 3))
+        for location, width, shape in (
+            (5.0, 1.0, (40,)),
+            (-2.0, 3.0, (7, 11)),
+            (0.5, 0.1, (1,)),
+            (100.0, 20.0, (4, 5, 6)),
+        )
+    ]
+
+
+def test_statistics_are_those_of_all_data_together(batches):
+    data = np.concatenate([batch.reshape(-1, 3) for batch in batches])
+    normalizer = normalizer_of(batches)
+    np.testing.assert_allclose(normalizer.mean, data.mean(0), rtol=1e-5)
+    np.testing.assert_allclose(normalizer.variance, data.var(0), rtol=1e-5)
+    assert normalizer.count == len(data)
+
+
+def test_it_is_the_identity_before_the_first_update():
+    x = torch.tensor([[1.0, -2.0]])
+    torch.testing.assert_close(Normalizer(2)(x), x)
+    torch.testing.assert_close(Normalizer(2).inverse(x), x)
+
+
+def test_it_scales_to_zero_mean_and_unit_variance(batches):
+    normalized = normalizer_of(batches[:1])(torch.from_numpy(batches[0]).float())
+    torch.testing.assert_close(normalized.mean(0), torch.zeros(3), rtol=0, atol=1e-5)
+    torch.testing.assert_close(normalized.var(0, correction=0), torch.ones(3))
+
+
+def test_inverse_undoes_it(batches):
+    normalizer, x = normalizer_of(batches), torch.from_numpy(batches[1]).float()
+    torch.testing.assert_close(normalizer.inverse(normalizer(x)), x, rtol=1e-5, atol=1e-4)
+
+
+def test_what_lies_far_out_is_clipped_to_ten_deviations(batches):
+    normalizer = normalizer_of(batches)
+    mean, std = normalizer.mean, normalizer.variance.sqrt()
+    x = torch.stack([mean + 1000 * std, mean - 1000 * std, mean + 9.9 * std])
+    expected = torch.tensor([[10.0], [-10.0], [9.9]]).expand(3, 3)
+    torch.testing.assert_close(normalizer(x), expected)
+
+
+def test_a_large_offset_stays_accurate():
+    random = np.random.default_rng(1)
+    batches = [random.normal(1e4, 1.0, (500, 2)).astype(np.float32) for _ in range(40)]
+    data = np.concatenate(batches).astype(np.float64)
+    normalizer = normalizer_of(batches)
+    np.testing.assert_allclose(normalizer.mean, data.mean(0), rtol=1e-6)
+    np.testing.assert_allclose(normalizer.variance, data.var(0), rtol=1e-2)
+
+
+def test_many_updates_stay_accurate():
+    random = np.random.default_rng(2)
+    batches = [random.normal(3.0, 2.0, (10, 1)) for _ in range(3000)]
+    data = np.concatenate(batches)
+    normalizer = normalizer_of(batches)
+    np.testing.assert_allclose(normalizer.mean, data.mean(0), rtol=1e-4)
+    np.testing.assert_allclose(normalizer.variance, data.var(0), rtol=1e-4)
+
+
+def test_a_constant_column_stays_finite():
+    normalizer = normalizer_of([np.full((20, 1), 7.0)])
+    assert normalizer(torch.tensor([[7.0], [8.0]])).tolist() == [[0.0], [10.0]]
+
+
+def test_state_travels_in_the_state_dict(batches):
+    normalizer, other = normalizer_of(batches), Normalizer(3)
+    other.load_state_dict(normalizer.state_dict())
+    x = torch.from_numpy(batches[2]).float()
+    assert torch.equal(other(x), normalizer(x))
+    assert not list(normalizer.parameters())

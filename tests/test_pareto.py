@@ -1,0 +1,155 @@
+"""Pareto indicators equal closed forms and brute force; every objective is maximised."""
+
+from itertools import combinations
+
+import moocore
+import numpy as np
+import pytest
+
+from morlax_torch import pareto
+from morlax_torch.evaluation import Front
+
+NAN = float("nan")
+
+
+def inclusion_exclusion(points: np.ndarray, reference: np.ndarray) -> float:
+    """The volume of a union of boxes, by the volumes of their intersections."""
+    sides = np.maximum(points - reference, 0)
+    return sum(
+        (-1) ** (count + 1) * np.min(chosen, axis=0).prod()
+        for count in range(1, len(sides) + 1)
+        for chosen in combinations(sides, count)
+    )
+
+
+def dominates(a: np.ndarray, b: np.ndarray) -> bool:
+    return bool((a >= b).all() and (a > b).any())
+
+
+@pytest.mark.parametrize("m", (2, 3, 4))
+def test_hypervolume_of_one_point_is_a_box(m):
+    point, reference = np.arange(2.0, 2 + m), np.full(m, 0.5)
+    expected = (point - 0.5).prod()
+    assert pareto.hypervolume([point], reference) == pytest.approx(expected)
+
+
+def test_hypervolume_of_a_staircase():
+    steps = [[1, 4], [2, 3], [4, 1]]  # columns of width 1, 1 and 2
+    assert pareto.hypervolume(steps, [0, 0]) == pytest.approx(4 + 3 + 2)
+    assert pareto.hypervolume(steps, [0, 0.5]) == pytest.approx(3.5 + 2.5 + 1)
+    assert pareto.hypervolume(steps, [-1, -1]) == pytest.approx(2 * 5 + 4 + 2 * 2)
+
+
+@pytest.mark.parametrize("m", (2, 3, 4))
+@pytest.mark.parametrize("seed", range(3))
+def test_hypervolume_is_that_of_a_union_of_boxes(m, seed):
+    random = np.random.default_rng(seed)
+    points, reference = random.normal(1, 1, (9, m)), np.full(m, -0.2)
+    expected = inclusion_exclusion(points, reference)
+    assert pareto.hypervolume(points, reference) == pytest.approx(expected)
+
+
+def test_points_below_the_reference_contribute_nothing():
+    assert pareto.hypervolume([[2, 3], [100, -1], [-1, 100]], [0, 0]) == pytest.approx(6)
+    assert pareto.hypervolume([[2, 3], [100, 0]], [0, 0]) == pytest.approx(6)
+    assert pareto.hypervolume([[100, -1], [-1, 100]], [0, 0]) == 0
+    assert pareto.hypervolume(np.zeros((0, 2)), [0, 0]) == 0
+
+
+def test_duplicates_and_dominated_points_change_nothing():
+    steps = np.array([[1.0, 4.0], [2.0, 3.0], [4.0, 1.0]])
+    more = np.concatenate([steps, steps, steps - 0.5])
+    for indicator in (
+        lambda points: pareto.hypervolume(points, [0, 0]),
+        pareto.sparsity,
+        pareto.cardinality,
+        lambda points: pareto.expected_utility(points, np.eye(2)),
+        lambda points: pareto.igd_plus(points, [[3, 3], [5, 5]]),
+    ):
+        assert indicator(more) == pytest.approx(indicator(steps))
+
+
+def test_points_that_are_not_numbers_are_dominated():
+    points = [[1, 4], [NAN, 9], [9, NAN], [4, 1]]
+    assert pareto.non_dominated(points).tolist() == [True, False, False, True]
+    assert pareto.hypervolume(points, [0, 0]) == pytest.approx(7)
+    assert pareto.expected_utility(points, np.eye(2)) == pytest.approx(4)
+    assert pareto.cardinality([[NAN, NAN]]) == 0
+    assert pareto.hypervolume([[NAN, NAN]], [0, 0]) == 0
+
+
+@pytest.mark.parametrize("m", (2, 3, 5))
+def test_non_dominated_points_are_those_that_no_other_dominates(m):
+    points = np.random.default_rng(m).integers(0, 6, (60, m)).astype(float)
+    expected = [
+        not any(dominates(other, point) for other in points)
+        and not any((other == point).all() for other in points[:index])
+        for index, point in enumerate(points)
+    ]
+    assert pareto.non_dominated(points).tolist() == expected
+    assert pareto.front(points).tolist() == points[expected].tolist()
+    assert pareto.cardinality(points) == sum(expected)
+
+
+def test_of_equal_points_the_first_counts():
+    assert pareto.non_dominated([[1, 2], [1, 2], [2, 1], [1, 1]]).tolist() == [1, 0, 1, 0]
+
+
+def sphere(number: int, m: int) -> np.ndarray:
+    """Points of which none dominates another."""
+    points = np.abs(np.random.default_rng(0).normal(size=(number, m)))
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def named(points: np.ndarray) -> dict[str, float]:
+    m = points.shape[1]
+    tradeoffs = np.full_like(points, 1 / m)
+    lengths = np.full(len(points), 500)
+    return Front(tuple("abcdef"[:m]), tradeoffs, points, lengths, np.zeros(m)).indicators()
+
+
+def test_many_points_in_five_objectives_are_approximated_and_said_to_be():
+    points = sphere(520, 5)
+    exact = moocore.hypervolume(points, ref=np.zeros(5), maximise=True)
+    indicators = named(points)
+    assert "hypervolume" not in indicators
+    assert indicators["hypervolume_approximate"] == pytest.approx(exact, rel=0.01)
+    assert indicators["hypervolume_approximate"] == pareto.hypervolume(points, np.zeros(5))
+
+
+@pytest.mark.parametrize(("number", "m"), ((40, 5), (520, 3), (520, 2)))
+def test_fewer_points_or_objectives_are_exact(number, m):
+    points = sphere(number, m)
+    exact = moocore.hypervolume(points, ref=np.zeros(m), maximise=True)
+    indicators = named(points)
+    assert "hypervolume_approximate" not in indicators
+    assert indicators["hypervolume"] == pytest.approx(exact, rel=1e-12)
+    assert list(indicators)[1:] == ["sparsity", "expected_utility", "cardinality"]
+
+
+def test_sparsity_is_the_mean_squared_gap():
+    # gaps 1, 2 in the first objective and 1, 2 in the second, between three points
+    assert pareto.sparsity([[4, 1], [1, 4], [2, 3]]) == pytest.approx((1 + 4 + 1 + 4) / 2)
+    # each objective is sorted by itself: gaps 1, 1 and 1, 1 and 2, 3
+    three = [[1, 2, 5], [2, 3, 2], [3, 1, 0]]
+    assert pareto.sparsity(three) == pytest.approx((1 + 1 + 1 + 1 + 4 + 9) / 2)
+    assert pareto.sparsity([[1, 1]]) == 0
+    assert pareto.sparsity([[1, 1], [0, 0]]) == 0
+    assert pareto.sparsity([[NAN, NAN]]) == 0
+
+
+def test_expected_utility_is_the_mean_of_the_best():
+    points, tradeoffs = [[4, 0], [0, 6], [1, 1]], [[1, 0], [0, 1], [0.5, 0.5]]
+    assert pareto.expected_utility(points, tradeoffs) == pytest.approx((4 + 6 + 3) / 3)
+    assert pareto.expected_utility([[NAN, 1]], tradeoffs) == float("-inf")
+
+
+def test_igd_plus_is_the_mean_shortfall():
+    # (6, 8) is missed by (3, 4) and by 5, (0, 9) is reached, (3, 5) is missed by (0, 1)
+    reference = [[6, 8], [0, 9], [3, 5]]
+    assert pareto.igd_plus([[3, 4], [1, 9]], reference) == pytest.approx((5 + 0 + 1) / 3)
+    assert pareto.igd_plus(reference, reference) == 0
+
+
+def test_an_empty_front_is_infinitely_far_from_any_other():
+    assert pareto.igd_plus([[NAN, NAN]], [[1, 1]]) == float("inf")

@@ -1,0 +1,263 @@
+"""Both simulators move the robots as the reference does, and survive worlds that blow up."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from morlax_torch.envs.mujoco_physics import MujocoPhysics
+from morlax_torch.envs.warp_physics import WarpPhysics
+from torch import Tensor
+
+from morlax_torch import envs
+
+REFERENCE = Path(__file__).parent / "reference"
+BACKENDS = ("mujoco", "warp")
+ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")
+PLANAR = ("cheetah", "walker", "hopper")
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+def make(task: str, backend: str, worlds: int = 4, **options) -> envs.Environment:
+    return envs.make(task, worlds, "cpu", backend=backend, **options)
+
+
+def still(env: envs.Environment) -> Tensor:
+    return torch.zeros(env.num_worlds, env.action_size)
+
+
+def random_actions(env: envs.Environment, steps: int) -> Tensor:
+    generator = torch.Generator().manual_seed(0)
+    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
+
+
+# Agreement of MuJoCo Warp with other engines
+
+
+def converged(robot: str) -> envs.Environment:
+    """Two worlds on MuJoCo Warp, with a solver that stops when it is done."""
+    task = envs.get(robot)
+    options = task.Options()
+    model = task.load_model()
+    model.opt.iterations, model.opt.ls_iterations = 100, 50
+    place = torch.device("cpu")
+    physics = WarpPhysics(model, 2, place, task.substeps, options.nconmax, options.njmax)
+    return task(physics, options, auto_reset=False)
+
+
+def trajectory(env: envs.Environment, reference: dict[str, np.ndarray], steps: int) -> np.ndarray:
+    """(S, steps, nq) under the actions of the reference."""
+    positions = []
+    for action in torch.from_numpy(reference["action"]).float().unbind(1)[:steps]:
+        env.step(action)
+        positions.append(env.physics.qpos.clone())
+    return torch.stack(positions, 1).numpy()
+
+
+def load(robot: str) -> dict[str, np.ndarray]:
+    with np.load(REFERENCE / f"{robot}.npz") as file:
+        return dict(file)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_at_the_papers_solver_limits_warp_starts_off_as_c_mujoco_does(robot):
+    reference = load(robot)
+    env = make(robot, "warp", 2, auto_reset=False)
+    error = np.abs(trajectory(env, reference, 10) - reference["qpos"][:, 1:11])
+    assert error[:, 0].max() < 2e-6
+    # Walker's solver stops after two iterations, wherever the engine then is
+    assert error.max() < (1e-2 if robot == "walker" else 1e-5)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_with_a_converged_solver_warp_moves_as_other_engines_do(robot):
+    reference = load(robot)
+    ours = trajectory(converged(robot), reference, 100)
+    mjx, c = reference["qpos_mjx_converged"], reference["qpos_converged"][:, 1:101]
+    assert np.abs(ours - mjx).max() < (1e-2 if robot == "humanoid" else 1e-3)
+    if robot in PLANAR:  # in space, C MuJoCo turns contact frames another way
+        assert np.abs(ours - c).max() < 1e-3
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_warps_sensors_lag_as_those_of_c_mujoco_do(robot):
+    warp, c = make(robot, "warp"), make(robot, "mujoco")
+    for action in random_actions(c, 5):
+        warp.step(action)
+        c.step(action)
+        torch.testing.assert_close(
+            warp.physics.sensors.double(), c.physics.sensors, rtol=0, atol=1e-4
+        )
+
+
+# C MuJoCo in many threads
+
+
+@pytest.mark.parametrize("robot", ("cheetah", "humanoid"))
+def test_many_threads_compute_what_one_loop_does(robot):
+    env = make(robot, "mujoco", 9, auto_reset=False)
+    worlds = [mujoco.MjData(env.physics.model) for _ in range(env.num_worlds)]
+    for world in worlds:
+        world.qpos = env.initial_qpos()
+    for action in random_actions(env, 60):
+        env.step(action)
+        for i, world in enumerate(worlds):
+            world.ctrl = env.physics.ctrl[i]
+            mujoco.mj_step(env.physics.model, world, nstep=env.substeps)
+            assert (env.physics.qpos[i].numpy() == world.qpos).all()
+            assert (env.physics.qvel[i].numpy() == world.qvel).all()
+            assert (env.physics.warmstart[i].numpy() == world.qacc_warmstart).all()
+            assert (env.physics.sensors[i].numpy() == world.sensordata).all()
+
+
+# Tensors
+
+
+def test_the_tensors_are_the_simulators_own_memory(backend):
+    env = make("hopper", backend)
+    physics = env.physics
+    names = ("qpos", "qvel", "ctrl", "warmstart", "sensors")
+    tensors = {name: getattr(physics, name) for name in names}
+    before = physics.qpos.clone()
+    env.step(still(env))
+    assert not torch.equal(tensors["qpos"], before)
+
+    physics.qpos[0, 0] += 5.0  # metres along the track, where nothing else changes
+    physics.qvel[1, 0] += 1.0
+    x = physics.qpos[:, 0].clone()
+    env.step(still(env))
+    moved = physics.qpos[:, 0] - x
+    assert physics.qpos[0, 0] == pytest.approx(5.0, abs=0.01)
+    assert moved[0].item() == pytest.approx(moved[3].item(), abs=1e-5)
+    assert moved[1].item() == pytest.approx(0.01, abs=1e-3)
+    assert torch.equal(physics.qpos[2], physics.qpos[3])
+
+    env.reset()
+    for name, tensor in tensors.items():
+        assert getattr(physics, name) is tensor, name
+
+
+def test_a_sensor_is_a_view_of_the_readings(backend):
+    env = make("humanoid", backend)
+    env.step(still(env))
+    head = env.physics.sensor("head")
+    assert head.shape == (env.num_worlds, 3)
+    assert 1.0 < head[0, 2] < 2.0  # metres: it stands
+    assert head.untyped_storage().data_ptr() == env.physics.sensors.untyped_storage().data_ptr()
+
+
+# Blow-ups
+
+
+@pytest.mark.parametrize("task", envs.names())
+def test_a_world_that_blows_up_bothers_no_other_and_starts_anew(task, backend):
+    sick, well = make(task, backend), make(task, backend)
+    others = [0, 2, 3]
+    length = 20
+    start = sick.reset()
+    beginning = []
+    for time, action in enumerate(random_actions(sick, length).repeat(2, 1, 1)):
+        if time == length - 1:
+            sick.physics.qpos[1] = float("nan")
+        step, expected = sick.step(action), well.step(action)
+        beginning.append(expected.observation[1])
+        if time == length - 1:
+            assert step.terminated[1]
+            assert not step.truncated[1]
+            assert (step.reward[1] == 0).all()
+            assert step.final_observation.isfinite().all()
+            assert torch.equal(step.observation[1], start[1])
+            assert sick.age[1] == 0
+        if time >= length:  # it does once more what it did when it was new
+            assert torch.equal(step.observation[1], beginning[time - length])
+        assert torch.equal(sick.physics.qpos[others], well.physics.qpos[others])
+        assert torch.equal(sick.physics.qvel[others], well.physics.qvel[others])
+        assert torch.equal(step.reward[others], expected.reward[others])
+        assert torch.equal(step.terminated[others], expected.terminated[others])
+    assert sick.blowups == 1
+    assert well.blowups == 0
+
+
+@pytest.mark.parametrize("tensor", ("qpos", "qvel"))
+@pytest.mark.parametrize("value", (float("nan"), float("inf"), float("-inf")))
+def test_any_number_that_is_not_finite_is_a_blow_up(tensor, value, backend):
+    env = make("humanoid", backend)
+    getattr(env.physics, tensor)[2, -1] = value
+    assert env.physics.healthy().tolist() == [True, True, False, True]
+    assert env.step(still(env)).terminated.tolist() == [False, False, True, False]
+    assert env.physics.healthy().all()
+
+
+def test_without_automatic_reset_a_blown_up_world_stays_so_and_pays_nothing(backend):
+    env = make("hopper", backend, auto_reset=False)
+    env.physics.qpos[1] = float("nan")
+    for _ in range(3):
+        step = env.step(still(env))
+        assert step.terminated.tolist() == [False, True, False, False]
+        assert step.observation.isfinite().all()
+        assert (step.reward[1] == 0).all()
+    env.reset()
+    assert not env.step(still(env)).terminated.any()
+
+
+def test_a_blow_up_leaves_no_log_in_the_working_directory(backend, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    env = make("humanoid", backend)
+    for tensor in (env.physics.qpos, env.physics.qvel):
+        tensor[1] = float("nan")
+        env.step(still(env))
+    env.physics.qpos[2, 2] = 1e30  # C MuJoCo warns of huge numbers, too
+    env.step(still(env))
+    assert env.blowups >= 2
+    assert list(tmp_path.iterdir()) == []
+
+
+# Buffers
+
+
+@pytest.mark.parametrize(
+    ("room", "remedy"),
+    [
+        ({"njmax": 4}, "raise --task.njmax above 4 (constraint rows of a world)"),
+        ({"nconmax": 1}, "raise --task.nconmax above 1 (contacts of a world)"),
+    ],
+)
+def test_warp_reports_contacts_that_did_not_fit_and_how_to_make_room(room, remedy):
+    env = make("cheetah", "warp", 2, **room)
+    env.step(still(env))
+    assert (env.physics.overflow() == 0).all()  # still in the air
+    for _ in range(40):
+        env.step(still(env))
+    bits = env.physics.overflow()
+    assert bits.shape == (2,)
+    assert (bits != 0).all()
+    assert env.physics.remedy(int(bits[0])) == remedy
+
+
+@pytest.mark.parametrize("task", envs.names())
+def test_every_task_makes_room_enough_for_flailing(task):
+    env = make(task, "warp", auto_reset=False)  # fallen robots have the most contacts
+    for action in random_actions(env, 100):
+        env.step(action)
+    assert (env.physics.overflow() == 0).all()
+
+
+def test_a_solver_that_stops_at_its_limit_is_no_overflow():
+    env = make("walker", "warp", solver_iterations=1)
+    for action in random_actions(env, 40):
+        env.step(action)
+    assert (env.physics.overflow() == 0).all()
+
+
+def test_c_mujoco_never_runs_out_of_room():
+    env = make("cheetah", "mujoco", 2, njmax=4, nconmax=1)
+    for _ in range(40):
+        env.step(still(env))
+    assert isinstance(env.physics, MujocoPhysics)
+    assert env.physics.overflow().tolist() == [0, 0]
+    assert env.physics.remedy(0) == ""

@@ -1,0 +1,306 @@
+"""A saved family of policies acts as it did, and what cannot be used is said in words."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import morlax_torch
+from morlax_torch import MORLAX, MorlaxError, Policy, checkpoint, envs
+from morlax_torch.config import load_config, merged
+from morlax_torch.files import replacing
+
+TINY = {
+    "env": "hopper",
+    "device": "cpu",
+    "backend": "mujoco",
+    "worlds": 16,
+    "horizon": 3,
+    "sampling": {"clusters": 4},
+    "ppo": {"minibatches": 2},
+    "network": {"hidden": [8], "features": 4, "scale": 0.3, "actor": [6], "critic": [5]},
+}
+TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
+
+
+def tiny(**changes: object) -> MORLAX:
+    config = load_config(merged(TINY, changes))
+    env = envs.make(
+        config.env, config.worlds, "cpu", "mujoco", config.seed, **config.task.model_dump()
+    )
+    return MORLAX(env, config)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MORLAX]:
+    """A run's folder whose normaliser has seen something."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "checkpoints").mkdir()
+    morlax = tiny()
+    noise = torch.randn(100, morlax.env.observation_size, generator=torch.Generator())
+    morlax.agent.observation_normalizer.update(1.0 + 2.0 * noise)
+    checkpoint.save(folder / "checkpoints" / "latest.pt", morlax, {"best": 1.0})
+    return folder, morlax
+
+
+@pytest.fixture
+def latest(saved) -> Path:
+    return saved[0] / "checkpoints" / "latest.pt"
+
+
+@pytest.fixture
+def policy(saved) -> Policy:
+    return morlax_torch.load(saved[0])
+
+
+@pytest.fixture
+def observation(saved, generator) -> torch.Tensor:
+    return torch.randn(4, saved[1].env.observation_size, generator=generator)
+
+
+def test_a_loaded_policy_acts_as_the_agent_that_was_saved(saved, policy, observation):
+    agent = saved[1].agent
+    expected = agent.policies(TRADEOFFS)(agent.observation_normalizer(observation)[:, None])
+    torch.testing.assert_close(policy(observation, TRADEOFFS), expected.mean[:, 0].tanh())
+    assert not policy(observation, TRADEOFFS).requires_grad
+
+
+def test_rows_may_have_tradeoffs_of_their_own(policy, observation):
+    together = policy(observation, TRADEOFFS)
+    assert together.shape == (4, policy.specialize(TRADEOFFS[0])(observation).shape[1])
+    assert together.abs().max() < 1
+    for row, tradeoff in enumerate(TRADEOFFS):
+        alone = policy(observation[row : row + 1], tradeoff)
+        torch.testing.assert_close(together[row : row + 1], alone)
+    assert (policy(observation[:1].expand(4, -1), TRADEOFFS).std(0) > 1e-3).all()
+
+
+def test_one_tradeoff_serves_all_rows(policy, observation):
+    for tradeoff in TRADEOFFS:
+        found = policy(observation, tradeoff)
+        torch.testing.assert_close(found, policy(observation, tradeoff.expand(4, 2)))
+        torch.testing.assert_close(found, policy.specialize(tradeoff)(observation))
+
+
+def test_a_specialised_policy_is_a_plain_module(policy, observation, tmp_path):
+    fixed = policy.specialize([0.3, 0.7])
+    assert isinstance(fixed, torch.nn.Module)
+    assert not any(parameter.requires_grad for parameter in fixed.parameters())
+    assert sum(p.numel() for p in fixed.parameters()) < sum(p.numel() for p in policy.parameters())
+    exported = torch.export.export(fixed, (observation,)).module()
+    torch.testing.assert_close(exported(observation), fixed(observation))
+
+
+@pytest.mark.parametrize("factor", (0.001, 3.0, 1000.0))
+def test_tradeoffs_need_not_sum_to_one(policy, observation, factor):
+    expected = policy(observation, TRADEOFFS)
+    torch.testing.assert_close(policy(observation, factor * TRADEOFFS), expected)
+    torch.testing.assert_close(
+        policy.specialize(factor * TRADEOFFS[2])(observation),
+        policy.specialize(TRADEOFFS[2])(observation),
+    )
+
+
+@pytest.mark.parametrize(
+    "form",
+    (
+        list,
+        tuple,
+        np.array,
+        lambda w: np.array(w, dtype=np.float32),
+        torch.tensor,
+        lambda w: torch.tensor(w, dtype=torch.float64),
+    ),
+)
+def test_tradeoffs_come_in_any_form(policy, observation, form):
+    one, many = TRADEOFFS[2].tolist(), TRADEOFFS.tolist()
+    torch.testing.assert_close(policy(observation, form(one)), policy(observation, TRADEOFFS[2]))
+    torch.testing.assert_close(policy(observation, form(many)), policy(observation, TRADEOFFS))
+    torch.testing.assert_close(
+        policy.specialize(form(one))(observation), policy.specialize(TRADEOFFS[2])(observation)
+    )
+
+
+def test_whole_numbers_are_tradeoffs_too(policy, observation):
+    expected = policy(observation, TRADEOFFS[3])
+    torch.testing.assert_close(policy(observation, [1, 1]), expected)
+    torch.testing.assert_close(policy(observation, torch.tensor([2, 2])), expected)
+
+
+BAD_TRADEOFFS = {
+    "negative": ([-0.5, 1.5], "negative"),
+    "zero": ([0.0, 0.0], "zero in every objective"),
+    "too long": ([0.2, 0.3, 0.5], r"2 numbers \(run, jump\)"),
+    "too short": ([1.0], "2 numbers"),
+    "a number": (1.0, "2 numbers"),
+    "not a number": ([float("nan"), 1.0], "trade-off"),
+    "infinite": ([float("inf"), 1.0], "trade-off"),
+    "one bad row": ([[0.5, 0.5], [1.0, 0.0], [0.0, 0.0], [1.0, 1.0]], "zero in every objective"),
+    "other rows": ([[0.5, 0.5], [1.0, 0.0]], "trade-off"),
+}
+
+
+@pytest.mark.parametrize("which", BAD_TRADEOFFS)
+def test_bad_tradeoffs_are_errors_in_words(policy, observation, which):
+    tradeoff, words = BAD_TRADEOFFS[which]
+    with pytest.raises(MorlaxError, match=words):
+        policy(observation, tradeoff)
+
+
+@pytest.mark.parametrize("tradeoff", ([-0.5, 1.5], [0.0, 0.0], [1.0], TRADEOFFS))
+def test_a_specialised_policy_has_one_good_tradeoff(policy, tradeoff):
+    with pytest.raises(MorlaxError):
+        policy.specialize(tradeoff)
+
+
+def test_one_observation_without_rows_has_one_action(policy, observation):
+    found = policy(observation[0], TRADEOFFS[2])
+    torch.testing.assert_close(found, policy(observation[:1], TRADEOFFS[2])[0])
+
+
+def test_it_knows_its_objectives_and_its_config(saved, policy):
+    assert policy.objectives == ("run", "jump")
+    assert policy.config == saved[1].config
+
+
+def test_a_runs_best_checkpoint_comes_before_its_latest(saved, tmp_path, observation):
+    folder = tmp_path / "checkpoints"
+    folder.mkdir()
+    other = tiny(seed=5)
+    checkpoint.save(folder / "latest.pt", saved[1], {})
+    assert morlax_torch.load(tmp_path).config.seed == 0
+    checkpoint.save(folder / "best.pt", other, {})
+    assert morlax_torch.load(tmp_path).config.seed == 5
+    latest = morlax_torch.load(folder / "latest.pt")
+    assert latest.config.seed == 0
+    assert morlax_torch.load(str(tmp_path)).config.seed == 5
+
+
+def test_a_run_that_is_not_there_is_an_error_in_words(tmp_path):
+    with pytest.raises(MorlaxError, match="does not exist"):
+        morlax_torch.load(tmp_path / "nowhere")
+    with pytest.raises(MorlaxError, match="has no checkpoints"):
+        morlax_torch.load(tmp_path)
+    with pytest.raises(MorlaxError, match="no checkpoint"):
+        checkpoint.load(tmp_path / "nowhere.pt")
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda _: b"",
+    "text": lambda _: b"hello world\n",
+    "pickle": lambda _: b"\x80\x02.",
+    "noise": lambda _: np.random.default_rng(0).bytes(1000),
+    "almost nothing": lambda data: data[:3],
+    "half": lambda data: data[: len(data) // 2],
+    "almost everything": lambda data: data[:-1],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_checkpoint_is_an_error_in_words(latest, tmp_path, damage):
+    path = tmp_path / "damaged.pt"
+    path.write_bytes(DAMAGES[damage](latest.read_bytes()))
+    with pytest.raises(MorlaxError, match=r"damaged\.pt is damaged or is none"):
+        morlax_torch.load(path)
+
+
+def test_a_file_of_something_else_is_an_error_in_words(latest, tmp_path):
+    path = tmp_path / "other.pt"
+    for contents in (torch.zeros(3), {"weights": torch.zeros(3)}):
+        torch.save(contents, path)
+        with pytest.raises(MorlaxError, match="is no checkpoint of morlax_torch"):
+            morlax_torch.load(path)
+    torch.save({**checkpoint.load(latest), "format": 99}, path)
+    with pytest.raises(MorlaxError, match="format 99"):
+        morlax_torch.load(path)
+
+
+def test_a_checkpoint_runs_no_code_of_its_own(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (Path.touch, (tmp_path / "sprung",))
+
+    torch.save({"format": 1, "trap": Trap()}, tmp_path / "trap.pt")
+    with pytest.raises(MorlaxError, match="damaged or is none"):
+        morlax_torch.load(tmp_path / "trap.pt")
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_a_checkpoint_restores_everything(saved, latest):
+    contents, other = checkpoint.load(latest), tiny(seed=3)
+    checkpoint.restore(contents, latest, other)
+    assert contents["progress"] == {"best": 1.0}
+    mine, stored = other.state_dict(), saved[1].state_dict()
+    assert mine.keys() == stored.keys()
+    for name, value in stored["agent"].items():
+        assert torch.equal(mine["agent"][name], value)
+    assert all(map(torch.equal, mine["optimizers"], stored["optimizers"]))
+    assert torch.equal(mine["generator"], stored["generator"])
+    assert torch.equal(mine["observation"], stored["observation"])
+    assert mine["iteration"] == stored["iteration"]
+
+
+OTHERS = {
+    "task": ({"env": "walker"}, "task 'hopper', not 'walker'"),
+    "objectives": (
+        {"task": {"objectives": {"jump": {"jump": 12.0}, "run": {"run": 1.5}}}},
+        "objectives",
+    ),
+    "worlds": ({"worlds": 32}, "worlds 16"),
+    "network": ({"network": {"actor": [7]}}, "other sizes"),
+}
+
+
+@pytest.mark.parametrize("difference", OTHERS)
+def test_a_checkpoint_is_not_restored_into_something_else(latest, difference):
+    changes, words = OTHERS[difference]
+    other = tiny(**changes)
+    before = other.state_dict()
+    with pytest.raises(MorlaxError, match=words):
+        checkpoint.restore(checkpoint.load(latest), latest, other)
+    after = other.state_dict()["agent"]
+    assert all(torch.equal(value, after[name]) for name, value in before["agent"].items())
+
+
+def broken(error: BaseException, path: Path) -> None:
+    with replacing(path) as file:
+        file.write(b"half of the ne")
+        raise error
+
+
+@pytest.mark.parametrize("error", (OSError(28, "No space left"), ValueError(), KeyboardInterrupt()))
+def test_a_file_stays_as_it_was_if_writing_fails_half_way(tmp_path, error):
+    path = tmp_path / "file"
+    path.write_bytes(b"the old contents")
+    expected = MorlaxError if isinstance(error, OSError) else type(error)
+    with pytest.raises(expected):
+        broken(error, path)
+    assert path.read_bytes() == b"the old contents"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_file_is_replaced_once_all_is_written(tmp_path):
+    path = tmp_path / "file"
+    for contents in (b"the first", b"the second"):
+        with replacing(path) as file:
+            file.write(contents)
+            assert not path.exists() or path.read_bytes() != contents
+        assert path.read_bytes() == contents
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(saved, tmp_path, monkeypatch):
+    path = tmp_path / "latest.pt"
+    checkpoint.save(path, saved[1], {})
+    before = path.read_bytes()
+
+    def fail(contents, file):
+        file.write(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", fail)
+    with pytest.raises(MorlaxError, match="No space left on device"):
+        checkpoint.save(path, saved[1], {})
+    assert path.read_bytes() == before

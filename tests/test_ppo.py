@@ -1,0 +1,381 @@
+"""What is learnt from a rollout: judged once, dealt out in minibatches, and descended."""
+
+import copy
+
+import pytest
+import torch
+from torch import Tensor
+from torch.distributions import Normal, TanhTransform, TransformedDistribution
+from torch.nn.functional import softplus
+
+from morlax_torch.config import PPOConfig
+from morlax_torch.ppo import PPO, Batch, judge, minibatches
+from morlax_torch.rollout import advantages
+
+TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
+
+
+def marked(clusters: int, worlds: int, horizon: int) -> Batch:
+    """A batch whose every number says which column, cluster, world and step it belongs to."""
+    k, g, t = torch.meshgrid(
+        *(torch.arange(float(size)) for size in (clusters, worlds, horizon)), indexing="ij"
+    )
+    code = (10_000 * k + 100 * g + t).unsqueeze(-1)
+    widths = Batch(observation=3, action=2, log_prob=1, advantage=1, target=2)
+    return Batch(
+        *(
+            code + 1_000_000 * torch.arange(first, first + width)
+            for first, width in zip((0, 3, 5, 6, 7), widths, strict=True)
+        )
+    )
+
+
+def codes(part: Batch) -> Tensor:
+    """The (K, S) codes of a minibatch whose rows are whole."""
+    code = part.observation[..., 0]
+    columns = torch.cat(part, -1)
+    assert torch.equal(columns, code.unsqueeze(-1) + 1_000_000 * torch.arange(9))
+    return code.long()
+
+
+def dealt(batch: Batch, tradeoffs: Tensor, config: PPOConfig) -> list[tuple[Tensor, Batch]]:
+    generator = torch.Generator().manual_seed(0)
+    return [
+        (own.clone(), Batch(*(column.clone() for column in part)))
+        for own, part in minibatches(batch, tradeoffs, config, generator)
+    ]
+
+
+def test_an_epoch_deals_every_step_once_and_whole_trajectories():
+    K, G, T = 3, 8, 5
+    config = PPOConfig(epochs=3, minibatches=4)
+    parts = dealt(marked(K, G, T), TRADEOFFS, config)
+    assert len(parts) == 12
+    orders = set()
+    for epoch in range(3):
+        seen = []
+        for tradeoffs, part in parts[4 * epoch : 4 * epoch + 4]:
+            found = codes(part)
+            assert torch.equal(tradeoffs, TRADEOFFS)
+            assert found.shape == (K, G // 4 * T)  # all clusters equally
+            for k in range(K):
+                assert (found[k] // 10_000 == k).all()
+                worlds, counts = (found[k] // 100).unique(return_counts=True)
+                assert len(worlds) == G // 4
+                assert (counts == T).all()
+            seen.append(found)
+        seen = torch.cat(seen, 1)
+        assert len(seen.unique()) == seen.numel() == K * G * T
+        orders.add(tuple(seen.flatten().tolist()))
+    assert len(orders) == 3
+
+
+def test_clusters_are_shuffled_independently():
+    (_, first), *_ = dealt(marked(3, 32, 1), TRADEOFFS, PPOConfig(epochs=1, minibatches=2))
+    worlds = [set((row % 10_000 // 100).tolist()) for row in codes(first)]
+    assert worlds[0] != worlds[1] != worlds[2] != worlds[0]
+
+
+def test_one_minibatch_holds_everything():
+    parts = dealt(marked(3, 4, 5), TRADEOFFS, PPOConfig(epochs=2, minibatches=1))
+    assert [len(codes(part).unique()) for _, part in parts] == [60, 60]
+
+
+def test_dense_sampling_deals_whole_clusters_with_their_own_tradeoffs():
+    N, T = 12, 5
+    tradeoffs = torch.stack([torch.arange(N) / N, 1 - torch.arange(N) / N], -1)
+    parts = dealt(marked(N, 1, T), tradeoffs, PPOConfig(epochs=2, minibatches=3))
+    assert len(parts) == 6
+    orders = set()
+    for epoch in range(2):
+        seen = []
+        for own, part in parts[3 * epoch : 3 * epoch + 3]:
+            found = codes(part)
+            assert found.shape == (N // 3, T)
+            clusters = found[:, 0] // 10_000
+            assert (found // 10_000 == clusters[:, None]).all()
+            assert torch.equal(own, tradeoffs[clusters])
+            seen.append(found)
+        seen = torch.cat(seen)
+        assert len(seen.unique()) == seen.numel() == N * T
+        orders.add(tuple(seen.flatten().tolist()))
+    assert len(orders) == 2
+
+
+@pytest.fixture
+def learner(make_agent, generator):
+    """An agent that has seen something already, so that its normalisers do something."""
+
+    def make(**network):
+        agent = make_agent(**network)
+        draws = torch.randn(200, 5, generator=generator)
+        agent.observation_normalizer.update(2.0 + 1.5 * draws[:, :3])
+        agent.value_normalizer.update(torch.tensor([3.0, -5.0]) + 4.0 * draws[:, 3:])
+        return agent
+
+    return make
+
+
+@pytest.mark.parametrize("normalize", (True, False))
+@pytest.mark.parametrize("truncation", ("bootstrap", "mask"))
+def test_a_rollout_is_judged_by_each_clusters_own_critic(
+    learner, make_rollout, normalize, truncation
+):
+    agent, rollout = learner(), make_rollout()
+    config = PPOConfig(
+        discount=0.9, gae_lambda=0.8, normalize_values=normalize, truncation=truncation
+    )
+    before = copy.deepcopy(agent)
+
+    def value_of(observation: Tensor) -> Tensor:
+        seen = before.observation_normalizer(observation)
+        critics = [before.critic.specialize(tradeoff) for tradeoff in TRADEOFFS]
+        value = torch.stack([critic(seen[:, k]) for k, critic in enumerate(critics)], 1)
+        return before.value_normalizer.inverse(value) if normalize else value
+
+    value, final_value = value_of(rollout.observation), value_of(rollout.final_observation)
+    vector = advantages(rollout, value, final_value, 0.9, 0.8, truncation == "bootstrap")
+    target = vector + value
+    scalar = torch.einsum("tkgm,km->tkg", vector, TRADEOFFS)
+    scalar = (scalar - scalar.mean()) / scalar.std()
+
+    batch, explained = judge(agent, TRADEOFFS, rollout, config)
+
+    def by_world(column: Tensor) -> Tensor:  # (T, K, G, ...) -> (K, G, T, ...)
+        return column.movedim(0, 2)
+
+    seen = before.observation_normalizer(rollout.observation)
+    torch.testing.assert_close(batch.observation, by_world(seen))
+    torch.testing.assert_close(batch.action, by_world(rollout.action))
+    torch.testing.assert_close(batch.log_prob.squeeze(-1), by_world(rollout.log_prob))
+    torch.testing.assert_close(batch.advantage.squeeze(-1), by_world(scalar), rtol=1e-4, atol=1e-4)
+    natural = agent.value_normalizer.inverse(batch.target) if normalize else batch.target
+    torch.testing.assert_close(natural, by_world(target), rtol=1e-4, atol=1e-4)
+    unexplained = (target - value).flatten(0, 2).var(0) / target.flatten(0, 2).var(0)
+    torch.testing.assert_close(explained, 1 - unexplained, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("normalize", (True, False))
+def test_judging_updates_the_values_scale_and_nothing_else(learner, make_rollout, normalize):
+    agent, rollout = learner(), make_rollout()
+    before = copy.deepcopy(agent)
+    stored = [column.clone() for column in rollout]
+    batch, _ = judge(agent, TRADEOFFS, rollout, PPOConfig(normalize_values=normalize))
+    assert all(torch.equal(a, b) for a, b in zip(rollout, stored, strict=True))
+    if normalize:
+        targets = agent.value_normalizer.inverse(batch.target)
+        before.value_normalizer.update(targets)
+    for name, value in agent.state_dict().items():
+        torch.testing.assert_close(value, before.state_dict()[name], rtol=1e-4, atol=1e-4)
+    assert not any(column.requires_grad for column in batch)
+
+
+def test_a_perfect_critic_explains_all_variance(learner, make_rollout):
+    agent, rollout = learner(), make_rollout()
+    seen = agent.observation_normalizer(rollout.observation)
+    value = torch.stack([agent.values(TRADEOFFS)(step) for step in seen]).detach()
+    perfect = rollout._replace(reward=agent.value_normalizer.inverse(value))
+    _, explained = judge(agent, TRADEOFFS, perfect, PPOConfig(discount=0.0))
+    torch.testing.assert_close(explained, torch.ones(2), rtol=0, atol=1e-5)
+
+
+@pytest.fixture
+def samples(generator) -> Batch:
+    """Samples near the policies' own, so that their densities can be compared."""
+
+    def noise(*shape: int) -> Tensor:
+        return torch.randn(3, 20, *shape, generator=generator)
+
+    return Batch(noise(3), noise(2), noise(1), noise(1), noise(2))
+
+
+def near(batch: Batch, agent) -> Batch:
+    """The same samples, as if taken by a policy a little different from the agent's."""
+    with torch.no_grad():
+        log_prob = agent.policies(TRADEOFFS)(batch.observation).log_prob(batch.action)
+    return batch._replace(log_prob=log_prob.unsqueeze(-1) + 0.3 * batch.log_prob)
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_losses_equal_those_of_single_networks(learner, samples, generator, type):
+    agent = learner(type=type)
+    samples = near(samples, agent)
+    config = PPOConfig(clip=0.15, value_coefficient=0.7)
+    policy, value, entropy, kl, clipped = [], [], [], [], []
+    for k, tradeoff in enumerate(TRADEOFFS):
+        seen, action, old, advantage, target = (column[k] for column in samples)
+        mean, spread = agent.actor.specialize(tradeoff)(seen).chunk(2, -1)
+        normal = Normal(mean, softplus(spread) + 0.001)
+        squashed = TransformedDistribution(normal, TanhTransform(cache_size=1))
+        new = squashed.log_prob(squashed.transforms[0](action)).sum(-1)
+        ratio = (new - old[:, 0]).exp()
+        bounded = ratio.clamp(0.85, 1.15)
+        policy.append(-torch.minimum(ratio * advantage[:, 0], bounded * advantage[:, 0]))
+        error = agent.critic.specialize(tradeoff)(seen) - target
+        value.append(0.7 * (error[:, 0] ** 2 + error[:, 1] ** 2))
+        u = normal.sample((2000,))
+        log_slope = squashed.transforms[0].log_abs_det_jacobian(u, u.tanh())
+        entropy.append((normal.entropy() + log_slope.mean(0)).sum(-1))
+        kl.append(ratio - 1 - (new - old[:, 0]))
+        clipped.append(((ratio < 0.85) | (ratio > 1.15)).float())
+    losses = PPO(agent, config).losses(TRADEOFFS, samples, generator)
+
+    def mean_of(rows: list[Tensor]) -> Tensor:
+        return torch.stack(rows).mean()
+
+    assert 0.1 < losses.clip_fraction < 0.9
+    torch.testing.assert_close(losses.policy_loss, mean_of(policy))
+    torch.testing.assert_close(losses.value_loss, mean_of(value))
+    torch.testing.assert_close(losses.kl, mean_of(kl), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(losses.clip_fraction, mean_of(clipped))
+    many = torch.stack(
+        [PPO(agent, config).losses(TRADEOFFS, samples, generator).entropy for _ in range(100)]
+    )
+    error = (many.std() / 10).item()
+    assert many.mean().item() == pytest.approx(mean_of(entropy).item(), abs=5 * error)
+
+
+def test_a_policy_that_has_not_moved_has_no_divergence(learner, samples, generator):
+    agent = learner()
+    samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)
+    losses = PPO(agent, PPOConfig()).losses(TRADEOFFS, samples, generator)
+    assert losses.kl.abs() < 1e-6
+    assert losses.clip_fraction == 0
+    torch.testing.assert_close(losses.policy_loss, -samples.advantage.mean())
+
+
+def gradients(loss: Tensor, part: torch.nn.Module) -> list[Tensor | None]:
+    parameters = list(part.parameters())
+    return list(torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True))
+
+
+def test_each_loss_reaches_its_own_hypernetwork_alone(learner, samples, generator):
+    agent = learner(type="dual")
+    losses = PPO(agent, PPOConfig()).losses(TRADEOFFS, near(samples, agent), generator)
+    for loss, own, other in (
+        (losses.policy_loss, agent.actor, agent.critic),
+        (losses.entropy, agent.actor, agent.critic),
+        (losses.value_loss, agent.critic, agent.actor),
+    ):
+        assert all(gradient.any() for gradient in gradients(loss, own))
+        assert all(gradient is None or not gradient.any() for gradient in gradients(loss, other))
+
+
+def test_with_a_single_network_both_losses_reach_the_features(learner, samples, generator):
+    agent = learner(type="single")
+    losses = PPO(agent, PPOConfig()).losses(TRADEOFFS, near(samples, agent), generator)
+    for loss, own, other in (
+        (losses.policy_loss, agent.actor, agent.critic),
+        (losses.value_loss, agent.critic, agent.actor),
+    ):
+        assert all(gradient.any() for gradient in gradients(loss, own))
+        assert all(gradient.any() for gradient in gradients(loss, own.features))
+        heads = torch.autograd.grad(
+            loss, (other.weight, other.bias), retain_graph=True, allow_unused=True
+        )
+        assert all(gradient is None or not gradient.any() for gradient in heads)
+
+
+def steps_of(agent, config: PPOConfig, samples: Batch, count: int = 1) -> dict[str, Tensor]:
+    """How far `count` improvements move every parameter."""
+    before = {name: value.detach().clone() for name, value in agent.named_parameters()}
+    ppo, generator = PPO(agent, config), torch.Generator().manual_seed(4)
+    for name, value in agent.named_parameters():
+        assert torch.equal(value, before[name])  # making the optimisers moves nothing
+    for _ in range(count):
+        ppo.improve(TRADEOFFS, samples, generator)
+    return {name: value.detach() - before[name] for name, value in agent.named_parameters()}
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_improving_is_adam_on_the_clipped_gradients(learner, samples, type):
+    agent = learner(type=type)
+    samples = near(samples, agent)
+    config = PPOConfig(
+        learning_rate=1e-2,
+        critic_learning_rate=3e-2 if type == "dual" else None,
+        max_grad_norm=0.05,
+        entropy=0.0,
+    )
+    oracle = copy.deepcopy(agent)
+    before = {name: value.detach().clone() for name, value in oracle.named_parameters()}
+    groups = [list(oracle.actor.parameters()), list(oracle.critic.parameters())]
+    if type == "single":
+        groups = [list(oracle.parameters())]
+    optimizers = [
+        torch.optim.Adam(group, rate)
+        for group, rate in zip(groups, (1e-2, 3e-2)[: len(groups)], strict=True)
+    ]
+    ppo, generator = PPO(oracle, config), torch.Generator().manual_seed(4)
+    for _ in range(3):
+        losses = ppo.losses(TRADEOFFS, samples, generator)
+        oracle.zero_grad()
+        (losses.policy_loss + losses.value_loss).backward()
+        for group, optimizer in zip(groups, optimizers, strict=True):
+            norm = torch.cat([p.grad.flatten() for p in group]).norm()
+            assert norm > 0.05
+            for parameter in group:
+                parameter.grad *= 0.05 / norm
+            optimizer.step()
+    for name, step in steps_of(agent, config, samples, 3).items():
+        expected = dict(oracle.named_parameters())[name].detach() - before[name]
+        torch.testing.assert_close(step, expected, rtol=1e-2, atol=1e-4, msg=name)
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_gradients_of_each_group_are_clipped_separately(learner, samples, type):
+    # Adam's first step is rate * g / (|g| + 1e-8): for tiny gradients it tells g
+    agent, limit = learner(type=type), 1e-8
+    config = PPOConfig(learning_rate=1.0, max_grad_norm=limit)
+    squares = {"actor": 0.0, "critic": 0.0}
+    for name, step in steps_of(agent, config, near(samples, agent)).items():
+        gradient = 1e-8 * step.double() / (1 - step.double().abs())
+        squares[name.split(".")[0]] += gradient.square().sum().item()
+    if type == "dual":
+        norms = [square**0.5 for square in squares.values()]
+    else:
+        norms = [sum(squares.values()) ** 0.5]
+    assert norms == pytest.approx([limit] * len(norms), rel=1e-3)
+
+
+def test_the_critic_may_have_a_learning_rate_of_its_own(learner, samples):
+    agent = learner()
+    config = PPOConfig(learning_rate=1e-3, critic_learning_rate=5e-2)
+    steps = steps_of(agent, config, near(samples, agent))
+    for part, rate in (("actor.", 1e-3), ("critic.", 5e-2)):
+        longest = max(step.abs().max() for name, step in steps.items() if name.startswith(part))
+        assert longest.item() == pytest.approx(rate, rel=1e-2)
+
+
+def test_without_advantage_and_entropy_only_the_critic_moves(learner, samples):
+    agent = learner()
+    samples = near(samples, agent)._replace(advantage=torch.zeros(3, 20, 1))
+    steps = steps_of(agent, PPOConfig(entropy=0.0), samples)
+    assert all(step.any() == name.startswith("critic") for name, step in steps.items())
+
+
+def test_the_entropy_bonus_spreads_the_policies(learner, samples, generator):
+    agent = learner()
+    samples = near(samples, agent)._replace(advantage=torch.zeros(3, 20, 1))
+    with torch.no_grad():
+        agent.actor.bias[-2:] -= 1.0  # so narrow that tanh takes little of the entropy
+        before = agent.policies(TRADEOFFS)(samples.observation).std.mean()
+    ppo = PPO(agent, PPOConfig(entropy=1.0, learning_rate=3e-3))
+    for _ in range(20):
+        ppo.improve(TRADEOFFS, samples, generator)
+    assert agent.policies(TRADEOFFS)(samples.observation).std.mean() > 1.05 * before
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_repeated_improvement_lowers_the_value_loss_and_raises_good_actions(
+    learner, samples, generator, type
+):
+    agent = learner(type=type)
+    samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)
+    ppo = PPO(agent, PPOConfig(learning_rate=3e-3, entropy=0.0, clip=10.0))
+    first = ppo.losses(TRADEOFFS, samples, generator)
+    for _ in range(30):
+        ppo.improve(TRADEOFFS, samples, generator)
+    last = ppo.losses(TRADEOFFS, samples, generator)
+    assert last.value_loss < 0.9 * first.value_loss
+    assert last.policy_loss < first.policy_loss - 0.05

@@ -1,0 +1,175 @@
+"""Advantages follow their formula, and what a rollout stores is what happened."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from morlax_torch import envs
+from morlax_torch.rollout import Rollout, advantages, collect
+
+GAMMA, LAMBDA = 0.9, 0.8
+
+
+def looped(
+    rollout: Rollout, value: torch.Tensor, final_value: torch.Tensor, bootstrap: bool
+) -> np.ndarray:
+    """The definition, one world and one objective at a time."""
+    horizon, clusters, worlds, objectives = value.shape
+    result = np.zeros(value.shape)
+    for k, g, i in np.ndindex(clusters, worlds, objectives):
+        following = 0.0
+        for t in reversed(range(horizon)):
+            terminated, truncated = rollout.terminated[t, k, g], rollout.truncated[t, k, g]
+            future = 0.0 if terminated else final_value[t, k, g, i].item()
+            delta = rollout.reward[t, k, g, i].item() + GAMMA * future - value[t, k, g, i].item()
+            if truncated and not bootstrap:
+                delta = 0.0
+            if terminated or truncated:
+                following = 0.0
+            following = delta + GAMMA * LAMBDA * following
+            result[t, k, g, i] = following
+    return result
+
+
+def with_values(rollout: Rollout) -> tuple[Rollout, torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(7)
+    shape = rollout.reward.shape
+    return rollout, *(torch.randn(shape, generator=generator) for _ in range(2))
+
+
+@pytest.mark.parametrize("bootstrap", (True, False))
+@pytest.mark.parametrize("objectives", (2, 3))
+def test_advantages_equal_their_definition(make_rollout, bootstrap, objectives):
+    judged = with_values(make_rollout(num_objectives=objectives))
+    found = advantages(*judged, GAMMA, LAMBDA, bootstrap)
+    np.testing.assert_allclose(found, looped(*judged, bootstrap), rtol=1e-5, atol=1e-5)
+
+
+def one_world(reward: list[float], terminated: int = -1, truncated: int = -1) -> Rollout:
+    steps = torch.arange(len(reward)).view(-1, 1, 1)
+    return SimpleNamespace(
+        reward=torch.tensor(reward).view(-1, 1, 1, 1),
+        terminated=steps == terminated,
+        truncated=steps == truncated,
+    )
+
+
+def by_hand(rollout: Rollout, bootstrap: bool = True) -> list[float]:
+    """Advantages for V(s) = 10, 20, 30 and V(s') = 20, 30, 40, discount 0.5, lambda 0.5."""
+    value, final_value = torch.tensor([[10.0, 20.0, 30.0], [20.0, 30.0, 40.0]]).view(2, 3, 1, 1, 1)
+    return advantages(rollout, value, final_value, 0.5, 0.5, bootstrap).flatten().tolist()
+
+
+def test_truncation_bootstraps_and_termination_does_not():
+    rewards = [1.0, 2.0, 3.0]
+    # surprises: 1 + 10 - 10, 2 + 15 - 20, 3 + 20 - 30; a quarter of the next one is carried
+    assert by_hand(one_world(rewards)) == [-0.1875, -4.75, -7.0]
+    assert by_hand(one_world(rewards, truncated=1)) == [0.25, -3.0, -7.0]
+    # without a future: 2 + 0 - 20
+    assert by_hand(one_world(rewards, terminated=1)) == [-3.5, -18.0, -7.0]
+
+
+def test_without_bootstrap_a_truncated_step_counts_for_nothing():
+    rewards = [1.0, 2.0, 3.0]
+    assert by_hand(one_world(rewards, truncated=1), bootstrap=False) == [1.0, 0.0, -7.0]
+    for ending in ({}, {"terminated": 1}):
+        rollout = one_world(rewards, **ending)
+        assert by_hand(rollout, bootstrap=False) == by_hand(rollout)
+
+
+@pytest.mark.parametrize("bootstrap", (True, False))
+@pytest.mark.parametrize("ending", ("terminated", "truncated"))
+def test_nothing_flows_across_the_end_of_an_episode(make_rollout, ending, bootstrap):
+    rollout, value, final_value = with_values(make_rollout())
+    nowhere = torch.zeros_like(rollout.terminated)
+    there = nowhere.clone()
+    there[5] = True
+    rollout = rollout._replace(terminated=nowhere, truncated=nowhere)._replace(**{ending: there})
+    before = advantages(rollout, value, final_value, GAMMA, LAMBDA, bootstrap)
+    for changed in (rollout.reward, value, final_value):
+        changed[6:] += 1000.0
+    after = advantages(rollout, value, final_value, GAMMA, LAMBDA, bootstrap)
+    assert torch.equal(after[:6], before[:6])
+    assert (after[6:] != before[6:]).all()
+
+
+def test_a_failed_state_that_is_not_a_number_spoils_nothing(make_rollout):
+    rollout, value, final_value = with_values(make_rollout())
+    final_value[rollout.terminated] = torch.nan
+    assert advantages(rollout, value, final_value, GAMMA, LAMBDA).isfinite().all()
+
+
+@pytest.mark.parametrize("gae_lambda", (0.0, 1.0))
+def test_lambda_goes_from_one_step_to_the_whole_return(make_rollout, gae_lambda):
+    rollout, value, final_value = with_values(make_rollout(horizon=3))
+    nowhere = torch.zeros_like(rollout.terminated)
+    rollout = rollout._replace(terminated=nowhere, truncated=nowhere)
+    final_value[:-1] = value[1:]
+    r, v, last = rollout.reward, value, final_value[-1]
+    found = advantages(rollout, value, final_value, GAMMA, gae_lambda)[0]
+    one_step = r[0] + GAMMA * v[1] - v[0]
+    whole = r[0] + GAMMA * r[1] + GAMMA**2 * r[2] + GAMMA**3 * last - v[0]
+    torch.testing.assert_close(found, whole if gae_lambda else one_step)
+
+
+CLUSTERS, WORLDS, HORIZON = 4, 8, 24
+TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
+
+
+def hopper() -> envs.Environment:
+    return envs.make("hopper", WORLDS, "cpu", "mujoco", episode_length=10, reset_noise=0.01)
+
+
+@pytest.fixture
+def collected(make_agent, generator):
+    """A rollout of hoppers, the agent that acted, and what the worlds showed before and after."""
+    env = hopper()
+    agent = make_agent(env.observation_size, env.action_size)
+    agent.observation_normalizer.update(torch.randn(50, env.observation_size, generator=generator))
+    first = env.reset()
+    observation = first.clone()
+    rollout = Rollout.empty(HORIZON, CLUSTERS, env)
+    collect(env, agent, TRADEOFFS, observation, rollout, generator)
+    return rollout, agent, first, observation
+
+
+def test_stored_probabilities_are_those_of_each_clusters_own_policy(collected):
+    rollout, agent, _, _ = collected
+    for k in range(CLUSTERS):
+        policies = agent.policies(TRADEOFFS[k : k + 1])
+        seen = agent.observation_normalizer(rollout.observation[:, k]).flatten(0, 1)[None]
+        expected = policies(seen).log_prob(rollout.action[:, k].flatten(0, 1)[None])
+        torch.testing.assert_close(rollout.log_prob[:, k].flatten(), expected[0])
+
+
+def test_stored_actions_lead_through_the_stored_rollout(collected):
+    rollout, _, first, last = collected
+    env = hopper()
+    observation = env.reset()
+    torch.testing.assert_close(observation, first)
+    for t in range(HORIZON):
+        torch.testing.assert_close(rollout.observation[t].flatten(0, 1), observation)
+        step = env.step(rollout.action[t].tanh().flatten(0, 1))
+        torch.testing.assert_close(rollout.reward[t].flatten(0, 1), step.reward)
+        torch.testing.assert_close(
+            rollout.final_observation[t].flatten(0, 1), step.final_observation
+        )
+        assert torch.equal(rollout.terminated[t].flatten(), step.terminated)
+        assert torch.equal(rollout.truncated[t].flatten(), step.truncated)
+        observation = step.observation
+    torch.testing.assert_close(last, observation)
+    assert rollout.truncated.any()
+
+
+def test_what_was_seen_last_differs_from_a_new_start_only_where_an_episode_ended(collected):
+    rollout, _, _, last = collected
+    following = torch.cat([rollout.observation[1:], last.view(1, CLUSTERS, -1, last.shape[1])])
+    same = (following == rollout.final_observation).all(-1)
+    assert torch.equal(same, ~(rollout.terminated | rollout.truncated))
+
+
+def test_every_world_draws_its_own_actions(collected):
+    rollout, *_ = collected
+    assert len(rollout.action.flatten(0, 2).unique(dim=0)) == HORIZON * WORLDS

@@ -1,0 +1,437 @@
+"""The six tasks are the paper's: states, observations, reward terms and failures, step by step."""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from morlax_torch import MorlaxError, envs
+
+REFERENCE = Path(__file__).parent / "reference"
+BACKENDS = ("mujoco", "warp")
+TOLERANCE = 1e-9
+
+
+class Facts(NamedTuple):
+    """What is published about a task."""
+
+    robot: str
+    reward: str  # its array in the reference
+    observation_size: int
+    action_size: int
+    reset_reward: tuple[float, ...]
+
+
+PUBLISHED = {
+    "cheetah": Facts("cheetah", "reward_cheetah2", 17, 6, (2, 5)),
+    "cheetah3": Facts("cheetah", "reward_cheetah3", 17, 6, (2, 5, 3)),
+    "walker": Facts("walker", "reward", 17, 6, (2, 5)),
+    "hopper": Facts("hopper", "reward", 13, 4, (2.5, 1)),
+    "ant": Facts("ant", "reward", 27, 8, (6, 6)),
+    "humanoid": Facts("humanoid", "reward", 58, 21, (2, 4)),
+}
+
+
+def make(task: str, backend: str = "mujoco", worlds: int = 2, **options) -> envs.Environment:
+    return envs.make(task, worlds, "cpu", backend=backend, **options)
+
+
+def random_actions(env: envs.Environment, steps: int) -> Tensor:
+    generator = torch.Generator().manual_seed(0)
+    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
+
+
+def stacked(frames: list[Tensor]) -> np.ndarray:
+    """(S, T, ...) as in the reference: a world for each of its seeds."""
+    return torch.stack(frames, 1).numpy()
+
+
+def assert_equal(actual: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=TOLERANCE)
+
+
+# What the paper's tasks are
+
+
+class Replay(NamedTuple):
+    """What a task shows while the reference's actions are played to it."""
+
+    published: Facts
+    reference: dict[str, np.ndarray]
+    qpos: list[Tensor]  # from the reset on
+    qvel: list[Tensor]
+    observations: list[Tensor]
+    rewards: list[Tensor]  # from the first step on
+    failed: list[Tensor]
+    steps: list[envs.TimeStep]
+
+
+@pytest.fixture(scope="module", params=PUBLISHED)
+def replay(request: pytest.FixtureRequest) -> Replay:
+    published = PUBLISHED[request.param]
+    with np.load(REFERENCE / f"{published.robot}.npz") as file:
+        reference = dict(file)
+    env = make(request.param, auto_reset=False)
+    shown = Replay(published, reference, [], [], [], [], [], [])
+
+    def look() -> None:
+        shown.qpos.append(env.physics.qpos.clone())
+        shown.qvel.append(env.physics.qvel.clone())
+        shown.observations.append(env.observe())
+
+    env.reset()
+    look()
+    for action in torch.from_numpy(reference["action"]).float().unbind(1):
+        step = env.step(action)
+        look()
+        shown.rewards.append(env.combine(step.terms))
+        shown.failed.append(env.failed())
+        shown.steps.append(step)
+    return shown
+
+
+def test_an_episode_starts_as_published(replay):
+    assert_equal(replay.qpos[0], replay.reference["qpos"][:, 0])
+    assert_equal(replay.qvel[0], replay.reference["qvel"][:, 0])
+    assert_equal(replay.observations[0], replay.reference["obs"][:, 0])
+
+
+def test_actions_move_the_robot_as_published(replay):
+    assert_equal(stacked(replay.qpos), replay.reference["qpos"])
+    assert_equal(stacked(replay.qvel), replay.reference["qvel"])
+
+
+def test_observations_are_the_published_ones(replay):
+    assert_equal(stacked(replay.observations), replay.reference["obs"])
+
+
+def test_reward_terms_are_the_published_ones(replay):
+    names = replay.reference["term_names"]
+    assert set(replay.steps[0].terms) == set(names)
+    for name in names:
+        term = stacked([step.terms[name] for step in replay.steps])
+        assert_equal(term, replay.reference[f"term_{name}"])
+
+
+def test_objectives_are_the_published_ones(replay):
+    assert_equal(stacked(replay.rewards), replay.reference[replay.published.reward])
+
+
+def test_failures_are_the_published_ones(replay):
+    assert (stacked(replay.failed) == replay.reference["terminated"]).all()
+    terminated = stacked([step.terminated for step in replay.steps])
+    assert (terminated == replay.reference["terminated"]).all()
+
+
+def test_a_step_returns_the_published_numbers_in_single_precision(replay):
+    single = np.float32
+    for name, expected in (
+        ("observation", replay.reference["obs"][:, 1:]),
+        ("final_observation", replay.reference["obs"][:, 1:]),
+        ("reward", replay.reference[replay.published.reward]),
+    ):
+        actual = stacked([getattr(step, name) for step in replay.steps])
+        np.testing.assert_allclose(actual, expected.astype(single), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("task", PUBLISHED)
+def test_sizes_and_reset_reward_are_the_published_ones(task):
+    env, published = make(task), PUBLISHED[task]
+    assert env.observation_size == published.observation_size
+    assert env.action_size == published.action_size
+    assert env.paper_reset_reward().tolist() == pytest.approx(published.reset_reward)
+
+
+def test_every_registered_task_is_compared_with_the_paper():
+    assert set(envs.names()) == set(PUBLISHED)
+
+
+# What the stored trajectories do not reach
+
+
+@pytest.mark.parametrize(
+    ("task", "coordinate", "allowed", "failing"),
+    [
+        ("cheetah", 2, math.radians(49.9), math.radians(50)),
+        ("cheetah", 2, math.radians(-49.9), math.radians(-50)),
+        ("walker", 1, 0.81, 0.8),
+        ("walker", 1, 1.99, 2.0),
+        ("walker", 2, 0.99, 1.0),
+        ("walker", 2, -0.99, -1.0),
+        ("hopper", 1, 0.2, 0.19),
+        ("hopper", 2, math.radians(269), math.radians(271)),
+        ("hopper", 2, math.radians(-269), math.radians(-271)),
+        ("humanoid", 2, 0.6, 0.59),
+    ],
+)
+def test_a_robot_fails_beyond_the_published_limit(task, coordinate, allowed, failing):
+    env = make(task)
+    env.physics.qpos[:, coordinate] = torch.tensor([allowed, failing], dtype=torch.float64)
+    assert env.failed().tolist() == [False, True]
+
+
+def test_an_ant_fails_one_step_after_it_tilted_too_far():
+    env = make("ant", auto_reset=False)
+    still = torch.zeros(2, env.action_size)
+    for world, up in enumerate((0.46, 0.44)):
+        half = math.acos(up) / 2
+        env.physics.qpos[world, 3:7] = torch.tensor([math.cos(half), math.sin(half), 0.0, 0.0])
+    assert env.failed().tolist() == [False, False]
+    assert env.step(still).terminated.tolist() == [False, True]
+
+
+def test_a_cheetah_is_paid_for_at_most_four_metres_per_second():
+    env = make("cheetah", auto_reset=False)
+    env.physics.qvel[:, 0] = torch.tensor([3.5, 6.0])
+    slow, fast = env.step(torch.zeros(2, env.action_size)).terms["run"].tolist()
+    assert slow == pytest.approx(3.5, abs=0.1)
+    assert fast == 4.0
+
+
+@pytest.mark.parametrize("task", ("cheetah", "walker", "hopper"))
+def test_planar_robots_see_velocities_up_to_ten(task):
+    env = make(task)
+    env.physics.qvel[:] = torch.tensor([[9.0], [-11.0]])
+    seen = env.observe()[:, -env.physics.model.nv :]
+    assert (seen[0] == 9.0).all()
+    assert (seen[1] == -10.0).all()
+
+
+@pytest.mark.parametrize("task", ("cheetah", "cheetah3", "walker", "ant"))
+def test_actions_beyond_the_box_count_as_its_edge(task):
+    env = make(task, auto_reset=False)
+    action = torch.ones(2, env.action_size)
+    action[1] *= 7.0
+    step = env.step(action)
+    assert torch.equal(step.reward[0], step.reward[1])
+    assert torch.equal(step.observation[0], step.observation[1])
+
+
+# What holds for every task
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("task", envs.names())
+def test_a_step_has_a_row_for_each_world(task, backend):
+    env = make(task, backend, worlds=3)
+    first = env.reset()
+    step = env.step(torch.zeros(3, env.action_size))
+    for seen in (first, step.observation, step.final_observation):
+        assert (seen.shape, seen.dtype) == ((3, env.observation_size), torch.float32)
+        assert env.observation_space.contains(seen[0].numpy())
+    assert (step.reward.shape, step.reward.dtype) == ((3, len(env.objectives)), torch.float32)
+    assert env.reward_space.contains(step.reward[0].numpy())
+    for flag in (step.terminated, step.truncated):
+        assert (flag.shape, flag.dtype) == ((3,), torch.bool)
+    assert tuple(step.terms) == env.reward_terms
+    assert all(term.shape == (3,) for term in step.terms.values())
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("task", envs.names())
+def test_a_task_says_what_it_is(task, backend):
+    env = make(task, backend)
+    assert env.num_worlds == 2
+    assert env.device == torch.device("cpu")
+    assert env.episode_length == 500
+    assert env.dt == pytest.approx(0.01)
+    assert env.objectives == tuple(env.options.objectives)
+    assert env.reference_point == (0.0,) * len(env.objectives)
+    for weighted in (env.options.shared, *env.options.objectives.values()):
+        assert set(weighted) <= set(env.reward_terms)
+    action, observation, reward = env.action_space, env.observation_space, env.reward_space
+    for space in (action, observation, reward):
+        assert isinstance(space, gymnasium.spaces.Box)
+        assert space.dtype == np.float32
+    assert (action.low == -1).all()
+    assert (action.high == 1).all()
+    assert action.shape == (env.action_size,)
+    assert observation.shape == (env.observation_size,)
+    assert reward.shape == (len(env.objectives),)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("task", envs.names())
+def test_the_last_observation_of_an_episode_is_kept_beside_the_first_of_the_next(task, backend):
+    env = make(task, backend, episode_length=3)
+    endless = make(task, backend, episode_length=3, auto_reset=False)
+    first = env.reset()
+    for action in random_actions(env, 3):
+        step, last = env.step(action), endless.step(action)
+    assert step.truncated.all()
+    assert torch.equal(step.observation, first)
+    assert torch.equal(step.final_observation, last.observation)
+    assert not torch.equal(step.final_observation, first)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("task", envs.names())
+def test_equal_actions_give_equal_episodes(task, backend):
+    one, other = make(task, backend), make(task, backend)
+    for action in random_actions(one, 40):
+        first, second = one.step(action), other.step(action)
+        assert torch.equal(first.observation, second.observation)
+        assert torch.equal(first.reward, second.reward)
+        assert torch.equal(first.terminated, second.terminated)
+
+
+# What a user may regroup
+
+
+@pytest.mark.parametrize(
+    ("task", "objectives", "shared"),
+    [
+        ("walker", {"fast": {"run": 3.0}, "thrifty": {"energy": 0.1}}, {}),
+        (
+            "cheetah",
+            {"run": {"run": 1.0}, "save": {"energy": 0.5, "run": -0.25}, "rise": {"height": 2.0}},
+            {"alive": 0.1, "energy": -0.3},
+        ),
+        (
+            "ant",
+            {"+x": {"vx": 1.0}, "-x": {"vx": -1.0}, "+y": {"vy": 1.0}, "-y": {"vy": -1.0}},
+            {"alive": 1.0, "energy": 0.5},
+        ),
+    ],
+)
+def test_objectives_are_the_weighted_sums_that_were_asked_for(task, objectives, shared):
+    env = make(task, objectives=objectives, shared=shared)
+    assert env.objectives == tuple(objectives)
+    assert env.reference_point == (0.0,) * len(objectives)
+    assert env.reward_space.shape == (len(objectives),)
+    for action in random_actions(env, 5):
+        step = env.step(action)
+        for column, group in enumerate(objectives.values()):
+            expected = sum(
+                weight * step.terms[name]
+                for weighted in (group, shared)
+                for name, weight in weighted.items()
+            )
+            assert_equal(env.combine(step.terms)[:, column], expected)
+            np.testing.assert_allclose(step.reward[:, column], expected, rtol=1e-6, atol=1e-6)
+
+
+def test_a_reference_point_may_be_given():
+    env = make("hopper", reference_point=(-1, 2.5))
+    assert env.reference_point == (-1.0, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            {"objectives": {"run": {"rnu": 1.0}, "energy": {"energy": 1.0}}},
+            "unknown reward term 'rnu': did you mean 'run'? Known: alive, energy, run.",
+        ),
+        (
+            {"shared": {"alife": 1.0}},
+            "unknown reward term 'alife': did you mean 'alive'? Known: alive, energy, run.",
+        ),
+        ({"episode_lenght": 100}, "unknown key 'episode_lenght': did you mean 'episode_length'?"),
+        ({"objectives": {"run": {"run": 1.0}}}, "a trade-off needs at least two objectives"),
+        (
+            {"reference_point": (0, 0, 0)},
+            "reference_point has 3 numbers, but there are 2 objectives: run, energy.",
+        ),
+        ({"episode_length": 0}, "episode_length: Input should be greater than 0 (given: 0)."),
+        ({"reset_noise": -0.1}, "reset_noise: Input should be greater than or equal to 0"),
+        ({"solver_iterations": 0}, "solver_iterations: Input should be greater than 0 (given: 0)."),
+    ],
+)
+def test_a_wrong_option_is_explained(options, sentence):
+    with pytest.raises(MorlaxError) as caught:
+        make("walker", **options)
+    assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("chetah", 1, "cpu"), "unknown environment 'chetah': did you mean 'cheetah'? Known: ant,"),
+        (("walker", 1, "cpu", "mujuco"), "unknown backend 'mujuco': did you mean 'mujoco'?"),
+        (("walker", 0, "cpu"), "num_worlds is 0: it takes at least one world."),
+        (("walker", 1, "gpu"), "'gpu' is no device: say 'cuda', 'cuda:1' or 'cpu'."),
+        (("walker", 1, "meta"), "device meta is not supported: use 'cuda' or 'cpu'."),
+    ],
+)
+def test_a_wrong_argument_is_explained(arguments, sentence):
+    with pytest.raises(MorlaxError) as caught:
+        envs.make(*arguments)
+    assert sentence in str(caught.value)
+
+
+def test_on_the_cpu_worlds_run_on_c_mujoco_unless_told_otherwise():
+    assert type(envs.make("hopper", 1, "cpu").physics).__name__ == "MujocoPhysics"
+    assert type(make("hopper", "warp", worlds=1).physics).__name__ == "WarpPhysics"
+
+
+# Tasks of one's own
+
+
+class Cart(envs.Environment):
+    """A cart on a rail: get far, or stay where you are."""
+
+    class Options(envs.TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"far": {"x": 1.0}, "near": {"x": -1.0}}
+
+    @classmethod
+    def load_model(cls) -> mujoco.MjModel:
+        return mujoco.MjModel.from_xml_string(
+            """
+            <mujoco>
+              <worldbody>
+                <body>
+                  <joint name="rail" type="slide" axis="1 0 0"/>
+                  <geom size="0.1"/>
+                </body>
+              </worldbody>
+              <actuator><motor joint="rail"/></actuator>
+            </mujoco>
+            """
+        )
+
+    def initial_qpos(self) -> np.ndarray:
+        return np.zeros(1)
+
+    def observe(self) -> Tensor:
+        return torch.cat([self.physics.qpos, self.physics.qvel], -1)
+
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.copy_(action)
+
+    def terms(self) -> dict[str, Tensor]:
+        return {"x": self.physics.qpos[:, 0]}
+
+    def failed(self) -> Tensor:
+        return self.physics.qpos[:, 0] > 1.0
+
+
+@pytest.fixture
+def cart(monkeypatch: pytest.MonkeyPatch) -> type[envs.Environment]:
+    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))  # other tests see no carts
+    envs.register("cart", Cart)
+    return Cart
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_registered_task_is_made_like_any_other(cart, backend):
+    assert "cart" in envs.names()
+    assert envs.get("cart") is cart
+    env = make("cart", backend, episode_length=4)
+    step = env.step(torch.tensor([[1.0], [-1.0]]))
+    pushed, pulled = step.reward[:, 0].tolist()
+    assert pushed > 0 > pulled
+    assert torch.equal(step.reward[:, 1], -step.reward[:, 0])
+
+
+def test_a_name_belongs_to_one_class(cart):
+    envs.register("cart", cart)  # once more is no harm
+    with pytest.raises(MorlaxError, match="there is already an environment called 'cheetah'"):
+        envs.register("cheetah", cart)
+    assert envs.get("cheetah") is not cart

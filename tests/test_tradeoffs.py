@@ -1,0 +1,86 @@
+"""Trade-offs: points of the simplex to explore with, and the fixed ones a front is judged by."""
+
+import pytest
+import torch
+
+from morlax_torch.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs, sample_tradeoffs
+
+
+def sampled(clusters: int, m: int, *args: object, seed: int = 0) -> torch.Tensor:
+    out = torch.empty(clusters, m)
+    sample_tradeoffs(out, *args, generator=torch.Generator().manual_seed(seed))
+    return out
+
+
+def on_simplex(tradeoffs: torch.Tensor) -> bool:
+    sums = tradeoffs.sum(-1)
+    return bool((tradeoffs >= 0).all()) and torch.allclose(sums, torch.ones_like(sums))
+
+
+@pytest.mark.parametrize("m", (2, 3, 6))
+@pytest.mark.parametrize("alpha", (0.01, 0.3, 1.0, 50.0))
+def test_samples_lie_on_the_simplex(m, alpha):
+    assert on_simplex(sampled(500, m, 0, alpha))
+
+
+@pytest.mark.parametrize("m", (2, 3, 6))
+def test_corners_come_last_and_are_the_rows_of_the_identity(m):
+    tradeoffs = sampled(m + 5, m, m)
+    assert torch.equal(tradeoffs[-m:], torch.eye(m))
+    assert on_simplex(tradeoffs)
+    assert tradeoffs[:-m].max() < 1
+
+
+def test_there_may_be_nothing_but_corners():
+    assert torch.equal(sampled(3, 3, 3), torch.eye(3))
+
+
+@pytest.mark.parametrize("m", (2, 4))
+@pytest.mark.parametrize("alpha", (1.0, 0.4, 5.0))
+def test_moments_are_those_of_the_dirichlet_distribution(m, alpha):
+    draws = sampled(100_000, m, 0, alpha).double()
+    variance = (1 / m) * (1 - 1 / m) / (m * alpha + 1)
+    covariance = torch.full((m, m), -1 / (m * m * (m * alpha + 1)), dtype=torch.float64)
+    covariance.fill_diagonal_(variance)
+    torch.testing.assert_close(
+        draws.mean(0), torch.full((m,), 1 / m).double(), rtol=0, atol=5 * (variance / 1e5) ** 0.5
+    )
+    torch.testing.assert_close(draws.T.cov(), covariance, rtol=0.03, atol=0)
+
+
+def test_alpha_one_is_uniform_on_the_simplex():
+    first = sampled(20_000, 2)[:, 0].sort().values
+    uniform = torch.linspace(0, 1, 20_000)
+    assert (first - uniform).abs().max() < 0.015
+
+
+def test_the_same_generator_draws_the_same():
+    assert torch.equal(sampled(9, 3, 3), sampled(9, 3, 3))
+    assert not torch.equal(sampled(9, 3), sampled(9, 3, seed=1))
+
+
+def test_two_objectives_are_judged_on_an_even_grid():
+    grid = evaluation_tradeoffs(5, 2)
+    expected = [[0, 1], [0.25, 0.75], [0.5, 0.5], [0.75, 0.25], [1, 0]]
+    torch.testing.assert_close(grid, torch.tensor(expected))
+    assert len(evaluation_tradeoffs(512, 2)) == 512
+
+
+@pytest.mark.parametrize("m", (3, 6))
+def test_more_objectives_are_judged_at_the_corners_and_at_fixed_draws(m):
+    tradeoffs = evaluation_tradeoffs(200, m)
+    assert tradeoffs.shape == (200, m)
+    assert on_simplex(tradeoffs)
+    for corner in torch.eye(m):
+        assert (tradeoffs == corner).all(1).any()
+    assert len(tradeoffs.unique(dim=0)) == 200
+    torch.manual_seed(99)
+    assert torch.equal(evaluation_tradeoffs(200, m), tradeoffs)
+
+
+def test_seeded_draws_repeat_themselves():
+    draws = dirichlet_tradeoffs(1000, 3)
+    assert on_simplex(draws)
+    assert torch.equal(dirichlet_tradeoffs(1000, 3), draws)
+    assert not torch.equal(dirichlet_tradeoffs(1000, 3, seed=1), draws)
+    torch.testing.assert_close(draws.mean(0), torch.full((3,), 1 / 3), rtol=0, atol=0.04)

@@ -1,0 +1,234 @@
+"""Training: reproducible, resumable at any moment, honest about what goes wrong, and it learns."""
+
+import csv
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from morlax_torch import MORLAX, MorlaxError, checkpoint
+from morlax_torch.config import Config, load_config, merged, task_values
+from morlax_torch.evaluation import Front
+from morlax_torch.run import Run
+from morlax_torch.train import make_worlds, train
+
+TINY = {
+    "device": "cpu",
+    "backend": "mujoco",
+    "worlds": 32,
+    "horizon": 5,
+    "sampling": {"clusters": 4},
+    "ppo": {"minibatches": 2, "epochs": 2},
+    "evaluation": {"tradeoffs": 8, "every": 5 * 32 * 5},
+    "task": {"episode_length": 20},
+}
+
+
+def tiny(**changes: object) -> Config:
+    return load_config(merged({"env": "hopper", **TINY}, changes))
+
+
+def trainer(config: Config, iterations: int) -> MORLAX:
+    morlax = MORLAX(make_worlds(config, config.worlds), config)
+    for _ in range(iterations):
+        morlax.iterate()
+    return morlax
+
+
+def metrics(run: Run) -> list[dict[str, str]]:
+    with (run.folder / "metrics.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def assert_same(one: object, other: object) -> None:
+    """Equal to the last bit, however nested."""
+    if isinstance(one, torch.Tensor):
+        assert torch.equal(one, other)
+    elif isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert_same(one[key], other[key])
+    elif isinstance(one, list):
+        assert len(one) == len(other)
+        for left, right in zip(one, other, strict=True):
+            assert_same(left, right)
+    else:
+        assert one == other
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"env": "humanoid"},
+        {"sampling": {"mode": "dense"}},
+        {"network": {"type": "single"}},
+        {"task": {"reset_noise": 0.01, "stagger": True}},
+        {"sampling": {"corners": 0, "alpha": 0.5}, "ppo": {"truncation": "mask"}},
+    ],
+)
+def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
+    config = tiny(**changes)
+    assert_same(trainer(config, 5).state_dict(), trainer(config, 5).state_dict())
+
+
+def test_another_seed_gives_another_run():
+    one, other = trainer(tiny(seed=1), 2), trainer(tiny(seed=2), 2)
+    assert not torch.equal(one.rollout.action, other.rollout.action)
+
+
+@pytest.mark.parametrize("env", ["hopper", "ant", "humanoid"])
+def test_ten_iterations_equal_five_and_a_resumed_five(env, tmp_path):
+    config = tiny(env=env, task={"reset_noise": 0.01})
+    checkpoint.save(tmp_path / "half.pt", trainer(config, 5), {})
+    resumed = trainer(config, 0)
+    checkpoint.restore(checkpoint.load(tmp_path / "half.pt"), tmp_path, resumed)
+    for _ in range(5):
+        resumed.iterate()
+    assert_same(trainer(config, 10).state_dict(), resumed.state_dict())
+
+
+def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path):
+    whole = train(tiny(max_env_steps=1600), output=tmp_path / "whole")
+    train(tiny(max_env_steps=800), output=tmp_path / "halves")
+    run = Run.open(tmp_path / "halves")
+    halves = train(tiny(max_env_steps=1600), run)
+    one, other = (checkpoint.load(r.checkpoints / "latest.pt") for r in (whole, halves))
+    assert_same(one["morlax"], other["morlax"])
+    rows = [metrics(r) for r in (whole, halves)]
+    for name in ("iteration", "env_steps", "hypervolume", "sparsity", "cardinality"):
+        assert [row[name] for row in rows[0]] == [row[name] for row in rows[1]]
+
+
+def test_a_run_folder_holds_what_people_look_for(tmp_path):
+    run = train(tiny(max_env_steps=1600), output=tmp_path / "run")
+    rows = metrics(run)
+    assert [row["env_steps"] for row in rows] == ["0", "800", "1600"]
+    assert set(rows[0]) == {
+        *("iteration", "env_steps", "train_seconds", "total_seconds", "steps_per_second"),
+        *("hypervolume", "sparsity", "expected_utility", "cardinality"),
+    }
+    front = Front.load(run.folder / "front.npz")
+    assert front.objectives == ("run", "jump")
+    assert front.hypervolume == pytest.approx(float(rows[-1]["hypervolume"]))
+    assert {path.name for path in run.checkpoints.iterdir()} >= {"latest.pt", "best.pt"}
+    events = EventAccumulator(str(run.folder)).Reload()
+    tags = events.Tags()
+    curves = {
+        *("front/hypervolume", "front/sparsity", "front/expected_utility", "front/cardinality"),
+        *("train/policy_loss", "train/value_loss", "train/entropy", "train/kl"),
+        *("train/clip_fraction", "train/env_steps_per_second", "train/blowups"),
+        *("train/explained_variance/run", "train/explained_variance/jump"),
+        "front_by_train_ms/hypervolume",
+    }
+    assert curves <= set(tags["scalars"])
+    assert "front" in tags["images"]
+    assert "config/text_summary" in tags["tensors"]
+    steps = [event.step for event in events.Scalars("front/hypervolume")]
+    assert steps == [0, 800, 1600]
+    assert run.config() == tiny(max_env_steps=1600)
+
+
+def test_a_few_seconds_are_enough_to_see_it_learn(tmp_path):
+    small = {"device": "cpu", "backend": "mujoco", "max_env_steps": 400_000}
+    config = load_config(merged(task_values("cheetah", "cpu"), small))
+    run = train(config, output=tmp_path / "run")
+    hypervolumes = [float(row["hypervolume"]) for row in metrics(run)]
+    assert hypervolumes[0] < 1.5e6
+    assert hypervolumes[-1] > 3e6
+
+
+def start(folder: Path, *arguments: object) -> subprocess.Popen:
+    """The real command in a process of its own, in `folder`."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "morlax_torch.train", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"},
+    )
+
+
+HOPPER = (
+    *("--env", "hopper", "--device", "cpu", "--worlds", 32, "--sampling.clusters", 4),
+    *("--ppo.minibatches", 2, "--evaluation.every", 1280, "--evaluation.tradeoffs", 4),
+    *("--task.episode-length", 20, "--output", "run"),
+)
+
+
+def wait_for(condition, process: subprocess.Popen) -> None:
+    limit = time.monotonic() + 60
+    while not condition():
+        assert process.poll() is None, process.stdout.read()
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+
+
+def iterations(folder: Path) -> int:
+    return checkpoint.load(folder / "checkpoints" / "latest.pt")["morlax"]["iteration"]
+
+
+def test_a_killed_run_can_always_be_resumed(tmp_path):
+    folder, moments = tmp_path / "run", random.Random(0)
+    process = start(tmp_path, *HOPPER)
+    wait_for(folder.is_dir, process)
+    reached = 0
+    for _ in range(3):
+        time.sleep(moments.uniform(0.0, 2.0))
+        process.kill()
+        process.communicate()
+        assert iterations(folder) >= reached
+        reached = iterations(folder)
+        process = start(tmp_path, "--resume", "run")
+        wait_for(lambda reached=reached: iterations(folder) > reached, process)
+    process.kill()
+    process.communicate()
+
+
+def test_one_interrupt_ends_cleanly_with_a_checkpoint(tmp_path):
+    process = start(tmp_path, *HOPPER)
+    wait_for(lambda: (tmp_path / "run" / "metrics.csv").is_file(), process)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "interrupted" in output
+    assert "Traceback" not in output
+    assert "train --resume run" in " ".join(output.split())
+    assert iterations(tmp_path / "run") > 0
+
+
+def test_a_loss_that_is_no_number_stops_the_run_and_spares_the_checkpoint(tmp_path):
+    with pytest.raises(MorlaxError, match=r"loss became (nan|inf) in iterations 1 to 5.*latest.pt"):
+        train(tiny(ppo={"learning_rate": 1e30}, max_env_steps=8000), output=tmp_path / "run")
+    kept = checkpoint.load(tmp_path / "run" / "checkpoints" / "latest.pt")
+    assert all(v.isfinite().all() for v in kept["morlax"]["agent"].values())
+
+
+def test_contacts_that_do_not_fit_stop_the_run_with_the_number_to_raise(tmp_path):
+    config = tiny(
+        env="cheetah", backend="warp", task={"njmax": 8, "episode_length": 500}, max_env_steps=99999
+    )
+    with pytest.raises(MorlaxError, match=r"raise --task.njmax above 8"):
+        train(config, output=tmp_path / "run")
+
+
+def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path, monkeypatch):
+    run = train(tiny(max_env_steps=800), output=tmp_path / "run")
+    before = (run.checkpoints / "latest.pt").read_bytes()
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(MorlaxError, match="No space left on device"):
+        train(tiny(max_env_steps=1600), Run.open(run.folder))
+    assert (run.checkpoints / "latest.pt").read_bytes() == before
+    assert not list(run.folder.rglob(".*"))
