@@ -56,5 +56,6 @@ class Physics(ABC):
 
     def healthy(self) -> Tensor:
         """(N,) False where the simulation has blown up."""
-        # a sum is finite only if all it adds is: one reduction instead of two maps and two alls
-        return (self.qpos.sum(-1) + self.qvel.sum(-1)).isfinite()
+        # a sum is finite only if all it adds is, and only what is finite times zero is zero:
+        # five kernels where two `isfinite` and `all` take twelve
+        return (self.qpos.sum(-1) + self.qvel.sum(-1)) * 0 == 0

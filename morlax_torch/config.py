@@ -64,6 +64,8 @@ class PPOConfig(Section):
     """Adam's step size."""
     critic_learning_rate: PositiveFloat | None = None
     """Adam's step size for the critic (None: the same)."""
+    desired_kl: PositiveFloat | None = None
+    """Adapt the actor's step size to keep the KL of an update near this (None: do not)."""
     epochs: PositiveInt = 4
     """Passes over a rollout."""
     minibatches: PositiveInt = 8

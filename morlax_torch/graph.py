@@ -8,6 +8,32 @@ import torch
 WARMUPS = 2  # kernels compile and load, autograd and cuBLAS set themselves up
 
 
+class Beside:
+    """Work that may run beside what follows it, until `join`; on the CPU it runs before.
+
+    Inside a recording it becomes a branch of the graph. Whatever it reads must stay alive, and
+    unwritten, until the `join`.
+    """
+
+    def __init__(self, device: torch.device):
+        self._stream = torch.cuda.Stream(device) if device.type == "cuda" else None
+
+    def __enter__(self) -> None:
+        if self._stream is not None:
+            self._stream.wait_stream(torch.cuda.current_stream())
+            self._within = torch.cuda.stream(self._stream)
+            self._within.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        if self._stream is not None:
+            self._within.__exit__(*error)
+
+    def join(self) -> None:
+        """Let what follows wait for it."""
+        if self._stream is not None:
+            torch.cuda.current_stream().wait_stream(self._stream)
+
+
 class Graph:
     """Call it as you would call `run`; on CUDA, once recorded, a call replays one graph.
 

@@ -8,7 +8,7 @@ from .agent import Agent
 from .config import Config
 from .envs import Environment, MorlaxError
 from .graph import Graph
-from .ppo import PPO, Losses, judge, minibatches
+from .ppo import PPO, judge, minibatches
 from .rollout import Rollout, collect
 from .tradeoffs import sample_tradeoffs
 
@@ -43,7 +43,7 @@ class MORLAX:
         self.iteration = 0
         self.steps_per_iteration = config.worlds * config.horizon
         self.metric_names = (
-            *Losses._fields,
+            *PPO.metrics,
             *(f"explained_variance/{name}" for name in env.objectives),
             *(f"mean_reward/{name}" for name in env.objectives),
             "terminated",
@@ -86,16 +86,18 @@ class MORLAX:
     def _learn(self) -> None:
         ppo = self.config.ppo
         batch, explained = judge(self.agent, self.tradeoffs, self.rollout, ppo)
-        losses = torch.zeros(len(Losses._fields), device=self.env.device)
-        for tradeoffs, part in minibatches(batch, self.tradeoffs, ppo, self.generator):
-            found = self.ppo.improve(tradeoffs, part, self.generator)
-            losses += torch.stack([loss.detach() for loss in found])
+        losses = torch.zeros(len(PPO.metrics), device=self.env.device)
+        for _ in range(ppo.epochs):
+            parts = minibatches(batch, self.tradeoffs, ppo.minibatches, self.generator)
+            found = self.ppo.improve(parts, self.generator)
+            losses += found
+        self.ppo.adapt(found[PPO.metrics.index("kl")])
         # only now: during the update the policies must see what they saw when they acted
         self.agent.observation_normalizer.update(self.rollout.observation)
         reward, terminated = self.rollout.reward, self.rollout.terminated
         self._metrics += torch.cat(
             [
-                losses / (ppo.epochs * ppo.minibatches),
+                losses / ppo.epochs,
                 explained,
                 reward.mean((0, 1, 2)),
                 terminated.float().mean()[None],

@@ -1,6 +1,5 @@
 """The clipped policy objective and the value loss, for a whole family at once."""
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -8,7 +7,11 @@ from torch import Tensor, nn
 
 from .agent import Agent
 from .config import PPOConfig
+from .graph import Beside
 from .rollout import Rollout, advantages
+
+RATE_STEP = 1.2  # how far an adaptive learning rate moves in one iteration
+RATE_LIMITS = 1e-5, 1e-2
 
 
 class Batch(NamedTuple):
@@ -19,16 +22,6 @@ class Batch(NamedTuple):
     log_prob: Tensor  # (K, S, 1) when it was taken
     advantage: Tensor  # (K, S, 1) scalarised by the trade-off
     target: Tensor  # (K, S, m) what the critic should say
-
-
-class Losses(NamedTuple):
-    """What one minibatch says of the update; scalars."""
-
-    policy_loss: Tensor
-    value_loss: Tensor
-    entropy: Tensor
-    kl: Tensor  # from the policy that acted to the present one
-    clip_fraction: Tensor
 
 
 @torch.no_grad()
@@ -68,90 +61,143 @@ def judge(
 
 
 def minibatches(
-    batch: Batch, tradeoffs: Tensor, config: PPOConfig, generator: torch.Generator
-) -> Iterator[tuple[Tensor, Batch]]:
-    """Trade-offs and samples of each minibatch of each epoch.
+    batch: Batch, tradeoffs: Tensor, number: int, generator: torch.Generator
+) -> list[tuple[Tensor, Batch]]:
+    """The minibatches of one epoch: their trade-offs, and their samples (K, S, ...).
 
-    Every epoch shuffles the worlds within their clusters and deals them out, so that a minibatch
-    holds all clusters and generates each cluster's parameters once. Where every world has a
-    trade-off of its own, whole clusters are dealt out instead.
+    Worlds are shuffled within their clusters and dealt out, so that a minibatch holds all
+    clusters and generates each cluster's parameters once. Where every world has a trade-off of
+    its own, whole clusters are dealt out instead.
     """
     widths = [column.shape[-1] for column in batch]
-    packed = torch.cat(batch, -1)  # one table, so that shuffling is one gather
-    if packed.shape[1] == 1:
-        packed = packed.transpose(0, 1)
+    dense = batch.log_prob.shape[1] == 1
+    packed = torch.cat(batch, -1)  # (K, G, T, ...): one table, so that shuffling is one gather
+    packed = packed.transpose(0, 1) if dense else packed
     rows = torch.arange(len(packed), device=packed.device)[:, None]
-    for _ in range(config.epochs):
-        draws = torch.empty(packed.shape[:2], device=packed.device).uniform_(generator=generator)
-        order = draws.argsort(1)
-        shuffled = packed[rows, order]
-        for part, chosen in zip(
-            shuffled.chunk(config.minibatches, 1), order.chunk(config.minibatches, 1), strict=True
-        ):
-            if batch.log_prob.shape[1] == 1:
-                own, part = tradeoffs[chosen[0]], part.transpose(0, 1)
-            else:
-                own = tradeoffs
-            yield own, Batch(*part.flatten(1, 2).split(widths, -1))
+    draws = torch.empty(packed.shape[:2], device=packed.device).uniform_(generator=generator)
+    order = draws.argsort(1)
+    dealt = []
+    for part, chosen in zip(
+        packed[rows, order].chunk(number, 1), order.chunk(number, 1), strict=True
+    ):
+        part = part.transpose(0, 1) if dense else part
+        own = tradeoffs[chosen[0]] if dense else tradeoffs
+        dealt.append((own, Batch(*part.flatten(1, 2).split(widths, -1))))
+    return dealt
 
 
 class PPO:
     """Moves the hypernetworks of an agent; actor and critic have separate losses and optimisers.
 
-    A `single` hypernetwork shares its features between both, and so its optimiser.
+    They share nothing, so on CUDA their updates run side by side. A `single` hypernetwork shares
+    its features between both, and so has one optimiser for the sum of the losses.
     """
+
+    metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
 
     def __init__(self, agent: Agent, config: PPOConfig):
         self.agent, self.config = agent, config
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
-        rates = [config.learning_rate, config.critic_learning_rate or config.learning_rate]
-        if agent.actor.features is agent.critic.features:
-            self.groups, rates = [list(dict.fromkeys(actor + critic))], rates[:1]
+        self.single = agent.actor.features is agent.critic.features
+        if self.single:
+            self.optimizers = [self._adam(list(dict.fromkeys(actor + critic)), None)]
         else:
-            self.groups = [actor, critic]
-        on_gpu = actor[0].is_cuda
-        self.optimizers = [
-            torch.optim.Adam(group, rate, fused=True, capturable=on_gpu)
-            for group, rate in zip(self.groups, rates, strict=True)
-        ]
-        for optimizer, group in zip(self.optimizers, self.groups, strict=True):
-            # Let gradients and moments exist from the start, so that they are only ever written
-            # in place: a recorded graph knows them by their addresses.
-            for parameter in group:
-                parameter.grad = torch.zeros_like(parameter)
-            optimizer.step()
-        for tensor in self.state():
-            tensor.zero_()
+            self.optimizers = [
+                self._adam(actor, None),
+                self._adam(critic, config.critic_learning_rate),
+            ]
+        self._beside = Beside(actor[0].device)
+
+    def _adam(self, parameters: list[nn.Parameter], rate: float | None) -> torch.optim.Adam:
+        rate = rate or self.config.learning_rate
+        on_gpu = parameters[0].is_cuda
+        # Rate and moments exist from the start and are only ever written in place: a recorded
+        # graph knows them by their addresses.
+        step_size = torch.tensor(rate, device=parameters[0].device)
+        adam = torch.optim.Adam(parameters, step_size, fused=True, capturable=on_gpu)
+        for parameter in parameters:
+            parameter.grad = torch.zeros_like(parameter)
+        adam.step()
+        for state in adam.state.values():
+            for tensor in state.values():
+                tensor.zero_()
+        return adam
 
     def state(self) -> list[Tensor]:
         """Every tensor of the optimisers, in a fixed order; written in place only."""
-        return [
+        moments = [
             value
             for optimizer in self.optimizers
             for parameter in optimizer.param_groups[0]["params"]
             for _, value in sorted(optimizer.state[parameter].items())
         ]
+        return [*moments, *(optimizer.param_groups[0]["lr"] for optimizer in self.optimizers)]
 
-    def improve(self, tradeoffs: Tensor, batch: Batch, generator: torch.Generator) -> Losses:
-        """One step of both optimisers on one minibatch."""
-        losses = self.losses(tradeoffs, batch, generator)
-        (losses.policy_loss - self.config.entropy * losses.entropy + losses.value_loss).backward()
-        for group, optimizer in zip(self.groups, self.optimizers, strict=True):
-            nn.utils.clip_grad_norm_(group, self.config.max_grad_norm)
-            optimizer.step()
-            optimizer.zero_grad(set_to_none=False)
-        return losses
+    def improve(self, parts: list[tuple[Tensor, Batch]], generator: torch.Generator) -> Tensor:
+        """A step on every minibatch; the means of `metrics` over them, (5,)."""
+        policies, values = [], []
+        if self.single:
+            for tradeoffs, batch in parts:
+                policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
+                value_loss = self.value_loss(tradeoffs, batch)
+                self._step(self.optimizers[0], policy_loss + value_loss)
+                policies.append(found)
+                values.append(value_loss.detach())
+        else:
+            actor, critic = self.optimizers
+            with self._beside:
+                for tradeoffs, batch in parts:
+                    value_loss = self.value_loss(tradeoffs, batch)
+                    self._step(critic, value_loss)
+                    values.append(value_loss.detach())
+            for tradeoffs, batch in parts:
+                policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
+                self._step(actor, policy_loss)
+                policies.append(found)
+            self._beside.join()
+        policy = torch.stack(policies).mean(0)
+        return torch.cat([policy[:1], torch.stack(values).mean(0, keepdim=True), policy[1:]])
 
-    def losses(self, tradeoffs: Tensor, batch: Batch, generator: torch.Generator) -> Losses:
+    def policy_loss(
+        self, tradeoffs: Tensor, batch: Batch, generator: torch.Generator
+    ) -> tuple[Tensor, Tensor]:
+        """The clipped surrogate less the entropy bonus; and the surrogate, entropy, KL, clipping.
+
+        (Schulman et al., 2017, eq. 7 and 9; KL from the policy that acted to the present one, by
+        the estimator E[r - 1 - log r].)
+        """
         policy = self.agent.policies(tradeoffs)(batch.observation)
         log_ratio = policy.log_prob(batch.action) - batch.log_prob.squeeze(-1)
         ratio, advantage = log_ratio.exp(), batch.advantage.squeeze(-1)
         clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
+        surrogate = -torch.minimum(ratio * advantage, clipped * advantage).mean()
+        entropy = policy.entropy(generator).mean()
+        with torch.no_grad():
+            kl = (ratio - 1 - log_ratio).mean()
+            clip_fraction = (ratio != clipped).float().mean()
+            found = torch.stack([surrogate, entropy, kl, clip_fraction])
+        return surrogate - self.config.entropy * entropy, found
+
+    def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
+        """The squared error of the vector value, summed over objectives."""
         error = self.agent.values(tradeoffs)(batch.observation) - batch.target
-        return Losses(
-            policy_loss=-torch.minimum(ratio * advantage, clipped * advantage).mean(),
-            value_loss=self.config.value_coefficient * error.square().sum(-1).mean(),
-            entropy=policy.entropy(generator).mean(),
-            kl=(ratio.detach() - 1 - log_ratio.detach()).mean(),
-            clip_fraction=(ratio.detach() != clipped.detach()).float().mean(),
-        )
+        return self.config.value_coefficient * error.square().sum(-1).mean()
+
+    def adapt(self, kl: Tensor) -> None:
+        """Change the actor's step size so that an update's KL stays near `config.desired_kl`."""
+        desired = self.config.desired_kl
+        if desired is None:
+            return
+        rate = self.optimizers[0].param_groups[0]["lr"]
+        slower, faster = kl > 2 * desired, kl < desired / 2
+        factor = 1 - slower * (1 - 1 / RATE_STEP) + faster * (RATE_STEP - 1)
+        rate.mul_(factor).clamp_(*RATE_LIMITS)
+
+    def _step(self, optimizer: torch.optim.Adam, loss: Tensor) -> None:
+        parameters = optimizer.param_groups[0]["params"]
+        for parameter, gradient in zip(
+            parameters, torch.autograd.grad(loss, parameters), strict=True
+        ):
+            parameter.grad = gradient
+        nn.utils.clip_grad_norm_(parameters, self.config.max_grad_norm)
+        optimizer.step()

@@ -65,8 +65,9 @@ def collect(
             step.truncated,
             step.final_observation,
         )
-        for column, value in zip(rollout, kept, strict=True):
-            column[t].copy_(value.view_as(column[t]))
+        slots = [column[t] for column in rollout]
+        values = [value.view_as(slot) for slot, value in zip(slots, kept, strict=True)]
+        torch._foreach_copy_(slots, values)  # one kernel for all of a kind
         observation.copy_(step.observation)
 
 

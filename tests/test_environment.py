@@ -303,7 +303,7 @@ def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
     actions = random_actions(env, 60)
     for action in actions[:20]:
         env.step(action)
-    saved = env.state_dict()
+    saved, expected, shown = env.state_dict(), state(env), env.observe()
     went_on = [env.step(action) for action in actions[20:]]
     assert sum((step.truncated | step.terminated).sum() for step in went_on) >= 3
 
@@ -311,7 +311,9 @@ def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
     other.step(actions[0])  # so that chance, too, has to be set back
     for resumed in (other, env):
         resumed.load_state_dict(saved)
-        assert torch.equal(resumed.age, saved["age"])
+        assert torch.equal(resumed.observe(), shown)
+        for name, value in state(resumed).items():
+            assert torch.equal(value, expected[name]), name
         for action, then in zip(actions[20:], went_on, strict=True):
             assert_same_step(resumed.step(action), then)
 

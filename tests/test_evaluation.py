@@ -5,10 +5,10 @@ import gc
 import numpy as np
 import pytest
 import torch
-from morlax_torch.envs import TimeStep
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.agent import Agent
+from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation import Evaluator, Front
 
 # Published returns of doing nothing, with the reward of the reset.

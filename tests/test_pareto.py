@@ -117,6 +117,13 @@ def test_many_points_in_five_objectives_are_approximated_and_said_to_be():
     assert indicators["hypervolume_approximate"] == pareto.hypervolume(points, np.zeros(5))
 
 
+def test_points_below_the_reference_do_not_disturb_an_approximation():
+    points = sphere(520, 5)
+    below = np.concatenate([points, 100 * np.eye(5) - 1])
+    expected = pareto.hypervolume(points, np.full(5, 0.01))
+    assert pareto.hypervolume(below, np.full(5, 0.01)) == pytest.approx(expected)
+
+
 @pytest.mark.parametrize(("number", "m"), ((40, 5), (520, 3), (520, 2)))
 def test_fewer_points_or_objectives_are_exact(number, m):
     points = sphere(number, m)

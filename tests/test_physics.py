@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from morlax_torch.envs.mujoco_physics import MujocoPhysics
-from morlax_torch.envs.warp_physics import WarpPhysics
 from torch import Tensor
 
 from morlax_torch import envs
+from morlax_torch.envs.mujoco_physics import MujocoPhysics
+from morlax_torch.envs.warp_physics import WarpPhysics
 
 REFERENCE = Path(__file__).parent / "reference"
 BACKENDS = ("mujoco", "warp")

@@ -291,6 +291,15 @@ def test_a_file_is_replaced_once_all_is_written(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
+def test_a_reader_of_the_old_file_is_not_disturbed(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"the old contents")
+    with path.open("rb", buffering=0) as reader:
+        with replacing(path) as file:
+            file.write(b"new")
+        assert reader.read() == b"the old contents"
+
+
 def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(saved, tmp_path, monkeypatch):
     path = tmp_path / "latest.pt"
     checkpoint.save(path, saved[1], {})

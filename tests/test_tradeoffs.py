@@ -3,6 +3,8 @@
 import pytest
 import torch
 
+from morlax_torch import MorlaxError
+from morlax_torch.config import load_config
 from morlax_torch.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs, sample_tradeoffs
 
 
@@ -76,6 +78,12 @@ def test_more_objectives_are_judged_at_the_corners_and_at_fixed_draws(m):
     assert len(tradeoffs.unique(dim=0)) == 200
     torch.manual_seed(99)
     assert torch.equal(evaluation_tradeoffs(200, m), tradeoffs)
+
+
+def test_a_front_is_judged_by_no_fewer_tradeoffs_than_objectives():
+    with pytest.raises(MorlaxError, match="tradeoffs"):
+        load_config({"env": "cheetah3", "evaluation": {"tradeoffs": 2}})
+    assert torch.equal(evaluation_tradeoffs(3, 3), torch.eye(3))
 
 
 def test_seeded_draws_repeat_themselves():

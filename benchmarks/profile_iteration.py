@@ -1,0 +1,83 @@
+"""Where the time of an iteration goes: kernels and milliseconds by phase.
+
+python benchmarks/profile_iteration.py --env cheetah
+"""
+
+from collections import Counter
+from pathlib import Path
+
+import torch
+import tyro
+from rich.table import Table
+from torch.profiler import ProfilerActivity, profile
+
+from morlax_torch import MORLAX
+from morlax_torch.cli import console
+from morlax_torch.config import load_config, merged, task_values
+from morlax_torch.envs import resolve_device
+from morlax_torch.graph import Graph
+from morlax_torch.train import make_worlds
+
+REPEATS = 5
+
+
+def main(
+    env: str = "cheetah", worlds: int | None = None, top: int = 12, output: Path | None = None
+) -> None:
+    """Profile the physics, explore and learn of one task.
+
+    Args:
+        env: The task.
+        worlds: How many (None: the task's own number).
+        top: How many kernels to list of each phase.
+        output: A CSV file for every kernel: phase, kernel, calls and ms of one iteration.
+    """
+    place = resolve_device(None)
+    values = task_values(env, place.type)
+    config = load_config(merged(values, {"worlds": worlds} if worlds else {}))
+    config = load_config({**config.model_dump(), "device": str(place)})
+    torch.set_float32_matmul_precision("high")
+    morlax = MORLAX(make_worlds(config, config.worlds), config)
+    morlax.compile()
+    physics = Graph(lambda: [morlax.env.physics.step() for _ in range(config.horizon)], place)
+    physics.record()
+    lines = ["phase,kernel,calls,ms"]
+    for phase, graph in {
+        "physics": physics,
+        "explore": morlax.explore,
+        "learn": morlax.learn,
+    }.items():
+        calls, times = _kernels(graph)
+        table = Table(
+            title=f"{env}, {phase}: {sum(times.values()):.2f} ms in {sum(calls.values())} kernels"
+        )
+        for column in ("kernel", "calls", "ms"):
+            table.add_column(column, justify="left" if column == "kernel" else "right")
+        for name, time in times.most_common():
+            lines.append(f"{phase},{name.replace(',', ';')},{calls[name]},{time:.4f}")
+        for name, time in times.most_common(top):
+            table.add_row(name[:90], str(calls[name]), f"{time:.3f}")
+        console.print(table)
+    if output:
+        output.write_text("\n".join(lines) + "\n")
+
+
+def _kernels(graph: Graph) -> tuple[Counter[str], Counter[str]]:
+    """Calls and milliseconds of every kernel of one call."""
+    for _ in range(2):
+        graph()
+    torch.cuda.synchronize()
+    with profile(activities=[ProfilerActivity.CUDA]) as found:
+        for _ in range(REPEATS):
+            graph()
+        torch.cuda.synchronize()
+    calls, times = Counter(), Counter()
+    for event in found.key_averages():
+        if event.device_time_total:
+            calls[event.key] += round(event.count / REPEATS)
+            times[event.key] += event.device_time_total / 1000 / REPEATS
+    return calls, times
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,113 @@
+"""How fast worlds are simulated, explored and learnt from, side by side in one run.
+
+python benchmarks/throughput.py --env cheetah --worlds 1024 4096 16384
+"""
+
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+import tyro
+from rich.table import Table
+
+from morlax_torch import MORLAX
+from morlax_torch.cli import console
+from morlax_torch.config import load_config, merged, task_values
+from morlax_torch.envs import resolve_device
+from morlax_torch.graph import Graph
+from morlax_torch.train import make_worlds
+
+SECONDS = 1.5  # of each measurement
+
+
+def main(
+    env: tuple[str, ...] = ("cheetah", "walker", "hopper", "ant", "humanoid"),
+    worlds: tuple[int, ...] = (),
+    device: str | None = None,
+    output: Path | None = None,
+) -> None:
+    """Measure raw physics (random actions), explore, learn and whole training.
+
+    Args:
+        env: Which tasks.
+        worlds: How many worlds (none: the task's own number).
+        device: cuda or cpu (None: CUDA where there is one).
+        output: A CSV file for the rows.
+    """
+    place = resolve_device(device)
+    rows = []
+    for task in env:
+        own = load_config(task_values(task, place.type)).worlds
+        for number in worlds or (own,):
+            rows.append(measure(task, number, place))
+    table = Table(title=str(place))
+    for column in rows[0]:
+        table.add_column(column.replace("_", " "), justify="right")
+    for row in rows:
+        table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()))
+    console.print(table)
+    if output:
+        with output.open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int | float]:
+    """One row: milliseconds of an iteration's parts, and environment steps per second."""
+    values = merged(task_values(task, device.type), {"worlds": worlds})
+    config = load_config({**load_config(values).model_dump(), "device": str(device)})
+    if device.type == "cuda":
+        torch.set_float32_matmul_precision("high")
+        torch.cuda.empty_cache()
+        before = torch.cuda.mem_get_info()[0]
+    env = make_worlds(config, worlds)
+    morlax = MORLAX(env, config)
+    morlax.compile()
+
+    def act() -> None:
+        for _ in range(config.horizon):
+            env.physics.ctrl.uniform_(-1, 1, generator=env.generator)
+            env.physics.step()
+
+    learn = _milliseconds(morlax.learn)
+    explore = _milliseconds(morlax.explore)
+    both = _milliseconds(morlax.iterate)
+    memory = (before - torch.cuda.mem_get_info()[0]) / 2**30 if device.type == "cuda" else 0.0
+    physics = Graph(act, device, [env.generator])
+    physics.record()
+    raw = _milliseconds(physics)
+    steps = worlds * config.horizon
+    return {
+        "task": task,
+        "worlds": worlds,
+        "physics_ms": raw,
+        "explore_ms": explore,
+        "learn_ms": learn,
+        "iteration_ms": both,
+        "physics_Msteps/s": steps / raw / 1e3,
+        "training_Msteps/s": steps / both / 1e3,
+        "training/physics": raw / both,
+        "GPU_GiB": memory,
+    }
+
+
+def _milliseconds(run: Callable[[], None]) -> float:
+    """Mean duration of a call, over about `SECONDS`."""
+    synchronize = torch.cuda.synchronize if torch.cuda.is_available() else lambda: None
+    for _ in range(2):
+        run()
+    synchronize()
+    start, calls = time.perf_counter(), 0
+    while (passed := time.perf_counter() - start) < SECONDS:
+        for _ in range(5):
+            run()
+        synchronize()
+        calls += 5
+    return 1000 * passed / calls
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
