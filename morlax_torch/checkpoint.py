@@ -1,9 +1,8 @@
 """One file that holds all that training, or acting, goes on from."""
 
-import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import torch
 
@@ -43,13 +42,17 @@ def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
         MorlaxError: no file, not a checkpoint, damaged, or of a format this version cannot read.
     """
     try:
-        contents = torch.load(path, map_location=device, weights_only=True)
+        with zipfile.ZipFile(path) as archive:
+            intact = archive.testzip() is None  # compares checksums, which torch.load does not
+        contents = torch.load(path, map_location=device, weights_only=True) if intact else None
     except FileNotFoundError:
         raise MorlaxError(f"there is no checkpoint {path}.") from None
-    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError, BadZipFile):
+    except Exception:  # a damaged file trips zip, pickle or torch in many ways
+        intact = False
+    if not intact:
         raise MorlaxError(
             f"the checkpoint {path} is damaged or is none: use another one of its folder."
-        ) from None
+        )
     if not isinstance(contents, dict) or "format" not in contents:
         raise MorlaxError(f"{path} is no checkpoint of morlax_torch.")
     if contents["format"] != FORMAT:

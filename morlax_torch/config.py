@@ -159,6 +159,11 @@ class Config(Section):
             )
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
+        if self.evaluation.tradeoffs < num_objectives:
+            raise ValueError(
+                f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: it takes at least one for "
+                f"each of the {num_objectives} objectives"
+            )
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
         if dealt % self.ppo.minibatches:
             raise ValueError(

@@ -59,10 +59,12 @@ class Front(NamedTuple):
     def load(cls, path: Path) -> Self:
         """What `save` wrote."""
         try:
-            with np.load(path) as arrays:
+            with path.open("rb") as file, np.load(file) as arrays:
                 fields = {name: arrays[name] for name in cls._fields}
-        except (OSError, ValueError, KeyError, EOFError) as error:
-            raise MorlaxError(f"{path} holds no front: {error}.") from None
+        except FileNotFoundError:
+            raise MorlaxError(f"there is no front {path}.") from None
+        except Exception as error:  # a damaged archive trips numpy, zip or zlib in many ways
+            raise MorlaxError(f"{path} is damaged or holds no front: {error}.") from None
         return cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
 
 

@@ -14,8 +14,9 @@ class Hypernetwork(nn.Module):
     """One network for every trade-off w, with parameters H(w) = M f(w) + b.
 
     f is an MLP from the simplex to F features; b starts as `target`'s own initialisation and M at
-    zero, so that at first every trade-off has the same sensible network. Any module can be the
-    target: its parameters are generated, its buffers are kept and shared by the whole family.
+    zero, so that at first every trade-off has the same sensible network. Any module that
+    `torch.vmap` can batch can be the target (nn.LSTM is none, a loop over nn.LSTMCell is): its
+    parameters are generated, its buffers are kept and shared by the whole family.
     (MORLAX, "Policy representation"; the form is HYPER-MORL's.)
 
         family = Hypernetwork(nn.Linear(3, 2), num_objectives=2)
@@ -52,7 +53,7 @@ class Hypernetwork(nn.Module):
         self.bias = nn.Parameter(torch.cat([p.detach().flatten() for p in parameters.values()]))
         # In a tuple the target is no submodule: parameters of its own would go unused.
         self._target = (copy.deepcopy(target).requires_grad_(False),)
-        self._buffers_of_target = list(dict(target.named_buffers()))
+        self._names_of_buffers = list(dict(target.named_buffers()))
         for index, buffer in enumerate(target.buffers()):
             self.register_buffer(f"target_buffer_{index}", buffer.clone())
 
@@ -63,14 +64,11 @@ class Hypernetwork(nn.Module):
             self.sizes, dim=-1
         )
         named = zip(self.shapes.items(), flat, strict=True)
-        return {name: values.unflatten(-1, shape) for (name, shape), values in named}
+        return {name: values.reshape(-1, *shape) for (name, shape), values in named}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """K networks, each on its own inputs (K, ...), to their outputs stacked likewise."""
-        buffers = {
-            name: getattr(self, f"target_buffer_{index}")
-            for index, name in enumerate(self._buffers_of_target)
-        }
+        buffers = self._buffers_of_family()
 
         def single(own: dict[str, Tensor], *rows: Tensor):
             return functional_call(self._target[0], {**own, **buffers}, rows)
@@ -84,4 +82,10 @@ class Hypernetwork(nn.Module):
             generated = self(tradeoff[None])
             for name, parameter in network.named_parameters():
                 parameter.copy_(generated[name][0])
+            for name, buffer in self._buffers_of_family().items():
+                network.get_buffer(name).copy_(buffer)
         return network
+
+    def _buffers_of_family(self) -> dict[str, Tensor]:
+        names = enumerate(self._names_of_buffers)
+        return {name: getattr(self, f"target_buffer_{index}") for index, name in names}

@@ -75,4 +75,5 @@ def cardinality(points: ArrayLike) -> int:
 def igd_plus(points: ArrayLike, reference_front: ArrayLike) -> float:
     """Mean distance by which the front falls short of a reference front (Ishibuchi, 2015)."""
     reference = np.asarray(reference_front, dtype=np.float64)
-    return float(moocore.igd_plus(front(points), ref=reference, maximise=True))
+    points = front(points)
+    return float(moocore.igd_plus(points, ref=reference, maximise=True)) if len(points) else np.inf

@@ -1,5 +1,6 @@
 """A trained family of policies, as other programs use it."""
 
+import copy
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,6 +41,11 @@ class Policy(nn.Module):
     @torch.no_grad()
     def forward(self, observation: Tensor, tradeoff: Tensor | Sequence[float]) -> Tensor:
         tradeoff = self._checked(tradeoff, observation.device)
+        if tradeoff.ndim == 2 and len(tradeoff) != len(observation):
+            raise MorlaxError(
+                f"there are {len(observation)} observations but {len(tradeoff)} trade-offs: give "
+                "one for each, or one for all."
+            )
         seen = self.agent.observation_normalizer(observation)
         if tradeoff.ndim == 1:
             output = self.agent.actor.run(self.agent.actor(tradeoff[None]), seen[None])[0]
@@ -50,15 +56,16 @@ class Policy(nn.Module):
 
     def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
         """A plain module for one trade-off (m,), normaliser and tanh inside."""
-        normalizer = self.agent.observation_normalizer
+        normalizer = copy.deepcopy(self.agent.observation_normalizer)
         tradeoff = self._checked(tradeoff, normalizer.mean.device)
+        if tradeoff.ndim != 1:
+            raise MorlaxError(f"a policy is specialized to one trade-off, not {len(tradeoff)}.")
         fixed = SpecializedPolicy(normalizer, self.agent.actor.specialize(tradeoff))
         return fixed.requires_grad_(False)
 
     def _checked(self, tradeoff: Tensor | Sequence[float], device: torch.device) -> Tensor:
-        tradeoff = torch.as_tensor(np.asarray(tradeoff, dtype=np.float32)) if not isinstance(
-            tradeoff, Tensor
-        ) else tradeoff  # fmt: skip
+        if not isinstance(tradeoff, Tensor):
+            tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
         tradeoff = tradeoff.to(device, torch.float32)
         m = len(self.objectives)
         if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
@@ -66,8 +73,10 @@ class Policy(nn.Module):
                 f"a trade-off needs {m} numbers ({', '.join(self.objectives)}), but the shape "
                 f"is {tuple(tradeoff.shape)}."
             )
-        if not (tradeoff >= 0).all() or not (tradeoff.sum(-1) > 0).all():
-            raise MorlaxError("a trade-off must not be negative, nor zero in every objective.")
+        if not (tradeoff.isfinite() & (tradeoff >= 0)).all() or not (tradeoff.sum(-1) > 0).all():
+            raise MorlaxError(
+                "a trade-off must be finite, not negative, and not zero in every objective."
+            )
         return tradeoff
 
 

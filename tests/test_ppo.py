@@ -329,20 +329,40 @@ def test_improving_is_adam_on_the_clipped_gradients(learner, samples, type):
         torch.testing.assert_close(step, expected, rtol=1e-2, atol=1e-4, msg=name)
 
 
-@pytest.mark.parametrize("type", ("dual", "single"))
-def test_gradients_of_each_group_are_clipped_separately(learner, samples, type):
-    # Adam's first step is rate * g / (|g| + 1e-8): for tiny gradients it tells g
-    agent, limit = learner(type=type), 1e-8
-    config = PPOConfig(learning_rate=1.0, max_grad_norm=limit)
+def norms_of(steps: dict[str, Tensor]) -> dict[str, float]:
+    """The norms of the gradients behind Adam's first steps, at a learning rate of 1.
+
+    Such a step is g / (|g| + 1e-8): where gradients are tiny, it tells them.
+    """
     squares = {"actor": 0.0, "critic": 0.0}
-    for name, step in steps_of(agent, config, near(samples, agent)).items():
+    for name, step in steps.items():
         gradient = 1e-8 * step.double() / (1 - step.double().abs())
         squares[name.split(".")[0]] += gradient.square().sum().item()
+    return {name: square**0.5 for name, square in squares.items()}
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_gradients_of_each_group_are_clipped_separately(learner, samples, type):
+    agent, limit = learner(type=type), 1e-8
+    config = PPOConfig(learning_rate=1.0, max_grad_norm=limit)
+    norms = norms_of(steps_of(agent, config, near(samples, agent)))
     if type == "dual":
-        norms = [square**0.5 for square in squares.values()]
+        assert norms == pytest.approx({"actor": limit, "critic": limit}, rel=1e-3)
     else:
-        norms = [sum(squares.values()) ** 0.5]
-    assert norms == pytest.approx([limit] * len(norms), rel=1e-3)
+        assert sum(norm**2 for norm in norms.values()) ** 0.5 == pytest.approx(limit, rel=1e-3)
+
+
+def test_a_gradient_below_the_limit_stays_as_it_is(learner, samples, generator):
+    agent, limit = learner(type="dual"), 1e-5
+    config = PPOConfig(learning_rate=1.0, max_grad_norm=limit, entropy=0.0)
+    samples = near(samples, agent)
+    samples = samples._replace(advantage=1e-5 * samples.advantage)
+    loss, _ = PPO(agent, config).policy_loss(TRADEOFFS, samples, generator)
+    own = torch.cat([gradient.flatten() for gradient in gradients(loss, agent.actor)])
+    expected = own.double().norm().item()
+    assert 0.1 * limit < expected < 0.9 * limit
+    norms = norms_of(steps_of(agent, config, samples))
+    assert norms == pytest.approx({"actor": expected, "critic": limit}, rel=1e-2)
 
 
 def test_the_critic_may_have_a_learning_rate_of_its_own(learner, samples):
