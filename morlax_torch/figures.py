@@ -32,8 +32,6 @@ def _pair(axes: Axes, front: Front, x: int, y: int) -> None:
     axes.set_xlabel(f"{front.objectives[x]} (return)")
     axes.set_ylabel(f"{front.objectives[y]} (return)")
     axes.grid(alpha=0.3)
-    axes.figure.colorbar(
-        points, ax=axes, label=f"trade-off: {front.objectives[x]} over {front.objectives[y]}"
-    )
+    axes.figure.colorbar(points, ax=axes, label=f"trade-off: share of {front.objectives[x]}")
     if not best.all():
         axes.legend(loc="lower left")
