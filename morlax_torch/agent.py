@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
+from . import fused
 from .config import NetworkConfig
 from .hypernetwork import Hypernetwork
 from .networks import mlp
@@ -16,27 +18,48 @@ MIN_STD = 1e-3
 
 
 class TanhNormal:
-    """A Gaussian squashed by tanh. Its samples stay unsquashed: `tanh` makes them actions."""
+    """A Gaussian squashed by tanh. Its samples stay unsquashed: `tanh` makes them actions.
 
-    def __init__(self, mean: Tensor, spread: Tensor):
-        self.mean, self.std = mean, softplus(spread) + MIN_STD  # (..., A)
+    Args:
+        output: of the actors, (..., 2A): the means, and what becomes the standard deviations.
+    """
 
-    def sample(self, generator: torch.Generator | None = None) -> Tensor:
-        return self.mean + self.std * self._noise(generator)
+    def __init__(self, output: Tensor):
+        self.output = output
+
+    @cached_property
+    def mean(self) -> Tensor:
+        """(..., A)"""
+        return self.output.chunk(2, dim=-1)[0]
+
+    @cached_property
+    def std(self) -> Tensor:
+        """(..., A)"""
+        return softplus(self.output.chunk(2, dim=-1)[1]) + MIN_STD
+
+    def noise(self, generator: torch.Generator | None = None) -> Tensor:
+        """(..., A) standard normal."""
+        shape = *self.output.shape[:-1], self.output.shape[-1] // 2
+        return self.output.new_empty(shape).normal_(generator=generator)
+
+    def act(self, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor]:
+        """A sample (..., A) and its log-probability (...)."""
+        noise = self.noise(generator)
+        if noise.is_cuda:
+            return fused.act(self.output, noise)
+        action = self.mean + self.std * noise
+        return action, self.log_prob(action)
 
     def log_prob(self, action: Tensor) -> Tensor:
-        """(..., A) unsquashed to (...): the density of tanh(action)."""
+        """(..., A) unsquashed to (...): the log-density of tanh(action)."""
         standard = (action - self.mean) / self.std
         gaussian = -0.5 * standard.square() - self.std.log() - 0.5 * math.log(2 * math.pi)
         return (gaussian - _log_slope(action)).sum(-1)
 
-    def entropy(self, generator: torch.Generator | None = None) -> Tensor:
-        """(...): the Gaussian's entropy, and one sample of what tanh takes from it."""
+    def entropy(self, noise: Tensor) -> Tensor:
+        """(...): the Gaussian's entropy, and what tanh takes from it at one sample."""
         gaussian = 0.5 + 0.5 * math.log(2 * math.pi) + self.std.log()
-        return (gaussian + _log_slope(self.sample(generator))).sum(-1)
-
-    def _noise(self, generator: torch.Generator | None) -> Tensor:
-        return torch.empty_like(self.mean).normal_(generator=generator)
+        return (gaussian + _log_slope(self.mean + self.std * noise)).sum(-1)
 
 
 def _log_slope(action: Tensor) -> Tensor:
@@ -82,7 +105,7 @@ class Agent(nn.Module):
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
         """(K, m) trade-offs to a function from observations (K, B, O) to action distributions."""
         parameters = self.actor(tradeoffs)
-        return lambda seen: TanhNormal(*self.actor.run(parameters, seen).chunk(2, dim=-1))
+        return lambda seen: TanhNormal(self.actor.run(parameters, seen))
 
     def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
         """(K, m) trade-offs to a function from observations (K, B, O) to values (K, B, m).

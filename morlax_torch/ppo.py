@@ -3,11 +3,13 @@
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
+from . import fused
 from .agent import Agent
 from .config import PPOConfig
 from .graph import Beside
+from .optimizer import ClippedAdam
 from .rollout import Rollout, advantages
 
 RATE_STEP = 1.2  # how far an adaptive learning rate moves in one iteration
@@ -98,40 +100,21 @@ class PPO:
     def __init__(self, agent: Agent, config: PPOConfig):
         self.agent, self.config = agent, config
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
+        rate, norm = config.learning_rate, config.max_grad_norm
         self.single = agent.actor.features is agent.critic.features
         if self.single:
-            self.optimizers = [self._adam(list(dict.fromkeys(actor + critic)), None)]
+            self.optimizers = [ClippedAdam(dict.fromkeys(actor + critic), rate, norm)]
         else:
+            critic_rate = config.critic_learning_rate or rate
             self.optimizers = [
-                self._adam(actor, None),
-                self._adam(critic, config.critic_learning_rate),
+                ClippedAdam(actor, rate, norm),
+                ClippedAdam(critic, critic_rate, norm),
             ]
         self._beside = Beside(actor[0].device)
 
-    def _adam(self, parameters: list[nn.Parameter], rate: float | None) -> torch.optim.Adam:
-        rate = rate or self.config.learning_rate
-        on_gpu = parameters[0].is_cuda
-        # Rate and moments exist from the start and are only ever written in place: a recorded
-        # graph knows them by their addresses.
-        step_size = torch.tensor(rate, device=parameters[0].device)
-        adam = torch.optim.Adam(parameters, step_size, fused=True, capturable=on_gpu)
-        for parameter in parameters:
-            parameter.grad = torch.zeros_like(parameter)
-        adam.step()
-        for state in adam.state.values():
-            for tensor in state.values():
-                tensor.zero_()
-        return adam
-
     def state(self) -> list[Tensor]:
         """Every tensor of the optimisers, in a fixed order; written in place only."""
-        moments = [
-            value
-            for optimizer in self.optimizers
-            for parameter in optimizer.param_groups[0]["params"]
-            for _, value in sorted(optimizer.state[parameter].items())
-        ]
-        return [*moments, *(optimizer.param_groups[0]["lr"] for optimizer in self.optimizers)]
+        return [value for optimizer in self.optimizers for value in optimizer.state()]
 
     def improve(self, parts: list[tuple[Tensor, Batch]], generator: torch.Generator) -> Tensor:
         """A step on every minibatch; the means of `metrics` over them, (5,)."""
@@ -140,7 +123,7 @@ class PPO:
             for tradeoffs, batch in parts:
                 policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
                 value_loss = self.value_loss(tradeoffs, batch)
-                self._step(self.optimizers[0], policy_loss + value_loss)
+                self.optimizers[0].step(policy_loss + value_loss)
                 policies.append(found)
                 values.append(value_loss.detach())
         else:
@@ -148,11 +131,11 @@ class PPO:
             with self._beside:
                 for tradeoffs, batch in parts:
                     value_loss = self.value_loss(tradeoffs, batch)
-                    self._step(critic, value_loss)
+                    critic.step(value_loss)
                     values.append(value_loss.detach())
             for tradeoffs, batch in parts:
                 policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
-                self._step(actor, policy_loss)
+                actor.step(policy_loss)
                 policies.append(found)
             self._beside.join()
         policy = torch.stack(policies).mean(0)
@@ -167,16 +150,22 @@ class PPO:
         the estimator E[r - 1 - log r].)
         """
         policy = self.agent.policies(tradeoffs)(batch.observation)
+        clip, bonus = self.config.clip, self.config.entropy
+        noise = policy.noise(generator)
+        if policy.output.is_cuda:
+            return fused.PolicyLoss.apply(
+                policy.output, batch.action, noise, batch.log_prob, batch.advantage, clip, bonus
+            )
         log_ratio = policy.log_prob(batch.action) - batch.log_prob.squeeze(-1)
         ratio, advantage = log_ratio.exp(), batch.advantage.squeeze(-1)
-        clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
+        clipped = ratio.clamp(1 - clip, 1 + clip)
         surrogate = -torch.minimum(ratio * advantage, clipped * advantage).mean()
-        entropy = policy.entropy(generator).mean()
+        entropy = policy.entropy(noise).mean()
         with torch.no_grad():
             kl = (ratio - 1 - log_ratio).mean()
             clip_fraction = (ratio != clipped).float().mean()
             found = torch.stack([surrogate, entropy, kl, clip_fraction])
-        return surrogate - self.config.entropy * entropy, found
+        return surrogate - bonus * entropy, found
 
     def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
         """The squared error of the vector value, summed over objectives."""
@@ -188,16 +177,7 @@ class PPO:
         desired = self.config.desired_kl
         if desired is None:
             return
-        rate = self.optimizers[0].param_groups[0]["lr"]
+        rate = self.optimizers[0].rate
         slower, faster = kl > 2 * desired, kl < desired / 2
         factor = 1 - slower * (1 - 1 / RATE_STEP) + faster * (RATE_STEP - 1)
         rate.mul_(factor).clamp_(*RATE_LIMITS)
-
-    def _step(self, optimizer: torch.optim.Adam, loss: Tensor) -> None:
-        parameters = optimizer.param_groups[0]["params"]
-        for parameter, gradient in zip(
-            parameters, torch.autograd.grad(loss, parameters), strict=True
-        ):
-            parameter.grad = gradient
-        nn.utils.clip_grad_norm_(parameters, self.config.max_grad_norm)
-        optimizer.step()

@@ -54,12 +54,12 @@ def collect(
     for t in range(len(rollout.reward)):
         seen = agent.observation_normalizer(observation)
         policy = policies(seen.unflatten(0, (len(tradeoffs), -1)))
-        action = policy.sample(generator)
+        action, log_prob = policy.act(generator)
         step = env.step(action.tanh().flatten(0, 1))
         kept = Rollout(
             observation,
             action,
-            policy.log_prob(action),
+            log_prob,
             step.reward,
             step.terminated,
             step.truncated,

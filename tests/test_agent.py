@@ -12,24 +12,28 @@ from morlax_torch.agent import TanhNormal
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
 
 
+def squashed(mean: torch.Tensor, spread: torch.Tensor) -> TanhNormal:
+    return TanhNormal(torch.cat([mean, spread], -1))
+
+
 def test_log_prob_is_that_of_the_squashed_action(generator):
     mean, spread, action = torch.randn(3, 50, 4, generator=generator, dtype=torch.float64)
     scale = softplus(spread) + 0.001
     oracle = TransformedDistribution(Normal(mean, scale), TanhTransform())
     expected = oracle.log_prob(action.tanh()).sum(-1)
-    torch.testing.assert_close(TanhNormal(mean, spread).log_prob(action), expected)
+    torch.testing.assert_close(squashed(mean, spread).log_prob(action), expected)
 
 
 def test_the_density_of_an_action_integrates_to_one():
     u = torch.linspace(-12, 12, 20001, dtype=torch.float64)[:, None]
     mean, spread = torch.tensor([[0.4]]).double(), torch.tensor([[0.2]]).double()
-    density = TanhNormal(mean, spread).log_prob(u).exp()
+    density = squashed(mean, spread).log_prob(u).exp()
     assert torch.trapezoid(density, u.tanh()[:, 0]).item() == pytest.approx(1.0, abs=1e-6)
 
 
 def test_entropy_is_right_on_average(generator):
     mean, spread = torch.tensor([0.7, -0.3]).double(), torch.tensor([-0.5, 0.8]).double()
-    many = TanhNormal(mean.expand(200_000, 2), spread.expand(200_000, 2))
+    many = squashed(mean.expand(200_000, 2), spread.expand(200_000, 2))
     # -E[log p] by quadrature: the actions' dimensions are independent
     expected = 0.0
     for centre, width in zip(mean, many.std[0], strict=True):
@@ -38,14 +42,14 @@ def test_entropy_is_right_on_average(generator):
         expected += torch.trapezoid(
             gaussian.exp() * ((1 - u.tanh() ** 2).clamp(min=1e-300).log() - gaussian), u
         ).item()
-    estimates = many.entropy(generator)
+    estimates = many.entropy(many.noise(generator))
     error = estimates.std().item() / math.sqrt(len(estimates))
     assert estimates.mean().item() == pytest.approx(expected, abs=5 * error)
 
 
 def test_samples_have_the_mean_and_the_spread_of_the_gaussian(generator):
-    policy = TanhNormal(torch.full((100_000, 1), 2.0), torch.full((100_000, 1), 1.0))
-    samples = policy.sample(generator)
+    policy = squashed(torch.full((100_000, 1), 2.0), torch.full((100_000, 1), 1.0))
+    samples, _ = policy.act(generator)
     scale = math.log1p(math.e) + 0.001
     assert samples.mean().item() == pytest.approx(2.0, abs=0.03)
     assert samples.std().item() == pytest.approx(scale, rel=0.02)
@@ -58,8 +62,8 @@ def test_extreme_values_stay_finite(action, generator):
         for spread in (-200.0, 0.0, 200.0):
             mean_, spread_ = torch.full((1, 1), mean), torch.full((1, 1), spread)
             mean_.requires_grad_(), spread_.requires_grad_()
-            policy = TanhNormal(mean_, spread_)
-            value = policy.log_prob(u) + policy.entropy(generator)
+            policy = squashed(mean_, spread_)
+            value = policy.log_prob(u) + policy.entropy(policy.noise(generator))
             value.sum().backward()
             assert value.isfinite().all()
             assert mean_.grad.isfinite().all()
@@ -67,7 +71,7 @@ def test_extreme_values_stay_finite(action, generator):
 
 
 def test_the_standard_deviation_never_falls_below_its_floor():
-    std = TanhNormal(torch.zeros(3), torch.tensor([-1e3, -20.0, 0.0])).std
+    std = squashed(torch.zeros(3), torch.tensor([-1e3, -20.0, 0.0])).std
     torch.testing.assert_close(std, torch.tensor([0.001, 0.001, math.log(2) + 0.001]))
 
 
@@ -91,8 +95,10 @@ def test_each_tradeoff_has_a_policy_and_values_of_its_own(make_agent, generator,
     seen = torch.randn(1, 6, 3, generator=generator).expand(4, 6, 3)
     policy, values = agent.policies(TRADEOFFS)(seen), agent.values(TRADEOFFS)(seen)
     assert policy.mean.shape == policy.std.shape == (4, 6, 2)
-    assert policy.log_prob(policy.sample(generator)).shape == (4, 6)
-    assert policy.entropy(generator).shape == (4, 6)
+    action, log_prob = policy.act(generator)
+    torch.testing.assert_close(log_prob, policy.log_prob(action))
+    assert log_prob.shape == (4, 6)
+    assert policy.entropy(policy.noise(generator)).shape == (4, 6)
     assert values.shape == (4, 6, 2)
     for k, tradeoff in enumerate(TRADEOFFS):
         mean, spread = agent.actor.specialize(tradeoff)(seen[k]).chunk(2, -1)
