@@ -108,15 +108,15 @@ class Environment(ABC):
         self.apply(action)
         self.physics.step()
         self.age += 1
-        healthy = self.physics.healthy()
+        blown_up = self.physics.blown_up()
         terms = self.terms()
         reward = self.combine(terms)
-        terminated = self.failed() | ~healthy
+        terminated = self.failed() | blown_up
         truncated = (self.age >= self.episode_length) & ~terminated
-        self.blowups += (~healthy).sum()
-        healthy = healthy[:, None]
-        reward = torch.where(healthy, reward, 0.0).float()
-        final_observation = torch.where(healthy, self.observe(), 0.0).float()
+        self.blowups += blown_up.sum()
+        blown_up = blown_up[:, None]
+        reward = torch.where(blown_up, 0.0, reward).float()
+        final_observation = torch.where(blown_up, 0.0, self.observe()).float()
         if self.auto_reset:
             self._restart(terminated | truncated)
             observation = self.observe().float()

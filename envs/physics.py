@@ -48,14 +48,14 @@ class Physics(ABC):
         `qpos`, `qvel` and `sensors` have a row for each world, or one row for all.
         """
         done = done[:, None]
-        self.qpos.copy_(torch.where(done, qpos, self.qpos))
-        self.qvel.copy_(torch.where(done, qvel, self.qvel))
+        torch.where(done, qpos, self.qpos, out=self.qpos)
+        torch.where(done, qvel, self.qvel, out=self.qvel)
         self.warmstart.masked_fill_(done, 0.0)
         if self.sensors.shape[1]:
-            self.sensors.copy_(torch.where(done, sensors, self.sensors))
+            torch.where(done, sensors, self.sensors, out=self.sensors)
 
-    def healthy(self) -> Tensor:
-        """(N,) False where the simulation has blown up."""
+    def blown_up(self) -> Tensor:
+        """(N,) True where the state is no longer finite."""
         # a sum is finite only if all it adds is, and only what is finite times zero is zero:
         # five kernels where two `isfinite` and `all` take twelve
-        return (self.qpos.sum(-1) + self.qvel.sum(-1)) * 0 == 0
+        return (self.qpos.sum(-1) + self.qvel.sum(-1)) * 0 != 0

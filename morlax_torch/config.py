@@ -64,8 +64,8 @@ class PPOConfig(Section):
     """Adam's step size."""
     critic_learning_rate: PositiveFloat | None = None
     """Adam's step size for the critic (None: the same)."""
-    desired_kl: PositiveFloat | None = None
-    """Adapt the actor's step size to keep the KL of an update near this (None: do not)."""
+    anneal: bool = False
+    """Let step sizes and the entropy's weight fall linearly, to nothing at max_env_steps."""
     epochs: PositiveInt = 4
     """Passes over a rollout."""
     minibatches: PositiveInt = 8
@@ -159,6 +159,8 @@ class Config(Section):
             )
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
+        if self.ppo.anneal and self.max_env_steps is None:
+            raise ValueError("ppo.anneal needs max_env_steps: it says when to arrive at nothing")
         if self.evaluation.tradeoffs < num_objectives:
             raise ValueError(
                 f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: it takes at least one for "

@@ -57,7 +57,7 @@ def _policy_loss(
     old_log_prob: wp.array3d(dtype=float),  # (K, S, 1)
     advantage: wp.array3d(dtype=float),  # (K, S, 1)
     clip: float,
-    entropy_weight: float,
+    entropy_weight: wp.array(dtype=float),  # (1,)
     found: wp.array3d(dtype=float),  # (K, S, 4) surrogate, entropy, KL, clipped
     slope: wp.array3d(dtype=float),  # (K, S, 2A) of the sample's loss, by output
 ):
@@ -70,6 +70,7 @@ def _policy_loss(
         std = softplus(output[k, i, size + a]) + MIN_STD
         log_ratio += log_density(mean, std, action[k, i, a])
         entropy += 0.5 + HALF_LOG_2_PI + wp.log(std) + log_slope(mean + std * noise[k, i, a])
+    bonus = entropy_weight[0]
     ratio = wp.exp(log_ratio)
     clipped = wp.clamp(ratio, 1.0 - clip, 1.0 + clip)
     gain = advantage[k, i, 0]
@@ -86,8 +87,8 @@ def _policy_loss(
         standard = (action[k, i, a] - mean) / std
         # d log_slope(u) / du = -2 tanh(u)
         by_sample = -2.0 * wp.tanh(mean + std * noise[k, i, a])
-        by_mean = by_log_ratio * standard / std - entropy_weight * by_sample
-        by_std = by_log_ratio * (standard * standard - 1.0) / std - entropy_weight * (
+        by_mean = by_log_ratio * standard / std - bonus * by_sample
+        by_std = by_log_ratio * (standard * standard - 1.0) / std - bonus * (
             1.0 / std + by_sample * noise[k, i, a]
         )
         slope[k, i, a] = by_mean
@@ -105,6 +106,7 @@ def act(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
 class PolicyLoss(torch.autograd.Function):
     """(output, action, noise, old log-prob, advantage, clip, entropy weight) to loss and metrics.
 
+    The entropy's weight is a tensor (), so that a recorded graph can be given another.
     The loss is differentiable by the networks' output (K, S, 2A); the metrics (4,) are the mean
     surrogate, entropy, KL and share of clipped samples.
     """
@@ -114,10 +116,11 @@ class PolicyLoss(torch.autograd.Function):
         found, slope = output.new_empty(*output.shape[:2], 4), torch.empty_like(output)
         tensors = (output, action, noise, old_log_prob, advantage, found, slope)
         *arrays, found_array, slope_array = (wp.from_torch(x.detach()) for x in tensors)
+        weight = wp.from_torch(entropy_weight.reshape(1))
         wp.launch(
             _policy_loss,
             dim=tuple(found.shape[:2]),
-            inputs=[*arrays, clip, entropy_weight, found_array, slope_array],
+            inputs=[*arrays, clip, weight, found_array, slope_array],
             device=slope_array.device,
         )
         means = found.mean((0, 1))

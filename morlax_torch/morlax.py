@@ -41,6 +41,7 @@ class MORLAX:
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         self.observation = env.reset().clone()  # (N, O)
         self.iteration = 0
+        self._clock = torch.zeros((), device=env.device)  # the iteration, where graphs can see it
         self.steps_per_iteration = config.worlds * config.horizon
         self.metric_names = (
             *PPO.metrics,
@@ -85,13 +86,15 @@ class MORLAX:
 
     def _learn(self) -> None:
         ppo = self.config.ppo
+        if ppo.anneal and self.config.max_env_steps:
+            done = self._clock * (self.steps_per_iteration / self.config.max_env_steps)
+            self.ppo.anneal((1 - done).clamp(min=0))
+            self._clock += 1
         batch, explained = judge(self.agent, self.tradeoffs, self.rollout, ppo)
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         for _ in range(ppo.epochs):
             parts = minibatches(batch, self.tradeoffs, ppo.minibatches, self.generator)
-            found = self.ppo.improve(parts, self.generator)
-            losses += found
-        self.ppo.adapt(found[PPO.metrics.index("kl")])
+            losses += self.ppo.improve(parts, self.generator)
         # only now: during the update the policies must see what they saw when they acted
         self.agent.observation_normalizer.update(self.rollout.observation)
         reward, terminated = self.rollout.reward, self.rollout.terminated
@@ -138,3 +141,4 @@ class MORLAX:
         self.env.load_state_dict(state["environment"])
         self.observation.copy_(state["observation"])
         self.iteration = self._metrics_since = state["iteration"]
+        self._clock.fill_(self.iteration)

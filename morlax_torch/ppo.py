@@ -12,9 +12,6 @@ from .graph import Beside
 from .optimizer import ClippedAdam
 from .rollout import Rollout, advantages
 
-RATE_STEP = 1.2  # how far an adaptive learning rate moves in one iteration
-RATE_LIMITS = 1e-5, 1e-2
-
 
 class Batch(NamedTuple):
     """S samples of each of K trade-offs."""
@@ -100,21 +97,27 @@ class PPO:
     def __init__(self, agent: Agent, config: PPOConfig):
         self.agent, self.config = agent, config
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
-        rate, norm = config.learning_rate, config.max_grad_norm
+        self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
+        norm = config.max_grad_norm
         self.single = agent.actor.features is agent.critic.features
         if self.single:
-            self.optimizers = [ClippedAdam(dict.fromkeys(actor + critic), rate, norm)]
-        else:
-            critic_rate = config.critic_learning_rate or rate
             self.optimizers = [
-                ClippedAdam(actor, rate, norm),
-                ClippedAdam(critic, critic_rate, norm),
+                ClippedAdam(list(dict.fromkeys(actor + critic)), self.rates[0], norm)
             ]
+        else:
+            self.optimizers = [
+                ClippedAdam(group, rate, norm)
+                for group, rate in zip((actor, critic), self.rates, strict=True)
+            ]
+        self.entropy = actor[0].new_tensor(config.entropy)
         self._beside = Beside(actor[0].device)
 
     def state(self) -> list[Tensor]:
         """Every tensor of the optimisers, in a fixed order; written in place only."""
-        return [value for optimizer in self.optimizers for value in optimizer.state()]
+        return [
+            *(value for optimizer in self.optimizers for value in optimizer.state()),
+            self.entropy,
+        ]
 
     def improve(self, parts: list[tuple[Tensor, Batch]], generator: torch.Generator) -> Tensor:
         """A step on every minibatch; the means of `metrics` over them, (5,)."""
@@ -150,7 +153,7 @@ class PPO:
         the estimator E[r - 1 - log r].)
         """
         policy = self.agent.policies(tradeoffs)(batch.observation)
-        clip, bonus = self.config.clip, self.config.entropy
+        clip, bonus = self.config.clip, self.entropy
         noise = policy.noise(generator)
         if policy.output.is_cuda:
             return fused.PolicyLoss.apply(
@@ -172,12 +175,8 @@ class PPO:
         error = self.agent.values(tradeoffs)(batch.observation) - batch.target
         return self.config.value_coefficient * error.square().sum(-1).mean()
 
-    def adapt(self, kl: Tensor) -> None:
-        """Change the actor's step size so that an update's KL stays near `config.desired_kl`."""
-        desired = self.config.desired_kl
-        if desired is None:
-            return
-        rate = self.optimizers[0].rate
-        slower, faster = kl > 2 * desired, kl < desired / 2
-        factor = 1 - slower * (1 - 1 / RATE_STEP) + faster * (RATE_STEP - 1)
-        rate.mul_(factor).clamp_(*RATE_LIMITS)
+    def anneal(self, left: Tensor) -> None:
+        """Scale step sizes and the entropy's weight to the share of the run that is `left`."""
+        for optimizer, rate in zip(self.optimizers, self.rates, strict=False):
+            optimizer.rate.copy_(rate * left)
+        self.entropy.copy_(self.config.entropy * left)

@@ -59,7 +59,7 @@ def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, cl
         torch.eye(2), Batch(*(column.cpu() for column in batch)), torch.Generator()
     )
     loss, found = fused.PolicyLoss.apply(
-        output, batch.action, noise, batch.log_prob, batch.advantage, clip, bonus
+        output, batch.action, noise, batch.log_prob, batch.advantage, clip, ppo.entropy.to(output)
     )
     torch.testing.assert_close(loss.cpu(), expected, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(found.cpu(), metrics, rtol=1e-4, atol=1e-5)
@@ -70,7 +70,14 @@ def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, cl
 
 def test_a_steeper_loss_has_a_steeper_gradient(samples):
     output, batch, noise = samples
-    arguments = (batch.action, noise, batch.log_prob, batch.advantage, 0.2, 0.01)
+    arguments = (
+        batch.action,
+        noise,
+        batch.log_prob,
+        batch.advantage,
+        0.2,
+        torch.tensor(0.01).to(output),
+    )
     once, _ = fused.PolicyLoss.apply(output, *arguments)
     (slope,) = torch.autograd.grad(once, output)
     twice, _ = fused.PolicyLoss.apply(output, *arguments)
