@@ -10,10 +10,10 @@ import torch
 import tyro
 from rich.table import Table
 from torch.profiler import ProfilerActivity, profile
+from training_curve import configured
 
 from morlax_torch import MORLAX
 from morlax_torch.cli import console
-from morlax_torch.config import load_config, merged, task_values
 from morlax_torch.envs import resolve_device
 from morlax_torch.graph import Graph
 from morlax_torch.train import make_worlds
@@ -33,9 +33,7 @@ def main(
         output: A CSV file for every kernel: phase, kernel, calls and ms of one iteration.
     """
     place = resolve_device(None)
-    values = task_values(env, place.type)
-    config = load_config(merged(values, {"worlds": worlds} if worlds else {}))
-    config = load_config({**config.model_dump(), "device": str(place)})
+    config = configured(env, {"worlds": worlds} if worlds else {}, 0, place)
     torch.set_float32_matmul_precision("high")
     morlax = MORLAX(make_worlds(config, config.worlds), config)
     morlax.compile()

@@ -11,10 +11,10 @@ from pathlib import Path
 import torch
 import tyro
 from rich.table import Table
+from training_curve import configured
 
 from morlax_torch import MORLAX
 from morlax_torch.cli import console
-from morlax_torch.config import load_config, merged, task_values
 from morlax_torch.envs import resolve_device
 from morlax_torch.graph import Graph
 from morlax_torch.train import make_worlds
@@ -39,8 +39,7 @@ def main(
     place = resolve_device(device)
     rows = []
     for task in env:
-        own = load_config(task_values(task, place.type)).worlds
-        for number in worlds or (own,):
+        for number in worlds or (configured(task, {}, 0, place).worlds,):
             rows.append(measure(task, number, place))
     table = Table(title=str(place))
     for column in rows[0]:
@@ -57,8 +56,7 @@ def main(
 
 def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int | float]:
     """One row: milliseconds of an iteration's parts, and environment steps per second."""
-    values = merged(task_values(task, device.type), {"worlds": worlds})
-    config = load_config({**load_config(values).model_dump(), "device": str(device)})
+    config = configured(task, {"worlds": worlds}, 0, device)
     if device.type == "cuda":
         torch.set_float32_matmul_precision("high")
         torch.cuda.empty_cache()

@@ -12,6 +12,7 @@ from .agent import Agent
 from .envs import Environment, MorlaxError
 from .files import replacing
 from .graph import Graph
+from .rollout import one_thread
 
 Protocol = Literal["latched", "paper"]
 
@@ -109,8 +110,9 @@ class Evaluator:
         self._returns.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
-        for _ in range(self.env.episode_length):
-            self._step()
+        with one_thread(self.env.device):
+            for _ in range(self.env.episode_length):
+                self._step()
         return Front(
             self.env.objectives,
             self.tradeoffs.cpu().numpy(),

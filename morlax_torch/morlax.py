@@ -9,7 +9,7 @@ from .config import Config
 from .envs import Environment, MorlaxError
 from .graph import Graph
 from .ppo import PPO, judge, minibatches
-from .rollout import Rollout, collect
+from .rollout import Rollout, collect, one_thread
 from .tradeoffs import sample_tradeoffs
 
 
@@ -80,9 +80,10 @@ class MORLAX:
             self.tradeoffs, self.config.num_corners(self.tradeoffs.shape[1]), sampling.alpha,
             self.generator,
         )  # fmt: skip
-        collect(
-            self.env, self.agent, self.tradeoffs, self.observation, self.rollout, self.generator
-        )
+        with one_thread(self.env.device):
+            collect(
+                self.env, self.agent, self.tradeoffs, self.observation, self.rollout, self.generator
+            )
 
     def _learn(self) -> None:
         ppo = self.config.ppo

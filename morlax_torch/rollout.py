@@ -1,5 +1,7 @@
 """Acting in the worlds, and judging what was done."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import torch
@@ -7,6 +9,20 @@ from torch import Tensor
 
 from .agent import Agent
 from .envs import Environment
+
+
+@contextmanager
+def one_thread(device: torch.device) -> Iterator[None]:
+    """On the CPU, let torch use a single thread: its others would keep physics from the cores."""
+    if device.type != "cpu":
+        yield
+        return
+    usual = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(usual)
 
 
 class Rollout(NamedTuple):

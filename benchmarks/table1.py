@@ -1,0 +1,133 @@
+"""The paper's Table I, measured here: hypervolume against seconds, and time to the targets.
+
+    python benchmarks/table1.py --seconds 60 --seeds 3 --output table1
+
+Beside our own protocol (a fixed set of 512 trade-offs, episodes latched at their first end) stands
+the paper's (1,024 Dirichlet trade-offs, failures masked step by step, the reset's reward added).
+Evaluations are off the training clock. Writes OUTPUT.csv, a row for each evaluation, OUTPUT.md, the
+table, and OUTPUT.png, the curves.
+"""
+
+import csv
+from pathlib import Path
+from statistics import median
+
+import torch
+import tyro
+from matplotlib.figure import Figure
+from training_curve import TARGETS, Point, configured, reached, training_curve
+
+from morlax_torch.cli import console
+from morlax_torch.envs import resolve_device
+
+PAPER_SECONDS = {  # (MORLAX on an RTX A4000, HYPER-MORL on a CPU) to HYPER-MORL's maximum
+    "cheetah": (144.0, 4955.0),
+    "walker": (307.1, 8075.8),
+    "ant": (533.7, 13338.6),
+    "hopper": (53.2, 12728.2),
+    "humanoid": (92.4, 25950.0),
+}
+COLUMNS = (
+    *("env", "seed", "train_seconds", "total_seconds", "env_steps"),
+    *("hypervolume", "hypervolume_paper_protocol"),
+)
+
+
+def main(
+    env: tuple[str, ...] = tuple(TARGETS),
+    seconds: float = 60.0,
+    seeds: int = 3,
+    every: float = 1.0,
+    device: str | None = None,
+    output: Path = Path("table1"),
+) -> None:
+    """Measure.
+
+    Args:
+        env: Which tasks.
+        seconds: Training time of each run.
+        seeds: Runs of each task.
+        every: Training seconds between evaluations.
+        device: cuda or cpu (None: CUDA where there is one).
+        output: Name of the files, without its ending.
+    """
+    place = resolve_device(device)
+    if place.type == "cuda":
+        torch.set_float32_matmul_precision("high")
+    runs: dict[str, list[list[Point]]] = {}
+    with output.with_suffix(".csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(COLUMNS)
+        for task in env:
+            runs[task] = []
+            for seed in range(seeds):
+                config = configured(task, {}, seed, place)
+                points = training_curve(config, seconds, every, ("latched", "paper"))
+                runs[task].append(points)
+                for p in points:
+                    rows.writerow([task, seed, *p[:3], *p.hypervolume.values()])
+                file.flush()
+                console.print(f"{task}, seed {seed}: {points[-1]}")
+    table = markdown(runs)
+    console.print(table, markup=False)
+    output.with_suffix(".md").write_text(table)
+    curves(runs).savefig(output.with_suffix(".png"), dpi=130)
+
+
+def markdown(runs: dict[str, list[list[Point]]]) -> str:
+    """The table; "median (least - most)" over the seeds."""
+    lines = [
+        "| task | steps/s | to HYPER-MORL's maximum | MORLAX, HYPER-MORL in the paper | "
+        "to the paper's MORLAX maximum | best hypervolume | by the paper's protocol |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for task, seeds in runs.items():
+        low, high = TARGETS[task]
+        speed = median(p[-1].env_steps / p[-1].train_seconds for p in seeds)
+        mine, theirs = PAPER_SECONDS[task]
+        best = {
+            name: [max(p.hypervolume[name] for p in points) for points in seeds]
+            for name in ("latched", "paper")
+        }
+        cells = [
+            task,
+            f"{speed / 1e6:.2f} M",
+            f"{low:.3g}: {spread([reached(p, low) for p in seeds])} s",
+            f"{mine:.0f} s, {theirs:.0f} s",
+            f"{high:.3g}: {spread([reached(p, high) for p in seeds])} s",
+            spread(best["latched"], ".3e"),
+            spread(best["paper"], ".3e"),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def spread(values: list[float | None], form: str = ".1f") -> str:
+    """Median and range; runs that never got there count as infinitely late."""
+    known = sorted(float("inf") if value is None else value for value in values)
+    words = ["never" if value == float("inf") else f"{value:{form}}" for value in known]
+    middle = median(known)
+    middle_word = "never" if middle == float("inf") else f"{middle:{form}}"
+    return f"{middle_word} ({words[0]} - {words[-1]})" if len(known) > 1 else words[0]
+
+
+def curves(runs: dict[str, list[list[Point]]]) -> Figure:
+    """Hypervolume against training seconds, a line for each seed, the targets dashed."""
+    figure = Figure(figsize=(4.2 * len(runs), 3.6), layout="constrained")
+    for index, (task, seeds) in enumerate(runs.items()):
+        axes = figure.add_subplot(1, len(runs), index + 1)
+        for points in seeds:
+            seconds = [p.train_seconds for p in points]
+            axes.plot(seconds, [p.hypervolume["latched"] for p in points], color="C0", alpha=0.7)
+        for target, name in zip(TARGETS[task], ("HYPER-MORL", "MORLAX, paper"), strict=True):
+            axes.axhline(target, color="0.4", linestyle="--", linewidth=0.8)
+            axes.annotate(name, (0, target), fontsize=7, color="0.4", va="bottom")
+        axes.set_title(task)
+        axes.set_xlabel("training time (s)")
+        axes.set_ylabel("hypervolume")
+        axes.grid(alpha=0.3)
+    return figure
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
