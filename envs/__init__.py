@@ -70,7 +70,8 @@ def make(
         backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None: by the device.
         seed: of whatever the worlds draw at random (the tasks draw nothing unless asked to).
         auto_reset: start a new episode in the step that ended the last one.
-        deterministic: make MuJoCo Warp repeat itself bit for bit on CUDA, at some cost in speed.
+        deterministic: let MuJoCo Warp order contacts and constraints alike in every run, at some
+            cost in speed; CUDA then repeats itself closely, though not bit for bit.
         task_options: fields of the task's `Options`, for example `episode_length=200`.
 
     Raises:

@@ -11,6 +11,8 @@ from .physics import Physics
 class MujocoPhysics(Physics):
     """C MuJoCo behind `mujoco.batch`; results do not depend on the number of threads."""
 
+    name = "C MuJoCo"
+
     def __init__(self, model: mujoco.MjModel, num_worlds: int, substeps: int):
         # A world that blew up must stay so until its environment has seen it and reset it,
         # and is reported there, not in a MUJOCO_LOG.TXT in the working directory.

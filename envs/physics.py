@@ -16,6 +16,7 @@ class Physics(ABC):
     after C MuJoCo's `mj_step`; after a reset it holds what the new state would read.
     """
 
+    name: str  # of the simulator
     model: mujoco.MjModel
     num_worlds: int
     device: torch.device

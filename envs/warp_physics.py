@@ -22,6 +22,8 @@ class WarpPhysics(Physics):
     `morlax_torch.graph.Graph`. On the CPU the step records itself once and is then replayed.
     """
 
+    name = "MuJoCo Warp"
+
     def __init__(
         self,
         model: mujoco.MjModel,

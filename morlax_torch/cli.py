@@ -1,5 +1,6 @@
 """What the commands share: reading the command line, and saying what went wrong."""
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
@@ -41,6 +42,7 @@ def parse(model: type[BaseModel], default: BaseModel, arguments: Sequence[str], 
     """The command line over `default`, as nested plain values."""
     return tyro.cli(
         model,
+        prog="python -m morlax_torch.train",
         default=default,
         args=arguments,
         description=about,
@@ -54,6 +56,8 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         main(sys.argv[1:])
     except MorlaxError as error:
         fail(str(error))
+    except BrokenPipeError:  # whoever read our output, a `head` say, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except RuntimeError as error:  # torch and Warp each have their own way to run out of memory
         if "memory" not in str(error) and "allocate" not in str(error):
             raise

@@ -109,7 +109,8 @@ class Config(Section):
     backend: Literal["warp", "mujoco"] | None = None
     """MuJoCo Warp or C MuJoCo (None: Warp on CUDA, C MuJoCo on the CPU)."""
     deterministic: bool = False
-    """Repeat bit for bit on CUDA too; contacts are then sorted, which costs speed."""
+    """Let MuJoCo Warp order contacts and constraints alike in every run, at some cost in speed;
+    on CUDA runs then repeat closely, though not bit for bit. On the CPU runs always repeat."""
     worlds: PositiveInt = 4096
     """N, how many copies of the robot run at once."""
     horizon: PositiveInt = 20

@@ -115,7 +115,7 @@ def summary(front: Front) -> Table:
     for index, name in enumerate(front.objectives):
         returns = front.returns[:, index]
         table.add_row(f"{name} (return)", f"{returns.min():,.1f} to {returns.max():,.1f}")
-    table.add_row("episode length", f"{front.lengths.mean():.1f} of the limit on average")
+    table.add_row("episode length", f"{front.lengths.mean():,.1f} steps on average")
     return table
 
 

@@ -75,11 +75,8 @@ class MORLAX:
         self.iteration += 1
 
     def _explore(self) -> None:
-        sampling = self.config.sampling
-        sample_tradeoffs(
-            self.tradeoffs, self.config.num_corners(self.tradeoffs.shape[1]), sampling.alpha,
-            self.generator,
-        )  # fmt: skip
+        corners = self.config.num_corners(self.tradeoffs.shape[1])
+        sample_tradeoffs(self.tradeoffs, corners, self.config.sampling.alpha, self.generator)
         with one_thread(self.env.device):
             collect(
                 self.env, self.agent, self.tradeoffs, self.observation, self.rollout, self.generator

@@ -54,8 +54,8 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
         last = math.ceil(config.max_env_steps / morlax.steps_per_iteration)
     evaluated = morlax.iteration if run.has_evaluation(morlax.iteration) else None
 
-    with Display(config, run.folder) as display, interruptible() as interrupted:
-        if config.backend == "warp":
+    with Display(config, morlax.env, run.folder) as display, interruptible() as interrupted:
+        if morlax.env.device.type == "cuda":
             display.say("compiling GPU kernels: most of a minute the first time on a machine")
         morlax.compile()
         evaluator.compile()

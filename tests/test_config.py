@@ -1,9 +1,12 @@
 """The configs that ship, and what is refused before anything is created."""
 
+from importlib import resources
+from pathlib import Path
+
 import pytest
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.config import load_config, task_values
+from morlax_torch.config import file_values, load_config, task_values
 
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])
@@ -46,3 +49,20 @@ def test_the_paper_s_objectives_are_the_default():
 def test_sizes_that_do_not_fit_are_refused(changes, expected):
     with pytest.raises(MorlaxError, match=expected):
         load_config({"env": "cheetah", "worlds": 512, **changes})
+
+
+@pytest.mark.parametrize("env", ["ant", "cheetah", "hopper", "humanoid", "walker"])
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_the_paper_s_own_values_are_the_same_on_either_device(env, device):
+    file = Path(str(resources.files("morlax_torch.configs") / "paper" / f"{env}.yaml"))
+    config = load_config(file_values(file, device))
+    assert config.env == env
+    assert (config.num_clusters, config.ppo.anneal, config.ppo.entropy) == (8, False, 0.01)
+    # batch size x minibatches = worlds, in all five tasks of the paper
+    batch = {"cheetah": 64, "hopper": 32}.get(env, 64)
+    assert config.ppo.minibatches * batch == config.worlds
+
+
+def test_annealing_needs_to_know_when_the_run_ends():
+    with pytest.raises(MorlaxError, match="anneal needs max_env_steps"):
+        load_config({"env": "ant", "ppo": {"anneal": True}})

@@ -72,11 +72,22 @@ def assert_same(one: object, other: object) -> None:
         {"network": {"type": "single"}},
         {"task": {"reset_noise": 0.01, "stagger": True}},
         {"sampling": {"corners": 0, "alpha": 0.5}, "ppo": {"truncation": "mask"}},
+        {"ppo": {"anneal": True}, "max_env_steps": 1600},
     ],
 )
 def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
     config = tiny(**changes)
     assert_same(trainer(config, 5).state_dict(), trainer(config, 5).state_dict())
+
+
+def test_annealing_takes_rates_and_entropy_to_nothing_by_the_end():
+    config = tiny(max_env_steps=10 * 160, ppo={"anneal": True, "entropy": 0.02})
+    morlax = trainer(config, 5)
+    assert morlax.ppo.entropy.item() == pytest.approx(0.02 * 0.6)
+    assert morlax.ppo.optimizers[1].rate.item() == pytest.approx(3e-4 * 0.6)
+    for _ in range(8):
+        morlax.iterate()
+    assert morlax.ppo.optimizers[0].rate.item() == morlax.ppo.entropy.item() == 0.0
 
 
 def test_another_seed_gives_another_run():
@@ -86,7 +97,7 @@ def test_another_seed_gives_another_run():
 
 @pytest.mark.parametrize("env", ["hopper", "ant", "humanoid"])
 def test_ten_iterations_equal_five_and_a_resumed_five(env, tmp_path):
-    config = tiny(env=env, task={"reset_noise": 0.01})
+    config = tiny(env=env, task={"reset_noise": 0.01}, ppo={"anneal": True}, max_env_steps=2000)
     checkpoint.save(tmp_path / "half.pt", trainer(config, 5), {})
     resumed = trainer(config, 0)
     checkpoint.restore(checkpoint.load(tmp_path / "half.pt"), tmp_path, resumed)
