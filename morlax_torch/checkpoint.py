@@ -1,5 +1,6 @@
 """One file that holds all that training, or acting, goes on from."""
 
+import io
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,10 @@ def save(path: Path, morlax: MORLAX, progress: dict[str, float]) -> None:
         "progress": progress,
         "morlax": morlax.state_dict(),
     }
+    whole = io.BytesIO()
+    torch.save(contents, whole)  # straight to a full disk it would fail in words of its own
     with replacing(path) as file:
-        torch.save(contents, file)
+        file.write(whole.getbuffer())
 
 
 def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:

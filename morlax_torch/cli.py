@@ -2,6 +2,7 @@
 
 import os
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
@@ -52,6 +53,9 @@ def parse(model: type[BaseModel], default: BaseModel, arguments: Sequence[str], 
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
     """Run a command; a user's mistake is one sentence and exit status 2, not a traceback."""
+    usual = threading.excepthook
+    # TensorBoard's thread cannot write; its next call says so here
+    threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
     try:
         main(sys.argv[1:])
     except MorlaxError as error:

@@ -4,7 +4,8 @@ import csv
 import io
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
@@ -129,22 +130,22 @@ class Run:
 
     def log_metrics(self, metrics: Mapping[str, float], morlax: MORLAX, progress: Progress) -> None:
         """Curves of what the learner says of itself."""
-        for name, value in metrics.items():
-            self.events.add_scalar(f"train/{name}", value, morlax.env_steps)
-        self.events.add_scalar(
-            "train/env_steps_per_second", progress.steps_per_second, morlax.env_steps
-        )
+        curves = {**metrics, "env_steps_per_second": progress.steps_per_second}
+        with self._written() as events:
+            for name, value in curves.items():
+                events.add_scalar(f"train/{name}", value, morlax.env_steps)
 
     def log_evaluation(self, front: Front, morlax: MORLAX, progress: Progress) -> dict[str, Any]:
         """An evaluation: curves, a picture, front.npz and a row of metrics.csv, returned."""
         indicators = front.indicators()
         milliseconds = round(1000 * progress.train_seconds)
-        for name, value in indicators.items():
-            self.events.add_scalar(f"front/{name}", value, morlax.env_steps)
-            self.events.add_scalar(f"front_by_train_ms/{name}", value, milliseconds)
         title = f"{morlax.config.env} after {morlax.env_steps / 1e6:.1f} M environment steps"
-        self.events.add_figure("front", front_figure(front, title), morlax.env_steps)
-        self.events.flush()
+        with self._written() as events:
+            for name, value in indicators.items():
+                events.add_scalar(f"front/{name}", value, morlax.env_steps)
+                events.add_scalar(f"front_by_train_ms/{name}", value, milliseconds)
+            events.add_figure("front", front_figure(front, title), morlax.env_steps)
+            events.flush()
         front.save(self.folder / "front.npz")
         row = {
             "iteration": morlax.iteration,
@@ -163,17 +164,23 @@ class Run:
             file.write(table.getvalue().encode())
         return row
 
-    @property
-    def events(self) -> SummaryWriter:
-        if self._events is None:
-            self._events = SummaryWriter(str(self.folder))
-            config = (self.folder / "config.yaml").read_text()
-            self._events.add_text("config", "\n".join(f"    {x}" for x in config.splitlines()))
-        return self._events
+    @contextmanager
+    def _written(self) -> Iterator[SummaryWriter]:
+        """The TensorBoard events, to add to."""
+        try:
+            if self._events is None:
+                self._events = SummaryWriter(str(self.folder))
+                config = (self.folder / "config.yaml").read_text()
+                self._events.add_text("config", "\n".join(f"    {x}" for x in config.splitlines()))
+            yield self._events
+        except OSError as error:
+            reason = error.strerror or error
+            raise MorlaxError(f"cannot write events in {self.folder}: {reason}.") from None
 
     def close(self) -> None:
-        if self._events is not None:
-            self._events.close()
+        """Write what is not written yet."""
+        with self._written() as events:
+            events.close()
 
 
 def _unused(folder: Path) -> Path:
