@@ -20,7 +20,7 @@ from tyro.constructors import (
 
 from .envs import MorlaxError
 
-console = Console(highlight=False)
+console = Console(highlight=False, soft_wrap=True)
 _registry = ConstructorRegistry()
 
 
