@@ -20,7 +20,12 @@ class MujocoPhysics(Physics):
         mujoco.set_mju_user_warning(lambda message: None)
         self.model, self.num_worlds, self.device = model, num_worlds, torch.device("cpu")
         self.substeps = substeps
-        self._batch = Batch(model, nsim=num_worlds)
+        try:
+            self._batch = Batch(model, nsim=num_worlds)
+        except ValueError as error:
+            if "bad_alloc" in str(error):
+                raise MemoryError from None
+            raise
         self.qpos = torch.from_numpy(self._batch.bind("qpos"))
         self.qvel = torch.from_numpy(self._batch.bind("qvel"))
         self.ctrl = torch.from_numpy(self._batch.bind("ctrl"))

@@ -62,14 +62,16 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         fail(str(error))
     except BrokenPipeError:  # whoever read our output, a `head` say, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except RuntimeError as error:  # torch and Warp each have their own way to run out of memory
-        if "memory" not in str(error) and "allocate" not in str(error):
+    except (MemoryError, RuntimeError) as error:
+        # NumPy, torch and Warp each have their own way to run out of memory
+        words = ("memory", "allocate")
+        if not isinstance(error, MemoryError) and not any(w in str(error) for w in words):
             raise
-        free, total = (size / 2**30 for size in torch.cuda.mem_get_info())
-        fail(
-            f"the GPU's memory is full ({free:.1f} of {total:.1f} GiB free): use fewer --worlds, "
-            "or free memory that other programs hold."
-        )
+        free = "the memory is full"
+        if torch.cuda.is_available():
+            sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
+            free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
+        fail(f"{free}: use fewer --worlds, or free memory that other programs hold.")
 
 
 def fail(sentence: str) -> NoReturn:

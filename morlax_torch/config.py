@@ -111,7 +111,7 @@ class Config(Section):
     deterministic: bool = False
     """Let MuJoCo Warp order contacts and constraints alike in every run, at some cost in speed;
     on CUDA runs then repeat closely, though not bit for bit. On the CPU runs always repeat."""
-    worlds: PositiveInt = 4096
+    worlds: int = Field(default=4096, gt=0, lt=2**31)
     """N, how many copies of the robot run at once."""
     horizon: PositiveInt = 20
     """T, steps of each world per iteration."""

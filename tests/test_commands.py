@@ -226,12 +226,38 @@ def test_evaluate_prints_the_indicators_and_writes_the_front(trained, monkeypatc
     assert (trained / "front.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_runs_out_of_memory_says_what_to_do(monkeypatch, capsys):
+@pytest.mark.parametrize(
+    "error",
+    [
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 900 GiB"),
+        RuntimeError("Failed to allocate 900000000000 bytes on device 'cuda:0'"),
+    ],
+)
+def test_what_runs_out_of_gpu_memory_says_what_to_do(error, monkeypatch, capsys):
     def full(_: object) -> None:
-        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 900 GiB")
+        raise error
 
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda: (2**30, 2**33))
     with pytest.raises(SystemExit) as exit:
         cli.run(full)
     assert exit.value.code == 2
     assert "memory is full (1.0 of 8.0 GiB free): use fewer --worlds" in sentence(capsys)
+
+
+def test_what_runs_out_of_memory_says_what_to_do(monkeypatch, capsys):
+    def full(_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(SystemExit):
+        cli.run(full)
+    assert "the memory is full: use fewer --worlds" in sentence(capsys)
+
+
+def test_a_mistake_of_ours_is_not_hidden():
+    def wrong(_: object) -> None:
+        raise RuntimeError("mat1 and mat2 shapes cannot be multiplied")
+
+    with pytest.raises(RuntimeError, match="mat1"):
+        cli.run(wrong)

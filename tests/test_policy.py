@@ -1,5 +1,6 @@
 """A saved family of policies acts as it did, and what cannot be used is said in words."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -305,11 +306,10 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(saved, tmp_path,
     checkpoint.save(path, saved[1], {})
     before = path.read_bytes()
 
-    def fail(contents, file):
-        file.write(b"half of it")
+    def fail(_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(torch, "save", fail)
+    monkeypatch.setattr(os, "fsync", fail)
     with pytest.raises(MorlaxError, match="No space left on device"):
         checkpoint.save(path, saved[1], {})
     assert path.read_bytes() == before
