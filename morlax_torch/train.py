@@ -55,8 +55,8 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
     evaluated = morlax.iteration if run.has_evaluation(morlax.iteration) else None
 
     with Display(config, morlax.env, run.folder) as display, interruptible() as interrupted:
-        if morlax.env.device.type == "cuda":
-            display.say("compiling GPU kernels: most of a minute the first time on a machine")
+        if morlax.env.physics.name == "MuJoCo Warp":
+            display.say("compiling kernels: most of a minute the first time on a machine")
         morlax.compile()
         evaluator.compile()
         while True:
