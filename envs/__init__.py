@@ -6,7 +6,7 @@ from pydantic import ValidationError
 from .ant import Ant
 from .cheetah import Cheetah, Cheetah3
 from .environment import Environment, TimeStep
-from .errors import MorlaxError, unknown
+from .errors import MorlaxError, explained, unknown
 from .hopper import Hopper
 from .humanoid import Humanoid
 from .options import TaskOptions
@@ -129,26 +129,6 @@ def resolve_device(device: str | torch.device | None) -> torch.device:
         if place.index >= torch.cuda.device_count():
             raise MorlaxError(f"{place} is not there: there are {torch.cuda.device_count()} GPUs.")
     return place
-
-
-def explained(error: ValidationError, model: type) -> MorlaxError:
-    """pydantic's findings in plain sentences, an unknown key with the nearest right one."""
-    sentences = []
-    for finding in error.errors():
-        key = ".".join(str(part) for part in finding["loc"])
-        if finding["type"] == "extra_forbidden":
-            *path, last = finding["loc"]
-            owner = model
-            for part in path:
-                owner = owner.model_fields[part].annotation
-            section = f"{'.'.join(map(str, path))} key" if path else "key"
-            sentences.append(str(unknown(section, str(last), owner.model_fields)))
-        else:
-            reason = finding["msg"].removeprefix("Value error, ")
-            value = finding["input"]
-            given = "" if isinstance(value, dict) else f" (given: {value!r})"
-            sentences.append(f"{key}: {reason}{given}." if key else f"{reason}")
-    return MorlaxError(" ".join(sentences))
 
 
 for _name, _environment in {

@@ -39,11 +39,11 @@ def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
     return StructConstructorSpec(dict, tuple(fields))
 
 
-def parse(model: type[BaseModel], default: BaseModel, arguments: Sequence[str], about: str) -> Any:
+def parse(default: BaseModel, arguments: Sequence[str], prog: str, about: str) -> Any:
     """The command line over `default`, as nested plain values."""
     return tyro.cli(
-        model,
-        prog="python -m morlax_torch.train",
+        type(default),
+        prog=prog,
         default=default,
         args=arguments,
         description=about,
@@ -64,7 +64,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (MemoryError, RuntimeError) as error:
         # NumPy, torch and Warp each have their own way to run out of memory
-        words = ("memory", "allocate")
+        words = ("out of memory", "allocate")
         if not isinstance(error, MemoryError) and not any(w in str(error) for w in words):
             raise
         free = "the memory is full"

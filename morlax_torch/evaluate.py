@@ -78,7 +78,7 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(summary(front))
         cli.console.print(f"written: {place}/front.npz, front.csv, front.png")
 
-    tyro.cli(main, args=arguments)
+    tyro.cli(main, args=arguments, prog="python -m morlax_torch.evaluate")
 
 
 def write(front: Front, folder: Path, title: str) -> None:

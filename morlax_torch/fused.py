@@ -1,7 +1,7 @@
 """The tanh-squashed Gaussian's two hot spots as one Warp kernel each, for CUDA.
 
 What takes torch some hundred launches of a microsecond's work each is one launch here. The torch
-definitions of the same numbers are `agent.TanhNormal` and `ppo.clipped_surrogate`.
+definitions of the same numbers are `agent.TanhNormal` and `ppo.PPO.policy_loss`.
 """
 
 import torch

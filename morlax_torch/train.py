@@ -162,7 +162,8 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
     below = run.config() if run else load_config(_values(early, arguments))
     model = create_model("Train", __base__=(Command, config_class(below.env)))
     about = f"{__doc__} The defaults below are those of --env {below.env}, from configs/."
-    values = cli.parse(model, model.model_validate(below.model_dump()), arguments, about)
+    default = model.model_validate(below.model_dump())
+    values = cli.parse(default, arguments, "python -m morlax_torch.train", about)
     own = {name: values.pop(name) for name in Command.model_fields}
     place = envs.resolve_device(values["device"])
     moved = run is not None and str(place) != below.device
