@@ -121,8 +121,8 @@ def curves(runs: dict[str, list[list[Point]]]) -> Figure:
             axes.plot(seconds, [p.hypervolume["latched"] for p in points], color="C0", alpha=0.7)
         for target, name in zip(TARGETS[task], ("HYPER-MORL", "MORLAX, paper"), strict=True):
             axes.axhline(target, color="0.4", linestyle="--", linewidth=0.8)
-            end = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
-            axes.annotate(name, (0.99, target), fontsize=7, color="0.3", **end)
+            left = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "bottom"}
+            axes.annotate(name, (0.01, target), fontsize=7, color="0.3", **left)
         axes.set_title(task)
         axes.set_xlabel("training time (s)")
         axes.set_ylabel("hypervolume")
