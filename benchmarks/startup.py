@@ -17,7 +17,8 @@ from morlax_torch.cli import console
 FIRST_ITERATION = """
 import os, sys, time
 from morlax_torch import MORLAX
-from morlax_torch.train import make_worlds, read
+from morlax_torch.arguments import read
+from morlax_torch.train import make_worlds
 config, _, _ = read(sys.argv[1:])
 morlax = MORLAX(make_worlds(config, config.worlds), config)
 morlax.compile()

@@ -65,7 +65,8 @@ class PPOConfig(Section):
     critic_learning_rate: PositiveFloat | None = None
     """Adam's step size for the critic (None: the same)."""
     anneal: bool = False
-    """Let step sizes and the entropy's weight fall linearly, to nothing at max_env_steps."""
+    """Let step sizes and the entropy's weight fall linearly, to nothing at max_env_steps (which,
+    changed when a run is resumed, moves that end)."""
     epochs: PositiveInt = 4
     """Passes over a rollout."""
     minibatches: PositiveInt = 8
@@ -211,19 +212,28 @@ def task_values(env: str, device_type: str) -> dict[str, Any]:
 
 def file_values(path: Path, device_type: str) -> dict[str, Any]:
     """The values of a YAML file over those of the task that it names."""
+    values = _fitted(read_yaml(path), device_type)
+    if not isinstance(values.get("env"), str):
+        return values
+    return merged(task_values(values["env"], device_type), values)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The keys and values of a file.
+
+    Raises:
+        MorlaxError: it cannot be read, or holds something else.
+    """
     try:
         values = yaml.safe_load(path.read_text())
     except OSError as error:
         raise MorlaxError(f"cannot read the config {path}: {error.strerror}.") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"the config {path} is not YAML: {reason}") from None
     if not isinstance(values, dict):
         raise MorlaxError(f"the config {path} must hold keys and values, such as env: ant.")
-    values = _fitted(values, device_type)
-    if not isinstance(values.get("env"), str):
-        return values
-    return merged(task_values(values["env"], device_type), values)
+    return values
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:

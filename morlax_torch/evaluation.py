@@ -101,7 +101,11 @@ class Evaluator:
 
     @torch.no_grad()
     def evaluate(self) -> Front:
-        """The front of the agent as it is now."""
+        """The front of the agent as it is now.
+
+        Raises:
+            MorlaxError: contacts no longer fitted the simulator's buffers.
+        """
         for name, values in self.agent.actor(self.tradeoffs).items():
             self._policies[name].copy_(values)
         self._observation.copy_(self.env.reset())
@@ -113,6 +117,10 @@ class Evaluator:
         with one_thread(self.env.device):
             for _ in range(self.env.episode_length):
                 self._step()
+        overflow = int(self.env.physics.overflow().max())
+        if overflow:
+            remedy = self.env.physics.remedy(overflow)
+            raise MorlaxError(f"contacts overflowed their buffers in an evaluation: {remedy}.")
         return Front(
             self.env.objectives,
             self.tradeoffs.cpu().numpy(),

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from torch.utils.tensorboard import SummaryWriter
 
 from . import checkpoint
-from .config import Config, load_config
+from .config import Config, load_config, read_yaml
 from .envs import MorlaxError
 from .evaluation import Front
 from .figures import front_figure
@@ -55,6 +55,7 @@ class Run:
         self.folder = folder
         self._rows: list[dict[str, Any]] = []
         self._events: SummaryWriter | None = None
+        self._purge_step: int | None = None  # TensorBoard forgets what came from here on
 
     @classmethod
     def create(cls, morlax: MORLAX, output: Path | None) -> Self:
@@ -74,6 +75,8 @@ class Run:
                 f"{folder} is there already: choose another --output, or go on with the run by "
                 f"--resume {folder}."
             )
+        if folder.resolve() == Path.cwd():
+            raise MorlaxError("a run takes a folder of its own: choose another --output.")
         draft = folder.with_name(f".{folder.name}.draft")
         try:
             shutil.rmtree(draft, ignore_errors=True)
@@ -101,7 +104,7 @@ class Run:
 
     def config(self) -> Config:
         """What it was made with."""
-        return load_config(yaml.safe_load((self.folder / "config.yaml").read_text()))
+        return load_config(read_yaml(self.folder / "config.yaml"))
 
     def restore(self, morlax: MORLAX) -> Progress:
         """Put the latest checkpoint into `morlax` and forget what was logged after it."""
@@ -113,7 +116,7 @@ class Run:
             with metrics.open(newline="") as file:
                 rows = list(csv.DictReader(file))
             self._rows = [row for row in rows if int(row["iteration"]) <= morlax.iteration]
-        self._events = SummaryWriter(str(self.folder), purge_step=morlax.env_steps + 1)
+        self._purge_step = morlax.env_steps + 1
         return Progress(**contents["progress"])
 
     @property
@@ -169,7 +172,7 @@ class Run:
         """The TensorBoard events, to add to."""
         try:
             if self._events is None:
-                self._events = SummaryWriter(str(self.folder))
+                self._events = SummaryWriter(str(self.folder), purge_step=self._purge_step)
                 config = (self.folder / "config.yaml").read_text()
                 self._events.add_text("config", "\n".join(f"    {x}" for x in config.splitlines()))
             yield self._events

@@ -4,6 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .envs import MorlaxError
+
 TINY = 1e-30  # keeps a trade-off finite where every gamma draw underflowed to zero
 
 
@@ -28,7 +30,15 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
     """The fixed trade-offs (number, m) that a front is judged by.
 
     With two objectives they are an even grid; with more, the corners and Dirichlet draws.
+
+    Raises:
+        MorlaxError: they are fewer than the objectives.
     """
+    if number < num_objectives:
+        raise MorlaxError(
+            f"{number} trade-offs are too few: it takes at least one for each of the "
+            f"{num_objectives} objectives."
+        )
     if num_objectives == 2:
         first = torch.linspace(0, 1, number)
         return torch.stack([first, 1 - first], -1)

@@ -1,6 +1,5 @@
 """Train one hypernetwork to hold a whole Pareto front of policies."""
 
-import argparse
 import math
 import signal
 import time
@@ -9,10 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import torch
-from pydantic import create_model
 
 from . import cli, envs
-from .config import Config, Section, config_class, file_values, load_config, merged, task_values
+from .arguments import read
+from .config import Config
 from .display import Display
 from .envs import Environment, MorlaxError
 from .evaluation import Evaluator
@@ -21,7 +20,6 @@ from .run import Progress, Run
 from .tradeoffs import evaluation_tradeoffs
 
 REPORT_EVERY = 10  # iterations between looks at the metrics, each of which waits for the GPU
-MAY_CHANGE_ON_RESUME = ("max_env_steps", "max_seconds", "device", "backend")
 
 
 def train(config: Config, run: Run | None = None, output: Path | None = None) -> Run:
@@ -88,7 +86,8 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
             run.log_metrics(metrics, morlax, progress)
             display.update(morlax.env_steps, progress)
         progress.total_seconds = before + time.perf_counter() - began
-        run.save(morlax, progress)
+        if interrupted():
+            run.save(morlax, progress)
         run.close()
         display.finished(morlax.env_steps, progress, interrupted())
     return run
@@ -141,59 +140,6 @@ def interruptible() -> Iterator:
     finally:
         for which, handler in usual.items():
             signal.signal(which, handler)
-
-
-class Command(Section):
-    config: Path | None = None
-    """A YAML file with what differs from the task's own config."""
-    output: Path | None = None
-    """The run's folder (None: runs/<task>/<time>-<seed>)."""
-    resume: Path | None = None
-    """Go on with the run in this folder; only limits and device may change."""
-
-
-def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
-    """The command line over the config that it names: file, task or an earlier run's."""
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    for name in ("--env", "--config", "--resume", "--device"):
-        first.add_argument(name)
-    early = first.parse_known_args(arguments)[0]
-    run = Run.open(Path(early.resume)) if early.resume else None
-    below = run.config() if run else load_config(_values(early, arguments))
-    model = create_model("Train", __base__=(Command, config_class(below.env)))
-    about = f"{__doc__} The defaults below are those of --env {below.env}, from configs/."
-    default = model.model_validate(below.model_dump())
-    values = cli.parse(default, arguments, "python -m morlax_torch.train", about)
-    own = {name: values.pop(name) for name in Command.model_fields}
-    place = envs.resolve_device(values["device"])
-    moved = run is not None and str(place) != below.device
-    if values["backend"] is None or (moved and values["backend"] == below.backend):
-        values["backend"] = "warp" if place.type == "cuda" else "mujoco"
-    config = load_config({**values, "device": str(place)})
-    if run is not None:
-        for name, value in below.model_dump().items():
-            if name not in MAY_CHANGE_ON_RESUME and config.model_dump()[name] != value:
-                raise MorlaxError(
-                    f"{name} cannot change when a run is resumed: leave it out, or start a new "
-                    f"run. Only {', '.join(MAY_CHANGE_ON_RESUME)} may."
-                )
-    return config, run, own["output"]
-
-
-def _values(early: argparse.Namespace, arguments: Sequence[str]) -> dict:
-    device_type = envs.resolve_device(early.device).type
-    if early.config is None:
-        if early.env is None and not {"-h", "--help"} & set(arguments):
-            raise MorlaxError(f"say which task to train: --env NAME, of {', '.join(envs.names())}.")
-        return task_values(early.env or "cheetah", device_type)
-    values = file_values(Path(early.config), device_type)
-    if early.env is None:
-        return values
-    if values.setdefault("env", early.env) != early.env:
-        raise MorlaxError(
-            f"{early.config} is for env {values['env']!r}, but --env says {early.env!r}."
-        )
-    return merged(task_values(early.env, device_type), values)
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -179,6 +179,29 @@ def test_an_output_that_cannot_be_written_is_one_sentence(workplace, monkeypatch
     assert "cannot make file/run" in sentence(capsys)
 
 
+def test_a_run_takes_a_folder_of_its_own(workplace, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, train, "--env", "hopper", *TINY, "--output", ".")
+    assert exit.value.code == 2
+    assert "a folder of its own" in sentence(capsys)
+    assert not list(workplace.iterdir())
+
+
+def test_a_damaged_config_of_a_run_is_one_sentence(trained, monkeypatch, capsys):
+    (trained / "config.yaml").write_bytes(b"\xff\xfe: [")
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, train, "--resume", "run")
+    assert exit.value.code == 2
+    assert "is not YAML" in sentence(capsys)
+
+
+def test_too_few_tradeoffs_are_one_sentence(trained, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, evaluate, "run", "--device", "cpu", "--tradeoffs", "1")
+    assert exit.value.code == 2
+    assert "1 trade-offs are too few" in sentence(capsys)
+
+
 def test_a_resumed_run_keeps_its_numbers(trained, monkeypatch, capsys):
     run(monkeypatch, train, "--resume", "run", "--max-env-steps", "640")
     assert "640 steps" in sentence(capsys)

@@ -1,6 +1,7 @@
 """A front holds the returns of deterministic policies, as both evaluation protocols define them."""
 
 import gc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -45,6 +46,10 @@ class Scripted:
         self.observation_size, self.action_size, self.episode_length = 3, 2, 4
         self.objectives, self.reference_point = ("run", "jump"), (0.5, 5.0)
         self.generator = torch.Generator()
+        self.bits = torch.zeros(3, dtype=torch.int32)
+        self.physics = SimpleNamespace(
+            overflow=lambda: self.bits, remedy=lambda bits: f"raise {bits}"
+        )
         self.actions: list[torch.Tensor] = []
 
     def reset(self) -> torch.Tensor:
@@ -240,3 +245,11 @@ def test_a_file_of_something_else_or_nothing_is_an_error_in_words(tmp_path):
 def test_a_front_that_cannot_be_written_is_an_error_in_words(front, tmp_path):
     with pytest.raises(MorlaxError, match="cannot write"):
         front.save(tmp_path / "nowhere" / "front.npz")
+
+
+def test_contacts_that_do_not_fit_spoil_an_evaluation(make_agent):
+    env = Scripted()
+    evaluator = Evaluator(make_agent(), env, torch.eye(2)[[0, 1, 0]])
+    env.bits[1] = 4
+    with pytest.raises(MorlaxError, match=r"overflowed their buffers in an evaluation: raise 4"):
+        evaluator.evaluate()
