@@ -83,6 +83,7 @@ class Agent(nn.Module):
         generator: torch.Generator | None = None,
     ):
         super().__init__()
+        self.action_size = action_size
         actor = mlp(observation_size, config.actor, 2 * action_size, generator)
         critic = mlp(observation_size, config.critic, num_objectives, generator)
 

@@ -26,20 +26,26 @@ def describe(env: Environment) -> dict[str, Any]:
 def save(path: Path, morlax: MORLAX, progress: dict[str, float]) -> None:
     """Write the whole state of `morlax` and the run's own counters, atomically."""
     contents = {
-        "format": FORMAT,
         "config": morlax.config.model_dump(mode="json"),
         "environment": describe(morlax.env),
         "progress": progress,
         "morlax": morlax.state_dict(),
     }
+    write(path, contents)
+
+
+def write(path: Path, contents: dict[str, Any]) -> None:
+    """A file that `load` reads, atomically."""
     whole = io.BytesIO()
-    torch.save(contents, whole)  # straight to a full disk it would fail in words of its own
+    torch.save(
+        {"format": FORMAT, **contents}, whole
+    )  # straight to a full disk it would fail in words of its own
     with replacing(path) as file:
         file.write(whole.getbuffer())
 
 
 def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """What `save` wrote.
+    """What `save` or `write` wrote.
 
     Raises:
         MorlaxError: no file, not a checkpoint, damaged, or of a format this version cannot read.
@@ -70,8 +76,10 @@ def restore(contents: dict[str, Any], path: Path, morlax: MORLAX) -> None:
     """Put a loaded checkpoint into `morlax`.
 
     Raises:
-        MorlaxError: it is of another task or another size.
+        MorlaxError: it is of another task or another size, or holds policies alone.
     """
+    if "morlax" not in contents:
+        raise MorlaxError(f"{path} holds policies alone, not what training goes on from.")
     config, env = morlax.config, morlax.env
     stored_config, stored = contents["config"], contents["environment"]
     if stored_config["env"] != config.env:

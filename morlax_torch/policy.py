@@ -14,6 +14,8 @@ from .agent import Agent
 from .config import Config, load_config
 from .envs import MorlaxError, resolve_device
 
+SHIPPED = Path(__file__).parent / "shipped"
+
 
 class SpecializedPolicy(nn.Module):
     """The policy of one trade-off: observations (B, O) to actions (B, A) in (-1, 1)."""
@@ -63,6 +65,21 @@ class Policy(nn.Module):
         fixed = SpecializedPolicy(normalizer, self.agent.actor.specialize(tradeoff))
         return fixed.requires_grad_(False)
 
+    def save(self, path: Path) -> None:
+        """Write what `load` needs and no more: without critic, optimiser and worlds."""
+        state = self.agent.state_dict()
+        parts = ("actor.", "observation_normalizer.")
+        contents = {
+            "config": self.config.model_dump(mode="json"),
+            "environment": {
+                "objectives": list(self.objectives),
+                "observation_size": len(self.agent.observation_normalizer.mean),
+                "action_size": self.agent.action_size,
+            },
+            "policy": {name: value for name, value in state.items() if name.startswith(parts)},
+        }
+        checkpoint.write(path, contents)
+
     def _checked(self, tradeoff: Tensor | Sequence[float], device: torch.device) -> Tensor:
         if not isinstance(tradeoff, Tensor):
             tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
@@ -80,21 +97,38 @@ class Policy(nn.Module):
         return tradeoff
 
 
-def find_checkpoint(run: str | os.PathLike[str]) -> Path:
-    """The best checkpoint of a run's folder, or the file itself."""
+def find_run(run: str | os.PathLike[str]) -> Path:
+    """The folder of a run, given by its path, by a checkpoint of it, or by a shipped name."""
     path = Path(run)
     if path.is_file():
+        return path.parent.parent if path.parent.name == "checkpoints" else path.parent
+    if path.is_dir():
         return path
+    shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
+    if str(run) in shipped:
+        return shipped[str(run)]
+    raise MorlaxError(
+        f"{path} does not exist: name the folder of a run, such as runs/ant/..., a .pt, or a "
+        f"policy that ships: {', '.join(sorted(shipped))}."
+    )
+
+
+def find_checkpoint(run: str | os.PathLike[str]) -> Path:
+    """The best checkpoint of a run's folder or of a shipped policy, or the file itself."""
+    if Path(run).is_file():
+        return Path(run)
+    folder = find_run(run)
     for name in ("best", "latest"):
-        candidate = path / "checkpoints" / f"{name}.pt"
+        candidate = folder / "checkpoints" / f"{name}.pt"
         if candidate.is_file():
             return candidate
-    what = "has no checkpoints" if path.is_dir() else "does not exist"
-    raise MorlaxError(f"{path} {what}: name the folder of a run, such as runs/ant/..., or a .pt.")
+    raise MorlaxError(
+        f"{folder} has no checkpoints: name the folder of a run, such as runs/ant/..., or a .pt."
+    )
 
 
 def load(run: str | os.PathLike[str], device: str | torch.device | None = "cpu") -> Policy:
-    """The policies of a run's folder or of a checkpoint file.
+    """The policies of a run's folder, of a checkpoint file, or of a shipped name ("ant").
 
     Raises:
         MorlaxError: there is none, or it is damaged.
@@ -109,5 +143,6 @@ def load(run: str | os.PathLike[str], device: str | torch.device | None = "cpu")
         len(stored["objectives"]),
         config.network,
     ).to(place)
-    agent.load_state_dict(contents["morlax"]["agent"])
+    whole = "morlax" in contents
+    agent.load_state_dict(contents["morlax"]["agent"] if whole else contents["policy"], whole)
     return Policy(agent, config, stored["objectives"])

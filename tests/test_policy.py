@@ -313,3 +313,19 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(saved, tmp_path,
     with pytest.raises(MorlaxError, match="No space left on device"):
         checkpoint.save(path, saved[1], {})
     assert path.read_bytes() == before
+
+
+def test_saved_policies_are_small_and_act_alike(policy, observation, tmp_path):
+    policy.save(tmp_path / "family.pt")
+    again = morlax_torch.load(tmp_path / "family.pt")
+    for tradeoff in TRADEOFFS:
+        assert torch.equal(again(observation, tradeoff), policy(observation, tradeoff))
+    contents = checkpoint.load(tmp_path / "family.pt")
+    assert not any("critic" in name for name in contents["policy"])
+
+
+def test_saved_policies_cannot_be_trained_on(policy, tmp_path):
+    path = tmp_path / "family.pt"
+    policy.save(path)
+    with pytest.raises(MorlaxError, match="policies alone"):
+        checkpoint.restore(checkpoint.load(path), path, tiny())
