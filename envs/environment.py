@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from . import episodes
 from .errors import MorlaxError, unknown
 from .options import TaskOptions
 from .physics import Physics
@@ -52,9 +53,10 @@ class Environment(ABC):
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
-        self.starts = Starts.around(self.initial_qpos(), options.reset_noise, physics, seed)
+        self.starts = Starts(self.initial_qpos(), options.reset_noise, physics, seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
+        self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = physics.model.nu
         self.observation_size = self.reset().shape[1]
@@ -98,7 +100,7 @@ class Environment(ABC):
     def reset(self) -> Tensor:
         """Start every world anew; returns the observation (N, O)."""
         everywhere = torch.ones_like(self.age, dtype=torch.bool)
-        self._restart(everywhere)
+        self._restart(everywhere, everywhere)
         if self.options.stagger:
             self.age.random_(0, self.episode_length, generator=self.generator)
         return self.observe().float()
@@ -107,18 +109,15 @@ class Environment(ABC):
         """Advance every world by one control step under `action` (N, A)."""
         self.apply(action)
         self.physics.step()
-        self.age += 1
-        blown_up = self.physics.blown_up()
         terms = self.terms()
-        reward = self.combine(terms)
-        terminated = self.failed() | blown_up
-        truncated = (self.age >= self.episode_length) & ~terminated
-        self.blowups += blown_up.sum()
-        blown_up = blown_up[:, None]
-        reward = torch.where(blown_up, 0.0, reward).float()
-        final_observation = torch.where(blown_up, 0.0, self.observe()).float()
+        reward = self.combine(terms).float()
+        final_observation = self.observe().float()
+        terminated, truncated, blown_up = episodes.end(
+            self.physics, self.failed(), self.episode_length, self.age, reward, self.blowups
+        )
+        final_observation = torch.where(blown_up[:, None], self._zero, final_observation)
         if self.auto_reset:
-            self._restart(terminated | truncated)
+            self._restart(terminated, truncated)
             observation = self.observe().float()
         else:
             self._remember()
@@ -129,10 +128,9 @@ class Environment(ABC):
         """Reward terms (N,) each, to the reward of every objective (N, m)."""
         return (torch.stack(list(terms.values()), -1).unsqueeze(-1) * self._weights).sum(1)
 
-    def _restart(self, done: Tensor) -> None:
-        start = self.starts.draw(self.num_worlds, self.generator)
-        self.physics.reset(done, *start)
-        self.age.masked_fill_(done, 0)
+    def _restart(self, terminated: Tensor, truncated: Tensor) -> None:
+        starts = self.starts.draw(self.generator)
+        episodes.restart(self.physics, terminated, truncated, starts, self.age)
         self._remember()
 
     def _remember(self) -> None:

@@ -42,21 +42,3 @@ class Physics(ABC):
         """A view (N, dim) of one sensor's readings."""
         sensor = self.model.sensor(name)
         return self.sensors[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
-
-    def reset(self, done: Tensor, qpos: Tensor, qvel: Tensor, sensors: Tensor) -> None:
-        """Put the worlds where `done` (N,) into the given state, leaving the others alone.
-
-        `qpos`, `qvel` and `sensors` have a row for each world, or one row for all.
-        """
-        done = done[:, None]
-        torch.where(done, qpos, self.qpos, out=self.qpos)
-        torch.where(done, qvel, self.qvel, out=self.qvel)
-        self.warmstart.masked_fill_(done, 0.0)
-        if self.sensors.shape[1]:
-            torch.where(done, sensors, self.sensors, out=self.sensors)
-
-    def blown_up(self) -> Tensor:
-        """(N,) True where the state is no longer finite."""
-        # a sum is finite only if all it adds is, and only what is finite times zero is zero:
-        # five kernels where two `isfinite` and `all` take twelve
-        return (self.qpos.sum(-1) + self.qvel.sum(-1)) * 0 != 0

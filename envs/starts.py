@@ -1,7 +1,5 @@
 """The states that episodes start from."""
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 import torch
@@ -12,19 +10,19 @@ from .physics import Physics
 NOISY_STARTS = 1024
 
 
-class Starts(NamedTuple):
+class Starts:
     """B initial states and what sensors read in them: B = 1 where every episode starts alike.
 
     Sensors come from a forward pass that happens here once, so that no reset needs one.
+
+    Args:
+        qpos: (nq,) an episode starts from, at rest.
+        noise: spread of the states around it; with 0 there is only this one.
+        physics: that the episodes will run in.
+        seed: of the states.
     """
 
-    qpos: Tensor  # (B, nq)
-    qvel: Tensor  # (B, nv)
-    sensors: Tensor  # (B, nsensordata)
-
-    @classmethod
-    def around(cls, qpos: np.ndarray, noise: float, physics: Physics, seed: int) -> "Starts":
-        """`qpos` (nq,) at rest, or with `noise` that many different states around it."""
+    def __init__(self, qpos: np.ndarray, noise: float, physics: Physics, seed: int):
         model, random = physics.model, np.random.default_rng(seed)
         data = mujoco.MjData(model)
         rows = []
@@ -36,13 +34,11 @@ class Starts(NamedTuple):
             mujoco.mj_forward(model, data)
             rows.append((data.qpos.copy(), data.qvel.copy(), data.sensordata.copy()))
         columns = (np.stack(column) for column in zip(*rows, strict=True))
-        return cls(*(torch.from_numpy(column).to(physics.qpos) for column in columns))
+        self.states = [torch.from_numpy(column).to(physics.qpos) for column in columns]
+        self._rows = torch.zeros(physics.num_worlds, dtype=torch.int64, device=physics.device)
 
-    def draw(self, num_worlds: int, generator: torch.Generator) -> "Starts":
-        """One start for each world, or the only one there is, with a single row for all."""
-        if len(self.qpos) == 1:
-            return self
-        chosen = torch.randint(
-            len(self.qpos), (num_worlds,), generator=generator, device=self.qpos.device
-        )
-        return Starts(*(column[chosen] for column in self))
+    def draw(self, generator: torch.Generator) -> list[Tensor]:
+        """A row of the states for each world (N,), and the states: qpos, qvel, sensors (B, ...)."""
+        if len(self.states[0]) > 1:
+            self._rows.random_(0, len(self.states[0]), generator=generator)
+        return [self._rows, *self.states]

@@ -79,6 +79,9 @@ class PPOConfig(Section):
     """How far a probability ratio may move before it stops counting."""
     entropy: NonNegativeFloat = 0.01
     """Weight of the entropy in the policy's objective."""
+    mean_penalty: NonNegativeFloat = 0.0
+    """Weight of the squared means of actions before the tanh in the policy's loss: it keeps them
+    from where the tanh is flat and exploring moves nothing."""
     value_coefficient: PositiveFloat = 0.5
     """Weight of the critic's squared error."""
     max_grad_norm: PositiveFloat = 1.0

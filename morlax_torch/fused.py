@@ -57,17 +57,20 @@ def _policy_loss(
     old_log_prob: wp.array3d(dtype=float),  # (K, S, 1)
     advantage: wp.array3d(dtype=float),  # (K, S, 1)
     clip: float,
+    mean_penalty: float,
     entropy_weight: wp.array(dtype=float),  # (1,)
-    found: wp.array3d(dtype=float),  # (K, S, 4) surrogate, entropy, KL, clipped
+    found: wp.array3d(dtype=float),  # (K, S, 5) surrogate, entropy, KL, clipped, mean^2
     slope: wp.array3d(dtype=float),  # (K, S, 2A) of the sample's loss, by output
 ):
     k, i = wp.tid()
     log_ratio = -old_log_prob[k, i, 0]
     entropy = float(0.0)
+    squares = float(0.0)
     size = action.shape[2]
     for a in range(size):
         mean = output[k, i, a]
         std = softplus(output[k, i, size + a]) + MIN_STD
+        squares += mean * mean
         log_ratio += log_density(mean, std, action[k, i, a])
         entropy += 0.5 + HALF_LOG_2_PI + wp.log(std) + log_slope(mean + std * noise[k, i, a])
     bonus = entropy_weight[0]
@@ -78,6 +81,7 @@ def _policy_loss(
     found[k, i, 1] = entropy
     found[k, i, 2] = ratio - 1.0 - log_ratio
     found[k, i, 3] = wp.where(ratio == clipped, 0.0, 1.0)
+    found[k, i, 4] = squares
 
     by_log_ratio = wp.where(ratio * gain <= clipped * gain, -ratio * gain, 0.0)
     for a in range(size):
@@ -91,7 +95,7 @@ def _policy_loss(
         by_std = by_log_ratio * (standard * standard - 1.0) / std - bonus * (
             1.0 / std + by_sample * noise[k, i, a]
         )
-        slope[k, i, a] = by_mean
+        slope[k, i, a] = by_mean + 2.0 * mean_penalty * mean
         slope[k, i, size + a] = by_std / (1.0 + wp.exp(-spread))
 
 
@@ -104,30 +108,31 @@ def act(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
 
 
 class PolicyLoss(torch.autograd.Function):
-    """(output, action, noise, old log-prob, advantage, clip, entropy weight) to loss and metrics.
+    """`PPO.policy_loss` of the networks' output (K, S, 2A), differentiable by it alone.
 
     The entropy's weight is a tensor (), so that a recorded graph can be given another.
-    The loss is differentiable by the networks' output (K, S, 2A); the metrics (4,) are the mean
-    surrogate, entropy, KL and share of clipped samples.
     """
 
     @staticmethod
-    def forward(ctx, output, action, noise, old_log_prob, advantage, clip, entropy_weight):
-        found, slope = output.new_empty(*output.shape[:2], 4), torch.empty_like(output)
+    def forward(
+        ctx, output, action, noise, old_log_prob, advantage, clip, mean_penalty, entropy_weight
+    ):
+        found, slope = output.new_empty(*output.shape[:2], 5), torch.empty_like(output)
         tensors = (output, action, noise, old_log_prob, advantage, found, slope)
         *arrays, found_array, slope_array = (wp.from_torch(x.detach()) for x in tensors)
         weight = wp.from_torch(entropy_weight.reshape(1))
         wp.launch(
             _policy_loss,
             dim=tuple(found.shape[:2]),
-            inputs=[*arrays, clip, weight, found_array, slope_array],
+            inputs=[*arrays, clip, mean_penalty, weight, found_array, slope_array],
             device=slope_array.device,
         )
         means = found.mean((0, 1))
+        parts = means[:4]
         ctx.slope, ctx.samples = slope, found.shape[0] * found.shape[1]
-        ctx.mark_non_differentiable(means)
-        return means[0] - entropy_weight * means[1], means
+        ctx.mark_non_differentiable(parts)
+        return means[0] - entropy_weight * means[1] + mean_penalty * means[4], parts
 
     @staticmethod
     def backward(ctx, gradient, _):
-        return ctx.slope * (gradient / ctx.samples), *(None,) * 6
+        return ctx.slope * (gradient / ctx.samples), *(None,) * 7

@@ -5,7 +5,14 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import torch
-from torch import nn
+from torch import Tensor, nn
+
+
+class Linear(nn.Linear):
+    """`nn.Linear`, in two kernels instead of three where `vmap` batches its parameters."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        return input @ self.weight.mT + self.bias
 
 
 def mlp(
@@ -14,7 +21,7 @@ def mlp(
     """SiLU layers and a linear last one; LeCun-uniform kernels, zero biases."""
     layers: list[nn.Module] = []
     for before, after in pairwise([inputs, *hidden, outputs]):
-        linear = nn.Linear(before, after)
+        linear = Linear(before, after)
         bound = math.sqrt(3 / before)
         nn.init.uniform_(linear.weight, -bound, bound, generator)
         nn.init.zeros_(linear.bias)

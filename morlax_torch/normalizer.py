@@ -12,19 +12,21 @@ class Normalizer(nn.Module):
     mean: Tensor
     variance: Tensor
     count: Tensor
+    scale: Tensor  # what `mean` and `variance` come to: one over the standard deviation
 
     def __init__(self, size: int):
         super().__init__()
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("variance", torch.ones(size))
         self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("scale", torch.ones(size))
 
     def forward(self, x: Tensor) -> Tensor:
-        return ((x - self.mean) * (self.variance + 1e-8).rsqrt()).clamp(-LIMIT, LIMIT)
+        return ((x - self.mean) * self.scale).clamp(-LIMIT, LIMIT)
 
     def inverse(self, x: Tensor) -> Tensor:
         """From normalised back to natural units."""
-        return x * (self.variance + 1e-8).sqrt() + self.mean
+        return x / self.scale + self.mean
 
     @torch.no_grad()
     def update(self, x: Tensor) -> None:
@@ -36,3 +38,4 @@ class Normalizer(nn.Module):
         shift = batch_mean - self.mean
         self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
         self.mean.add_(shift * share)
+        self.scale.copy_((self.variance + 1e-8).rsqrt())

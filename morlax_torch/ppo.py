@@ -147,28 +147,29 @@ class PPO:
     def policy_loss(
         self, tradeoffs: Tensor, batch: Batch, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """The clipped surrogate less the entropy bonus; and the surrogate, entropy, KL, clipping.
+        """The clipped surrogate, less the entropy bonus, plus the penalty of far means.
 
-        (Schulman et al., 2017, eq. 7 and 9; KL from the policy that acted to the present one, by
-        the estimator E[r - 1 - log r].)
+        Beside it the surrogate alone, the entropy, the KL and the share clipped, (4,). (Schulman
+        et al., 2017, eq. 7 and 9; KL from the policy that acted to the present one, by the
+        estimator E[r - 1 - log r].)
         """
         policy = self.agent.policies(tradeoffs)(batch.observation)
-        clip, bonus = self.config.clip, self.entropy
+        clip, bonus, penalty = self.config.clip, self.entropy, self.config.mean_penalty
         noise = policy.noise(generator)
         if policy.output.is_cuda:
-            return fused.PolicyLoss.apply(
-                policy.output, batch.action, noise, batch.log_prob, batch.advantage, clip, bonus
-            )
+            given = (batch.action, noise, batch.log_prob, batch.advantage)
+            return fused.PolicyLoss.apply(policy.output, *given, clip, penalty, bonus)
         log_ratio = policy.log_prob(batch.action) - batch.log_prob.squeeze(-1)
         ratio, advantage = log_ratio.exp(), batch.advantage.squeeze(-1)
         clipped = ratio.clamp(1 - clip, 1 + clip)
         surrogate = -torch.minimum(ratio * advantage, clipped * advantage).mean()
         entropy = policy.entropy(noise).mean()
+        squares = policy.mean.square().sum(-1).mean()
         with torch.no_grad():
             kl = (ratio - 1 - log_ratio).mean()
             clip_fraction = (ratio != clipped).float().mean()
             found = torch.stack([surrogate, entropy, kl, clip_fraction])
-        return surrogate - bonus * entropy, found
+        return surrogate - bonus * entropy + penalty * squares, found
 
     def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
         """The squared error of the vector value, summed over objectives."""

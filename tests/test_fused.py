@@ -45,12 +45,12 @@ def test_a_fused_action_is_the_sample_and_its_log_probability(samples):
 
 
 @pytest.mark.parametrize("clip", [0.1, 0.3])
-@pytest.mark.parametrize("bonus", [0.0, 0.05])
-def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, clip, bonus):
+@pytest.mark.parametrize(("bonus", "penalty"), [(0.0, 0.0), (0.05, 0.0), (0.02, 0.01)])
+def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, clip, bonus, penalty):
     output, batch, noise = samples
     # on the CPU `policy_loss` is the torch definition
     agent = Agent(5, 4, 2, NetworkConfig())
-    ppo = PPO(agent, PPOConfig(clip=clip, entropy=bonus))
+    ppo = PPO(agent, PPOConfig(clip=clip, entropy=bonus, mean_penalty=penalty))
     plain = output.detach().cpu().requires_grad_()
     policy = TanhNormal(plain)
     policy.noise = lambda _: noise.cpu()
@@ -58,9 +58,9 @@ def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, cl
     expected, metrics = ppo.policy_loss(
         torch.eye(2), Batch(*(column.cpu() for column in batch)), torch.Generator()
     )
-    loss, found = fused.PolicyLoss.apply(
-        output, batch.action, noise, batch.log_prob, batch.advantage, clip, ppo.entropy.to(output)
-    )
+    given = (batch.action, noise, batch.log_prob, batch.advantage)
+    weights = (clip, penalty, ppo.entropy.to(output))
+    loss, found = fused.PolicyLoss.apply(output, *given, *weights)
     torch.testing.assert_close(loss.cpu(), expected, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(found.cpu(), metrics, rtol=1e-4, atol=1e-5)
     (slope,) = torch.autograd.grad(loss, output)
@@ -76,6 +76,7 @@ def test_a_steeper_loss_has_a_steeper_gradient(samples):
         batch.log_prob,
         batch.advantage,
         0.2,
+        0.01,
         torch.tensor(0.01).to(output),
     )
     once, _ = fused.PolicyLoss.apply(output, *arguments)
