@@ -1,5 +1,8 @@
 """Points of the simplex: how much each objective matters."""
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -44,3 +47,32 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
         return torch.stack([first, 1 - first], -1)
     corners = torch.eye(num_objectives)
     return torch.cat([corners, dirichlet_tradeoffs(number - num_objectives, num_objectives)])
+
+
+def typical_tradeoffs(num_objectives: int) -> Tensor:
+    """(m + 1, m) the corners, and in their middle the one that weighs all objectives alike."""
+    corners, middle = torch.eye(num_objectives), num_objectives // 2
+    balanced = torch.full((1, num_objectives), 1 / num_objectives)
+    return torch.cat([corners[:middle], balanced, corners[middle:]])
+
+
+def parse_tradeoff(text: str, objectives: Sequence[str]) -> tuple[float, ...]:
+    """The trade-off that a user wrote as "0.8,0.2", a number for each objective.
+
+    Raises:
+        MorlaxError: it is none.
+    """
+    names = f"{len(objectives)} numbers ({', '.join(objectives)}), as in " + ",".join(
+        f"{1 / len(objectives):.2g}" for _ in objectives
+    )
+    try:
+        tradeoff = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        raise MorlaxError(f"the trade-off {text!r} is not made of {names}.") from None
+    if len(tradeoff) != len(objectives):
+        raise MorlaxError(f"the trade-off {text!r} has {len(tradeoff)}, but needs {names}.")
+    if not all(math.isfinite(number) and number >= 0 for number in tradeoff) or not any(tradeoff):
+        raise MorlaxError(
+            f"the trade-off {text!r} must be finite, not negative, and not zero in every objective."
+        )
+    return tradeoff

@@ -5,8 +5,10 @@ from collections.abc import Callable
 import pytest
 import torch
 
+from morlax_torch import MorlaxError, Policy, envs
 from morlax_torch.agent import Agent
-from morlax_torch.config import NetworkConfig
+from morlax_torch.config import NetworkConfig, load_config, task_values
+from morlax_torch.rendering import choose_opengl
 from morlax_torch.rollout import Rollout
 
 
@@ -61,3 +63,28 @@ def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
         )
 
     return make
+
+
+@pytest.fixture
+def make_policy() -> Callable[..., Policy]:
+    """Untrained families of policies that move a task's robot, each trade-off in its own way."""
+
+    def make(task: str = "hopper") -> Policy:
+        config = load_config(task_values(task, "cpu"))
+        env = envs.make(task, 1, "cpu")
+        generator = torch.Generator().manual_seed(0)
+        sizes = env.observation_size, env.action_size, len(env.objectives)
+        agent = Agent(*sizes, config.network, generator)
+        torch.nn.init.normal_(agent.actor.weight, std=0.2, generator=generator)
+        return Policy(agent, config, env.objectives)
+
+    return make
+
+
+@pytest.fixture
+def opengl() -> None:
+    """Something to draw with."""
+    try:
+        choose_opengl()
+    except MorlaxError as error:
+        pytest.skip(str(error))

@@ -5,7 +5,13 @@ import torch
 
 from morlax_torch import MorlaxError
 from morlax_torch.config import load_config
-from morlax_torch.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs, sample_tradeoffs
+from morlax_torch.tradeoffs import (
+    dirichlet_tradeoffs,
+    evaluation_tradeoffs,
+    parse_tradeoff,
+    sample_tradeoffs,
+    typical_tradeoffs,
+)
 
 
 def sampled(clusters: int, m: int, *args: object, seed: int = 0) -> torch.Tensor:
@@ -92,3 +98,35 @@ def test_seeded_draws_repeat_themselves():
     assert torch.equal(dirichlet_tradeoffs(1000, 3), draws)
     assert not torch.equal(dirichlet_tradeoffs(1000, 3, seed=1), draws)
     torch.testing.assert_close(draws.mean(0), torch.full((3,), 1 / 3), rtol=0, atol=0.04)
+
+
+def test_typical_tradeoffs_are_the_corners_and_the_balanced_one_between_them():
+    assert typical_tradeoffs(2).tolist() == [[1, 0], [0.5, 0.5], [0, 1]]
+    three = typical_tradeoffs(3)
+    assert on_simplex(three) and len(three) == 4
+    assert {tuple(row) for row in torch.eye(3).tolist()} < {tuple(row) for row in three.tolist()}
+
+
+@pytest.mark.parametrize("text", ("0.8,0.2", " .8, 2e-1", "0.80,0.20"))
+def test_a_tradeoff_is_read_as_it_is_written(text):
+    assert parse_tradeoff(text, ("run", "energy")) == (0.8, 0.2)
+    assert parse_tradeoff("4,1,0", ("a", "b", "c")) == (4, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("fast", r"2 numbers \(run, energy\)"),
+        ("", r"2 numbers \(run, energy\)"),
+        ("0.8;0.2", "0.5,0.5"),
+        ("1", r"has 1, but needs 2 numbers \(run, energy\)"),
+        ("1,2,3", "has 3, but needs 2"),
+        ("-1,2", "not negative"),
+        ("0,0", "not zero in every objective"),
+        ("nan,1", "finite"),
+        ("inf,1", "finite"),
+    ],
+)
+def test_what_is_no_tradeoff_gets_one_sentence(text, expected):
+    with pytest.raises(MorlaxError, match=expected):
+        parse_tradeoff(text, ("run", "energy"))

@@ -1,0 +1,237 @@
+"""Films and film strips, as their viewers get them."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from morlax_torch import MorlaxError, policy, record, video
+from morlax_torch.film import Film
+from morlax_torch.player import Player
+from morlax_torch.video import write_video
+
+GAP = 4  # pixels between panels
+
+
+@pytest.fixture
+def saved(make_policy, tmp_path: Path, monkeypatch) -> Path:
+    """policy.pt in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    make_policy().save(tmp_path / "policy.pt")
+    return tmp_path
+
+
+def run(monkeypatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["record", *arguments])
+    record.main()
+
+
+def refused(monkeypatch, capsys, *arguments: str) -> str:
+    """The one sentence of a command that cannot be."""
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, *arguments)
+    assert exit.value.code == 2
+    words = capsys.readouterr()
+    assert words.out == "" and words.err.startswith("error: ") and words.err.count("\n") == 1
+    return words.err
+
+
+def decoded(path: Path) -> tuple[str, np.ndarray]:
+    """What ffmpeg says of a film's pictures, and these: (T, H, W, 3)."""
+    command = [video.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(command, capture_output=True, check=True)
+    about = re.search(r"Stream.*Video: (.*)", done.stderr.decode())[1]
+    width, height = map(int, re.search(r" (\d\d+)x(\d+)", about).groups())
+    return about, np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
+
+
+SMALL = ("--width", "95", "--height", "65", "--seconds", "0.4")
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_film_plays_in_browsers_at_the_robots_own_pace(saved, monkeypatch, capsys):
+    run(monkeypatch, "policy.pt", *SMALL)
+    assert "written: film.mp4" in capsys.readouterr().out
+    about, frames = decoded(saved / "film.mp4")
+    assert about.startswith("h264") and "yuv420p" in about
+    assert " 25 fps" in about  # every fourth of 100 control steps in a second
+    assert frames.shape == (11, 66, 3 * 95 + 2 * GAP + 1, 3)  # even sizes, and the start is shown
+
+
+@pytest.mark.usefixtures("opengl")
+def test_slow_motion_shows_every_step(saved, monkeypatch):
+    slow = ("--speed", "0.1", "--output", "slow.MP4")
+    run(monkeypatch, "policy.pt", *SMALL, *slow, "--tradeoff", "1,0")
+    about, frames = decoded(saved / "slow.MP4")
+    assert " 10 fps" in about
+    assert len(frames) == 41
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_gif_is_chosen_by_its_ending(saved, monkeypatch):
+    tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
+    run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, "--output", "film.gif")
+    with Image.open("film.gif") as image:
+        assert image.format == "GIF"
+        assert image.size == (2 * 95 + GAP, 65)
+        assert image.n_frames == 11
+        assert image.info["duration"] == 40  # milliseconds
+        assert image.info["loop"] == 0  # for ever
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_png_is_a_film_strip(saved, monkeypatch):
+    tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
+    strip = ("--output", "strip.png", "--pictures", "5")
+    monkeypatch.setattr(video, "find_ffmpeg", None)  # it does without
+    run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, *strip)
+    with Image.open("strip.png") as image:
+        pixels = np.asarray(image)
+    below, right = 2 * (65 + GAP) - GAP, 5 * (95 + GAP) - GAP
+    top, left = pixels.shape[0] - below, pixels.shape[1] - right
+    assert 0 < top < 65 and 0 < left < 200
+    labels, pictures = pixels[top:, :left], pixels[top:, left:]
+    assert labels.min() < 100 and (labels == 255).mean() > 0.7
+    starts = pictures[:65, :95], pictures[65 + GAP :, :95]
+    np.testing.assert_array_equal(*starts)
+    ends = pictures[:65, -95:], pictures[65 + GAP :, -95:]
+    assert (ends[0] != ends[1]).any()
+    assert (starts[0] != ends[0]).any()
+
+
+@pytest.mark.usefixtures("opengl")
+def test_frames_show_how_tradeoffs_move_the_robot(make_policy):
+    film = Film(make_policy(), [(1.0, 0.0), (0.0, 1.0)], 160, 120)
+    start, *_, end = film.frames(0.3, every=10)
+    picture = slice(60, 100)  # between table and clock
+    assert (start[picture, :160] == start[picture, -160:]).all()
+    assert (end[picture, :160] != end[picture, -160:]).mean() > 0.02
+    assert (end[picture, :160] != start[picture, :160]).mean() > 0.02
+    assert (end[:50, :80] != start[:50, :80]).any()  # the returns have grown
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_robot_that_failed_stays_while_the_other_goes_on(make_policy):
+    family, tradeoffs = make_policy(), [(1.0, 0.0), (0.0, 1.0)]
+    fell = []
+    for tradeoff in tradeoffs:
+        player = Player(family, tradeoff)
+        while not player.step().terminated:
+            pass
+        fell.append(player.steps)
+    assert max(fell) < 400 and abs(fell[0] - fell[1]) > 10
+    film = Film(family, tradeoffs, 64, 64)
+    frames = list(film.frames(5.0, every=5))
+    assert len(frames) == 1 + -(-(max(fell) + 100) // 5)  # a second after the last one
+    first = fell.index(min(fell))
+    panels = [frame[:, :64] if first == 0 else frame[:, -64:] for frame in frames]
+    down = -(-min(fell) // 5)
+    assert all((panel == panels[-1]).all() for panel in panels[down:])
+    assert panels[down].mean() < panels[down - 1].mean() - 15  # dimmed
+    assert (frames[down] != frames[down + 1]).any()
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_film_can_be_shot_again(make_policy):
+    film = Film(make_policy(), [(0.5, 0.5)], 64, 64)
+    np.testing.assert_array_equal(list(film.frames(0.1, 5)), list(film.frames(0.1, 5)))
+
+
+@pytest.mark.usefixtures("opengl")
+def test_many_tradeoffs_take_several_rows(make_policy):
+    film = Film(make_policy(), [(1.0, share) for share in range(5)], 64, 80)
+    assert next(film.frames()).shape == (2 * 80 + GAP, 3 * 64 + 2 * GAP, 3)
+
+
+@pytest.mark.parametrize(
+    ("dt", "speed", "every", "fps"),
+    [
+        *((0.01, 1, 4, 25), (0.02, 1, 2, 25), (1 / 30, 1, 1, 30), (0.015, 1, 3, 1 / 0.045)),
+        *((0.01, 0.25, 1, 25), (0.01, 3, 10, 30), (0.05, 1, 1, 20)),
+    ],
+)
+def test_any_control_step_gives_an_even_frame_rate(dt, speed, every, fps, make_policy):
+    film = Film(make_policy(), [(0.5, 0.5)])
+    film.dt = dt
+    assert film.pace(speed) == (every, pytest.approx(fps))
+
+
+def test_a_shipped_policy_is_filmed_into_the_working_directory(saved, monkeypatch):
+    shipped = saved / "package" / "shipped"
+    (shipped / "hopper" / "checkpoints").mkdir(parents=True)
+    for module in (policy, record):
+        monkeypatch.setattr(module, "SHIPPED", shipped)
+    outputs = []
+    monkeypatch.setattr(record, "record", lambda _, output, *__: outputs.append(output))
+    checkpoints = shipped / "hopper" / "checkpoints"
+    (checkpoints / "best.pt").write_bytes((saved / "policy.pt").read_bytes())
+    run(monkeypatch, "hopper")
+    run(monkeypatch, str(shipped / "hopper"))
+    run(monkeypatch, "policy.pt")
+    assert outputs == [Path("hopper.mp4"), Path("hopper.mp4"), Path("film.mp4")]
+
+
+MISTAKES = {
+    "no run": (("nowhere",), "nowhere does not exist"),
+    "no trade-off": (("policy.pt", "--tradeoff", "fast"), "2 numbers (run, jump)"),
+    "too long": (("policy.pt", "--tradeoff", "1,2,3"), "has 3, but needs 2"),
+    "negative": (("policy.pt", "--tradeoff", "-1,2"), "not negative"),
+    "no time": (("policy.pt", "--seconds", "0"), "at least one control step (0.01 s)"),
+    "no end": (("policy.pt", "--seconds", "inf"), "not inf s"),
+    "no speed": (("policy.pt", "--speed", "-1"), "the speed must be above 0"),
+    "no size": (("policy.pt", "--width", "0"), "from 64 to 4096 pixels"),
+    "no film": (("policy.pt", "--output", "film.avi"), "must end in .mp4 or .gif"),
+    "no folder": (("policy.pt", "--output", "no/film.gif"), "cannot write no/film.gif"),
+    "no pictures": (("policy.pt", "--output", "x.png", "--pictures", "1"), "at least 2 pictures"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_gets_one_sentence_and_leaves_no_file(name, saved, monkeypatch, capsys):
+    arguments, expected = MISTAKES[name]
+    assert expected in refused(monkeypatch, capsys, *arguments)
+    assert os.listdir() == ["policy.pt"]
+
+
+def test_without_opengl_a_sentence_says_what_to_do(saved):
+    done = subprocess.run(
+        [sys.executable, "-m", "morlax_torch.record", "policy.pt"],
+        env={**os.environ, "MUJOCO_GL": "disabled"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: there is no OpenGL") and done.stderr.count("\n") == 1
+    assert os.listdir() == ["policy.pt"]
+
+
+def test_a_missing_extra_is_named(saved, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    said = refused(monkeypatch, capsys, "policy.pt")
+    assert "pip install 'morlax-torch[video]'" in said and os.listdir() == ["policy.pt"]
+
+
+def test_an_ffmpeg_that_is_not_there_is_one_sentence(saved, monkeypatch, capsys):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "nowhere/ffmpeg")
+    assert "set IMAGEIO_FFMPEG_EXE" in refused(monkeypatch, capsys, "policy.pt")
+
+
+def test_what_ffmpeg_refuses_is_one_sentence_and_leaves_no_file(tmp_path):
+    frames = iter([np.zeros((2, 40_000, 3), np.uint8)] * 3)  # wider than H.264 can be
+    with pytest.raises(MorlaxError, match=r"cannot write .*film\.mp4: .*\w\.$"):
+        write_video(tmp_path / "film.mp4", frames, 25)
+    assert not os.listdir(tmp_path)
+
+
+def test_help_is_complete(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, "--help")
+    assert exit.value.code == 0
+    text = capsys.readouterr().out
+    for name in ("RUN", "--tradeoff", "--output", "--seconds", "--speed", "--width", "--pictures"):
+        assert name in text
