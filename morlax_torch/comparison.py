@@ -37,8 +37,9 @@ def names(runs: Sequence[str | os.PathLike[str]]) -> list[str]:
         paths.append(folder.with_name(f"{folder.name}-{file.stem}") if file.is_file() else folder)
         if paths.index(paths[-1]) < len(paths) - 1:
             raise MorlaxError(f"{run} is given twice: name each run once.")
-    for depth in range(1, 1 + max(len(path.parts) for path in paths)):
-        found = ["/".join(path.parts[-depth:]) for path in paths]
+    parts = [path.parts[1:] for path in paths]  # what is called "/" could lead anywhere
+    for depth in range(1, 2 + max(map(len, parts))):
+        found = ["/".join(some[-depth:]) for some in parts]
         if len(set(found)) == len(found):
             break
     return found

@@ -20,7 +20,7 @@ MEANINGS = {
     "expected_utility": "mean over trade-offs of the best w · r on the front; more is better",
     "cardinality": "how many policies no other one dominates",
     "obedience": "share of trade-offs for which no other policy is clearly better than their own",
-    "fall_rate": "share of episodes that ended in a failure, before time was up",
+    "fall_rate": "share of episodes in which the robot failed",
     "igd_plus": "mean distance by which the front falls short of the reference; 0 is best",
     "episode_length": "control steps, on average",
 }
@@ -43,7 +43,6 @@ pre { overflow-x: auto; padding: .8rem 1rem; border: 1px solid var(--line); bord
   font-size: .85rem }
 figure { margin: 1.2rem 0 2rem } figcaption { color: var(--faint); font-size: .92rem }
 img { max-width: 100%; background: white; border-radius: 6px }
-@media print { details > * { display: block } }
 """
 
 
@@ -92,6 +91,12 @@ def words(measure: str) -> str:
     return "IGD+" if measure == "igd_plus" else measure.replace("_", " ")
 
 
+def meaning(measure: str) -> str:
+    """What it says, in a few words."""
+    ends = {"_min": "the least return of any policy", "_max": "the most return of any policy"}
+    return MEANINGS.get(measure) or ends.get(measure[-4:], "")
+
+
 def number(value: float) -> str:
     return f"{value:,.4g}"
 
@@ -104,7 +109,7 @@ def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Qu
         if summary:
             low, median, high = summary[name]
             cells += [number(median), f"{number(low)} - {number(high)}"]
-        rows.append(_row("td", [*cells, MEANINGS.get(name, "")]))
+        rows.append(_row("td", [*cells, meaning(name)]))
     return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
 
 

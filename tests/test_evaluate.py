@@ -255,6 +255,9 @@ def test_runs_are_called_by_as_much_of_their_path_as_tells_them_apart(tmp_path, 
     assert names(["x/a/0", "x/a/1"]) == ["0", "1"]
     assert names(["x/a/0", "x/b/0"]) == ["a/0", "b/0"]
     assert names(["x/a/0", "x/a/1", "y/a/0"]) == ["x/a/0", "x/a/1", "y/a/0"]
+    Path("a", *tmp_path.parts[1:]).mkdir(parents=True)
+    same = [str(tmp_path), str(Path("a", *tmp_path.parts[1:]))]  # one ends as all of the other is
+    assert not any(Path(name).is_absolute() for name in names(same))
     with pytest.raises(MorlaxError, match=r"x/a/\.\./a/0 is given twice"):
         names(["x/a/0", "x/b/0", "x/a/../a/0"])
 

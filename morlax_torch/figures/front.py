@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,8 @@ from matplotlib.figure import Figure
 
 from ..evaluation import Front
 from .style import COLOURS, DOMINATED, blank, distinct, lattice, legend_outside, returned, weight
+
+MARKS = 25  # on a line, so that its colour can be told in grey too
 
 
 def front_figure(front: Front, title: str = "") -> Figure:
@@ -55,7 +58,7 @@ def _pair(axes: Axes, front: Front, x: int, y: int) -> PathCollection:
 
 def _space(figure: Figure, front: Front, rows: int, columns: int) -> None:
     best = front.non_dominated
-    axes = figure.add_subplot(rows, columns, 1, projection="3d")
+    axes: Any = figure.add_subplot(rows, columns, 1, projection="3d")
     axes.scatter(
         *front.returns[best].T, s=12, c=front.tradeoffs[best, 2], cmap=COLOURS, vmin=0, vmax=1
     )
@@ -111,7 +114,8 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
 def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
     """The fronts of several families, by name, over each other: a plot for each two objectives.
 
-    They share their objectives. What a family itself dominates is left out.
+    They share their objectives. What a family itself dominates is left out. Of two objectives a
+    line goes through the whole front, with marks on some of it.
     """
     names = next(iter(fronts.values())).objectives
     pairs = list(combinations(range(len(names)), 2))
@@ -123,10 +127,13 @@ def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
         for (name, front), look in zip(fronts.items(), distinct(len(fronts)), strict=True):
             returns = front.returns[front.non_dominated]
             order = returns[:, x].argsort()
-            line = look["linestyle"] if len(names) == 2 else "none"
+            joined = len(names) == 2
+            style: dict[str, Any] = {} if joined else {"linestyle": "none"}
+            every = max(1, len(order) // MARKS) if joined else 1
             axes.plot(
                 *returns[order][:, [x, y]].T,
-                **(look | {"linestyle": line}),
+                **(look | style),
+                markevery=every,
                 lw=0.8,
                 ms=3.5,
                 alpha=0.8,

@@ -16,7 +16,7 @@ MARKERS = "osD^vPX*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
 # what journals ask for: fonts that stay text, and the same file from the same numbers
-FILES: dict[str, Any] = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
+FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
 
 
 def blank(width: float, height: float, title: str) -> Figure:
@@ -48,7 +48,7 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             names.setdefault(label, handle)
     if names:
-        place = f"outside {side}"
+        place: Any = f"outside {side}"
         figure.legend([*names.values()], [*names], loc=place, title=title, frameon=False)
 
 
