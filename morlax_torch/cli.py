@@ -71,7 +71,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if torch.cuda.is_available():
             sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
             free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
-        fail(f"{free}: use fewer --worlds, or free memory that other programs hold.")
+        fail(f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold.")
 
 
 def fail(sentence: str) -> NoReturn:

@@ -1,121 +1,205 @@
-"""Judge a trained run: its front, and the indicators of the front."""
+"""Judge trained runs: their fronts, the indicators of the fronts, figures and a report."""
 
-import csv
-import io
-from collections.abc import Sequence
+import os
+import shlex
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
+from rich import box
 from rich.table import Table
 
-from . import cli, envs
-from .envs import resolve_device
+from . import cli, comparison, envs
+from .envs import MorlaxError, resolve_device
 from .evaluation import Evaluator, Front, Protocol
-from .figures import front_figure
-from .files import replacing
-from .policy import find_checkpoint, load
+from .files import unused
+from .history import History
+from .policy import SHIPPED, Policy, find_run, load
+from .report import number, words
+from .results import Evaluated, write
 from .tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
+
+PROTOCOLS = {
+    "latched": "a return ends with the first step that fails",
+    "paper": "steps that fail earn nothing, and the reward of the reset is added",
+}
+MOST_COLUMNS = 3  # runs in the terminal's table; the files have them all
 
 
 def evaluate(
-    run: Path,
+    run: str | os.PathLike[str] | Policy,
     tradeoffs: int = 512,
     protocol: Protocol = "latched",
     device: str | None = None,
     backend: str | None = None,
     seed: int = 0,
+    seeds: int = 1,
 ) -> Front:
-    """The front of a run's best checkpoint, or of a checkpoint file."""
+    """The front of a run's best checkpoint, a checkpoint file, a shipped name, or a policy.
+
+    A policy is moved to the device. With `seeds` > 1 every trade-off has that many episodes, whose
+    starts are drawn apart, and returns are means over them: they estimate what a policy returns in
+    expectation.
+
+    Raises:
+        MorlaxError: there is no such run, too few trade-offs, or nothing that seeds could change.
+    """
     place = resolve_device(device)
-    policy = load(run, place)
-    m = len(policy.objectives)
-    draw = dirichlet_tradeoffs if protocol == "paper" else evaluation_tradeoffs
+    policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
+    task, m = policy.config.task, len(policy.objectives)
+    if seeds < 1:
+        raise MorlaxError(f"seeds is {seeds}: it takes at least one.")
+    if seeds > 1 and not task.reset_noise:
+        raise MorlaxError(
+            "every episode of this task starts alike (task.reset_noise is 0), so more seeds would "
+            "only repeat it: leave out --seeds."
+        )
+    fixed = evaluation_tradeoffs(tradeoffs, m)
+    drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
     env = envs.make(
         policy.config.env,
-        tradeoffs,
+        tradeoffs * seeds,
         place,
         backend,
         seed,
         auto_reset=False,
-        **policy.config.task.model_dump(),
+        **task.model_dump(),
     )
-    evaluator = Evaluator(policy.agent, env, draw(tradeoffs, m), protocol)
+    evaluator = Evaluator(policy.agent, env, drawn.repeat(seeds, 1), protocol)
     evaluator.compile()
-    return evaluator.evaluate()
+    return evaluator.evaluate().averaged(seeds)
 
 
 def command(arguments: Sequence[str]) -> None:
     def main(
-        run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
+        runs: Annotated[
+            tuple[str, ...],
+            tyro.conf.Positional,
+            tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)"),
+        ],
         tradeoffs: int = 512,
         protocol: Protocol = "latched",
         device: str | None = None,
         backend: str | None = None,
         seed: int = 0,
+        seeds: int = 1,
+        reference: str | None = None,
         output: Path | None = None,
     ) -> None:
         """Run the policies of many trade-offs for an episode each and print the indicators.
 
-        Writes front.npz, front.csv and front.png.
+        Writes the front of each run (front.npz, front.csv), figures (png and pdf), indicators.csv
+        and report.html, one file that opens anywhere. Several runs are compared: their fronts
+        over each other, medians and quartiles of the indicators in summary.csv.
 
         Args:
-            run: A run's folder (its best checkpoint), or a checkpoint file.
-            tradeoffs: How many: an even grid for two objectives, else corners and draws.
-            protocol: latched: an episode ends where the robot fails. paper: as in the paper's
-                tables, on Dirichlet draws (there 1024): failed steps earn nothing, and the
-                reward of the reset is added.
+            runs: Folders of runs, checkpoints, or policies that ship.
+            tradeoffs: How many, spread evenly.
+            protocol: latched: a return ends with the first step that fails. paper: as in its own
+                published tables (trade-offs drawn at random, there 1024): failed steps earn
+                nothing, and the reward of the reset is added.
             device: cuda, cpu, ... (None: CUDA where there is one).
             backend: warp or mujoco (None: by the device).
             seed: Of what the worlds draw at random.
-            output: Where to write (None: the run's folder).
+            seeds: Episodes of each trade-off, to average over; for tasks with reset_noise.
+            reference: What IGD+ is measured to: a front.npz or a run (None: the best of all runs).
+            output: Where to write (None: the run's folder, or evaluations/<time>).
         """
-        place = output or find_checkpoint(run).parent
-        if output is None and place.name == "checkpoints":
-            place = place.parent
-        front = evaluate(run, tradeoffs, protocol, device, backend, seed)
-        write(front, place, title=str(run))
-        cli.console.print(summary(front))
-        cli.console.print(f"written: {place}/front.npz, front.csv, front.png")
+        if not runs:
+            raise MorlaxError("name at least one run: its folder, such as runs/ant/..., or a .pt.")
+        place = resolve_device(device)
+        named = dict(zip(comparison.names(runs), runs, strict=True))
+        policies = {name: load(run, place) for name, run in named.items()}
+        comparison.check_comparable(policies)
+        histories = {name: history(run) for name, run in named.items()}
+
+        def judged(policy: Policy) -> Front:
+            return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
+
+        target = None if reference is None else reference_front(reference, policies, judged)
+        fronts = {name: judged(policy) for name, policy in policies.items()}
+        if target is None and len(fronts) > 1:
+            target = comparison.union(list(fronts.values()))
+        found = {
+            name: Evaluated(
+                run,
+                policies[name],
+                fronts[name],
+                histories[name],
+                comparison.measures(fronts[name], target),
+            )
+            for name, run in named.items()
+        }
+        folder = output or default_output(runs)
+        objectives = ", ".join(next(iter(fronts.values())).objectives)
+        about = (
+            f"Objectives: {objectives}. {tradeoffs} trade-offs on {place}, "
+            f"{f'{seeds} episodes' if seeds > 1 else 'an episode'} each. "
+            f"Protocol {protocol}: {PROTOCOLS[protocol]}."
+        )
+        if target is not None:
+            source = reference or "what no other policy of all these runs dominates"
+            about += f" Reference of IGD+: {source}, {len(target)} points."
+        typed = shlex.join(["python", "-m", "morlax_torch.evaluate", *arguments])
+        write(found, folder, about, typed)
+        cli.console.print(table(found))
+        cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
     tyro.cli(main, args=arguments, prog="python -m morlax_torch.evaluate")
 
 
-def write(front: Front, folder: Path, title: str) -> None:
-    """front.npz, front.csv and front.png."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise envs.MorlaxError(f"cannot make {folder}: {error.strerror}.") from None
-    front.save(folder / "front.npz")
-    text = io.StringIO()
-    rows = csv.writer(text)
-    rows.writerow(
-        [
-            *(f"tradeoff_{name}" for name in front.objectives),
-            *(f"return_{name}" for name in front.objectives),
-            "length",
-            "non_dominated",
-        ]
-    )
-    for row in zip(front.tradeoffs, front.returns, front.lengths, front.non_dominated, strict=True):
-        tradeoff, returns, length, best = row
-        rows.writerow([*tradeoff.tolist(), *returns.tolist(), int(length), int(best)])
-    with replacing(folder / "front.csv") as file:
-        file.write(text.getvalue().encode())
-    with replacing(folder / "front.png") as file:
-        front_figure(front, title).savefig(file, format="png", dpi=150)
+def history(run: str) -> History | None:
+    """How a run trained, if it is written down."""
+    path = find_run(run) / "metrics.csv"
+    return History.load(path) if path.is_file() else None
 
 
-def summary(front: Front) -> Table:
-    """What the front is worth, for the terminal."""
-    table = Table(show_header=False)
-    for name, value in front.indicators().items():
-        table.add_row(name.replace("_", " "), f"{value:,.6g}")
-    for index, name in enumerate(front.objectives):
-        returns = front.returns[:, index]
-        table.add_row(f"{name} (return)", f"{returns.min():,.1f} to {returns.max():,.1f}")
-    table.add_row("episode length", f"{front.lengths.mean():,.1f} steps on average")
+def reference_front(
+    source: str, policies: Mapping[str, Policy], judged: Callable[[Policy], Front]
+) -> np.ndarray:
+    """The points (n, m) of the front that `source` holds, or of the run that it names."""
+    if source.endswith(".npz"):
+        front = Front.load(Path(source))
+    else:
+        other = load(source)
+        comparison.check_comparable({**policies, source: other})
+        front = judged(other)
+    objectives = next(iter(policies.values())).objectives
+    if front.objectives != objectives:
+        raise MorlaxError(
+            f"the reference {source} is of {', '.join(front.objectives)}, but the runs trade off "
+            f"{', '.join(objectives)}: give a front of the same objectives."
+        )
+    if not front.non_dominated.any():
+        raise MorlaxError(f"the reference {source} holds no finite returns: give another front.")
+    return front.returns[front.non_dominated]
+
+
+def default_output(runs: Sequence[str]) -> Path:
+    folder = find_run(runs[0])
+    if len(runs) > 1 or folder.parent == SHIPPED:
+        return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
+    return folder
+
+
+def table(found: Mapping[str, Evaluated]) -> Table:
+    """What the fronts are worth, for the terminal."""
+    measured = {name: run.measures for name, run in found.items()}
+    shown = measured if len(measured) <= MOST_COLUMNS else {}
+    quartiles = comparison.quartiles(list(measured.values())) if len(measured) > 1 else {}
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("indicator", no_wrap=True)
+    for head in [*shown, *([f"median of {len(found)}", "quartiles"] if quartiles else [])]:
+        table.add_column(head, justify="right", overflow="fold")
+    for name in next(iter(measured.values())):
+        cells = [number(values[name]) for values in shown.values()]
+        if quartiles:
+            low, median, high = quartiles[name]
+            cells += [number(median), f"{number(low)} - {number(high)}"]
+        table.add_row(words(name), *cells)
     return table
 
 

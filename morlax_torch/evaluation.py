@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from . import pareto
@@ -25,43 +26,74 @@ class Front(NamedTuple):
     returns: np.ndarray  # (K, m) undiscounted sums
     lengths: np.ndarray  # (K,) control steps until the episode ended
     reference_point: np.ndarray  # (m,)
+    falls: np.ndarray | None = None  # (K,) the share of episodes that failed; None: not known
 
     @property
     def non_dominated(self) -> np.ndarray:
         """(K,) bool"""
         return pareto.non_dominated(self.returns)
 
-    def indicators(self) -> dict[str, float]:
-        """Hypervolume, sparsity, expected utility and cardinality by name.
+    @property
+    def obeys(self) -> np.ndarray:
+        """(K,) bool"""
+        return pareto.obeys(self.returns, self.tradeoffs)
 
-        A hypervolume that is not exact is called `hypervolume_approximate`.
+    def indicators(self, reference_front: ArrayLike | None = None) -> dict[str, float]:
+        """Hypervolume, sparsity, expected utility, cardinality and obedience by name.
+
+        `fall_rate` is there where falls are known, `igd_plus` where there is a reference front
+        (n, m). A hypervolume that is not exact is called `hypervolume_approximate`.
         """
         returns = self.returns
         exact = pareto.is_exact(*returns.shape)
-        return {
+        found = {
             "hypervolume" if exact else "hypervolume_approximate": pareto.hypervolume(
                 returns, self.reference_point
             ),
             "sparsity": pareto.sparsity(returns),
             "expected_utility": pareto.expected_utility(returns, self.tradeoffs),
             "cardinality": pareto.cardinality(returns),
+            "obedience": pareto.obedience(returns, self.tradeoffs),
         }
+        if self.falls is not None:
+            found["fall_rate"] = float(self.falls.mean())
+        if reference_front is not None:
+            found["igd_plus"] = pareto.igd_plus(returns, reference_front)
+        return found
 
     @property
     def hypervolume(self) -> float:
         return pareto.hypervolume(self.returns, self.reference_point)
 
+    def averaged(self, episodes: int) -> Self:
+        """The means over several episodes, where the K trade-offs stand `episodes` times in a row.
+
+        (episodes * K, m) becomes (K, m); what is averaged are returns, lengths and falls.
+        """
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            return values.reshape(episodes, -1, *values.shape[1:]).mean(0)
+
+        return self._replace(
+            tradeoffs=self.tradeoffs[: len(self.tradeoffs) // episodes],
+            returns=mean(self.returns),
+            lengths=mean(self.lengths),
+            falls=None if self.falls is None else mean(self.falls),
+        )
+
     def save(self, path: Path) -> None:
         """Write an .npz with one array for each field, and `non_dominated`."""
+        known = {name: value for name, value in self._asdict().items() if value is not None}
         with replacing(path) as file:
-            np.savez_compressed(file, non_dominated=self.non_dominated, **self._asdict())
+            np.savez_compressed(file, non_dominated=self.non_dominated, **known)
 
     @classmethod
     def load(cls, path: Path) -> Self:
         """What `save` wrote."""
         try:
             with path.open("rb") as file, np.load(file) as arrays:
-                fields = {name: arrays[name] for name in cls._fields}
+                needed = [f for f in cls._fields if f in arrays or f not in cls._field_defaults]
+                fields = {name: arrays[name] for name in needed}
         except FileNotFoundError:
             raise MorlaxError(f"there is no front {path}.") from None
         except Exception as error:  # a damaged archive trips numpy, zip or zlib in many ways
@@ -90,6 +122,7 @@ class Evaluator:
         self._observation = env.reset()
         self._returns = torch.zeros_like(self.tradeoffs)
         self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
+        self._fallen = torch.zeros_like(self._alive)
         self._lengths = torch.zeros(len(tradeoffs), dtype=torch.int32, device=env.device)
         with torch.no_grad():
             self._policies = {k: v.clone() for k, v in agent.actor(self.tradeoffs).items()}
@@ -110,6 +143,7 @@ class Evaluator:
             self._policies[name].copy_(values)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
+        self._fallen.zero_()
         self._lengths.zero_()
         self._returns.zero_()
         if self.protocol == "paper":
@@ -127,6 +161,7 @@ class Evaluator:
             self._returns.cpu().numpy().astype(np.float64),
             self._lengths.cpu().numpy(),
             np.array(self.env.reference_point),
+            self._fallen.cpu().numpy().astype(np.float64),
         )
 
     @torch.no_grad()
@@ -135,6 +170,7 @@ class Evaluator:
         output = self.agent.actor.run(self._policies, seen[:, None])[:, 0]
         mean, _ = output.chunk(2, dim=-1)
         step = self.env.step(mean.tanh())
+        self._fallen |= step.terminated
         if self.protocol == "paper":
             self._alive.copy_(~step.terminated)
         counted = torch.where(self._alive[:, None], step.reward, 0.0)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 # Exact hypervolume takes time exponential in m; from here on moocore's approximation is used.
 EXACT_OBJECTIVES = 4
 EXACT_POINTS = 500
+OBEDIENCE_TOLERANCE = 0.01
 
 
 def non_dominated(points: ArrayLike) -> NDArray[np.bool_]:
@@ -73,7 +74,44 @@ def cardinality(points: ArrayLike) -> int:
 
 
 def igd_plus(points: ArrayLike, reference_front: ArrayLike) -> float:
-    """Mean distance by which the front falls short of a reference front (Ishibuchi, 2015)."""
+    """Mean distance by which the front A falls short of a reference front Z (Ishibuchi, 2015).
+
+    1/|Z| sum over z in Z of min over a in A of sqrt(sum_k max(z_k - a_k, 0)^2), in the units of the
+    returns: 0 where every point of Z is reached or exceeded.
+    """
     reference = np.asarray(reference_front, dtype=np.float64)
     points = front(points)
     return float(moocore.igd_plus(points, ref=reference, maximise=True)) if len(points) else np.inf
+
+
+def obeys(
+    points: ArrayLike, tradeoffs: ArrayLike, tolerance: float = OBEDIENCE_TOLERANCE
+) -> NDArray[np.bool_]:
+    """(n,) Whether the policy of each trade-off is the best of them all for it, or as good as.
+
+    Point r_i is what the policy of trade-off w_i reached; both are (n, m). With u_ij = w_i . r_j,
+
+        i obeys where  max_j u_ij - u_ii <= tolerance * (max_j u_ij - min_j u_ij).
+
+    The left side is what trade-off i loses by using its own policy (the utility loss of Zintgraf
+    et al., 2015, within the set), the bracket what the choice of a policy decides at all. Policies
+    that tie all obey. A point that is not finite does not obey, and is not compared with.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    finite = np.isfinite(points).all(1)
+    result = np.zeros(len(points), dtype=np.bool_)
+    if finite.any():
+        utility = np.asarray(tradeoffs, dtype=np.float64)[finite] @ points[finite].T
+        most, least = utility.max(1), utility.min(1)
+        result[finite] = most - utility.diagonal() <= tolerance * (most - least)
+    return result
+
+
+def obedience(
+    points: ArrayLike, tradeoffs: ArrayLike, tolerance: float = OBEDIENCE_TOLERANCE
+) -> float:
+    """The share of trade-offs that `obeys` holds for: does the family do what it is asked?
+
+    A family of equal policies obeys by having no choice: read it beside the hypervolume.
+    """
+    return float(obeys(points, tradeoffs, tolerance).mean())

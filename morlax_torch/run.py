@@ -18,7 +18,7 @@ from .config import Config, load_config, read_yaml
 from .envs import MorlaxError
 from .evaluation import Front
 from .figures import front_figure
-from .files import replacing
+from .files import replacing, unused
 from .morlax import MORLAX
 
 
@@ -69,7 +69,7 @@ class Run:
         """
         config = morlax.config
         stamp = time.strftime("%Y%m%d-%H%M%S")
-        folder = output or _unused(Path("runs") / config.env / f"{stamp}-{config.seed}")
+        folder = output or unused(Path("runs") / config.env / f"{stamp}-{config.seed}")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise MorlaxError(
                 f"{folder} is there already: choose another --output, or go on with the run by "
@@ -184,11 +184,3 @@ class Run:
         """Write what is not written yet."""
         with self._written() as events:
             events.close()
-
-
-def _unused(folder: Path) -> Path:
-    """`folder`, or with a number behind its name if that is taken."""
-    candidate, number = folder, 2
-    while candidate.exists():
-        candidate, number = folder.with_name(f"{folder.name}-{number}"), number + 1
-    return candidate

@@ -186,8 +186,16 @@ def test_a_front_states_its_indicators(front):
             "sparsity": 18.0,
             "expected_utility": (4 + 4 + 0.3 + 2.8) / 3,
             "cardinality": 2,
+            "obedience": 2 / 3,  # the third gets 1.0 of what it asks, and could get 3.1
         }
     )
+    assert "fall_rate" not in front.indicators()  # not known
+
+
+def test_a_front_states_how_often_robots_fell_and_how_far_it_is_from_another(front):
+    found = front._replace(falls=np.array([0.0, 1.0, 0.5])).indicators([[4, 1], [1, 5]])
+    assert found["fall_rate"] == pytest.approx(0.5)
+    assert found["igd_plus"] == pytest.approx((0 + 1) / 2)
 
 
 def test_an_evaluated_front_knows_where_it_came_from(agent):
@@ -196,6 +204,43 @@ def test_an_evaluated_front_knows_where_it_came_from(agent):
     assert front.reference_point.tolist() == [0.5, 5.0]
     np.testing.assert_array_equal(front.tradeoffs, TRADEOFFS)
     assert front.hypervolume == pytest.approx(14.5 * 145)
+
+
+def test_episodes_of_one_tradeoff_are_averaged(front):
+    twice = Front(
+        front.objectives,
+        np.concatenate([front.tradeoffs, front.tradeoffs]),
+        np.concatenate([front.returns, front.returns + np.array([2, 20])]),
+        np.array([500, 80, 7, 500, 100, 10]),
+        front.reference_point,
+        np.array([0, 1, 1, 0, 0, 1]),
+    )
+    mean = twice.averaged(2)
+    np.testing.assert_array_equal(mean.tradeoffs, front.tradeoffs)
+    np.testing.assert_array_equal(mean.returns, front.returns + np.array([1, 10]))
+    assert mean.lengths.tolist() == [500, 90, 8.5]
+    assert mean.falls is not None and mean.falls.tolist() == [0, 0.5, 1]
+
+
+@pytest.mark.parametrize("protocol", ("latched", "paper"))
+def test_a_fall_in_the_last_step_counts_as_one(agent, protocol):
+    # the third world fails in the last two steps, the second recovers, the first never fails
+    front = Evaluator(agent, Scripted(), TRADEOFFS, protocol).evaluate()
+    assert front.falls is not None and front.falls.tolist() == [0, 1, 1]
+    env = Scripted()
+    env.FAILED = torch.tensor([[False, False, False, failed] for failed in (True, False, False)])
+    front = Evaluator(agent, env, TRADEOFFS, protocol).evaluate()
+    assert front.falls is not None and front.falls.tolist() == [1, 0, 0]
+
+
+def test_a_front_of_before_falls_were_counted_can_be_read(front, tmp_path):
+    front.save(tmp_path / "front.npz")
+    with np.load(tmp_path / "front.npz") as arrays:
+        assert "falls" not in arrays
+    assert Front.load(tmp_path / "front.npz").falls is None
+    front._replace(falls=np.array([0.0, 0.5, 1.0])).save(tmp_path / "front.npz")
+    again = Front.load(tmp_path / "front.npz")
+    assert again.falls is not None and again.falls.tolist() == [0, 0.5, 1]
 
 
 def test_a_front_survives_its_file(front, tmp_path):

@@ -131,7 +131,12 @@ def test_fewer_points_or_objectives_are_exact(number, m):
     indicators = named(points)
     assert "hypervolume_approximate" not in indicators
     assert indicators["hypervolume"] == pytest.approx(exact, rel=1e-12)
-    assert list(indicators)[1:] == ["sparsity", "expected_utility", "cardinality"]
+    assert list(indicators)[1:] == [
+        "sparsity",
+        "expected_utility",
+        "cardinality",
+        "obedience",
+    ]
 
 
 def test_sparsity_is_the_mean_squared_gap():
@@ -160,3 +165,67 @@ def test_igd_plus_is_the_mean_shortfall():
 
 def test_an_empty_front_is_infinitely_far_from_any_other():
     assert pareto.igd_plus([[NAN, NAN]], [[1, 1]]) == float("inf")
+
+
+@pytest.mark.parametrize("m", (2, 3, 4))
+def test_igd_plus_is_its_formula(m):
+    random = np.random.default_rng(m)
+    points, reference = random.normal(size=(30, m)), random.normal(0.5, 1, (20, m))
+    shortfall = np.maximum(reference[:, None] - points[None], 0)
+    expected = np.linalg.norm(shortfall, axis=-1).min(1).mean()
+    assert pareto.igd_plus(points, reference) == pytest.approx(expected)
+    # maximising is minimising the negative
+    assert pareto.igd_plus(points, reference) == pytest.approx(
+        moocore.igd_plus(-points, ref=-reference)
+    )
+
+
+def quarter_circle(number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a circle, and the trade-offs that each of them is the very best for."""
+    angles = np.linspace(0, np.pi / 2, number)
+    points = np.stack([np.cos(angles), np.sin(angles)], -1)
+    return points, points / points.sum(1, keepdims=True)
+
+
+def test_a_family_whose_every_policy_is_the_best_for_its_tradeoff_obeys():
+    points, tradeoffs = quarter_circle(41)
+    assert pareto.obeys(points, tradeoffs, tolerance=0).all()
+    assert pareto.obedience(points, tradeoffs) == 1
+    assert pareto.obedience(1000 * points + 7, tradeoffs) == 1  # whatever a reward is worth
+
+
+def test_policies_of_other_tradeoffs_do_not_obey():
+    points, tradeoffs = quarter_circle(5)
+    swapped = points[[1, 0, 2, 4, 3]]
+    assert pareto.obeys(swapped, tradeoffs).tolist() == [False, False, True, False, False]
+    assert pareto.obedience(swapped, tradeoffs) == pytest.approx(1 / 5)
+    assert pareto.obedience(points[::-1], tradeoffs) == pytest.approx(1 / 5)
+
+
+def test_a_policy_almost_as_good_as_the_best_obeys():
+    # for (1, 0) the choice decides between 0 and 100; the first policy misses 1, then 2 of them
+    tradeoffs = [[1, 0], [1, 0], [0, 1]]
+    assert pareto.obeys([[99, 0], [100, 0], [0, 5]], tradeoffs).all()
+    assert pareto.obeys([[98, 0], [100, 0], [0, 5]], tradeoffs).tolist() == [False, True, True]
+    assert pareto.obeys([[98, 0], [100, 0], [0, 5]], tradeoffs, tolerance=0.02).all()
+
+
+def test_equal_policies_all_obey_and_what_is_no_number_does_not():
+    tradeoffs = [[1, 0], [0.5, 0.5], [0, 1]]
+    assert pareto.obedience([[3, 4]] * 3, tradeoffs) == 1
+    assert pareto.obeys([[3, 4], [NAN, 9], [3, 4]], tradeoffs).tolist() == [True, False, True]
+    assert pareto.obedience([[NAN, NAN]] * 3, tradeoffs) == 0
+
+
+@pytest.mark.parametrize("m", (2, 3, 5))
+def test_obedience_is_its_formula(m):
+    random = np.random.default_rng(m)
+    tradeoffs = random.dirichlet(np.ones(m), 50)
+    points = tradeoffs + random.normal(0, 0.05, (50, m))
+    expected = []
+    for i, weights in enumerate(tradeoffs):
+        utilities = [float(weights @ point) for point in points]
+        allowed = 0.1 * (max(utilities) - min(utilities))
+        expected.append(max(utilities) - utilities[i] <= allowed)
+    assert 0 < sum(expected) < 50
+    assert pareto.obeys(points, tradeoffs, 0.1).tolist() == expected

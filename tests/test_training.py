@@ -124,7 +124,8 @@ def test_a_run_folder_holds_what_people_look_for(tmp_path):
     assert [row["env_steps"] for row in rows] == ["0", "800", "1600"]
     assert set(rows[0]) == {
         *("iteration", "env_steps", "train_seconds", "total_seconds", "steps_per_second"),
-        *("hypervolume", "sparsity", "expected_utility", "cardinality"),
+        *("hypervolume", "sparsity", "expected_utility", "cardinality", "obedience"),
+        "fall_rate",
     }
     front = Front.load(run.folder / "front.npz")
     assert front.objectives == ("run", "jump")

@@ -1,0 +1,57 @@
+"""How fast runs came to their hypervolume."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..history import History
+from .style import blank, lattice
+
+SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))
+
+
+class Band(NamedTuple):
+    """Quartiles over runs, wherever one of them was evaluated and all were running."""
+
+    x: np.ndarray  # (E,)
+    low: np.ndarray  # (E,) lower quartile
+    middle: np.ndarray  # (E,) median
+    high: np.ndarray  # (E,) upper quartile
+
+    @classmethod
+    def over(cls, curves: Sequence[tuple[np.ndarray, np.ndarray]]) -> "Band":
+        """Of curves (x, y), each straight between its evaluations."""
+        start, end = max(x[0] for x, _ in curves), min(x[-1] for x, _ in curves)
+        grid = np.unique(np.concatenate([x for x, _ in curves]))
+        grid = grid[(grid >= start) & (grid <= end)]
+        values = [np.interp(grid, x, y) for x, y in curves]
+        return cls(grid, *np.quantile(values, (0.25, 0.5, 0.75), axis=0))
+
+
+def hypervolume_figure(histories: Sequence[History], title: str = "") -> Figure:
+    """Hypervolume against environment steps and against training seconds.
+
+    Several runs are thin lines, with their median and interquartile range over them.
+    """
+    figure = blank(9.0, 3.7, title)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, (name, label) in zip(panels, SCALES, strict=True):
+        curves = [(getattr(history, name), history.hypervolume) for history in histories]
+        several = len(curves) > 1
+        for k, (x, y) in enumerate(curves):
+            look = {"color": "0.55", "lw": 0.7} if several else {"color": "C0", "marker": "o"}
+            axes.plot(x, y, ms=3.5, **look, label="a run" if several and k == 0 else None)
+        if several:
+            band = Band.over(curves)
+            axes.fill_between(
+                band.x, band.low, band.high, alpha=0.3, lw=0, label="interquartile range"
+            )
+            axes.plot(band.x, band.middle, lw=2, label=f"median of {len(curves)} runs")
+        axes.set_xlabel(label)
+        lattice(axes)
+    panels[0].set_ylabel("hypervolume")
+    if len(histories) > 1:
+        panels[1].legend(loc="lower right")
+    return figure

@@ -1,0 +1,134 @@
+"""One HTML file that tells of an evaluation and needs nothing beside it."""
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from html import escape
+
+import matplotlib as mpl
+import yaml
+from matplotlib.figure import Figure
+
+from .comparison import Quartiles
+from .config import Config
+from .figures.style import FILES
+
+MEANINGS = {
+    "hypervolume": "volume between the reference point and the front; more is better",
+    "hypervolume_approximate": "the same, approximated by moocore; more is better",
+    "sparsity": "mean squared gap between neighbours on the front; less is denser",
+    "expected_utility": "mean over trade-offs of the best w · r on the front; more is better",
+    "cardinality": "how many policies no other one dominates",
+    "obedience": "share of trade-offs for which no other policy is clearly better than their own",
+    "fall_rate": "share of episodes in which the robot failed",
+    "igd_plus": "mean distance by which the front falls short of the reference; 0 is best",
+    "episode_length": "control steps, on average",
+}
+STYLE = """
+:root { color-scheme: light dark; --ink: #1c2024; --paper: #fdfdfc; --faint: #6b737b;
+  --line: #d9dde1 }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e4e7ea; --paper: #16191c; --faint: #8f979f; --line: #363c42 }
+}
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
+  max-width: 68rem; margin: 2.5rem auto; padding: 0 1.2rem }
+h1 { font-size: 1.7rem; line-height: 1.2 } h2 { font-size: 1.2rem; margin-top: 2.4rem }
+.scroll { overflow-x: auto }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums }
+th, td { padding: .3rem .9rem .3rem 0; text-align: right; border-bottom: 1px solid var(--line);
+  white-space: nowrap }
+th:first-child, td:first-child, td.words { text-align: left }
+td.words { color: var(--faint); white-space: normal; min-width: 16rem }
+pre { overflow-x: auto; padding: .8rem 1rem; border: 1px solid var(--line); border-radius: 6px;
+  font-size: .85rem }
+figure { margin: 1.2rem 0 2rem } figcaption { color: var(--faint); font-size: .92rem }
+img { max-width: 100%; background: white; border-radius: 6px }
+"""
+
+
+def report(
+    title: str,
+    about: str,
+    command: str,
+    measured: Mapping[str, Mapping[str, float]],
+    summary: Mapping[str, Quartiles],
+    figures: Sequence[tuple[str, Figure]],
+    configs: Mapping[str, Config],
+) -> str:
+    """The file's text.
+
+    Args:
+        title: What was evaluated.
+        about: How, in a sentence or two.
+        command: What was typed.
+        measured: By run, each measure by name.
+        summary: Quartiles of each measure over runs; empty for a single run.
+        figures: With a caption each.
+        configs: What each run was trained with.
+    """
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        f"<p>{escape(about)}</p>",
+        f"<pre>{escape(command)}</pre>",
+        "<h2>Indicators</h2>",
+        _table(measured, summary),
+        "<h2>Figures</h2>",
+        *(_picture(caption, figure) for caption, figure in figures),
+        "<h2>Trained with</h2>",
+        *(_config(name, config) for name, config in configs.items()),
+    ]
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        + "\n".join(parts)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def words(measure: str) -> str:
+    """A measure's name as people read it."""
+    return "IGD+" if measure == "igd_plus" else measure.replace("_", " ")
+
+
+def meaning(measure: str) -> str:
+    """What it says, in a few words."""
+    ends = {"_min": "the least return of any policy", "_max": "the most return of any policy"}
+    return MEANINGS.get(measure) or ends.get(measure[-4:], "")
+
+
+def number(value: float) -> str:
+    return f"{value:,.4g}"
+
+
+def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Quartiles]) -> str:
+    heads = [*measured, *(("median", "quartiles") if summary else ())]
+    rows = [_row("th", ["", *heads, ""])]
+    for name in next(iter(measured.values())):
+        cells = [words(name), *(number(values[name]) for values in measured.values())]
+        if summary:
+            low, median, high = summary[name]
+            cells += [number(median), f"{number(low)} - {number(high)}"]
+        rows.append(_row("td", [*cells, meaning(name)]))
+    return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
+
+
+def _row(tag: str, cells: Sequence[str]) -> str:
+    *numbers, meaning = (escape(cell) for cell in cells)
+    inner = "".join(f"<{tag}>{cell}</{tag}>" for cell in numbers)
+    return f'<tr>{inner}<td class="words">{meaning}</td></tr>\n'
+
+
+def _picture(caption: str, figure: Figure) -> str:
+    drawn = io.BytesIO()
+    with mpl.rc_context(FILES):
+        figure.savefig(drawn, format="svg", metadata={"Date": None})
+    # as an image, so that the names inside one drawing cannot meet those of another
+    data = base64.b64encode(drawn.getvalue()).decode()
+    image = f'<img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
+    return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def _config(name: str, config: Config) -> str:
+    text = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    return f"<details><summary>{escape(name)}</summary><pre>{escape(text)}</pre></details>"

@@ -1,0 +1,123 @@
+"""What an evaluation leaves on disk: fronts, figures, tables and a report."""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from . import comparison, figures
+from .envs import MorlaxError
+from .evaluation import Front
+from .files import replacing
+from .history import History
+from .policy import Policy
+from .report import report
+
+MOST_NAMES = 4  # in a title
+
+
+class Evaluated(NamedTuple):
+    """A run, and what it was found to be worth."""
+
+    path: str  # as it was given
+    policy: Policy
+    front: Front
+    history: History | None  # None: not written down
+    measures: dict[str, float]
+
+
+def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) -> None:
+    """Fronts, figures, tables and the report; several runs have a folder inside for each."""
+    drawn: list[tuple[str, Figure]] = []
+    several = len(found) > 1
+    task = next(iter(found.values())).policy.config.env
+    histories = [run.history for run in found.values() if run.history is not None]
+    make_folder(folder)
+    if several:
+        fronts = figures.fronts_figure({name: run.front for name, run in found.items()}, task)
+        figures.save(fronts, folder / "fronts")
+        drawn.append(("The fronts of all runs, without what each dominates itself.", fronts))
+    if histories:
+        curves = figures.hypervolume_figure(histories, task)
+        figures.save(curves, folder / "hypervolume")
+        drawn.append(("Hypervolume of the evaluations made while training.", curves))
+    for name, run in found.items():
+        place = folder / name if several else folder
+        make_folder(place)
+        run.front.save(place / "front.npz")
+        write_rows(place / "front.csv", front_rows(run.front))
+        for stem, caption, figure in pictures(run.front, f"{task}: {name}"):
+            figures.save(figure, place / stem)
+            drawn.append((f"{name}: {caption}", figure))
+    measured = {name: run.measures for name, run in found.items()}
+    quartiles = comparison.quartiles(list(measured.values())) if several else {}
+    write_rows(folder / "indicators.csv", indicator_rows(found))
+    if several:
+        heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
+        rows = ([name, *three, len(found)] for name, three in quartiles.items())
+        write_rows(folder / "summary.csv", [heads, *rows])
+    title = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
+    configs = {name: run.policy.config for name, run in found.items()}
+    text = report(title, about, typed, measured, quartiles, drawn, configs)
+    with replacing(folder / "report.html") as file:
+        file.write(text.encode())
+
+
+def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
+    """File name, caption and figure of all that one front shows."""
+    reached = "what every trade-off reached, coloured by it."
+    asked = "the return of each objective, by what was asked for."
+    found = [
+        ("front", reached, figures.front_figure(front, title)),
+        ("returns", asked, figures.returns_figure(front, title)),
+    ]
+    if len(front.objectives) > 3:
+        caption = "the front, a line for each policy."
+        found.append(("parallel", caption, figures.parallel_figure(front, title)))
+    return found
+
+
+def front_rows(front: Front) -> list[list]:
+    """A header, and a row for each trade-off."""
+    assert front.falls is not None
+    heads = [
+        *(f"tradeoff_{name}" for name in front.objectives),
+        *(f"return_{name}" for name in front.objectives),
+        *("length", "falls", "non_dominated", "obeys"),
+    ]
+    numbers = np.column_stack([front.tradeoffs, front.returns])
+    marks = np.column_stack([front.lengths, front.falls, front.non_dominated, front.obeys])
+    return [
+        heads,
+        *(
+            [*row.tolist(), *(f"{mark:g}" for mark in some)]
+            for row, some in zip(numbers, marks, strict=True)
+        ),
+    ]
+
+
+def indicator_rows(found: Mapping[str, Evaluated]) -> list[list]:
+    """A header, and a row for each run."""
+    rows = [
+        [name, run.path, run.policy.config.env, run.policy.config.seed, *run.measures.values()]
+        for name, run in found.items()
+    ]
+    return [["run", "path", "env", "seed", *next(iter(found.values())).measures], *rows]
+
+
+def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    with replacing(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MorlaxError(f"cannot make {folder}: {error.strerror}.") from None

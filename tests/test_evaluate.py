@@ -1,0 +1,268 @@
+"""The command that judges runs: one, several, against a reference; its files and its report."""
+
+import base64
+import csv
+import re
+import shutil
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from morlax_torch import MorlaxError, evaluate, load, pareto, policy
+from morlax_torch.comparison import names, quartiles
+from morlax_torch.evaluate import evaluate as judge
+from morlax_torch.evaluation import Front
+from morlax_torch.train import command as train
+
+TINY = (
+    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
+    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
+    *("--max-env-steps", "320"),
+)
+FEW = ("--device", "cpu", "--tradeoffs", "6")
+THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Path:
+    """a/hopper, b/hopper, noisy, three (objectives), ant; made once and copied for each test."""
+    place = tmp_path_factory.mktemp("runs")
+    (place / "three.yaml").write_text(THREE)
+    for folder, arguments in {
+        "a/hopper": ("--env", "hopper"),
+        "b/hopper": ("--env", "hopper", "--seed", "1"),
+        "noisy": ("--env", "hopper", "--task.reset-noise", "0.1"),
+        "three": ("--config", str(place / "three.yaml")),
+        "ant": ("--env", "ant"),
+    }.items():
+        train([*arguments, *TINY, "--output", str(place / folder)])
+    return place
+
+
+@pytest.fixture
+def workplace(runs, tmp_path, monkeypatch) -> Path:
+    shutil.copytree(runs, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def rows(path: Path | str) -> list[dict[str, str]]:
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_single_run_is_judged_in_its_own_folder(workplace, capsys):
+    evaluate.command(["a/hopper", *FEW])
+    folder = workplace / "a" / "hopper"
+    for stem in ("front", "returns", "hypervolume"):
+        assert (folder / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
+        assert (folder / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
+    (row,) = rows(folder / "indicators.csv")
+    front = Front.load(folder / "front.npz")
+    assert (row["run"], row["path"], row["seed"]) == ("hopper", "a/hopper", "0")
+    assert float(row["hypervolume"]) == pytest.approx(front.hypervolume)
+    assert float(row["obedience"]) == pytest.approx(front.obeys.mean())
+    assert float(row["episode_length"]) == pytest.approx(front.lengths.mean())
+    assert float(row["run_max"]) == pytest.approx(front.returns[:, 0].max())
+    assert float(row["jump_min"]) == pytest.approx(front.returns[:, 1].min())
+    assert "igd_plus" not in row
+    assert not (folder / "summary.csv").exists()
+    assert "obedience" in capsys.readouterr().out
+    marks = rows(folder / "front.csv")
+    assert [row["obeys"] for row in marks] == [str(int(obeys)) for obeys in front.obeys]
+    assert {row["falls"] for row in marks} <= {"0", "1"}
+
+
+def test_several_runs_of_one_name_do_not_meet(workplace, capsys):
+    evaluate.command(["a/hopper", "b/hopper", *FEW, "--output", "out"])
+    fronts = {name: Front.load(Path("out", name, "front.npz")) for name in ("a/hopper", "b/hopper")}
+    assert not np.array_equal(*(front.returns for front in fronts.values()))
+    assert (workplace / "out" / "fronts.pdf").is_file()
+    union = pareto.front(np.concatenate([front.returns for front in fronts.values()]))
+    found = {row["run"]: row for row in rows("out/indicators.csv")}
+    assert {row["seed"] for row in found.values()} == {"0", "1"}
+    for name, front in fronts.items():
+        expected = pareto.igd_plus(front.returns, union)
+        assert float(found[name]["igd_plus"]) == pytest.approx(expected)
+    assert "median of 2" in capsys.readouterr().out
+    volumes = [front.hypervolume for front in fronts.values()]
+    (summary,) = [row for row in rows("out/summary.csv") if row["indicator"] == "hypervolume"]
+    assert float(summary["median"]) == pytest.approx(np.median(volumes))
+    assert float(summary["lower_quartile"]) == pytest.approx(np.percentile(volumes, 25))
+    assert float(summary["upper_quartile"]) == pytest.approx(np.percentile(volumes, 75))
+    assert summary["runs"] == "2"
+
+
+def test_several_runs_leave_theirs_alone_and_earlier_results_too(workplace):
+    before = {path: path.stat().st_mtime_ns for path in workplace.rglob("*") if path.is_file()}
+    for _ in range(2):
+        evaluate.command(["a/hopper", "b/hopper", *FEW])
+    assert len(list((workplace / "evaluations").iterdir())) == 2
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+
+
+def test_checkpoints_of_one_run_are_compared(workplace):
+    checkpoints = [f"a/hopper/checkpoints/{name}.pt" for name in ("best", "latest")]
+    evaluate.command([*checkpoints, *FEW, "--output", "out"])
+    assert {row["run"] for row in rows("out/indicators.csv")} == {"hopper-best", "hopper-latest"}
+
+
+def test_policies_that_ship_are_not_written_to(workplace, monkeypatch):
+    shipped = workplace / "shipped"
+    shutil.copytree(workplace / "a" / "hopper", shipped / "jumper")
+    monkeypatch.setattr(policy, "SHIPPED", shipped)
+    monkeypatch.setattr(evaluate, "SHIPPED", shipped)
+    before = sorted(shipped.rglob("*"))
+    evaluate.command(["jumper", *FEW])
+    assert sorted(shipped.rglob("*")) == before
+    (folder,) = (workplace / "evaluations").iterdir()
+    assert (folder / "report.html").is_file()
+
+
+def test_a_reference_is_a_file_or_a_run(workplace):
+    evaluate.command(["b/hopper", *FEW])
+    found = []
+    for reference in ("b/hopper/front.npz", "b/hopper"):
+        evaluate.command(["a/hopper", *FEW, "--reference", reference])
+        (row,) = rows("a/hopper/indicators.csv")
+        found.append(float(row["igd_plus"]))
+    other = Front.load(Path("b/hopper/front.npz"))
+    mine = Front.load(Path("a/hopper/front.npz"))
+    assert found[0] == pytest.approx(pareto.igd_plus(mine.returns, pareto.front(other.returns)))
+    assert found[1] == pytest.approx(found[0])
+
+
+def test_episodes_with_starts_of_their_own_are_averaged(workplace):
+    several = judge("noisy", 6, device="cpu", seeds=40)
+    assert several.returns.shape == (6, 2)
+    other = judge("noisy", 6, device="cpu", seeds=40, seed=1)
+    single = [judge("noisy", 6, device="cpu", seed=seed).returns for seed in range(2)]
+    spread = np.abs(single[0] - single[1]).mean()
+    assert 0 < np.abs(several.returns - other.returns).mean() < spread
+
+
+def test_a_policy_is_judged_as_its_run_is(workplace):
+    again = judge(load("a/hopper"), 6, device="cpu")
+    np.testing.assert_array_equal(again.returns, judge("a/hopper", 6, device="cpu").returns)
+
+
+class Assets(HTMLParser):
+    """What a page would fetch."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.found: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+        self.found += [
+            value for name, value in attrs if name in ("src", "href", "srcset") and value
+        ]
+        assert tag not in ("script", "link", "iframe")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_a_report_opens_without_a_network(workplace):
+    evaluate.command(["a/hopper", "b/hopper", *FEW, "--output", "out"])
+    text = (workplace / "out" / "report.html").read_text()
+    page = Assets(text)
+    assert not page.open
+    assert len(page.found) == 6  # fronts, hypervolume, and two figures for each run
+    for asset in page.found:
+        assert asset.startswith("data:image/svg+xml;base64,")
+        assert b"</svg>" in base64.b64decode(asset.partition(",")[2])
+    assert not re.search(r"https?:|url\(|@import", text)
+    assert "python -m morlax_torch.evaluate a/hopper b/hopper --device cpu" in text
+    for words in ("hypervolume", "obedience", "IGD+", "learning_rate", "Objectives: run, jump"):
+        assert words in text
+    assert "prefers-color-scheme: dark" in text
+
+
+def test_names_in_a_report_are_text(workplace):
+    shutil.copytree(workplace / "a" / "hopper", workplace / "<b>&")
+    evaluate.command(["<b>&", *FEW])
+    text = (workplace / "<b>&" / "report.html").read_text()
+    assert "<b>" not in text
+    assert "&lt;b&gt;&amp;" in text
+
+
+def test_three_objectives_are_judged_alike(workplace):
+    evaluate.command(["three", *FEW])
+    (row,) = rows("three/indicators.csv")
+    assert {"run_min", "jump_max", "up_max"} <= set(row)
+
+
+MISTAKES = {
+    "no run": ((), "name at least one run"),
+    "nothing there": (("nowhere",), "nowhere does not exist"),
+    "twice": (("a/hopper", "./a/hopper"), "./a/hopper is given twice: name each run once"),
+    "another task": (
+        ("a/hopper", "ant"),
+        "hopper is of task 'hopper' and ant of 'ant': only runs of one task can be compared",
+    ),
+    "other objectives": (
+        ("a/hopper", "three"),
+        "hopper trades off run, jump and three run, jump, up: only runs of the same objectives",
+    ),
+    "other starts": (("a/hopper", "noisy"), "hopper and noisy differ in task.reset_noise"),
+    "seeds of nothing": (
+        ("a/hopper", "--seeds", "3"),
+        "every episode of this task starts alike (task.reset_noise is 0)",
+    ),
+    "no seeds": (("noisy", "--seeds", "0"), "seeds is 0: it takes at least one"),
+    "few trade-offs": (
+        ("three", "--tradeoffs", "2", "--protocol", "paper"),
+        "2 trade-offs are too few",
+    ),
+    "no reference": (("a/hopper", "--reference", "none.npz"), "there is no front none.npz"),
+    "no front": (("a/hopper", "--reference", "bad.npz"), "bad.npz is damaged or holds no front"),
+    "reference of another run": (("a/hopper", "--reference", "ant"), "'hopper' and ant of 'ant'"),
+    "reference of other objectives": (
+        ("a/hopper", "--reference", "three/front.npz"),
+        "three/front.npz is of run, jump, up, but the runs trade off run, jump",
+    ),
+    "no folder": (("a/hopper", "--output", "bad.npz/x"), "cannot make bad.npz/x"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_gets_one_sentence_and_writes_nothing(name, workplace, monkeypatch, capsys):
+    arguments, expected = MISTAKES[name]
+    (workplace / "bad.npz").write_text("no front")
+    before = {path: path.stat().st_mtime_ns for path in workplace.rglob("*")}
+    monkeypatch.setattr(sys, "argv", ["evaluate", *FEW, *arguments])
+    with pytest.raises(SystemExit) as exit:
+        evaluate.main()
+    assert exit.value.code == 2
+    text = " ".join(capsys.readouterr().err.split())
+    assert expected in text and "Traceback" not in text
+    assert before == {path: path.stat().st_mtime_ns for path in workplace.rglob("*")}
+
+
+def test_runs_are_called_by_as_much_of_their_path_as_tells_them_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("x/a/0", "x/a/1", "x/b/0", "y/a/0"):
+        Path(folder).mkdir(parents=True)
+    assert names(["x/a/0"]) == ["0"]
+    assert names(["x/a/0", "x/a/1"]) == ["0", "1"]
+    assert names(["x/a/0", "x/b/0"]) == ["a/0", "b/0"]
+    assert names(["x/a/0", "x/a/1", "y/a/0"]) == ["x/a/0", "x/a/1", "y/a/0"]
+    Path("a", *tmp_path.parts[1:]).mkdir(parents=True)
+    same = [str(tmp_path), str(Path("a", *tmp_path.parts[1:]))]  # one ends as all of the other is
+    assert not any(Path(name).is_absolute() for name in names(same))
+    with pytest.raises(MorlaxError, match=r"x/a/\.\./a/0 is given twice"):
+        names(["x/a/0", "x/b/0", "x/a/../a/0"])
+
+
+def test_quartiles_are_those_of_the_runs():
+    found = quartiles([{"a": 1.0, "b": 4}, {"a": 2.0, "b": 4}, {"a": 9.0, "b": 4}])
+    assert found["a"] == (1.5, 2, 5.5)
+    assert found["b"] == (4, 4, 4)
