@@ -59,8 +59,6 @@ def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int
     config = configured(task, {"worlds": worlds}, 0, device)
     if device.type == "cuda":
         torch.set_float32_matmul_precision("high")
-        torch.cuda.empty_cache()
-        before = torch.cuda.mem_get_info()[0]
     env = make_worlds(config, worlds)
     morlax = MORLAX(env, config)
     morlax.compile()
@@ -73,7 +71,6 @@ def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int
     learn = _milliseconds(morlax.learn)
     explore = _milliseconds(morlax.explore)
     both = _milliseconds(morlax.iterate)
-    memory = (before - torch.cuda.mem_get_info()[0]) / 2**30 if device.type == "cuda" else 0.0
     physics = Graph(act, device, [env.generator])
     physics.record()
     raw = _milliseconds(physics)
@@ -88,7 +85,6 @@ def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int
         "physics_Msteps/s": steps / raw / 1e3,
         "training_Msteps/s": steps / both / 1e3,
         "training/physics": raw / both,
-        "GPU_GiB": memory,
     }
 
 
