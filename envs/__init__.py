@@ -7,6 +7,7 @@ from .ant import Ant
 from .cheetah import Cheetah, Cheetah3
 from .environment import Environment, TimeStep
 from .errors import MorlaxError, explained, unknown
+from .gymnasium_ids import announce
 from .hopper import Hopper
 from .humanoid import Humanoid
 from .options import TaskOptions
@@ -29,12 +30,15 @@ _REGISTRY: dict[str, type[Environment]] = {}
 
 
 def register(name: str, environment: type[Environment]) -> None:
-    """Make `environment` known as `name`, to `make` and to every command.
+    """Make `environment` known as `name`, to `make`, to every command and to Gymnasium.
 
     Raises:
         MorlaxError: the name is taken by another class.
     """
-    if _REGISTRY.setdefault(name, environment) is not environment:
+    if name not in _REGISTRY:
+        _REGISTRY[name] = environment
+        announce(name)
+    elif _REGISTRY[name] is not environment:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
 
 

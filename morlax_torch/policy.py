@@ -5,7 +5,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -13,6 +12,7 @@ from . import checkpoint
 from .agent import Agent
 from .config import Config, load_config
 from .envs import MorlaxError, resolve_device
+from .tradeoffs import checked_tradeoff, one_tradeoff
 
 SHIPPED = Path(__file__).parent / "shipped"
 
@@ -42,7 +42,7 @@ class Policy(nn.Module):
 
     @torch.no_grad()
     def forward(self, observation: Tensor, tradeoff: Tensor | Sequence[float]) -> Tensor:
-        tradeoff = self._checked(tradeoff, observation.device)
+        tradeoff = checked_tradeoff(tradeoff, self.objectives, observation.device)
         if tradeoff.ndim == 2 and len(tradeoff) != len(observation):
             raise MorlaxError(
                 f"there are {len(observation)} observations but {len(tradeoff)} trade-offs: give "
@@ -59,9 +59,7 @@ class Policy(nn.Module):
     def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
         """A plain module for one trade-off (m,), normaliser and tanh inside."""
         normalizer = copy.deepcopy(self.agent.observation_normalizer)
-        tradeoff = self._checked(tradeoff, normalizer.mean.device)
-        if tradeoff.ndim != 1:
-            raise MorlaxError(f"a policy is specialized to one trade-off, not {len(tradeoff)}.")
+        tradeoff = one_tradeoff(tradeoff, self.objectives, normalizer.mean.device)
         fixed = SpecializedPolicy(normalizer, self.agent.actor.specialize(tradeoff))
         return fixed.requires_grad_(False)
 
@@ -79,22 +77,6 @@ class Policy(nn.Module):
             "policy": {name: value for name, value in state.items() if name.startswith(parts)},
         }
         checkpoint.write(path, contents)
-
-    def _checked(self, tradeoff: Tensor | Sequence[float], device: torch.device) -> Tensor:
-        if not isinstance(tradeoff, Tensor):
-            tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
-        tradeoff = tradeoff.to(device, torch.float32)
-        m = len(self.objectives)
-        if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
-            raise MorlaxError(
-                f"a trade-off needs {m} numbers ({', '.join(self.objectives)}), but the shape "
-                f"is {tuple(tradeoff.shape)}."
-            )
-        if not (tradeoff.isfinite() & (tradeoff >= 0)).all() or not (tradeoff.sum(-1) > 0).all():
-            raise MorlaxError(
-                "a trade-off must be finite, not negative, and not zero in every objective."
-            )
-        return tradeoff
 
 
 def find_run(run: str | os.PathLike[str]) -> Path:
