@@ -10,6 +10,7 @@ from .errors import MorlaxError, explained, unknown
 from .gymnasium_ids import announce
 from .hopper import Hopper
 from .humanoid import Humanoid
+from .layout import Part
 from .options import TaskOptions
 from .physics import Physics
 from .walker import Walker
@@ -17,6 +18,7 @@ from .walker import Walker
 __all__ = [
     "Environment",
     "MorlaxError",
+    "Part",
     "Physics",
     "TaskOptions",
     "TimeStep",

@@ -15,7 +15,7 @@ class Hypernetwork(nn.Module):
 
     f is an MLP from the simplex to F features; b starts as `target`'s own initialisation and M at
     zero, so that at first every trade-off has the same sensible network. Any module that
-    `torch.vmap` can batch can be the target (nn.LSTM is none, a loop over nn.LSTMCell is): its
+    `torch.vmap` can batch can be the target (nn.LSTM is none, a loop over nn.GRUCell is): its
     parameters are generated, its buffers are kept and shared by the whole family.
     (MORLAX, "Policy representation"; the form is HYPER-MORL's.)
 

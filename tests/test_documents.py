@@ -1,18 +1,20 @@
 """What the README and the pages of docs/ show can be done as it stands there."""
 
 import re
+import shlex
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
-from morlax_torch import MORLAX, checkpoint
+from morlax_torch import MORLAX, checkpoint, envs, export
 from morlax_torch.config import Config, file_values, load_config, merged, task_values
-from morlax_torch.evaluation import Front
+from morlax_torch.evaluate import evaluate
+from morlax_torch.policy import load
 from morlax_torch.train import make_worlds
 
 ROOT = Path(__file__).parent.parent
+A_RUN = re.compile(r"runs/cheetah/[\d-]+")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
@@ -34,19 +36,33 @@ def run(tmp_path_factory) -> Path:
     (folder / "checkpoints").mkdir()
     morlax = MORLAX(make_worlds(config, 32), config)
     checkpoint.save(folder / "checkpoints" / "best.pt", morlax, {})
-    shares = np.linspace(0, 1, 5)
-    tradeoffs = np.stack([shares, 1 - shares], 1)
-    front = Front(("run", "energy"), tradeoffs, tradeoffs, np.full(5, 500), np.zeros(2))
-    front.save(folder / "front.npz")
+    evaluate(load(folder), tradeoffs=5, device="cpu").save(folder / "front.npz")
     return folder
 
 
+@pytest.fixture(scope="module")
+def exported(run, tmp_path_factory) -> Path:
+    """Where the page on exports has done what its command lines say."""
+    pytest.importorskip("onnxruntime")
+    folder = tmp_path_factory.mktemp("exported")
+    page = (ROOT / "docs" / "export.md").read_text()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for line in re.findall(r"^python -m morlax_torch.export (.*)", page, re.MULTILINE):
+            export.command(shlex.split(A_RUN.sub(str(run), line)))
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
 @pytest.mark.parametrize("code", blocks("python"))
-def test_python_runs(code, run, tmp_path, monkeypatch):
+def test_python_runs(code, run, tmp_path, monkeypatch, request):
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
         pytest.importorskip(module, reason=f"{module} is not installed")
-    monkeypatch.chdir(tmp_path)
-    exec(re.sub(r"runs/cheetah/[\d-]+", str(run), code), {})
+    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))  # what pages register stays here
+    exports = "export-" in request.node.callspec.id
+    monkeypatch.chdir(request.getfixturevalue("exported") if exports else tmp_path)
+    exec(A_RUN.sub(str(run), code), {})
 
 
 @pytest.mark.parametrize("text", blocks("yaml"))
