@@ -1,12 +1,16 @@
-"""What the tests of the learning core share: generators, agents and rollouts of random numbers."""
+"""What tests share: generators, agents and rollouts of random numbers, untrained runs."""
 
 from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
+from morlax_torch import Policy, envs
 from morlax_torch.agent import Agent
-from morlax_torch.config import NetworkConfig
+from morlax_torch.config import NetworkConfig, load_config, merged, task_values
+from morlax_torch.evaluation import Front
 from morlax_torch.rollout import Rollout
 
 
@@ -59,5 +63,40 @@ def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
             truncated=fate > 0.85,
             final_observation=noise(observation_size),
         )
+
+    return make
+
+
+@pytest.fixture
+def make_front() -> Callable[[tuple[str, ...]], Front]:
+    """Fronts of the corners, an even trade-off, and one more, which the even one dominates."""
+
+    def make(objectives: tuple[str, ...]) -> Front:
+        m = len(objectives)
+        rest = [0.4 / (m - 1)] * (m - 1)
+        tradeoffs = np.vstack([np.eye(m), np.full((1, m), 1 / m), [[0.6, *rest]]])
+        returns = 100.0 * tradeoffs + 10
+        returns[m:] = [[60.0] * m, [40.0] * m]
+        return Front(objectives, tradeoffs, returns, np.full(m + 2, 200), np.zeros(m))
+
+    return make
+
+
+@pytest.fixture
+def make_run(make_front) -> Callable[..., Path]:
+    """Run folders of untrained policies that differ between trade-offs, with a front."""
+
+    def make(folder: Path, task: str, *checkpoints: str) -> Path:
+        values = {"network": {"scale": 0.3, "actor": [8]}, "task": {"episode_length": 200}}
+        config = load_config(merged(task_values(task, "cpu"), values))
+        env = envs.make(task, 1, "cpu")
+        size, m = env.observation_size, len(env.objectives)
+        (folder / "checkpoints").mkdir(parents=True)
+        for name in checkpoints:
+            agent = Agent(size, env.action_size, m, config.network, torch.Generator())
+            policy = Policy(agent, config, env.objectives)
+            policy.save(folder / "checkpoints" / f"{name}.pt")
+        make_front(env.objectives).save(folder / "front.npz")
+        return folder
 
     return make
