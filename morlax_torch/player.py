@@ -14,8 +14,9 @@ class Player:
     """A world of a policy's own task on C MuJoCo, stepped by the deterministic policy.
 
     `tradeoff` may be set between steps. `data` holds the robot as it stands now, every body and
-    geom in its place, for a renderer to draw; write to `env.physics` to move it. `returns` (m,)
-    and `steps` count from the last reset, which is the caller's to make (`over` says when).
+    geom in its place, for a renderer to draw, and the forces of its motors; write to
+    `env.physics` to move it. `returns` (m,) and `steps` count from the last reset, which is the
+    caller's to make (`over` says when).
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
@@ -65,4 +66,5 @@ class Player:
         """Bring `data` up to the state of `env.physics`."""
         self.data.qpos[:] = self.env.physics.qpos[0].numpy()
         self.data.qvel[:] = self.env.physics.qvel[0].numpy()
+        self.data.ctrl[:] = self.env.physics.ctrl[0].numpy()
         mujoco.mj_forward(self.model, self.data)
