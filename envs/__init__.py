@@ -3,6 +3,7 @@
 import torch
 from pydantic import ValidationError
 
+from . import mo_gymnasium, pgmorl
 from .ant import Ant
 from .cheetah import Cheetah, Cheetah3
 from .environment import Environment, TimeStep
@@ -138,5 +139,7 @@ for _name, _environment in {
     "hopper": Hopper,
     "humanoid": Humanoid,
     "walker": Walker,
+    **pgmorl.TASKS,
+    **mo_gymnasium.TASKS,
 }.items():
     register(_name, _environment)
