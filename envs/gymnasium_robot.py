@@ -28,7 +28,9 @@ class GymnasiumRobot(Environment):
         assets = resources.files("gymnasium") / "envs" / "mujoco" / "assets"
         with resources.as_file(assets / cls.model_file) as path:
             spec = mujoco.MjSpec.from_file(str(path))
-        spec.geom("floor").size[:2] = 0.0  # drawn without end
+        floor = spec.geom("floor")
+        floor.size = [0.0, 0.0, 1.0]  # drawn without end, in squares of a metre
+        spec.material(floor.material).texrepeat = [1.0, 1.0]
         spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
         cls.edit(spec)
         total, spec.compiler.settotalmass = spec.compiler.settotalmass, -1.0

@@ -6,7 +6,7 @@ import torch
 
 from .agent import Agent
 from .config import Config
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .graph import Graph
 from .ppo import PPO, judge, minibatches
 from .rollout import Rollout, collect, one_thread
@@ -21,7 +21,7 @@ class MORLAX:
     stopped. On CUDA, call `compile` once, and an iteration becomes two recorded graphs.
     """
 
-    def __init__(self, env: Environment, config: Config):
+    def __init__(self, env: Worlds, config: Config):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
                 f"there are {env.num_worlds} worlds, but config.worlds says {config.worlds}."
@@ -62,6 +62,8 @@ class MORLAX:
 
     def compile(self) -> None:
         """Compile kernels and record the graphs; the state stays as it is."""
+        if self.env.device.type != "cuda":
+            return
         state = self.state_dict()
         self.explore.record()
         self.learn.record()
@@ -113,7 +115,7 @@ class MORLAX:
             [
                 self._metrics / iterations,
                 self.env.blowups.float()[None],
-                self.env.physics.overflow().max().float()[None],
+                self.env.overflow().max().float()[None],
             ]
         ).tolist()
         self._metrics.zero_()

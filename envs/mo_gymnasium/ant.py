@@ -4,6 +4,7 @@ from functools import cached_property
 
 import mujoco
 import torch
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
 from ..bodies import Bodies, sense_contacts
@@ -31,8 +32,8 @@ class Ant(GymnasiumRobot):
         }
         shared: dict[str, float] = {"healthy": 1.0, "contact_cost": -0.0005}
         reference_point: tuple[float, ...] | None = (-100.0, -100.0, -8000.0)
-        episode_length: int = 1000
-        reset_noise: float = 0.1
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.1
         nconmax: int = 32
         njmax: int = 136
         include_cfrc_ext_in_observation: bool = True

@@ -1,5 +1,6 @@
 """Half-cheetah: run fast, spare the motors."""
 
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
 from ..gymnasium_robot import GymnasiumRobot
@@ -18,8 +19,8 @@ class HalfCheetah(GymnasiumRobot):
             "control": {"ctrl_cost": -1.0},
         }
         reference_point: tuple[float, ...] | None = (-100.0, -6000.0)
-        episode_length: int = 1000
-        reset_noise: float = 0.1
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.1
         nconmax: int = 16
         njmax: int = 64
 

@@ -1,5 +1,6 @@
 """Planar one-legged hopper: run, jump high and, with three objectives, spare the motors."""
 
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
 from ..gymnasium_robot import GymnasiumRobot
@@ -23,8 +24,8 @@ class Hopper(GymnasiumRobot):
         }
         shared: dict[str, float] = {"healthy": 1.0}
         reference_point: tuple[float, ...] | None = (-100.0, -100.0, -3000.0)
-        episode_length: int = 1000
-        reset_noise: float = 0.005
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.005
         nconmax: int = 12
         njmax: int = 40
 

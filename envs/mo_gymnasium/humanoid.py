@@ -1,5 +1,6 @@
 """Humanoid: run fast, spare the motors."""
 
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
 from ..gymnasium_humanoid import GymnasiumHumanoid, HumanoidOptions
@@ -15,8 +16,8 @@ class Humanoid(GymnasiumHumanoid):
         }
         shared: dict[str, float] = {"healthy": 5.0, "contact_cost": -1.0}
         reference_point: tuple[float, ...] | None = (-100.0, -2720.0)
-        episode_length: int = 1000
-        reset_noise: float = 0.01
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.01
 
     def terms(self) -> dict[str, Tensor]:
         contact = self.bodies.contact_forces().square().sum((1, 2))

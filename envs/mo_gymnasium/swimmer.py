@@ -1,5 +1,6 @@
 """Three links in a viscous fluid: swim fast, spare the motors."""
 
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
 from ..gymnasium_robot import GymnasiumRobot
@@ -19,8 +20,8 @@ class Swimmer(GymnasiumRobot):
             "control": {"ctrl_cost": -1.0},
         }
         reference_point: tuple[float, ...] | None = (-100.0, -2000.0)
-        episode_length: int = 1000
-        reset_noise: float = 0.1
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.1
         nconmax: int = 1
         njmax: int = 4
 

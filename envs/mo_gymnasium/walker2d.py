@@ -1,5 +1,6 @@
 """Planar biped: run fast, spare the motors."""
 
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
 from ..gymnasium_robot import GymnasiumRobot
@@ -20,8 +21,8 @@ class Walker2d(GymnasiumRobot):
         }
         shared: dict[str, float] = {"healthy": 1.0}
         reference_point: tuple[float, ...] | None = (-100.0, -6000.0)
-        episode_length: int = 1000
-        reset_noise: float = 0.005
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.005
         nconmax: int = 16
         njmax: int = 64
 

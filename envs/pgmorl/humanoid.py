@@ -1,6 +1,7 @@
 """Humanoid: run fast, spend little energy."""
 
 import torch
+from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
 
 from ..gymnasium_humanoid import GymnasiumHumanoid, HumanoidOptions
@@ -16,8 +17,8 @@ class Humanoid(GymnasiumHumanoid):
     class Options(HumanoidOptions):
         objectives: dict[str, dict[str, float]] = {"run": {"run": 1.25}, "energy": {"energy": 1.0}}
         shared: dict[str, float] = {"alive": 3.0}
-        episode_length: int = 1000
-        reset_noise: float = 0.01
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.01
 
     def terms(self) -> dict[str, Tensor]:
         speed = self.velocity()[:, 0]
