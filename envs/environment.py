@@ -1,37 +1,24 @@
 """What every multi-objective task shares: stepping, episode ends, automatic reset, rewards."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from importlib import resources
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
-import gymnasium
 import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
 from . import episodes
-from .errors import MorlaxError, unknown
+from .errors import MorlaxError
 from .layout import Part
 from .options import TaskOptions
 from .physics import Physics
 from .starts import Starts
+from .worlds import TimeStep, Worlds
 
 
-class TimeStep(NamedTuple):
-    """What one control step of N worlds gave."""
-
-    observation: Tensor  # (N, O) what the policy acts on next, after any reset
-    reward: Tensor  # (N, m) a column for each objective
-    terminated: Tensor  # (N,) bool: the episode failed, its future is worth nothing
-    truncated: Tensor  # (N,) bool: time ran out, its future still has value
-    final_observation: Tensor  # (N, O) what was seen before any reset
-    terms: dict[str, Tensor]  # (N,) each: the reward terms, unweighted
-    critic_observation: Tensor  # (N, O + P) the observation, and behind it what is privileged
-    final_critic_observation: Tensor  # (N, O + P) likewise, before any reset
-
-
-class Environment(ABC):
+class Environment(Worlds):
     """N worlds of one robot with several objectives.
 
     A robot says what it observes, how an action becomes control, its named reward terms, when it
@@ -53,6 +40,7 @@ class Environment(ABC):
     ):
         self.physics, self.options, self.auto_reset = physics, options, auto_reset
         self.num_worlds, self.device = physics.num_worlds, physics.device
+        self.simulator = physics.name
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
@@ -144,15 +132,10 @@ class Environment(ABC):
         )
 
     def critic_observation(self) -> Tensor:
-        """(N, O + P) what critics see now: the observation, and behind it what is privileged."""
         observation, privileged = self.observe(), self.privileged()
         if privileged is not None:
             observation = torch.cat([observation, privileged], -1)
         return observation.float()
-
-    def combine(self, terms: dict[str, Tensor]) -> Tensor:
-        """Reward terms (N,) each, to the reward of every objective (N, m)."""
-        return (torch.stack(list(terms.values()), -1).unsqueeze(-1) * self._weights).sum(1)
 
     def _restart(self, terminated: Tensor, truncated: Tensor) -> None:
         starts = self.starts.draw(self.generator)
@@ -194,43 +177,12 @@ class Environment(ABC):
                 f"{self.observation_size}: let both tell of the same ones."
             )
 
-    def _weighting(self) -> list[list[float]]:
-        objectives, shared = self.options.objectives, self.options.shared
-        for name in [*shared, *(name for group in objectives.values() for name in group)]:
-            if name not in self.reward_terms:
-                raise unknown("reward term", name, self.reward_terms)
-        return [
-            [shared.get(name, 0.0) + group.get(name, 0.0) for group in objectives.values()]
-            for name in self.reward_terms
-        ]
+    def overflow(self) -> Tensor:
+        return self.physics.overflow()
 
-    def _reference_point(self) -> tuple[float, ...]:
-        point = self.options.reference_point
-        if point is None:
-            return (0.0,) * len(self.objectives)
-        if len(point) != len(self.objectives):
-            raise MorlaxError(
-                f"reference_point has {len(point)} numbers, but there are "
-                f"{len(self.objectives)} objectives: {', '.join(self.objectives)}."
-            )
-        return point
+    def remedy(self, bits: int) -> str:
+        return self.physics.remedy(bits)
 
     def paper_reset_reward(self) -> Tensor:
-        """(m,) what the paper's evaluation protocol adds to every return."""
         terms = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
         return (torch.tensor(terms).to(self._weights)[:, None] * self._weights).sum(0).float()
-
-    @property
-    def observation_space(self) -> gymnasium.spaces.Box:
-        """What one world shows."""
-        return gymnasium.spaces.Box(-np.inf, np.inf, (self.observation_size,), np.float32)
-
-    @property
-    def action_space(self) -> gymnasium.spaces.Box:
-        """What one world takes."""
-        return gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
-
-    @property
-    def reward_space(self) -> gymnasium.spaces.Box:
-        """What one world pays, a number for each objective, in `objectives`' order."""
-        return gymnasium.spaces.Box(-np.inf, np.inf, (len(self.objectives),), np.float32)

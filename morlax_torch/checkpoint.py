@@ -7,14 +7,14 @@ from typing import Any
 
 import torch
 
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .files import replacing
 from .morlax import MORLAX
 
 FORMAT = 1
 
 
-def describe(env: Environment) -> dict[str, Any]:
+def describe(env: Worlds) -> dict[str, Any]:
     """What must be equal for a checkpoint to fit an environment."""
     return {
         "objectives": list(env.objectives),

@@ -8,14 +8,14 @@ from rich.progress import Progress as Bar
 
 from .cli import console
 from .config import Config
-from .envs import Environment
+from .envs import Worlds
 from .run import Progress
 
 
 class Display:
     """A bar that moves on a terminal; on a file or a pipe only a line for each evaluation."""
 
-    def __init__(self, config: Config, env: Environment, folder: Path):
+    def __init__(self, config: Config, env: Worlds, folder: Path):
         self.config, self.env, self.folder = config, env, folder
         self._bar = Bar(
             BarColumn(bar_width=24),
@@ -31,7 +31,7 @@ class Display:
         c = self.config
         console.print(
             f"{c.env}: {', '.join(c.task.objectives)}; {c.worlds} worlds on {self.env.device} "
-            f"({self.env.physics.name}), {c.num_clusters} trade-offs at a time, seed {c.seed}"
+            f"({self.env.simulator}), {c.num_clusters} trade-offs at a time, seed {c.seed}"
         )
         console.print(f"{self.folder}  (tensorboard --logdir {self.folder.parent})")
         self._bar.start()

@@ -7,7 +7,7 @@ from torch import nn
 
 from .agent import Agent
 from .config import Config
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .graph import Graph
 from .ppo import PPO, judge, minibatches
 from .rollout import Rollout, collect, one_thread
@@ -35,7 +35,7 @@ class MORLAX:
 
     def __init__(
         self,
-        env: Environment,
+        env: Worlds,
         config: Config,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
@@ -84,6 +84,8 @@ class MORLAX:
 
     def compile(self) -> None:
         """Compile kernels and record the graphs; the state stays as it is."""
+        if self.env.device.type != "cuda":
+            return
         state = self.state_dict()
         self.explore.record()
         self.learn.record()
@@ -135,7 +137,7 @@ class MORLAX:
             [
                 self._metrics / iterations,
                 self.env.blowups.float()[None],
-                self.env.physics.overflow().max().float()[None],
+                self.env.overflow().max().float()[None],
             ]
         ).tolist()
         self._metrics.zero_()

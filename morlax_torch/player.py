@@ -6,7 +6,7 @@ import mujoco
 import torch
 
 from . import envs
-from .envs import TimeStep
+from .envs import Environment, MorlaxError, TimeStep
 from .policy import Policy
 
 
@@ -21,7 +21,7 @@ class Player:
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
         self.policy = policy
-        self.env = envs.make(
+        env = envs.make(
             policy.config.env,
             1,
             "cpu",
@@ -30,6 +30,9 @@ class Player:
             auto_reset=False,
             **policy.config.task.model_dump(),
         )
+        if not isinstance(env, Environment):
+            raise MorlaxError(f"{policy.config.env} has no robot to show: only MuJoCo tasks have.")
+        self.env = env
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
         self.tradeoff = tradeoff

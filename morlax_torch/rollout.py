@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from .agent import Agent
-from .envs import Environment
+from .envs import Worlds
 
 
 @contextmanager
@@ -37,7 +37,7 @@ class Rollout(NamedTuple):
     final_observation: Tensor  # (T, K, G, O + P) after the step, before any reset
 
     @classmethod
-    def empty(cls, horizon: int, clusters: int, env: Environment) -> "Rollout":
+    def empty(cls, horizon: int, clusters: int, env: Worlds) -> "Rollout":
         def zeros(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
             sizes = horizon, clusters, env.num_worlds // clusters, *shape
             return torch.zeros(sizes, dtype=dtype, device=env.device)
@@ -55,7 +55,7 @@ class Rollout(NamedTuple):
 
 @torch.no_grad()
 def collect(
-    env: Environment,
+    env: Worlds,
     agent: Agent,
     tradeoffs: Tensor,
     observation: Tensor,

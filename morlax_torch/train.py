@@ -14,7 +14,7 @@ from . import cli, envs
 from .arguments import read
 from .config import Config
 from .display import Display
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .evaluation import Evaluator
 from .morlax import MORLAX
 from .run import Progress, Run
@@ -62,7 +62,7 @@ def train(
     evaluated = morlax.iteration if run.has_evaluation(morlax.iteration) else None
 
     with Display(config, morlax.env, run.folder) as display, interruptible() as interrupted:
-        if morlax.env.physics.name == "MuJoCo Warp":
+        if morlax.env.simulator == "MuJoCo Warp":
             display.say("compiling kernels: most of a minute the first time on a machine")
         morlax.compile()
         evaluator.compile()
@@ -102,7 +102,7 @@ def train(
     return run
 
 
-def make_worlds(config: Config, number: int, auto_reset: bool = True) -> Environment:
+def make_worlds(config: Config, number: int, auto_reset: bool = True) -> Worlds:
     """The worlds that `config` describes."""
     return envs.make(
         config.env,
@@ -121,7 +121,7 @@ def check(metrics: dict[str, float], morlax: MORLAX, run: Run, count: int) -> No
     span = f"iterations {morlax.iteration - count + 1} to {morlax.iteration}"
     kept = f"The last good checkpoint is {run.checkpoints / 'latest.pt'}."
     if metrics["overflow"]:
-        remedy = morlax.env.physics.remedy(int(metrics["overflow"]))
+        remedy = morlax.env.remedy(int(metrics["overflow"]))
         raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}. {kept}")
     for name in ("policy_loss", "value_loss", "entropy"):
         if not math.isfinite(metrics[name]):
