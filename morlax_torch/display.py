@@ -8,7 +8,7 @@ from rich.progress import Progress as Bar
 
 from .cli import console
 from .config import Config
-from .envs import Worlds
+from .envs import Environment, Worlds
 from .run import Progress
 
 
@@ -76,7 +76,8 @@ class Display:
             f"{progress.train_seconds:.1f} s of training ({progress.total_seconds:.1f} s in all), "
             f"best hypervolume {progress.best_hypervolume:.4e}"
         )
-        more = "train --resume" if interrupted else "evaluate"
+        may_resume = isinstance(self.env, Environment)  # others cannot save their state
+        more = "train --resume" if interrupted and may_resume else "evaluate"
         console.print(f"next: python -m morlax_torch.{more} {self.folder}")
 
 

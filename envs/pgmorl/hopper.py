@@ -14,7 +14,7 @@ MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))  # control range and gear: t
 
 
 class Hopper(GymnasiumRobot):
-    """MO-Hopper-v2. Its joints have no limits, and its motors several times gymnasium's torque."""
+    """MO-Hopper-v2. Its joints have no limits, and its motors two to six times the torque."""
 
     model_file = "hopper.xml"
     substeps = 5
