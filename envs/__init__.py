@@ -9,6 +9,7 @@ from .environment import Environment, TimeStep
 from .errors import MorlaxError, explained, unknown
 from .hopper import Hopper
 from .humanoid import Humanoid
+from .layout import Part
 from .options import TaskOptions
 from .physics import Physics
 from .walker import Walker
@@ -16,6 +17,7 @@ from .walker import Walker
 __all__ = [
     "Environment",
     "MorlaxError",
+    "Part",
     "Physics",
     "TaskOptions",
     "TimeStep",

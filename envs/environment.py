@@ -12,6 +12,7 @@ from torch import Tensor
 
 from . import episodes
 from .errors import MorlaxError, unknown
+from .layout import Part
 from .options import TaskOptions
 from .physics import Physics
 from .starts import Starts
@@ -60,6 +61,7 @@ class Environment(ABC):
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = physics.model.nu
         self.observation_size = self.reset().shape[1]
+        self._check_layout()
         self.reward_terms = tuple(self.terms())
         self.objectives = tuple(options.objectives)
         self.reference_point = self._reference_point()
@@ -96,6 +98,10 @@ class Environment(ABC):
     def remember(self) -> dict[str, Tensor]:
         """What the next step's terms compare with; it stands in `memory` until then."""
         return {}
+
+    def layout(self) -> list[Part]:
+        """What the numbers of `observe` are, in order; of a task that does not say, one part."""
+        return [Part("observation", self.observation_size, "")]
 
     def reset(self) -> Tensor:
         """Start every world anew; returns the observation (N, O)."""
@@ -159,6 +165,14 @@ class Environment(ABC):
             "blowups": self.blowups,
             **{f"memory.{name}": value for name, value in self.memory.items()},
         }
+
+    def _check_layout(self) -> None:
+        named = sum(part.size for part in self.layout())
+        if named != self.observation_size:
+            raise MorlaxError(
+                f"{type(self).__name__}: layout() names {named} numbers, but observe() gives "
+                f"{self.observation_size}: let both tell of the same ones."
+            )
 
     def _weighting(self) -> list[list[float]]:
         objectives, shared = self.options.objectives, self.options.shared
