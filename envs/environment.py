@@ -27,6 +27,8 @@ class TimeStep(NamedTuple):
     truncated: Tensor  # (N,) bool: time ran out, its future still has value
     final_observation: Tensor  # (N, O) what was seen before any reset
     terms: dict[str, Tensor]  # (N,) each: the reward terms, unweighted
+    critic_observation: Tensor  # (N, O + P) the observation, and behind it what is privileged
+    final_critic_observation: Tensor  # (N, O + P) likewise, before any reset
 
 
 class Environment(ABC):
@@ -61,6 +63,7 @@ class Environment(ABC):
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = physics.model.nu
         self.observation_size = self.reset().shape[1]
+        self.privileged_size = self.critic_observation().shape[1] - self.observation_size
         self._check_layout()
         self.reward_terms = tuple(self.terms())
         self.objectives = tuple(options.objectives)
@@ -99,6 +102,13 @@ class Environment(ABC):
         """What the next step's terms compare with; it stands in `memory` until then."""
         return {}
 
+    def privileged(self) -> Tensor | None:
+        """(N, P) what critics see beside the observation while they train; None: nothing.
+
+        No policy sees it, so it may be what no robot could measure.
+        """
+        return None
+
     def layout(self) -> list[Part]:
         """What the numbers of `observe` are, in order; of a task that does not say, one part."""
         return [Part("observation", self.observation_size, "")]
@@ -117,18 +127,28 @@ class Environment(ABC):
         self.physics.step()
         terms = self.terms()
         reward = self.combine(terms).float()
-        final_observation = self.observe().float()
+        final_seen = self.critic_observation()
         terminated, truncated, blown_up = episodes.end(
             self.physics, self.failed(), self.episode_length, self.age, reward, self.blowups
         )
-        final_observation = torch.where(blown_up[:, None], self._zero, final_observation)
+        final_seen = torch.where(blown_up[:, None], self._zero, final_seen)
         if self.auto_reset:
             self._restart(terminated, truncated)
-            observation = self.observe().float()
+            seen = self.critic_observation()
         else:
             self._remember()
-            observation = final_observation
-        return TimeStep(observation, reward, terminated, truncated, final_observation, terms)
+            seen = final_seen
+        observation, final_observation = (x[:, : self.observation_size] for x in (seen, final_seen))
+        return TimeStep(
+            observation, reward, terminated, truncated, final_observation, terms, seen, final_seen
+        )
+
+    def critic_observation(self) -> Tensor:
+        """(N, O + P) what critics see now: the observation, and behind it what is privileged."""
+        observation, privileged = self.observe(), self.privileged()
+        if privileged is not None:
+            observation = torch.cat([observation, privileged], -1)
+        return observation.float()
 
     def combine(self, terms: dict[str, Tensor]) -> Tensor:
         """Reward terms (N,) each, to the reward of every objective (N, m)."""

@@ -67,15 +67,18 @@ class Policy(nn.Module):
 
     def save(self, path: Path) -> None:
         """Write what `load` needs and no more: without critic, optimiser and worlds."""
-        state = self.agent.state_dict()
+        state, own = self.agent.state_dict(), self.agent.own_networks()
+        own.pop("critic", None)
         parts = ("actor.", "observation_normalizer.")
         contents = {
             "config": self.config.model_dump(mode="json"),
             "environment": {
                 "objectives": list(self.objectives),
-                "observation_size": len(self.agent.observation_normalizer.mean),
+                "observation_size": self.agent.observation_size,
                 "action_size": self.agent.action_size,
+                "privileged_size": self.agent.privileged_size,
             },
+            "own_networks": own,
             "policy": {name: value for name, value in state.items() if name.startswith(parts)},
         }
         checkpoint.write(path, contents)
@@ -127,11 +130,17 @@ def find_checkpoint(run: str | os.PathLike[str]) -> Path:
     )
 
 
-def load(run: str | os.PathLike[str], device: str | torch.device | None = "cpu") -> Policy:
+def load(
+    run: str | os.PathLike[str],
+    device: str | torch.device | None = "cpu",
+    actor: nn.Module | None = None,
+) -> Policy:
     """The policies of a run's folder, of a checkpoint file, or of a shipped name ("ant").
 
+    A run with an actor of the user's own needs a module like it, whose parameters do not matter.
+
     Raises:
-        MorlaxError: there is none, or it is damaged.
+        MorlaxError: there is none, it is damaged, or has another actor.
     """
     place = resolve_device(device)
     path = find_checkpoint(run)
@@ -142,7 +151,14 @@ def load(run: str | os.PathLike[str], device: str | torch.device | None = "cpu")
         stored["action_size"],
         len(stored["objectives"]),
         config.network,
+        privileged_size=stored.get("privileged_size", 0),
+        actor=actor,
     ).to(place)
-    whole = "morlax" in contents
-    agent.load_state_dict(contents["morlax"]["agent"] if whole else contents["policy"], whole)
+    own = dict(contents.get("own_networks", {}))
+    own_critic = own.pop("critic", None)
+    checkpoint.check_networks(own, agent.own_networks(), path)
+    state = contents["morlax"]["agent"] if "morlax" in contents else contents["policy"]
+    if own_critic:  # no policy needs it
+        state = {name: value for name, value in state.items() if not name.startswith("critic.")}
+    agent.load_state_dict(state, strict="morlax" in contents and not own_critic)
     return Policy(agent, config, stored["objectives"])

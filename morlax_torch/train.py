@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import torch
+from torch import nn
 
 from . import cli, envs
 from .arguments import read
@@ -22,13 +23,21 @@ from .tradeoffs import evaluation_tradeoffs
 REPORT_EVERY = 10  # iterations between looks at the metrics, each of which waits for the GPU
 
 
-def train(config: Config, run: Run | None = None, output: Path | None = None) -> Run:
+def train(
+    config: Config,
+    run: Run | None = None,
+    output: Path | None = None,
+    actor: nn.Module | None = None,
+    critic: nn.Module | None = None,
+) -> Run:
     """Train until a limit of `config` is reached, or Ctrl-C is pressed; the run's folder.
 
     Args:
         config: every number of the run.
         run: a run to go on with, instead of a new one.
         output: the folder of a new run (None: runs/<task>/<time>-<seed>).
+        actor: instead of the config's own, as `MORLAX` takes it.
+        critic: likewise.
 
     Raises:
         MorlaxError: the folder cannot be written, the simulation's buffers overflow, or a loss
@@ -37,7 +46,7 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
     began = time.perf_counter()
     if torch.cuda.is_available():
         torch.set_float32_matmul_precision("high")  # TF32
-    morlax = MORLAX(make_worlds(config, config.worlds), config)
+    morlax = MORLAX(make_worlds(config, config.worlds), config, actor, critic)
     tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, len(morlax.env.objectives))
     judges = make_worlds(config, len(tradeoffs), auto_reset=False)
     evaluator = Evaluator(morlax.agent, judges, tradeoffs)

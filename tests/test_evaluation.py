@@ -64,7 +64,8 @@ class Scripted:
         reward, failed = self.REWARD[self.t].expand(3, 2), self.FAILED[:, self.t]
         self.t += 1
         truncated = torch.full((3,), self.t >= 4) & ~failed
-        return TimeStep(self.seen(), reward, failed, truncated, self.seen(), {})
+        seen = self.seen()
+        return TimeStep(seen, reward, failed, truncated, seen, {}, seen, seen)
 
     def paper_reset_reward(self) -> torch.Tensor:
         return torch.tensor([100.0, 1000.0])
