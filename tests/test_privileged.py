@@ -4,10 +4,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from morlax_torch import MORLAX, Policy, checkpoint, envs, load
+from morlax_torch import MORLAX, Policy, checkpoint, envs, export, load
 from morlax_torch.config import Config, load_config, merged
 from morlax_torch.envs.layout import positions
 from morlax_torch.evaluate import evaluate
+from morlax_torch.manifest import manifest
 from morlax_torch.train import make_worlds
 
 Hopper = envs.get("hopper")
@@ -148,7 +149,8 @@ def test_ten_iterations_equal_five_and_a_resumed_five(tmp_path):
     assert all(torch.equal(value, halves["agent"][name]) for name, value in whole["agent"].items())
 
 
-def test_what_is_loaded_needs_only_observations(tmp_path, generator):
+@pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
+def test_what_is_loaded_or_exported_needs_only_observations(tmp_path, generator):
     morlax = trainer(tiny(), 3)
     checkpoint.save(tmp_path / "whole.pt", morlax, {})
     load(tmp_path / "whole.pt").save(tmp_path / "alone.pt")
@@ -158,4 +160,7 @@ def test_what_is_loaded_needs_only_observations(tmp_path, generator):
         found = load(tmp_path / name)
         assert torch.equal(found(observation, (0.2, 0.8)), expected)
         torch.testing.assert_close(found.specialize((0.2, 0.8))(observation), expected)
+        assert export.export(found, tmp_path / "it.pt2", "torch-export") < 1e-5
+        about = manifest(found)
+        assert about["observation_size"] == about["observation"][-1]["slice"][1] == O
     assert evaluate(tmp_path / "whole.pt", tradeoffs=4, device="cpu").returns.shape == (4, 2)
