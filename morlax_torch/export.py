@@ -22,7 +22,7 @@ BATCHES = (3, 1, 8)  # rows to check with; the first also to trace with
 
 
 class FamilyPolicy(nn.Module):
-    """A policy whose trade-off is an input: (B, O) and (B, m), a row each, to actions (B, A).
+    """A policy whose trade-off is an input: observations (B, O) and (m,) to actions (B, A).
 
     It checks nothing: a trade-off's numbers are not negative and not all zero.
     """
@@ -32,8 +32,8 @@ class FamilyPolicy(nn.Module):
         self.normalizer, self.actor = policy.agent.observation_normalizer, policy.agent.actor
 
     def forward(self, observation: Tensor, tradeoff: Tensor) -> Tensor:
-        seen = self.normalizer(observation)[:, None]
-        mean, _ = self.actor.run(self.actor(tradeoff), seen)[:, 0].chunk(2, dim=-1)
+        parameters = {name: value[0] for name, value in self.actor(tradeoff[None]).items()}
+        mean, _ = self.actor.run_one(parameters, self.normalizer(observation)).chunk(2, dim=-1)
         return mean.tanh()
 
 
@@ -52,7 +52,7 @@ def export(
         policy: on the CPU.
         output: the file, overwritten if it is there.
         format: of the file.
-        tradeoff: (m,) the one to write, for (B, O) to (B, A); None: it stays an input (B, m).
+        tradeoff: (m,) the one to write, for (B, O) to (B, A); None: it stays an input.
         about: what to write into the file beside the policy's own `manifest`, as plain values.
 
     Raises:
@@ -80,20 +80,18 @@ def export(
 
 def program_of(module: nn.Module, inputs: dict[str, Tensor]) -> ExportedProgram:
     """The module as a graph of plain operations on any number of rows."""
-    batch = {0: torch.export.Dim("batch")}
-    program = torch.export.export(
-        module, tuple(inputs.values()), dynamic_shapes=dict.fromkeys(inputs, batch)
-    )
+    shapes = {name: {} for name in inputs} | {"observation": {0: torch.export.Dim("batch")}}
+    program = torch.export.export(module, tuple(inputs.values()), dynamic_shapes=shapes)
     return program.run_decompositions({})
 
 
-def samples(policy: Policy, rows: int, with_tradeoffs: bool) -> dict[str, Tensor]:
-    """Inputs by name: observations (rows, O) like those of the training, trade-offs (rows, m)."""
+def samples(policy: Policy, rows: int, with_tradeoff: bool) -> dict[str, Tensor]:
+    """Inputs by name: observations (rows, O) like those of the training, a trade-off (m,)."""
     noise = torch.randn(rows, policy.agent.observation_size, generator=torch.Generator())
     normalizer = policy.agent.observation_normalizer
     inputs = {"observation": normalizer.inverse(noise)}
-    if with_tradeoffs:
-        inputs["tradeoff"] = dirichlet_tradeoffs(rows, len(policy.objectives))
+    if with_tradeoff:  # another one for each number of rows
+        inputs["tradeoff"] = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
     return inputs
 
 
@@ -113,7 +111,7 @@ def command(arguments: Sequence[str]) -> None:
         Args:
             run: A run's folder (its best checkpoint), a checkpoint file, or a shipped policy.
             tradeoff: How much each objective matters; they need not sum to one (none: the
-                trade-off stays an input, a row for each observation).
+                trade-off stays an input).
             format: onnx needs an extra: pip install 'morlax-torch[onnx]'.
             output: The file (None: policy.onnx, .ts or .pt2 in the run's folder, family.* where
                 the trade-off is an input; here for a shipped policy).

@@ -33,7 +33,9 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
     assert exported is not None
     model = exported.model_proto
     for value in [*model.graph.input, *model.graph.output]:
-        value.type.tensor_type.shape.dim[0].dim_param = "batch"
+        rows = value.type.tensor_type.shape.dim[0]
+        if rows.dim_param:
+            rows.dim_param = "batch"
     del model.graph.value_info[:]  # they call the batch size something else
     del model.metadata_props[:]
     for name, value in about.items():
@@ -55,7 +57,7 @@ def read_onnx(data: bytes) -> Callable[..., Tensor]:
 def write_torchscript(program: ExportedProgram, about: dict[str, Any]) -> bytes:
     """A traced module with an extra file of JSON."""
     module = program.module(check_guards=False)
-    assert isinstance(module, fx.GraphModule)
+    assert isinstance(module, fx.GraphModule) and program.example_inputs is not None
     for node in list(module.graph.nodes):
         if node.target is torch.ops.aten.sym_size.int:  # tracing would write down this one's size
             for user in list(node.users):
@@ -106,12 +108,11 @@ def _onnx():
 @contextmanager
 def quiet() -> Iterator[None]:
     """Without what torch has to say about its own exporters."""
-    log = logging.getLogger("torch.onnx._internal.exporter")
-    usual = log.level
-    log.setLevel(logging.ERROR)
+    usual = logging.root.manager.disable
+    logging.disable(logging.WARNING)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        log.setLevel(usual)
+        logging.disable(usual)

@@ -11,7 +11,7 @@ import mujoco
 import torch
 
 from . import envs
-from .envs import Environment
+from .envs import Environment, MorlaxError
 from .history import History
 from .policy import Policy, find_checkpoint, find_run
 
@@ -25,6 +25,8 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
     """
     config = policy.config
     env = envs.make(config.env, 1, "cpu", "mujoco", **config.task.model_dump())
+    if not isinstance(env, Environment):
+        raise MorlaxError(f"{config.env} has no motors to tell of: only MuJoCo tasks are exported.")
     return {
         "morlax_torch": _version(),
         "task": config.env,

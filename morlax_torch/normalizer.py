@@ -30,7 +30,8 @@ class Normalizer(nn.Module):
 
     def inverse(self, x: Tensor) -> Tensor:
         """From normalised back to natural units."""
-        return x / self.scale + self.mean
+        size = x.shape[-1]
+        return x / self.scale[:size] + self.mean[:size]
 
     @torch.no_grad()
     def update(self, x: Tensor) -> None:

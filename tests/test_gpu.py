@@ -3,6 +3,7 @@
 import gymnasium
 import pytest
 import torch
+from torch import nn
 
 from morlax_torch import MORLAX, envs
 from morlax_torch.config import load_config
@@ -16,10 +17,23 @@ pytestmark = [
 SMALL = {"worlds": 256, "horizon": 8, "ppo": {"minibatches": 4, "epochs": 2}}
 
 
-def trained(task: str, recorded: bool) -> MORLAX:
+class Blind(envs.get("hopper")):
+    """Velocities are for its critic alone."""
+
+    def observe(self) -> torch.Tensor:
+        return self.physics.qpos[:, 1:]
+
+    def privileged(self) -> torch.Tensor:
+        return self.physics.qvel.clamp(-10, 10)
+
+    def layout(self) -> list[envs.Part]:
+        return super().layout()[:6]
+
+
+def trained(task: str, recorded: bool, **networks: nn.Module) -> MORLAX:
     config = load_config({"env": task, **SMALL})
     env = envs.make(task, config.worlds, "cuda", deterministic=True)
-    morlax = MORLAX(env, config)
+    morlax = MORLAX(env, config, **networks)
     if recorded:
         morlax.compile()
     for _ in range(4):
@@ -38,6 +52,18 @@ def test_recorded_graphs_equal_the_eager_program(task: str):
     for name, value in eager.agent.actor.state_dict().items():
         torch.testing.assert_close(
             recorded.agent.actor.state_dict()[name], value, rtol=1e-2, atol=1e-3, msg=name
+        )
+
+
+def test_own_networks_and_what_is_privileged_are_recorded_too(monkeypatch):
+    monkeypatch.setattr(envs, "_REGISTRY", {**envs._REGISTRY, "blind": Blind})
+    actor = nn.Sequential(nn.Linear(6, 32), nn.LayerNorm(32), nn.ELU(), nn.Linear(32, 8))
+    critic = nn.Sequential(nn.Linear(13, 32), nn.ELU(), nn.Linear(32, 2))
+    eager, recorded = (trained("blind", r, actor=actor, critic=critic) for r in (False, True))
+    assert (recorded.rollout.reward - eager.rollout.reward).abs().median() < 1e-4
+    for name, value in eager.agent.critic.state_dict().items():
+        torch.testing.assert_close(
+            recorded.agent.critic.state_dict()[name], value, rtol=1e-2, atol=1e-3, msg=name
         )
 
 
