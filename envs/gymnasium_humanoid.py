@@ -8,6 +8,7 @@ from torch import Tensor
 
 from .bodies import Bodies, sense_contacts, sense_motion
 from .gymnasium_robot import GymnasiumRobot
+from .layout import Part
 from .options import TaskOptions
 
 
@@ -50,13 +51,23 @@ class GymnasiumHumanoid(GymnasiumRobot):
         return self.bodies.center[:, :2]
 
     def observe(self) -> Tensor:
-        seen = [super().observe()]
-        if self.options.include_cinert_in_observation:
-            seen.append(self.bodies.inertias().flatten(1))
-        if self.options.include_cvel_in_observation:
-            seen.append(self.bodies.velocities().flatten(1))
-        if self.options.include_qfrc_actuator_in_observation:
-            seen.append(self.bodies.joint_forces)
-        if self.options.include_cfrc_ext_in_observation:
-            seen.append(self.bodies.contact_forces().flatten(1))
-        return torch.cat(seen, -1)
+        return torch.cat([super().observe(), *self._of_bodies().values()], -1)
+
+    def layout(self) -> list[Part]:
+        units = {"inertias": "kg m^2, kg m, kg", "velocities": "rad/s, m/s"}
+        extra = self._of_bodies().items()
+        own = [Part(name, x.shape[1], units.get(name, "N m, N")) for name, x in extra]
+        return [*super().layout(), *own]
+
+    def _of_bodies(self) -> dict[str, Tensor]:
+        """What is observed of the bodies, in gymnasium's order."""
+        options, bodies, seen = self.options, self.bodies, {}
+        if options.include_cinert_in_observation:
+            seen["inertias"] = bodies.inertias().flatten(1)
+        if options.include_cvel_in_observation:
+            seen["velocities"] = bodies.velocities().flatten(1)
+        if options.include_qfrc_actuator_in_observation:
+            seen["joint_forces"] = bodies.joint_forces
+        if options.include_cfrc_ext_in_observation:
+            seen["contact_forces"] = bodies.contact_forces().flatten(1)
+        return seen

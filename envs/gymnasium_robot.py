@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from .environment import Environment
+from .layout import Part, positions, velocities
 
 
 class GymnasiumRobot(Environment):
@@ -56,6 +57,11 @@ class GymnasiumRobot(Environment):
     def observe(self) -> Tensor:
         positions, velocities = self.physics.qpos[:, self.unobserved :], self.physics.qvel
         return torch.cat([positions, velocities.clamp(-self.fastest_seen, self.fastest_seen)], -1)
+
+    def layout(self) -> list[Part]:
+        model, fastest = self.physics.model, self.fastest_seen
+        limit = fastest if math.isfinite(fastest) else None
+        return [*positions(model)[self.unobserved :], *velocities(model, limit)]
 
     def apply(self, action: Tensor) -> None:
         middle, reach = self.control_range

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..bodies import Bodies, sense_contacts
 from ..gymnasium_robot import GymnasiumRobot
+from ..layout import Part
 from ..options import TaskOptions
 
 
@@ -55,6 +56,11 @@ class Ant(GymnasiumRobot):
         if not self.options.include_cfrc_ext_in_observation:
             return super().observe()
         return torch.cat([super().observe(), self.contact_forces()], -1)
+
+    def layout(self) -> list[Part]:
+        if not self.options.include_cfrc_ext_in_observation:
+            return super().layout()
+        return [*super().layout(), Part("contact_forces", self.contact_forces().shape[1], "N m, N")]
 
     def terms(self) -> dict[str, Tensor]:
         vx, vy = self.velocity().unbind(-1)
