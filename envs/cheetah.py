@@ -6,16 +6,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .environment import Environment
-from .layout import Part, positions, velocities
 from .options import TaskOptions
+from .planar import Planar
 
 MAX_SPEED = 4.0  # m/s; no reward for more
-MAX_VELOCITY = 10.0  # m/s, rad/s; what is faster looks like this
 MAX_PITCH = math.radians(50)
 
 
-class Cheetah(Environment):
+class Cheetah(Planar):
     model_file = "cheetah.xml"
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0, "height": 0.2}
 
@@ -28,25 +26,14 @@ class Cheetah(Environment):
     def initial_qpos(self) -> np.ndarray:
         return np.zeros(self.physics.model.nq)
 
-    def observe(self) -> Tensor:
-        limit = MAX_VELOCITY
-        return torch.cat([self.physics.qpos[:, 1:], self.physics.qvel.clamp(-limit, limit)], -1)
-
-    def layout(self) -> list[Part]:
-        model = self.physics.model
-        return [*positions(model)[1:], *velocities(model, MAX_VELOCITY)]
-
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_(action.clamp(-1, 1))
 
-    def remember(self) -> dict[str, Tensor]:
-        return {"x": self.physics.qpos[:, 0]}
-
     def terms(self) -> dict[str, Tensor]:
-        x, z = self.physics.qpos[:, 0], self.physics.qpos[:, 1]
+        z = self.physics.qpos[:, 1]
         return {
-            "alive": torch.ones_like(x),
-            "run": ((x - self.memory["x"]) / self.dt).clamp(max=MAX_SPEED),
+            "alive": torch.ones_like(z),
+            "run": self.speed().clamp(max=MAX_SPEED),
             "energy": 4.0 - self.physics.ctrl.square().sum(-1),
             "height": z + 0.2,
         }

@@ -4,15 +4,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .environment import Environment
-from .layout import Part, positions, velocities
 from .options import TaskOptions
+from .planar import Planar
 
 ACTION_SCALE = 3.0
-MAX_VELOCITY = 10.0  # m/s, rad/s; what is faster looks like this
 
 
-class Walker(Environment):
+class Walker(Planar):
     model_file = "walker.xml"
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0}
@@ -28,25 +26,14 @@ class Walker(Environment):
         qpos[1] = 1.5  # metres: the feet hang 0.2 above the floor
         return qpos
 
-    def observe(self) -> Tensor:
-        limit = MAX_VELOCITY
-        return torch.cat([self.physics.qpos[:, 1:], self.physics.qvel.clamp(-limit, limit)], -1)
-
-    def layout(self) -> list[Part]:
-        model = self.physics.model
-        return [*positions(model)[1:], *velocities(model, MAX_VELOCITY)]
-
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_((ACTION_SCALE * action).clamp(-1, 1))
 
-    def remember(self) -> dict[str, Tensor]:
-        return {"x": self.physics.qpos[:, 0]}
-
     def terms(self) -> dict[str, Tensor]:
-        x = self.physics.qpos[:, 0]
+        speed = self.speed()
         return {
-            "alive": torch.ones_like(x),
-            "run": (x - self.memory["x"]) / self.dt,
+            "alive": torch.ones_like(speed),
+            "run": speed,
             "energy": 4.0 - self.physics.ctrl.square().sum(-1),
         }
 
