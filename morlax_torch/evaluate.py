@@ -12,14 +12,15 @@ import tyro
 from rich import box
 from rich.table import Table
 
-from . import cli, comparison, envs
+from . import cli, envs
 from .envs import MorlaxError, resolve_device
 from .evaluation import Evaluator, Front, Protocol
 from .files import unused
 from .history import History
 from .policy import SHIPPED, Policy, find_run, load
-from .report import number, words
-from .results import Evaluated, write
+from .reports import comparison
+from .reports.page import number, words
+from .reports.results import Evaluated, write
 from .tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 
 PROTOCOLS = {

@@ -11,9 +11,9 @@ from torch.export import ExportedProgram
 
 from . import cli
 from .envs import MorlaxError
+from .exports.formats import FORMATS, quiet
+from .exports.manifest import manifest, provenance
 from .files import replacing
-from .formats import FORMATS, quiet
-from .manifest import manifest, provenance
 from .policy import SHIPPED, Policy, find_run, load
 from .tradeoffs import dirichlet_tradeoffs, parse_tradeoff
 

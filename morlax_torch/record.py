@@ -11,10 +11,10 @@ from rich.progress import track
 from . import cli
 from .envs import MorlaxError
 from .files import replacing
-from .film import Film
+from .filming.film import Film
+from .filming.video import ENDINGS, write_video
 from .policy import SHIPPED, Policy, find_run, load
 from .tradeoffs import parse_tradeoff, typical_tradeoffs
-from .video import ENDINGS, write_video
 
 
 def record(

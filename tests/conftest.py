@@ -11,7 +11,7 @@ from morlax_torch import MorlaxError, Policy, envs
 from morlax_torch.agent import Agent
 from morlax_torch.config import NetworkConfig, load_config, merged, task_values
 from morlax_torch.evaluation import Front
-from morlax_torch.rendering import choose_opengl
+from morlax_torch.filming.rendering import choose_opengl
 from morlax_torch.rollout import Rollout
 
 

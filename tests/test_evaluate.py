@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError, evaluate, load, pareto, policy
-from morlax_torch.comparison import names, quartiles
 from morlax_torch.evaluate import evaluate as judge
 from morlax_torch.evaluation import Front
+from morlax_torch.reports.comparison import names, quartiles
 from morlax_torch.train import command as train
 
 TINY = (

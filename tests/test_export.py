@@ -16,8 +16,8 @@ from torch import Tensor, nn
 
 from morlax_torch import MORLAX, MorlaxError, Policy, checkpoint, envs, export, policy
 from morlax_torch.config import load_config
-from morlax_torch.formats import FORMATS, Format
-from morlax_torch.manifest import control, manifest
+from morlax_torch.exports.formats import FORMATS, Format
+from morlax_torch.exports.manifest import control, manifest
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning"),

@@ -8,7 +8,7 @@ from morlax_torch import MORLAX, Policy, checkpoint, envs, export, load
 from morlax_torch.config import Config, load_config, merged
 from morlax_torch.envs.layout import positions
 from morlax_torch.evaluate import evaluate
-from morlax_torch.manifest import manifest
+from morlax_torch.exports.manifest import manifest
 from morlax_torch.train import make_worlds
 
 Hopper = envs.get("hopper")

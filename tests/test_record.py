@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from morlax_torch import MorlaxError, policy, record, video
-from morlax_torch.film import Film
+from morlax_torch import MorlaxError, policy, record
+from morlax_torch.filming import video
+from morlax_torch.filming.film import Film
+from morlax_torch.filming.video import write_video
 from morlax_torch.player import Player
-from morlax_torch.video import write_video
 
 GAP = 4  # pixels between panels
 

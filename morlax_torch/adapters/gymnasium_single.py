@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import envs
 from ..envs import MorlaxError
 from ..envs.errors import unknown
-from ..rendering import Scene
+from ..filming.rendering import Scene
 from ..tradeoffs import one_tradeoff
 from .window import Window
 

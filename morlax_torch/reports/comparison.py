@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import pareto
-from .envs import MorlaxError
-from .evaluation import Front
-from .policy import Policy, find_run
+from .. import pareto
+from ..envs import MorlaxError
+from ..evaluation import Front
+from ..policy import Policy, find_run
 
 SAME = ("objectives", "shared", "episode_length", "reference_point", "reset_noise")
 

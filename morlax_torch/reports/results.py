@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from . import comparison, figures
-from .envs import MorlaxError
-from .evaluation import Front
-from .files import replacing
-from .history import History
-from .policy import Policy
-from .report import report
+from .. import figures
+from ..envs import MorlaxError
+from ..evaluation import Front
+from ..files import replacing
+from ..history import History
+from ..policy import Policy
+from . import comparison
+from .page import report
 
 MOST_NAMES = 4  # in a title
 

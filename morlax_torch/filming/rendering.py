@@ -13,7 +13,7 @@ import numpy as np
 from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
-from .envs import MorlaxError
+from ..envs import MorlaxError
 
 CAMERA = "track"  # of our own robots
 SMALLEST, LARGEST = 64, 4096  # pixels; graphics drivers differ on more

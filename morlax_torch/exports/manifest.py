@@ -10,10 +10,10 @@ from typing import Any
 import mujoco
 import torch
 
-from . import envs
-from .envs import Environment, MorlaxError
-from .history import History
-from .policy import Policy, find_checkpoint, find_run
+from .. import envs
+from ..envs import Environment, MorlaxError
+from ..history import History
+from ..policy import Policy, find_checkpoint, find_run
 
 STEP = 2**-6  # of an action, to find what control it makes; exact in binary
 

@@ -10,8 +10,8 @@ from shutil import which
 import numpy as np
 from numpy.typing import NDArray
 
-from .envs import MorlaxError
-from .files import replacing
+from ..envs import MorlaxError
+from ..files import replacing
 
 # H.264 as every browser plays it needs even sizes; a GIF looks well with a palette of its own.
 _ENCODERS = {

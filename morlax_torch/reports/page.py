@@ -9,9 +9,9 @@ import matplotlib as mpl
 import yaml
 from matplotlib.figure import Figure
 
+from ..config import Config
+from ..figures.style import FILES
 from .comparison import Quartiles
-from .config import Config
-from .figures.style import FILES
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; more is better",

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, fx
 from torch.export import ExportedProgram
 
-from .envs import MorlaxError
+from ..envs import MorlaxError
 
 EXTRA_FILE = "morlax_torch.json"
 OUTPUT = "action"

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..envs import MorlaxError
+from ..player import Player
+from ..policy import Policy
 from . import panels
-from .envs import MorlaxError
-from .player import Player
-from .policy import Policy
 from .rendering import Scene
 
 FASTEST = 30  # frames per second

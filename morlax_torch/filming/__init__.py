@@ -1,0 +1,1 @@
+"""Robots on film: drawn, captioned, and written as files."""

@@ -1,0 +1,1 @@
+"""What evaluations come to: comparisons, tables, and a report."""
