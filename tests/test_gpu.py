@@ -41,7 +41,7 @@ def trained(task: str, recorded: bool, **networks: nn.Module) -> MORLAX:
     return morlax
 
 
-@pytest.mark.parametrize("task", envs.names())
+@pytest.mark.parametrize("task", [name for name in envs.names() if "/" not in name])
 def test_recorded_graphs_equal_the_eager_program(task: str):
     eager, recorded = trained(task, False), trained(task, True)
     torch.testing.assert_close(recorded.tradeoffs, eager.tradeoffs)
