@@ -25,7 +25,7 @@ TASK = """
 Hypervolume {volume:.3e}, trained on {device} for {steps:.1f} M environment steps:
 
 ```sh
-python -m morlax_torch.train --env {name} --seed {seed} --device {place}
+python -m morlax_torch.train --env {name} --device {place} --max-env-steps {limit}
 ```
 
 ![Front of {name}, {objectives}, coloured by trade-off](gallery/{name}-front.png)
@@ -52,7 +52,7 @@ def main() -> None:
             steps=history.env_steps[-1] / 1e6,
             device="two CPU cores" if config.device == "cpu" else "one NVIDIA H200",
             place="cpu" if config.device == "cpu" else "cuda",
-            seed=config.seed,
+            limit=config.max_env_steps,
         )
     (DOCS / "gallery.md").write_text(text)
 

@@ -1,0 +1,45 @@
+"""The policies that come with the package hold what their stored fronts say."""
+
+import subprocess
+import sys
+
+import pytest
+
+from morlax_torch import envs
+from morlax_torch.evaluation import Front
+from morlax_torch.policy import SHIPPED, find_run, load
+
+MEGABYTES = {"humanoid": 6.0}  # the others: 1
+EVALUATE = "import sys; from morlax_torch.evaluate import evaluate; " + (
+    "print(evaluate(sys.argv[1], device='cpu').hypervolume)"
+)
+SHIPS = sorted(folder.name for folder in SHIPPED.iterdir())
+
+
+def test_every_task_of_the_paper_has_one():
+    assert {"ant", "cheetah", "cheetah3", "hopper", "humanoid", "walker"} == set(SHIPS)
+    assert set(SHIPS) <= set(envs.names())
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_it_is_small_and_says_how_it_was_made(name):
+    folder = find_run(name)
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    assert size < 1e6 * MEGABYTES.get(name, 1.0)
+    policy = load(name)
+    assert policy.config.env == name
+    assert policy.objectives == Front.load(folder / "front.npz").objectives
+    assert (folder / "metrics.csv").is_file()
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_it_reproduces_its_hypervolume_in_a_clean_process(name, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", EVALUATE, name],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    stored = Front.load(find_run(name) / "front.npz").hypervolume
+    assert float(done.stdout) == pytest.approx(stored, rel=0.02)
