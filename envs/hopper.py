@@ -15,7 +15,7 @@ MAX_VELOCITY = 10.0  # m/s, rad/s; what is faster looks like this
 
 
 class Hopper(Environment):
-    model_file = "hopper.xml"
+    model_file = "assets/hopper.xml"
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0}
 

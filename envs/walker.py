@@ -13,7 +13,7 @@ MAX_VELOCITY = 10.0  # m/s, rad/s; what is faster looks like this
 
 
 class Walker(Environment):
-    model_file = "walker.xml"
+    model_file = "assets/walker.xml"
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0}
 
