@@ -15,7 +15,8 @@ from .gymnasium_worlds import PREFIX, GymnasiumWorlds, from_gymnasium, from_id
 from .hopper import Hopper
 from .humanoid import Humanoid
 from .layout import Part
-from .options import ObjectiveOptions, TaskOptions
+from .options import ObjectiveOptions, Randomization, TaskOptions
+from .outside import Task, absolute, checked, from_entry_point, from_file, is_file, offered, title
 from .physics import Physics
 from .walker import Walker
 from .worlds import TimeStep, Worlds
@@ -26,17 +27,20 @@ __all__ = [
     "ObjectiveOptions",
     "Part",
     "Physics",
+    "Randomization",
     "TaskOptions",
     "TimeStep",
     "Worlds",
+    "absolute",
     "from_gymnasium",
     "get",
+    "is_file",
     "make",
     "names",
     "register",
+    "title",
 ]
 
-Task = type[Environment] | type[GymnasiumWorlds]
 _REGISTRY: dict[str, Task] = {}
 
 
@@ -44,26 +48,30 @@ def register(name: str, environment: Task) -> None:
     """Make `environment` known as `name`, to `make`, to every command and to Gymnasium.
 
     Raises:
-        MorlaxError: the name is taken by another class.
+        MorlaxError: the name is taken by another class, or something is missing in this one.
     """
     if name not in _REGISTRY:
-        _REGISTRY[name] = environment
+        _REGISTRY[name] = checked(environment)
         announce(name)
     elif _REGISTRY[name] is not environment:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
 
 
 def names() -> tuple[str, ...]:
-    """Every registered name."""
-    return tuple(sorted(_REGISTRY))
+    """Every registered name, and what installed packages offer, which stays unloaded."""
+    return tuple(sorted({*_REGISTRY, *offered()}))
 
 
 def get(name: str) -> Task:
-    """The class registered as `name`, or that of "gymnasium:ID"."""
+    """The class registered as `name`, that of "FILE.py:CLASS" or that of "gymnasium:ID"."""
     if name.startswith(PREFIX):
         return from_id(name)
+    if is_file(name):
+        return from_file(name)
     if name not in _REGISTRY:
-        raise unknown("environment", name, _REGISTRY)
+        if name not in offered():
+            raise unknown("environment", name, names())
+        register(name, from_entry_point(name))
     return _REGISTRY[name]
 
 
@@ -81,8 +89,8 @@ def make(
     """N worlds of the task `name`.
 
     Args:
-        name: one of `names()`, or "gymnasium:ID" for any environment of Gymnasium's registry that
-            has a vector of rewards.
+        name: one of `names()`, "FILE.py:CLASS" for a task of your own, or "gymnasium:ID" for any
+            environment of Gymnasium's registry that has a vector of rewards.
         num_worlds: N.
         device: "cuda", "cpu", "cuda:1", ...; None is CUDA where there is one.
         backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None: by the device.

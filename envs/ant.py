@@ -14,7 +14,7 @@ MIN_UPRIGHT = 0.45  # world-z of the torso's up axis: a tilt of 63 degrees
 
 
 class Ant(Environment):
-    model_file = "ant.xml"
+    model_file = "assets/ant.xml"
     paper_reset_terms = {"alive": 1.0, "energy": 8.0, "vx": 1.0, "vy": 1.0}
 
     class Options(TaskOptions):

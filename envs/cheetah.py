@@ -14,7 +14,7 @@ MAX_PITCH = math.radians(50)
 
 
 class Cheetah(Planar):
-    model_file = "cheetah.xml"
+    model_file = "assets/cheetah.xml"
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0, "height": 0.2}
 
     class Options(TaskOptions):

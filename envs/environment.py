@@ -1,7 +1,8 @@
 """What every multi-objective task shares: stepping, episode ends, automatic reset, rewards."""
 
+import sys
 from abc import abstractmethod
-from importlib import resources
+from pathlib import Path
 from typing import Any, ClassVar
 
 import mujoco
@@ -9,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from . import episodes
+from . import checks, episodes, variation
+from .disturbances import Delay, Noise, Pushes
 from .errors import MorlaxError
 from .layout import Part
 from .options import TaskOptions
@@ -30,7 +32,7 @@ class Environment(Worlds):
     """
 
     Options: ClassVar[type[TaskOptions]]
-    model_file: ClassVar[str]
+    model_file: ClassVar[str]  # its MJCF, from the folder of the Python file that says so
     substeps: ClassVar[int] = 1  # physics steps per control step
     # What the paper's own evaluation adds to each return: these terms, for no step at all.
     paper_reset_terms: ClassVar[dict[str, float]] = {}
@@ -44,27 +46,56 @@ class Environment(Worlds):
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
-        self.starts = Starts(self.initial_qpos(), options.reset_noise, physics, seed)
+        self.starts = Starts(checks.start(self), options.reset_noise, physics, seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
         self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = physics.model.nu
-        self.observation_size = self.reset().shape[1]
-        self.privileged_size = self.critic_observation().shape[1] - self.observation_size
-        self._check_layout()
+        self.observation_size = checks.rows(self, "observe", "O")
+        self.privileged_size = checks.rows(self, "privileged", "P")
+        checks.layout(self)
+        self._randomize(seed)
+        self.reset()
+        checks.control(self)
+        checks.rewards(self)
         self.reward_terms = tuple(self.terms())
         self.objectives = tuple(options.objectives)
         self.reference_point = self._reference_point()
         weights = torch.tensor(self._weighting(), dtype=torch.float64)
         self._weights = weights.to(physics.qpos)  # (terms, m)
 
+    def _randomize(self, seed: int) -> None:
+        chance, physics, generator = self.options.randomization, self.physics, self.generator
+        drawn = variation.draw(physics.model, chance, self.num_worlds, seed)
+        self._factors = {name: torch.from_numpy(factor) for name, factor in drawn.items()}
+        self._noise = self._delay = self._pushes = None
+        if self._factors:
+            physics.vary(drawn)
+        if any(chance.observation_noise.values()):
+            self._noise = Noise(chance.observation_noise, self.layout(), physics, generator)
+        if any(chance.action_delay):
+            self._delay = Delay(chance.action_delay, physics, generator)
+        if chance.push:
+            self._pushes = Pushes(chance.push, chance.push_every, physics, generator)
+
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
-        """This robot's compiled MJCF."""
-        assets = resources.files(str(__package__)) / "assets"
-        with resources.as_file(assets / cls.model_file) as path:
+        """This robot's compiled MJCF.
+
+        Raises:
+            MorlaxError: none is named, or MuJoCo cannot load it.
+        """
+        owner = next((base for base in cls.__mro__ if "model_file" in vars(base)), None)
+        if owner is None:
+            raise MorlaxError(f"{cls.__name__} names no MJCF: give it a model_file.")
+        python_file = getattr(sys.modules[owner.__module__], "__file__", None) or ""
+        path = Path(python_file).parent / cls.model_file
+        try:
             return mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise MorlaxError(f"MuJoCo cannot load {path} of {cls.__name__}: {reason}") from None
 
     @abstractmethod
     def initial_qpos(self) -> np.ndarray:
@@ -107,12 +138,18 @@ class Environment(Worlds):
         self._restart(everywhere, everywhere)
         if self.options.stagger:
             self.age.random_(0, self.episode_length, generator=self.generator)
-        return self.observe().float()
+        if self._noise:
+            self._noise.draw()
+        return self.critic_observation()[:, : self.observation_size]
 
     def step(self, action: Tensor) -> TimeStep:
         """Advance every world by one control step under `action` (N, A)."""
-        self.apply(action)
+        self.apply(self._delay(action) if self._delay else action)
+        if self._pushes:
+            self._pushes()
         self.physics.step()
+        if self._noise:
+            self._noise.draw()
         terms = self.terms()
         reward = self.combine(terms).float()
         final_seen = self.critic_observation()
@@ -133,6 +170,8 @@ class Environment(Worlds):
 
     def critic_observation(self) -> Tensor:
         observation, privileged = self.observe(), self.privileged()
+        if self._noise:
+            observation = observation + self._noise.now
         if privileged is not None:
             observation = torch.cat([observation, privileged], -1)
         return observation.float()
@@ -140,6 +179,8 @@ class Environment(Worlds):
     def _restart(self, terminated: Tensor, truncated: Tensor) -> None:
         starts = self.starts.draw(self.generator)
         episodes.restart(self.physics, terminated, truncated, starts, self.age)
+        if self._delay:
+            self._delay.begin(terminated | truncated)
         self._remember()
 
     def _remember(self) -> None:
@@ -155,6 +196,8 @@ class Environment(Worlds):
         """Go back to a state of the same number of worlds, in place."""
         for name, value in self._state().items():
             value.copy_(state[name])
+        if self._factors:
+            self.physics.vary({name: value.numpy() for name, value in self._factors.items()})
         self.generator.set_state(state["generator"].cpu())
 
     def _state(self) -> dict[str, Tensor]:
@@ -167,15 +210,10 @@ class Environment(Worlds):
             "age": self.age,
             "blowups": self.blowups,
             **{f"memory.{name}": value for name, value in self.memory.items()},
+            **{f"factors.{name}": value for name, value in self._factors.items()},
+            **(self._noise.state if self._noise else {}),
+            **(self._delay.state if self._delay else {}),
         }
-
-    def _check_layout(self) -> None:
-        named = sum(part.size for part in self.layout())
-        if named != self.observation_size:
-            raise MorlaxError(
-                f"{type(self).__name__}: layout() names {named} numbers, but observe() gives "
-                f"{self.observation_size}: let both tell of the same ones."
-            )
 
     def overflow(self) -> Tensor:
         return self.physics.overflow()

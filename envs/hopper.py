@@ -13,7 +13,7 @@ ACTION_SCALE = 3.0  # neither clipped here nor clamped by the motors
 
 
 class Hopper(Planar):
-    model_file = "hopper.xml"
+    model_file = "assets/hopper.xml"
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0}
 

@@ -17,7 +17,7 @@ EXTREMITIES = ("right_hand", "left_hand", "right_foot", "left_foot")
 class Humanoid(Environment):
     """Head, axes, centre of mass and its velocity are sensors: they lag one physics step."""
 
-    model_file = "humanoid.xml"
+    model_file = "assets/humanoid.xml"
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 3.0}
 

@@ -1,10 +1,12 @@
 """Physics on C MuJoCo: many worlds on a pool of threads, in float64."""
 
 import mujoco
+import numpy as np
 import torch
 from mujoco.batch import Batch
 from torch import Tensor
 
+from . import variation
 from .physics import Physics
 
 
@@ -39,6 +41,9 @@ class MujocoPhysics(Physics):
         self._batch.step(nstep=self.substeps)
         if self._readings is not None:
             self.sensors.numpy()[:] = self._readings
+
+    def vary(self, factors: dict[str, np.ndarray]) -> None:
+        variation.apply(self._batch, factors)
 
     def overflow(self) -> Tensor:
         return self._no_overflow  # C MuJoCo grows its buffers as it needs

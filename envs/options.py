@@ -1,6 +1,29 @@
 """What a user may change about a task without touching Python."""
 
-from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveInt, field_validator
+from typing import Annotated, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    field_validator,
+)
+
+T = TypeVar("T", int, float)
+
+
+def _ordered(limits: tuple[T, T]) -> tuple[T, T]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"a range goes from the smaller to the larger: {limits[::-1]}")
+    return limits
+
+
+Range = Annotated[tuple[PositiveFloat, PositiveFloat], AfterValidator(_ordered)]
+Steps = Annotated[tuple[NonNegativeInt, NonNegativeInt], AfterValidator(_ordered)]
 
 
 class ObjectiveOptions(BaseModel):
@@ -24,6 +47,38 @@ class ObjectiveOptions(BaseModel):
             raise ValueError("a trade-off needs at least two objectives")
         return objectives
 
+    @property
+    def varies(self) -> bool:
+        """Whether chance has a part in what an episode brings."""
+        return True
+
+
+class Randomization(BaseModel):
+    """What differs between worlds, or happens to them, at random; by default nothing does.
+
+    Ranges are of factors, drawn uniformly once for each world, which keeps them in every episode.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    friction: Range | None = None
+    """Range of a factor of all friction of a world."""
+    mass: Range | None = None
+    """Range of a factor of mass and inertia, for each body."""
+    strength: Range | None = None
+    """Range of a factor of force (gain and bias), for each actuator."""
+    fields: dict[str, Range] = {}
+    """Ranges of factors for each number of any other field of MjModel, such as dof_damping."""
+    observation_noise: dict[str, NonNegativeFloat] = {}
+    """Standard deviation of noise, in units of the observation, by the name of one of its parts
+    (position.knee) or of the beginning of several (position)."""
+    action_delay: Steps = (0, 0)
+    """The fewest and the most control steps by which actions come late, drawn for each episode."""
+    push: NonNegativeFloat = 0.0
+    """By how much a push changes the robot's velocity, in m/s, in any horizontal direction."""
+    push_every: PositiveInt = 200
+    """Control steps from one push to the next, on average."""
+
 
 class TaskOptions(ObjectiveOptions):
     """The options of every robot; a task states its own defaults, and may add to them."""
@@ -38,3 +93,9 @@ class TaskOptions(ObjectiveOptions):
     """Contacts that MuJoCo Warp makes room for, for each world."""
     njmax: PositiveInt = 64
     """Constraint rows that MuJoCo Warp makes room for, for each world."""
+    randomization: Randomization = Randomization()
+    """What differs between worlds, or happens to them, at random."""
+
+    @property
+    def varies(self) -> bool:
+        return self.reset_noise > 0 or self.randomization != Randomization()

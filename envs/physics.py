@@ -3,8 +3,11 @@
 from abc import ABC, abstractmethod
 
 import mujoco
+import numpy as np
 import torch
 from torch import Tensor
+
+from .errors import unknown
 
 
 class Physics(ABC):
@@ -31,6 +34,16 @@ class Physics(ABC):
         """Advance every world by one control step, holding `ctrl`."""
 
     @abstractmethod
+    def vary(self, factors: dict[str, np.ndarray]) -> None:
+        """Give each world a model of its own: fields of `model` by name, times (N, ...).
+
+        The constants that MuJoCo derives from them follow. Worlds keep their state.
+
+        Raises:
+            MorlaxError: the simulator shares such a field between worlds.
+        """
+
+    @abstractmethod
     def overflow(self) -> Tensor:
         """(N,) int32, non-zero where contacts or constraints no longer fitted their buffers."""
 
@@ -39,6 +52,13 @@ class Physics(ABC):
         """What to do about the union `bits` of what `overflow` returned, in words."""
 
     def sensor(self, name: str) -> Tensor:
-        """A view (N, dim) of one sensor's readings."""
+        """A view (N, dim) of one sensor's readings.
+
+        Raises:
+            MorlaxError: the model has no such sensor.
+        """
+        known = [self.model.sensor(index).name for index in range(self.model.nsensor)]
+        if name not in known:
+            raise unknown("sensor", name, known)
         sensor = self.model.sensor(name)
         return self.sensors[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]

@@ -11,7 +11,7 @@ ACTION_SCALE = 3.0
 
 
 class Walker(Planar):
-    model_file = "walker.xml"
+    model_file = "assets/walker.xml"
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0}
 

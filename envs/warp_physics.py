@@ -1,11 +1,15 @@
 """Physics on MuJoCo Warp: for CUDA, and for tests also on the CPU, in float32."""
 
+from dataclasses import fields
+
 import mujoco
 import mujoco_warp as mjw
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
+from . import variation
 from .physics import Physics
 
 wp.config.log_level = wp.LOG_WARNING  # Warp tells of each kernel it loads
@@ -71,6 +75,22 @@ class WarpPhysics(Physics):
         with wp.ScopedDevice(str(self.device)):
             for _ in range(self.substeps):
                 mjw.step(self._model, self._data)
+
+    def vary(self, factors: dict[str, np.ndarray]) -> None:
+        shapes = {field.name: getattr(field.type, "shape", ()) for field in fields(mjw.Model)}
+        found = variation.varying(self.model, self.num_worlds, factors)
+        for name, values in found.items():
+            if shapes.get(name, ())[:1] != ("*",):
+                if name in factors:
+                    raise variation.cannot(self.name, name)
+                continue  # a constant that this simulator has no use for
+            shared = getattr(self._model, name)
+            if len(shared) == self.num_worlds:  # in place: a recorded graph holds it
+                shared.assign(values)
+            else:
+                own = wp.array(values, dtype=shared.dtype, device=shared.device)
+                setattr(self._model, name, own)
+        wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
 
     def overflow(self) -> Tensor:
         return self._overflow & ~int(_LIMITS)

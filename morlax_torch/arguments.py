@@ -56,7 +56,8 @@ def _values(early: argparse.Namespace, arguments: Sequence[str]) -> dict:
     device_type = envs.resolve_device(early.device).type
     if early.config is None:
         if early.env is None and not {"-h", "--help"} & set(arguments):
-            raise MorlaxError(f"say which task to train: --env NAME, of {', '.join(envs.names())}.")
+            names = ", ".join(envs.names())
+            raise MorlaxError(f"say which task to train: --env NAME, of {names}, or FILE.py:CLASS.")
         return task_values(early.env or "cheetah", device_type)
     values = file_values(Path(early.config), device_type)
     if early.env is None:

@@ -16,6 +16,7 @@ from pydantic import (
     PositiveInt,
     ValidationError,
     create_model,
+    field_validator,
     model_validator,
 )
 
@@ -106,7 +107,8 @@ class Config(Section):
 
     env: str
     """The task: ant, cheetah, cheetah3, hopper, humanoid, walker, any other of docs/tasks.md, a
-    registered name, or gymnasium:ID for an environment of Gymnasium's with a vector of rewards."""
+    registered name, FILE.py:CLASS for one of your own, or gymnasium:ID for an environment of
+    Gymnasium's with a vector of rewards."""
     seed: NonNegativeInt = 0
     """Of everything that is drawn at random."""
     device: str | None = None
@@ -130,6 +132,11 @@ class Config(Section):
     evaluation: EvaluationConfig = EvaluationConfig()
     task: ObjectiveOptions
     """Options of the task itself."""
+
+    @field_validator("env")
+    @classmethod
+    def _for_any_folder(cls, env: str) -> str:
+        return envs.absolute(env)
 
     @property
     def num_clusters(self) -> int:
@@ -206,14 +213,16 @@ def load_config(values: dict[str, Any]) -> Config:
 
 
 def task_values(env: str, device_type: str) -> dict[str, Any]:
-    """The values of configs/<env>.yaml for "cuda" or "cpu"; without such a file, the name alone.
+    """The values of configs/<env>.yaml for "cuda" or "cpu"; without such a file, of default.yaml.
 
     All of "gymnasium:ID" share configs/gymnasium.yaml.
     """
     envs.get(env)
-    file = resources.files("morlax_torch.configs") / f"{env.partition(':')[0]}.yaml"
-    values = _fitted(yaml.safe_load(file.read_text()), device_type) if file.is_file() else {}
-    return {**values, "env": env}
+    configs = resources.files("morlax_torch.configs")
+    file = configs / f"{env.partition(':')[0]}.yaml"
+    if envs.is_file(env) or not file.is_file():
+        file = configs / "default.yaml"
+    return {**_fitted(yaml.safe_load(file.read_text()), device_type), "env": env}
 
 
 def file_values(path: Path, device_type: str) -> dict[str, Any]:

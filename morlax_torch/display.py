@@ -8,7 +8,7 @@ from rich.progress import Progress as Bar
 
 from .cli import console
 from .config import Config
-from .envs import Environment, Worlds
+from .envs import Environment, Worlds, title
 from .run import Progress
 
 
@@ -30,8 +30,9 @@ class Display:
     def __enter__(self) -> Self:
         c = self.config
         console.print(
-            f"{c.env}: {', '.join(c.task.objectives)}; {c.worlds} worlds on {self.env.device} "
-            f"({self.env.simulator}), {c.num_clusters} trade-offs at a time, seed {c.seed}"
+            f"{title(c.env)}: {', '.join(c.task.objectives)}; {c.worlds} worlds on "
+            f"{self.env.device} ({self.env.simulator}), {c.num_clusters} trade-offs at a time, "
+            f"seed {c.seed}"
         )
         console.print(f"{self.folder}  (tensorboard --logdir {self.folder.parent})")
         self._bar.start()

@@ -53,10 +53,10 @@ def evaluate(
     task, m = policy.config.task, len(policy.objectives)
     if seeds < 1:
         raise MorlaxError(f"seeds is {seeds}: it takes at least one.")
-    if seeds > 1 and not task.reset_noise:
+    if seeds > 1 and not task.varies:
         raise MorlaxError(
-            "every episode of this task starts alike (task.reset_noise is 0), so more seeds would "
-            "only repeat it: leave out --seeds."
+            "every episode of this task starts alike (task.reset_noise is 0) and goes on alike "
+            "(task.randomization is off), so more seeds would only repeat it: leave out --seeds."
         )
     fixed = evaluation_tradeoffs(tradeoffs, m)
     drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
@@ -105,7 +105,7 @@ def command(arguments: Sequence[str]) -> None:
             device: cuda, cpu, ... (None: CUDA where there is one).
             backend: warp or mujoco (None: by the device).
             seed: Of what the worlds draw at random.
-            seeds: Episodes of each trade-off, to average over; for tasks with reset_noise.
+            seeds: Episodes of each trade-off, to average over; for tasks with anything random.
             reference: What IGD+ is measured to: a front.npz or a run (None: the best of all runs).
             output: Where to write (None: the run's folder, or evaluations/<time>).
         """

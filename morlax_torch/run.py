@@ -13,7 +13,7 @@ import yaml
 from pydantic import BaseModel
 from torch.utils.tensorboard import SummaryWriter
 
-from . import checkpoint
+from . import checkpoint, envs
 from .config import Config, load_config, read_yaml
 from .envs import MorlaxError
 from .evaluation import Front
@@ -69,7 +69,7 @@ class Run:
         """
         config = morlax.config
         stamp = time.strftime("%Y%m%d-%H%M%S")
-        folder = output or unused(Path("runs") / config.env / f"{stamp}-{config.seed}")
+        folder = output or unused(Path("runs") / envs.title(config.env) / f"{stamp}-{config.seed}")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise MorlaxError(
                 f"{folder} is there already: choose another --output, or go on with the run by "
@@ -142,7 +142,8 @@ class Run:
         """An evaluation: curves, a picture, front.npz and a row of metrics.csv, returned."""
         indicators = front.indicators()
         milliseconds = round(1000 * progress.train_seconds)
-        title = f"{morlax.config.env} after {morlax.env_steps / 1e6:.1f} M environment steps"
+        task = envs.title(morlax.config.env)
+        title = f"{task} after {morlax.env_steps / 1e6:.1f} M environment steps"
         with self._written() as events:
             for name, value in indicators.items():
                 events.add_scalar(f"front/{name}", value, morlax.env_steps)

@@ -29,6 +29,17 @@ def blocks(language: str) -> list:
     ]
 
 
+@pytest.fixture
+def workplace(tmp_path, monkeypatch) -> Path:
+    """A folder with the files that pages show, each of which begins with its name."""
+    file = re.compile(r"```\w+\n((?:# |<!-- )([\w.]+\.\w+)\b.*?)```", re.DOTALL)
+    for page in PAGES:
+        for text, name in file.findall(page.read_text()):
+            (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
@@ -56,19 +67,19 @@ def exported(run, tmp_path_factory) -> Path:
 @pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
 @pytest.mark.parametrize("code", blocks("python"))
-def test_python_runs(code, run, tmp_path, monkeypatch, request):
+def test_python_runs(code, run, workplace, monkeypatch, request):
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
         pytest.importorskip(module, reason=f"{module} is not installed")
     monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))  # what pages register stays here
     exports = "export-" in request.node.callspec.id
-    monkeypatch.chdir(request.getfixturevalue("exported") if exports else tmp_path)
+    monkeypatch.chdir(request.getfixturevalue("exported") if exports else workplace)
     exec(A_RUN.sub(str(run), code), {})
 
 
 @pytest.mark.parametrize("text", blocks("yaml"))
-def test_configs_load(text, tmp_path):
-    (tmp_path / "my.yaml").write_text(text)
-    config = load_config(file_values(tmp_path / "my.yaml", "cpu"))
+def test_configs_load(text, workplace):
+    (workplace / "my.yaml").write_text(text)
+    config = load_config(file_values(workplace / "my.yaml", "cpu"))
     assert list(config.task.objectives) == list(yaml.safe_load(text)["task"]["objectives"])
 
 

@@ -30,9 +30,12 @@ class Blind(envs.get("hopper")):
         return super().layout()[:6]
 
 
-def trained(task: str, recorded: bool, **networks: nn.Module) -> MORLAX:
-    config = load_config({"env": task, **SMALL})
-    env = envs.make(task, config.worlds, "cuda", deterministic=True)
+def trained(
+    task: str, recorded: bool, randomization: dict | None = None, **networks: nn.Module
+) -> MORLAX:
+    options = {"randomization": randomization or {}}
+    config = load_config({"env": task, **SMALL, "task": options})
+    env = envs.make(task, config.worlds, "cuda", deterministic=True, **options)
     morlax = MORLAX(env, config, **networks)
     if recorded:
         morlax.compile()
@@ -65,6 +68,23 @@ def test_own_networks_and_what_is_privileged_are_recorded_too(monkeypatch):
         torch.testing.assert_close(
             recorded.agent.critic.state_dict()[name], value, rtol=1e-2, atol=1e-3, msg=name
         )
+
+
+def test_randomised_worlds_are_recorded_too():
+    everything = {
+        "friction": (0.5, 1.5),
+        "mass": (0.8, 1.2),
+        "strength": (0.8, 1.2),
+        "fields": {"dof_damping": (0.5, 2.0)},
+        "observation_noise": {"position": 0.01},
+        "action_delay": (0, 2),
+        "push": 0.5,
+        "push_every": 5,
+    }
+    eager, recorded = (trained("hopper", r, everything) for r in (False, True))
+    assert (recorded.rollout.reward - eager.rollout.reward).abs().median() < 1e-4
+    name = "factors.body_mass"
+    assert torch.equal(recorded.env.state_dict()[name], eager.env.state_dict()[name])
 
 
 def test_deterministic_worlds_repeat_themselves_closely():

@@ -7,7 +7,7 @@ from queue import Empty, SimpleQueue
 import rich
 import viser
 
-from ..envs import MorlaxError
+from ..envs import MorlaxError, title
 from . import library
 from .charts import Charts
 from .drawing import Drawing
@@ -139,7 +139,7 @@ class Page:
     def _add_session(self) -> None:
         """What depends on the session: the robot, its objectives and its front."""
         session, gui = self._session, self.server.gui
-        gui.set_panel_label(session.player.policy.config.env)
+        gui.set_panel_label(title(session.player.policy.config.env))
         self._scene = RobotScene(self.server, session.player.model)
         self._drawing = Drawing(session.objectives, session.front)
         self._shown: Weights | None = None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from .. import figures
+from .. import envs, figures
 from ..envs import MorlaxError
 from ..evaluation import Front
 from ..files import replacing
@@ -35,7 +35,7 @@ def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) 
     """Fronts, figures, tables and the report; several runs have a folder inside for each."""
     drawn: list[tuple[str, Figure]] = []
     several = len(found) > 1
-    task = next(iter(found.values())).policy.config.env
+    task = envs.title(next(iter(found.values())).policy.config.env)
     histories = [run.history for run in found.values() if run.history is not None]
     make_folder(folder)
     if several:

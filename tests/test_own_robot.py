@@ -1,0 +1,319 @@
+"""A task from outside this repository does all that ours do, and its mistakes are named."""
+
+import re
+import sys
+from pathlib import Path
+
+import gymnasium
+import pytest
+import torch
+import yaml
+
+from morlax_torch import MorlaxError, arguments, envs, evaluate, explore, load, record, train
+from morlax_torch.exports.manifest import manifest
+from morlax_torch.player import Player
+
+PAGE = Path(__file__).parent.parent / "docs" / "your-own-robot.md"
+TINY = (
+    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
+    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
+)
+
+
+def shown(name: str) -> str:
+    """A file as the page shows it."""
+    found = re.search(rf"```\w+\n((?:# |<!-- ){re.escape(name)}\b.*?)```", PAGE.read_text(), re.S)
+    assert found, name
+    return found[1]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in ("crawler.xml", "crawler.py"):
+        (tmp_path / name).write_text(shown(name))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+    return tmp_path
+
+
+def command(monkeypatch, module, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", [module.__name__, *arguments])
+    module.main()
+
+
+@pytest.fixture
+def trained(folder: Path, monkeypatch) -> Path:
+    arguments = ("--env", "crawler.py:Crawler", *TINY, "--max-env-steps", "320")
+    command(monkeypatch, train, *arguments)
+    (run,) = (folder / "runs" / "Crawler").iterdir()
+    return run
+
+
+# Every command
+
+
+def test_the_pages_robot_is_trained_judged_and_resumed(trained, folder, monkeypatch, capsys):
+    config = yaml.safe_load((trained / "config.yaml").read_text())
+    assert config["env"] == f"{folder.resolve() / 'crawler.py'}:Crawler"
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    command(monkeypatch, train, "--resume", str(trained), "--max-env-steps", "640")
+    command(monkeypatch, evaluate, str(trained), "--tradeoffs", "5")
+    assert (trained / "report.html").is_file() or list(trained.glob("**/report.html"))
+    printed = capsys.readouterr().out
+    assert "Crawler: run, energy" in printed
+    assert str(folder / "crawler.py") not in printed
+
+
+def test_it_is_filmed(trained, folder, monkeypatch, opengl):
+    small = ("--width", "64", "--height", "64", "--seconds", "0.1")
+    command(monkeypatch, record, str(trained), "--output", "film.gif", *small)
+    assert (folder / "film.gif").stat().st_size > 0
+
+
+def test_it_is_played_and_exported(trained):
+    policy = load(trained)
+    player = Player(policy, (0.5, 0.5))
+    player.step()
+    assert player.steps == 1
+    names = [part["name"] for part in manifest(policy)["observation"]]
+    assert names[:3] == ["position.z", "position.pitch", "position.shoulder"]
+
+
+def test_the_command_line_knows_its_options(folder):
+    text = (folder / "crawler.py").read_text()
+    own = "        hurry: float = 2.0\n        nconmax"
+    (folder / "crawler.py").write_text(text.replace("        nconmax", own))
+    arguments_ = ("--env", "./crawler.py:Crawler", "--device", "cpu", "--task.hurry", "3")
+    config = arguments.read(arguments_)[0]
+    assert config.task.model_dump()["hurry"] == 3
+    assert config.worlds == 1024  # as configs/default.yaml has it
+
+
+@pytest.mark.parametrize("backend", ("mujoco", "warp"))
+def test_it_moves_on_either_simulator(folder, backend):
+    env = envs.make("crawler.py:Crawler", 4, "cpu", backend)
+    for _ in range(30):
+        step = env.step(torch.ones(4, 2))
+    assert step.reward.isfinite().all()
+    assert env.blowups == 0 and (env.overflow() == 0).all()
+
+
+def test_a_file_that_is_gone_is_said_in_a_sentence(trained, folder, monkeypatch, capsys):
+    (folder / "crawler.py").rename(folder / "moved.py")
+    for module in (evaluate, record, explore):
+        with pytest.raises(SystemExit) as stopped:
+            command(monkeypatch, module, str(trained))
+        assert stopped.value.code == 2
+        captured = capsys.readouterr()
+        text = " ".join((captured.out + captured.err).split())
+        assert "crawler.py, but there is no such file" in text
+        assert "Traceback" not in text
+
+
+# Files
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("crawler.py:Crawlr", "did you mean 'Crawler'"),
+        ("crawler.py:positions", "Known: Crawler"),
+        ("crawler.py:Environment", "Known: Crawler"),
+        ("crawler.py", "say which class of it, such as crawler.py:MyRobot"),
+        ("nowhere.py:Crawler", "there is no such file"),
+    ],
+)
+def test_what_is_not_there_is_said_in_a_sentence(folder, name, expected):
+    with pytest.raises(MorlaxError, match=re.escape(expected)):
+        envs.get(name)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("import no_such_module", "line 3, cannot be imported: ModuleNotFoundError: No module"),
+        ("1 / 0", "line 3, cannot be imported: ZeroDivisionError: division by zero"),
+        ("def (", "cannot be imported: SyntaxError"),
+    ],
+)
+def test_a_file_that_fails_says_why_and_may_be_mended(folder, line, expected):
+    good = (folder / "crawler.py").read_text()
+    (folder / "crawler.py").write_text(good.replace("import numpy as np", f"\n{line}", 1))
+    with pytest.raises(MorlaxError, match=re.escape(expected)):
+        envs.get("crawler.py:Crawler")
+    (folder / "crawler.py").write_text(good)
+    assert envs.get("crawler.py:Crawler").__name__ == "Crawler"
+
+
+def test_one_file_is_one_class_however_it_is_named(folder):
+    (folder / "there").mkdir()
+    names = ("crawler.py:Crawler", "there/../crawler.py:Crawler", f"{folder}/crawler.py:Crawler")
+    assert len({envs.get(name) for name in names}) == 1
+
+
+# What a class gets wrong
+
+
+@pytest.mark.parametrize(
+    ("method", "expected"),
+    [
+        (
+            "initial_qpos(self): return [0.0] * 4",
+            "Crawler.initial_qpos() has shape (4,): it must be (5,), a number for each of qpos.",
+        ),
+        (
+            "observe(self): return self.physics.qpos[0]",
+            "Crawler.observe() has shape (5,): it must be (3, O), a row for each world.",
+        ),
+        (
+            "observe(self): return self.physics.qpos.T",
+            "Crawler.observe() has shape (5, 3): it must be (3, O)",
+        ),
+        (
+            "privileged(self): return self.age",
+            "Crawler.privileged() has shape (3,): it must be (3, P)",
+        ),
+        (
+            "terms(self): return {'run': self.physics.qvel[:, :1], 'energy': self.age}",
+            "Crawler.terms()['run'] has shape (3, 1): it must be (3,), a number for each world.",
+        ),
+        (
+            "terms(self): return {'run': 1.0}",
+            "Crawler.terms()['run'] has shape (): it must be (3,)",
+        ),
+        (
+            "failed(self): return self.physics.qpos[:, 2:3] > 1",
+            "Crawler.failed() has shape (3, 1) of torch.bool: it must be (3,) of torch.bool",
+        ),
+        (
+            "failed(self): return self.physics.qpos[:, 2]",
+            "Crawler.failed() has shape (3,) of torch.float64: it must be (3,) of torch.bool",
+        ),
+        (
+            "apply(self, action): self.physics.ctrl.copy_(action[:, :1].repeat(1, 3))",
+            "Crawler.apply() does not get from an action of shape (3, 2) to physics.ctrl of shape "
+            "(3, 2)",
+        ),
+        (
+            "apply(self, action): self.physics.ctrl = action",
+            "Crawler.apply() rebinds physics.ctrl",
+        ),
+        (
+            "layout(self): return [Part('all', 3, '')]",
+            "Crawler: layout() names 3 numbers, but observe() gives 9",
+        ),
+        (
+            "observe(self): return self.physics.sensor('gyro')",
+            "unknown sensor 'gyro'",
+        ),
+    ],
+)
+def test_wrong_shapes_are_named(folder, method, expected):
+    with (folder / "crawler.py").open("a") as file:
+        file.write(f"\n    def {method}\n")
+    with pytest.raises(MorlaxError, match=re.escape(expected)):
+        envs.make("crawler.py:Crawler", 3, "cpu")
+
+
+def test_a_term_that_is_none_is_named(folder):
+    with pytest.raises(MorlaxError, match="unknown reward term 'rum': did you mean 'run'"):
+        envs.make("crawler.py:Crawler", 3, "cpu", shared={"rum": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("def failed", "def fails", "Crawler lacks what every task defines: failed."),
+        ("class Options", "class Choices", "Crawler.Options must be a class of TaskOptions"),
+        (
+            'objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy"'
+            ": 1.0}}",
+            "friends: int = 2",
+            "Crawler.Options must be a class of TaskOptions",
+        ),
+        ('model_file = "crawler.xml"', "", "Crawler names no MJCF: give it a model_file."),
+        ('"crawler.xml"', '"crawl.xml"', "MuJoCo cannot load"),
+    ],
+)
+def test_what_a_class_lacks_is_said_in_a_sentence(folder, old, new, expected):
+    text = (folder / "crawler.py").read_text()
+    assert old in text
+    (folder / "crawler.py").write_text(text.replace(old, new))
+    with pytest.raises(MorlaxError, match=re.escape(expected)):
+        envs.make("crawler.py:Crawler", 3, "cpu")
+
+
+def test_a_robot_that_stands_fast_cannot_be_pushed(folder):
+    text = (folder / "crawler.xml").read_text()
+    turning = text.replace('name="x" type="slide" axis="1 0 0"', 'name="x"')
+    (folder / "crawler.xml").write_text(turning)
+    with pytest.raises(MorlaxError, match="this robot cannot be pushed"):
+        envs.make("crawler.py:Crawler", 3, "cpu", randomization={"push": 1.0})
+
+
+def test_a_name_is_registered_once(folder):
+    with pytest.raises(MorlaxError, match="there is already an environment called 'ant'"):
+        envs.register("ant", envs.get("crawler.py:Crawler"))
+
+
+# Entry points
+
+
+@pytest.fixture
+def offer(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """Install a package with an entry point."""
+
+    def install(package: str, line: str) -> None:
+        site = folder / f"site-{package}"
+        info = site / f"{package}-1.0.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[morlax_torch.envs]\n{line}\n")
+        for name in ("crawler.xml", "crawler.py"):
+            (site / name.replace("crawler.py", f"{package}.py")).write_text(shown(name))
+        monkeypatch.syspath_prepend(site)
+
+    yield install
+    for name in [name for name in sys.modules if name.startswith("offered_")]:
+        del sys.modules[name]
+
+
+def test_an_installed_package_is_imported_when_its_task_is_asked_for(offer):
+    offer("offered_one", "my_crawler = offered_one:Crawler")
+    assert "my_crawler" in envs.names()
+    assert "offered_one" not in sys.modules
+    assert envs.make("my_crawler", 2, "cpu").objectives == ("run", "energy")
+    assert "offered_one" in sys.modules
+    assert "morlax_torch/MyCrawler-v0" in gymnasium.registry
+    del gymnasium.registry["morlax_torch/MyCrawler-v0"]
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("bad = offered_none:Crawler", "cannot be imported from offered_none:Crawler: ModuleNot"),
+        ("bad = offered_two:Nobody", "cannot be imported from offered_two:Nobody: AttributeError"),
+        ("bad = offered_two:positions", "is offered_two:positions, which is no class of"),
+    ],
+)
+def test_a_broken_offer_harms_nobody_else(offer, line, expected):
+    offer("offered_two", line)
+    assert "bad" in envs.names()
+    assert envs.get("hopper").__name__ == "Hopper"
+    with pytest.raises(MorlaxError, match=re.escape(expected)):
+        envs.get("bad")
+
+
+def test_two_offers_of_one_name_are_refused(offer):
+    offer("offered_three", "twin = offered_three:Crawler")
+    offer("offered_four", "twin = offered_four:Crawler")
+    with pytest.raises(MorlaxError, match="several packages offer an environment called 'twin'"):
+        envs.get("twin")
+
+
+def test_our_names_stay_ours(offer):
+    offer("offered_five", "ant = offered_five:Crawler")
+    assert envs.get("ant").__name__ == "Ant"
+    assert envs.names().count("ant") == 1

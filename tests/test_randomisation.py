@@ -1,0 +1,363 @@
+"""Worlds that differ, noise, late actions and pushes: each does what it says, and no more."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from morlax_torch import MORLAX, MorlaxError, envs
+from morlax_torch.config import Config, load_config
+from morlax_torch.evaluate import evaluate
+from morlax_torch.train import make_worlds
+
+BACKENDS = ("mujoco", "warp")
+MODELS = {
+    "friction": (0.3, 1.5),
+    "mass": (0.7, 1.3),
+    "strength": (0.6, 1.4),
+    "fields": {"dof_damping": (0.5, 2.0)},
+}
+MOMENTS = {
+    "observation_noise": {"position": 0.01, "velocity": 0.2},
+    "action_delay": (0, 2),
+    "push": 0.5,
+    "push_every": 4,
+}
+EXACT, SINGLE = 1e-12, 1e-5
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+def make(
+    task: str, backend: str, randomization: dict, worlds: int = 4, seed: int = 0, **options
+) -> envs.Environment:
+    options["randomization"] = randomization
+    return envs.make(task, worlds, "cpu", backend, seed, **options)
+
+
+def random_actions(env: envs.Environment, steps: int) -> Tensor:
+    generator = torch.Generator().manual_seed(0)
+    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
+
+
+def still(env: envs.Environment) -> Tensor:
+    return torch.zeros(env.num_worlds, env.action_size)
+
+
+# Models
+
+
+def separate_models(env: envs.Environment) -> list[mujoco.MjModel]:
+    """What each world's model should be, each compiled for itself."""
+    state, models = env.state_dict(), []
+    for world in range(env.num_worlds):
+        model = type(env).load_model()
+        model.opt.iterations = env.physics.model.opt.iterations
+        for key, factor in state.items():
+            if key.startswith("factors."):
+                getattr(model, key.removeprefix("factors."))[:] *= factor[world].numpy()
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        models.append(model)
+    return models
+
+
+def errors(env: envs.Environment, steps: int) -> np.ndarray:
+    """(steps,) how far positions are from those of separate models, at most."""
+    models = separate_models(env)
+    worlds = [mujoco.MjData(model) for model in models]
+    for world in worlds:
+        world.qpos = env.initial_qpos()
+    found = []
+    for action in random_actions(env, steps):
+        env.step(action)
+        for i, (model, world) in enumerate(zip(models, worlds, strict=True)):
+            world.ctrl = env.physics.ctrl[i].double().numpy()
+            mujoco.mj_step(model, world, nstep=env.substeps)
+        ours = env.physics.qpos.double().numpy()
+        found.append(np.abs(ours - [world.qpos for world in worlds]).max())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("task", ("cheetah", "hopper", "ant", "humanoid", "pgmorl/walker2d"))
+def test_worlds_of_c_mujoco_move_as_models_changed_one_by_one(task):
+    env = make(task, "mujoco", MODELS, auto_reset=False)
+    assert errors(env, 60).max() < EXACT
+    assert (env.physics.qpos[1:] - env.physics.qpos[0]).abs().amax(1).min() > 1e-3
+
+
+@pytest.mark.parametrize("task", ("cheetah", "hopper", "ant", "humanoid"))
+def test_worlds_of_warp_start_off_as_models_changed_one_by_one(task):
+    assert errors(make(task, "warp", MODELS, auto_reset=False), 10).max() < SINGLE
+
+
+@pytest.mark.parametrize("task", ("cheetah", "hopper"))  # those in space differ in contacts anyway
+def test_worlds_of_warp_touch_the_floor_as_models_changed_one_by_one(task):
+    env = make(task, "warp", MODELS, auto_reset=False, solver_iterations=50)
+    assert errors(env, 60).max() < 1e-3
+
+
+def test_friction_is_a_world_s_mass_a_body_s_and_strength_a_motor_s():
+    state = make("hopper", "mujoco", MODELS, worlds=2000).state_dict()
+    shapes = {name: tuple(value.shape[1:]) for name, value in state.items() if "factors" in name}
+    model = envs.get("hopper").load_model()
+    assert shapes == {
+        "factors.geom_friction": (1, 1),
+        "factors.pair_friction": (1, 1),
+        "factors.body_mass": (model.nbody,),
+        "factors.body_inertia": (model.nbody, 1),
+        "factors.actuator_gainprm": (model.nu, 1),
+        "factors.actuator_biasprm": (model.nu, 1),
+        "factors.dof_damping": (model.nv,),
+    }
+    for name, (low, high) in {"pair_friction": (0.3, 1.5), "body_mass": (0.7, 1.3)}.items():
+        drawn = state[f"factors.{name}"]
+        assert low <= drawn.min() and drawn.max() <= high
+        assert drawn.mean().item() == pytest.approx((low + high) / 2, rel=0.02)
+        assert drawn.std().item() == pytest.approx((high - low) / math.sqrt(12), rel=0.05)
+
+
+def test_worlds_differ_by_the_seed_alone(backend):
+    def masses(seed: int) -> Tensor:
+        return make("hopper", backend, {"mass": (0.5, 2)}, seed=seed).state_dict()[
+            "factors.body_mass"
+        ]
+
+    assert torch.equal(masses(1), masses(1))
+    assert not torch.equal(masses(1), masses(2))
+
+
+def test_a_world_keeps_its_model_in_every_episode(backend):
+    env = make("hopper", backend, MODELS, episode_length=8)
+    first, second = ([env.step(still(env)).reward for _ in range(8)] for _ in range(2))
+    assert torch.equal(torch.stack(first), torch.stack(second))
+
+
+# Nothing, unless asked for
+
+
+def test_by_default_nothing_is_drawn_and_nothing_changes(backend):
+    off = {"observation_noise": {"position": 0.0}, "action_delay": (0, 0), "push": 0.0}
+    plain = envs.make("humanoid", 3, "cpu", backend, auto_reset=False)
+    explicit = make("humanoid", backend, off, worlds=3, auto_reset=False)
+    untouched = torch.Generator().manual_seed(0).get_state()
+    for action in random_actions(plain, 20):
+        one, other = plain.step(action), explicit.step(action)
+        assert torch.equal(one.observation, other.observation)
+        assert torch.equal(one.reward, other.reward)
+    for env in (plain, explicit):
+        state = env.state_dict()
+        assert torch.equal(state.pop("generator"), untouched)
+        assert {name.split(".")[0] for name in state} == {
+            *("qpos", "qvel", "warmstart", "sensors", "age", "blowups", "memory"),
+        }
+
+
+def test_factors_of_one_change_nothing(backend):
+    ones = {"friction": (1, 1), "mass": (1, 1), "strength": (1, 1)}
+    plain, same = envs.make("cheetah", 3, "cpu", backend), make("cheetah", backend, ones, worlds=3)
+    for action in random_actions(plain, 30):
+        one, other = plain.step(action), same.step(action)
+        torch.testing.assert_close(one.observation, other.observation, rtol=0, atol=1e-4)
+
+
+# Noise
+
+
+def test_noise_has_the_deviations_asked_for_and_touches_what_is_seen_alone(backend):
+    deviations = {"position": 0.01, "position.knee": 0.3, "velocity": 0.2}
+    clean = envs.make("hopper", 512, "cpu", backend)
+    noisy = make("hopper", backend, {"observation_noise": deviations}, worlds=512)
+    found = []
+    for action in random_actions(clean, 40):
+        without, with_it = clean.step(action), noisy.step(action)
+        assert torch.equal(noisy.physics.qpos, clean.physics.qpos)
+        assert torch.equal(with_it.reward, without.reward)
+        found.append(with_it.observation - without.observation)
+    noise = torch.stack(found)  # (steps, worlds, O)
+    names = [part.name for part in clean.layout() for _ in range(part.size)]
+    expected = [deviations.get(name, deviations[name.split(".")[0]]) for name in names]
+    samples = noise[..., 0].numel()
+    for index, deviation in enumerate(expected):
+        values = noise[..., index]
+        assert values.mean().abs() < 5 * deviation / math.sqrt(samples)
+        assert values.std().item() == pytest.approx(deviation, rel=0.03)
+    along = torch.corrcoef(noise[..., 0].reshape(40, -1))  # from step to step
+    assert (along - torch.eye(40)).abs().max() < 5 / math.sqrt(512)
+
+
+def test_parts_that_nobody_named_are_seen_as_they_are(backend):
+    clean = envs.make("hopper", 4, "cpu", backend)
+    noisy = make("hopper", backend, {"observation_noise": {"velocity.knee": 1.0}})
+    names = [part.name for part in clean.layout()]
+    differs = (noisy.reset() != clean.reset()).any(0)
+    assert [name for name, other in zip(names, differs, strict=True) if other] == ["velocity.knee"]
+
+
+def test_who_asks_twice_sees_the_same(backend):
+    env = make("hopper", backend, {"observation_noise": {"position": 1.0}})
+    seen = env.reset()
+    assert torch.equal(env.critic_observation(), seen)
+    step = env.step(still(env))
+    assert torch.equal(step.observation, step.final_observation)
+    assert torch.equal(env.critic_observation(), step.observation)
+
+
+# Late actions
+
+
+def test_an_action_is_exactly_as_late_as_asked(backend):
+    prompt = envs.make("cheetah", 4, "cpu", backend)
+    late = make("cheetah", backend, {"action_delay": (3, 3)})
+    actions = random_actions(prompt, 20)
+    for now, then in zip(torch.cat([torch.zeros(3, 4, 6), actions]), actions, strict=False):
+        prompt.step(now)
+        late.step(then)
+        assert torch.equal(late.physics.qpos, prompt.physics.qpos)
+
+
+def test_every_world_is_late_in_its_own_way_and_forgets_with_its_episode(backend):
+    length, worlds = 6, 32
+    prompt = envs.make("cheetah", worlds, "cpu", backend, episode_length=length)
+    late = make("cheetah", backend, {"action_delay": (1, 3)}, worlds, episode_length=length)
+    actions, seen = random_actions(prompt, 30), set()
+    for episode in actions.split(length):
+        by = late.state_dict()["late"]
+        seen.add(tuple(by.tolist()))
+        assert set(by.tolist()) == {1, 2, 3}
+        for time in range(length):
+            rows = [episode[time - d, i] if time >= d else still(late)[i] for i, d in enumerate(by)]
+            prompt.step(torch.stack(rows))
+            late.step(episode[time])
+            assert torch.equal(late.physics.qpos, prompt.physics.qpos)
+    assert len(seen) == 5
+
+
+# Pushes
+
+
+@pytest.mark.parametrize(
+    ("task", "horizontal"), [("ant", [0, 1]), ("humanoid", [0, 1]), ("hopper", [0])]
+)
+def test_a_push_changes_the_horizontal_velocity_by_what_was_asked(task, horizontal, backend):
+    worlds = 256
+    calm = envs.make(task, worlds, "cpu", backend)
+    pushed = make(task, backend, {"push": 0.7, "push_every": 1}, worlds)
+    calm.step(still(calm))  # in the air
+    pushed.step(still(pushed))
+    change = (pushed.physics.qvel - calm.physics.qvel).double()
+    size = change[:, horizontal].norm(dim=-1)
+    torch.testing.assert_close(size, torch.full_like(size, 0.7), rtol=0, atol=1e-4)
+    others = [i for i in range(change.shape[1]) if i not in horizontal]
+    assert change[:, others].abs().max() < 1e-4
+    assert change[:, horizontal].mean(0).abs().max() < 5 * 0.7 / math.sqrt(worlds)
+
+
+def test_pushes_come_as_often_as_asked_at_any_time():
+    env = make("hopper", "mujoco", {"push": 1.0, "push_every": 10}, worlds=2000)
+    for _ in range(3):
+        before = env.physics.qvel[:, 0].clone()
+        env.step(still(env))
+        share = ((env.physics.qvel[:, 0] - before).abs() > 0.9).double().mean().item()
+        assert share == pytest.approx(0.1, abs=5 * math.sqrt(0.09 / 2000))
+
+
+# All of it
+
+
+@pytest.mark.parametrize("task", ("humanoid", "hopper"))
+def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
+    options = {"episode_length": 12, "reset_noise": 0.02, "stagger": True}
+    everything = {**MODELS, **MOMENTS}
+    env = make(task, backend, everything, **options)
+    actions = random_actions(env, 40)
+    for action in actions[:15]:
+        env.step(action)
+    saved, shown = env.state_dict(), env.critic_observation()
+    went_on = [env.step(action) for action in actions[15:]]
+
+    # Of another seed: other models and other chances. Starts are no part of a state.
+    other = make(task, backend, everything, seed=1, **options)
+    other.starts = env.starts
+    other.step(actions[0])
+    for resumed in (other, env):
+        resumed.load_state_dict(saved)
+        assert torch.equal(resumed.critic_observation(), shown)
+        for action, then in zip(actions[15:], went_on, strict=True):
+            step = resumed.step(action)
+            assert torch.equal(step.observation, then.observation)
+            assert torch.equal(step.final_observation, then.final_observation)
+            assert torch.equal(step.reward, then.reward)
+            assert torch.equal(step.truncated, then.truncated)
+
+
+def config() -> Config:
+    return load_config(
+        {
+            "env": "hopper",
+            "device": "cpu",
+            "worlds": 32,
+            "horizon": 6,
+            "sampling": {"clusters": 4},
+            "ppo": {"minibatches": 2},
+            "task": {"episode_length": 10, "randomization": {**MODELS, **MOMENTS}},
+        }
+    )
+
+
+def test_training_goes_on_as_if_never_interrupted():
+    def trainer() -> MORLAX:
+        return MORLAX(make_worlds(config(), 32), config())
+
+    whole, first, second = trainer(), trainer(), trainer()
+    for _ in range(4):
+        whole.iterate()
+    for _ in range(2):
+        first.iterate()
+    second.load_state_dict(first.state_dict())
+    for _ in range(2):
+        second.iterate()
+    assert torch.equal(second.observation, whole.observation)
+    for name, value in whole.agent.state_dict().items():
+        assert torch.equal(second.agent.state_dict()[name], value), name
+
+
+def test_a_config_holds_it_all():
+    assert load_config(config().model_dump(mode="json")) == config()
+
+
+def test_more_episodes_of_each_trade_off_are_other_worlds(make_policy):
+    policy = make_policy("hopper", task={"episode_length": 30, "randomization": MODELS})
+    one, several = (evaluate(policy, tradeoffs=4, device="cpu", seeds=seeds) for seeds in (1, 3))
+    assert not np.allclose(one.returns, several.returns)
+
+
+@pytest.mark.parametrize(
+    ("randomization", "expected"),
+    [
+        ({"friction": (2, 1)}, "a range goes from the smaller to the larger"),
+        ({"mass": (0, 1)}, "greater than 0"),
+        ({"action_delay": (3, 1)}, "a range goes from the smaller to the larger"),
+        ({"frction": (1, 2)}, "did you mean 'friction'"),
+        ({"observation_noise": {"positon": 1.0}}, "did you mean 'position'"),
+        ({"fields": {"no_such": (1, 2)}}, "cannot let worlds differ in 'no_such'"),
+        ({"fields": {"jnt_type": (1, 2)}}, "cannot let worlds differ in 'jnt_type'"),
+        ({"fields": {"opt.gravity": (1, 2)}}, "cannot let worlds differ in 'opt.gravity'"),
+        ({"fields": {"tendon_range": (1, 2)}}, "that this robot has"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_sentence(randomization, expected, backend):
+    with pytest.raises(MorlaxError, match=expected):
+        make("hopper", backend, randomization)
+
+
+def test_a_field_that_warp_alone_shares_is_refused_by_it_alone():
+    randomization = {"fields": {"dof_M0": (1, 2)}}
+    make("hopper", "mujoco", randomization)
+    with pytest.raises(MorlaxError, match="MuJoCo Warp cannot let worlds differ in 'dof_M0'"):
+        make("hopper", "warp", randomization)
