@@ -1,0 +1,1 @@
+"""BRUCE: a humanoid with closed-chain legs, and the gaits that it may follow."""
