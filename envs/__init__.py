@@ -4,6 +4,7 @@ import torch
 from pydantic import ValidationError
 
 from .ant import Ant
+from .bruce import Bruce
 from .cheetah import Cheetah, Cheetah3
 from .environment import Environment, TimeStep
 from .errors import MorlaxError, explained, unknown
@@ -86,7 +87,7 @@ def make(
     backend = backend or ("warp" if place.type == "cuda" else "mujoco")
     if num_worlds < 1:
         raise MorlaxError(f"num_worlds is {num_worlds}: it takes at least one world.")
-    model = environment.load_model()
+    model = environment.model_for(options)
     if options.solver_iterations is not None:
         model.opt.iterations = options.solver_iterations
     if backend == "mujoco":
@@ -133,6 +134,7 @@ def resolve_device(device: str | torch.device | None) -> torch.device:
 
 for _name, _environment in {
     "ant": Ant,
+    "bruce": Bruce,
     "cheetah": Cheetah,
     "cheetah3": Cheetah3,
     "hopper": Hopper,

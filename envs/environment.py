@@ -14,7 +14,7 @@ from . import episodes
 from .errors import MorlaxError, unknown
 from .options import TaskOptions
 from .physics import Physics
-from .starts import Starts
+from .starts import Starts, around
 
 
 class TimeStep(NamedTuple):
@@ -53,12 +53,12 @@ class Environment(ABC):
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
-        self.starts = Starts(self.initial_qpos(), options.reset_noise, physics, seed)
+        self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
         self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
         self.memory = {name: value.clone() for name, value in self.remember().items()}
-        self.action_size = physics.model.nu
+        self.action_size = self.count_actions()
         self.observation_size = self.reset().shape[1]
         self.reward_terms = tuple(self.terms())
         self.objectives = tuple(options.objectives)
@@ -72,6 +72,11 @@ class Environment(ABC):
         assets = resources.files(str(__package__)) / "assets"
         with resources.as_file(assets / cls.model_file) as path:
             return mujoco.MjModel.from_xml_path(str(path))
+
+    @classmethod
+    def model_for(cls, options: Any) -> mujoco.MjModel:
+        """The model of this robot that `options`, of the class `Options`, ask for."""
+        return cls.load_model()
 
     @abstractmethod
     def initial_qpos(self) -> np.ndarray:
@@ -97,6 +102,24 @@ class Environment(ABC):
         """What the next step's terms compare with; it stands in `memory` until then."""
         return {}
 
+    def prepare_starts(self, seed: int) -> Starts:
+        """The states that episodes start from: `initial_qpos`, give or take the reset's noise."""
+        physics, noise = self.physics, self.options.reset_noise
+        return Starts(around(self.initial_qpos(), noise, physics.model, seed), physics)
+
+    def count_actions(self) -> int:
+        """A: how many numbers an action has."""
+        return self.physics.model.nu
+
+    def begin(self, fresh: Tensor) -> None:  # noqa: B027 - most robots have nothing more
+        """Start what else a world has beside its physics, where `fresh` (N,) bool.
+
+        The physics has been reset before, to rows `starts.rows` of the starts.
+        """
+
+    def advance(self) -> None:  # noqa: B027
+        """Bring what else a world has up to date, after each physics step and before its terms."""
+
     def reset(self) -> Tensor:
         """Start every world anew; returns the observation (N, O)."""
         everywhere = torch.ones_like(self.age, dtype=torch.bool)
@@ -109,6 +132,7 @@ class Environment(ABC):
         """Advance every world by one control step under `action` (N, A)."""
         self.apply(action)
         self.physics.step()
+        self.advance()
         terms = self.terms()
         reward = self.combine(terms).float()
         final_observation = self.observe().float()
@@ -131,6 +155,10 @@ class Environment(ABC):
     def _restart(self, terminated: Tensor, truncated: Tensor) -> None:
         starts = self.starts.draw(self.generator)
         episodes.restart(self.physics, terminated, truncated, starts, self.age)
+        fresh = terminated | truncated
+        for leftover in self.physics.leftovers:
+            leftover.masked_fill_(fresh[:, None, None], 0.0)
+        self.begin(fresh)
         self._remember()
 
     def _remember(self) -> None:
@@ -157,6 +185,7 @@ class Environment(ABC):
             "sensors": physics.sensors,
             "age": self.age,
             "blowups": self.blowups,
+            **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
         }
 

@@ -25,6 +25,7 @@ class Physics(ABC):
     ctrl: Tensor  # (N, nu)
     warmstart: Tensor  # (N, nv) where the constraint solver starts its next search
     sensors: Tensor  # (N, nsensordata)
+    leftovers: tuple[Tensor, ...] = ()  # (N, ...) what else of the last step the next one reads
 
     @abstractmethod
     def step(self) -> None:

@@ -2,6 +2,7 @@
 
 import mujoco
 import mujoco_warp as mjw
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -13,6 +14,8 @@ wp.config.log_level = wp.LOG_WARNING  # Warp tells of each kernel it loads
 # A solver that stops at its iteration limit is not an error: the limits are the task's own.
 _LIMITS = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS
 _CONSTRAINTS = mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ
+# Constraints of which MuJoCo Warp computes accelerations with velocities of one step before.
+_ANCHORED = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 
 
 class WarpPhysics(Physics):
@@ -53,6 +56,8 @@ class WarpPhysics(Physics):
         self.ctrl = wp.to_torch(data.ctrl)
         self.warmstart = wp.to_torch(data.qacc_warmstart)
         self.sensors = wp.to_torch(data.sensordata)
+        if np.isin(model.eq_type, _ANCHORED).any():
+            self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
         self._overflow = wp.to_torch(data.overflow)
         self._replay: wp.Graph | None = None
 
