@@ -78,6 +78,11 @@ class Environment(ABC):
         """The model of this robot that `options`, of the class `Options`, ask for."""
         return cls.load_model()
 
+    @classmethod
+    def varied_fields(cls, options: Any) -> tuple[str, ...]:
+        """The fields of the model that each world is to have for itself, as `physics.varied`."""
+        return ()
+
     @abstractmethod
     def initial_qpos(self) -> np.ndarray:
         """The positions (nq,) that an episode starts from, at rest."""
@@ -185,6 +190,7 @@ class Environment(ABC):
             "sensors": physics.sensors,
             "age": self.age,
             "blowups": self.blowups,
+            **{f"model.{name}": value for name, value in physics.varied.items()},
             **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
         }

@@ -1,5 +1,7 @@
 """Physics on MuJoCo Warp: for CUDA, and for tests also on the CPU, in float32."""
 
+from collections.abc import Sequence
+
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
@@ -36,11 +38,12 @@ class WarpPhysics(Physics):
         nconmax: int,
         njmax: int,
         deterministic: bool = False,
+        varied: Sequence[str] = (),
     ):
         self.model, self.num_worlds, self.device = model, num_worlds, device
         self.substeps, self.nconmax, self.njmax = substeps, nconmax, njmax
         with wp.ScopedDevice(str(device)):
-            self._model = mjw.put_model(model)
+            self._model = mjw.put_model(model, dict.fromkeys(varied, num_worlds))
             self._model.opt.warn_overflow = 0  # it prints from kernels; `overflow` is read instead
             if deterministic:
                 self._model.opt.deterministic = True
@@ -58,6 +61,7 @@ class WarpPhysics(Physics):
         self.sensors = wp.to_torch(data.sensordata)
         if np.isin(model.eq_type, _ANCHORED).any():
             self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
+        self.varied = {name: wp.to_torch(getattr(self._model, name)) for name in varied}
         self._overflow = wp.to_torch(data.overflow)
         self._replay: wp.Graph | None = None
 

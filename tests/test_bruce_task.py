@@ -3,6 +3,7 @@
 import math
 from math import comb
 
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -311,6 +312,58 @@ def test_both_backends_and_both_models_earn_nearly_alike():
     closed, warp, tree, _ = (value for value in returns.values())
     torch.testing.assert_close(warp, closed, rtol=1e-3, atol=0.05)
     torch.testing.assert_close(tree, closed, rtol=0.1, atol=1.0)
+
+
+def test_randomized_worlds_differ_within_bounds_and_anew_each_episode():
+    env = envs.make("bruce", 128, "cpu", "warp", randomize=True, episode_length=1)
+    nominal, drawn = env.physics.model, env.physics.varied
+    torso, floor = nominal.body("torso").id, nominal.geom("floor").id
+    gains = torch.tensor(nominal.actuator_gainprm[:, 0])
+    factors = {
+        "mass": (drawn["body_mass"][:, torso] / nominal.body_mass[torso], 0.3),
+        "friction": (drawn["geom_friction"][:, floor, 0] / 1.0, 0.4),
+        "gain": (drawn["actuator_gainprm"][:, :, 0] / gains, 0.2),
+    }
+    for name, (factor, width) in factors.items():
+        off = (factor - 1).abs()
+        assert 0.8 * width < off.max() < width * 1.001, name
+    shifts = (drawn["body_ipos"] - torch.tensor(nominal.body_ipos)).abs().amax((0, 2))
+    assert 0.04 < shifts[torso] < 0.0601
+    assert 0.009 < shifts[2:].min() <= shifts[2:].max() < 0.0101
+    others = drawn["body_mass"][:, torch.arange(nominal.nbody) != torso]
+    assert (others == others[0]).all()
+    servo, damper = drawn["actuator_gainprm"][:, 0, 0], drawn["actuator_biasprm"][:, 0, 1]
+    torch.testing.assert_close(damper, -servo)  # a servo is as stiff about another target
+    before = drawn["body_mass"].clone()
+    env.step(torch.zeros(128, 18))
+    assert (drawn["body_mass"][:, torso] != before[:, torso]).all()
+
+
+def test_a_randomized_world_moves_as_its_own_model_does():
+    env = envs.make("bruce", 3, "cpu", "warp", randomize=True, auto_reset=False)
+    models = []
+    for world in range(3):
+        model = bruce.load()
+        for name, values in env.physics.varied.items():
+            getattr(model, name)[:] = values[world].double().numpy()
+        models.append(model)
+    for _ in range(5):
+        env.step(torch.zeros(3, 18))
+    ends = []
+    for world, model in enumerate(models):
+        data = mujoco.MjData(model)
+        data.qpos[:] = env.starts.states[0][0]
+        data.qvel[:] = env.starts.states[1][0]
+        data.ctrl[:] = env.physics.ctrl[world]
+        mujoco.mj_step(model, data, nstep=25)
+        ends.append(data.qpos.copy())
+    np.testing.assert_allclose(env.physics.qpos, ends, atol=1e-3)
+    assert np.abs(ends[0] - ends[1]).max() > 5e-3
+
+
+def test_c_mujoco_cannot_randomize():
+    with pytest.raises(MorlaxError, match="use backend 'warp'"):
+        envs.make("bruce", 1, "cpu", "mujoco", randomize=True)
 
 
 def test_a_command_beyond_the_gaits_is_refused():

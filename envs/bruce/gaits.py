@@ -26,11 +26,12 @@ def plan(planner: Planner) -> Library:
     walked = np.zeros(shape, np.int64)
     measured = {name: np.zeros(shape) for name in LIMITS}
     for i, j in track(list(np.ndindex(shape)), "gaits", console=cli.console, transient=True):
-        exact = planner.plan(FORWARD[i], SIDEWAYS[j])
+        vx, vy = float(FORWARD[i]), float(SIDEWAYS[j])
+        exact = planner.plan(vx, vy)
         joints[i, j], base[i, j] = exact.joints, exact.base
         gait = Gait(joints[i, j].astype(float), base[i, j].astype(float))  # as it will be read
         walked[i, j] = walker.walk(gait, STEPS)
-        for name, value in measure(planner, gait, FORWARD[i], SIDEWAYS[j]).items():
+        for name, value in measure(planner, gait, vx, vy).items():
             measured[name][i, j] = value
     return Library(FORWARD, SIDEWAYS, joints, base, walked, measured, planner.constants)
 

@@ -271,8 +271,7 @@ def _smooth_fit(s: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     n, S = DEGREE + 1, len(s)
     weights = np.kron(np.eye(2), bernstein(s))
-    ends = np.zeros((4, 2 * n))
-    sampled = np.zeros((4, 2 * S))
+    ends, sampled = np.zeros((4, 2 * n)), np.zeros((4, 2 * S))
     for row, (phase, last) in enumerate((p, last) for p in (0, 1) for last in (0, 1)):
         ends[row, phase * n + last * DEGREE] = 1
         sampled[row, phase * S + last * (S - 1)] = 1
@@ -284,4 +283,4 @@ def _smooth_fit(s: NDArray[np.float64]) -> NDArray[np.float64]:
     zeros = np.zeros((6, 6))
     system = np.block([[weights.T @ weights, constraints.T], [constraints, zeros]])
     right = np.concatenate([weights.T, sampled, np.zeros((2, 2 * S))])
-    return np.linalg.solve(system, right)[: 2 * n]
+    return np.asarray(np.linalg.solve(system, right)[: 2 * n], np.float64)

@@ -17,6 +17,7 @@ from . import model as bruce
 from . import rotations
 from .history import History
 from .library import Library
+from .randomization import FIELDS, Randomization
 from .reference import Reference
 
 SEEN = 5  # of each history, in the observation
@@ -68,6 +69,9 @@ class Bruce(Environment):
         """How many of the drawn velocities are zero."""
         noise: NonNegativeFloat = 0.0
         """Scale of the sensors' noise (1: as published; 0: they are exact)."""
+        randomize: bool = False
+        """Draw masses, centres of mass, the floor's friction and the motors' gains anew for each
+        episode (MuJoCo Warp only)."""
 
         @field_validator("command")
         @classmethod
@@ -100,7 +104,12 @@ class Bruce(Environment):
         self._joints = History(like, 3, 16)  # as they were
         self._asked_joints = History(like, SEEN, 16)
         self._asked_base = History(like, SEEN, 7)
+        self._randomization = Randomization(physics) if options.randomize else None
         super().__init__(physics, options, seed, auto_reset)
+
+    @classmethod
+    def varied_fields(cls, options: Options) -> tuple[str, ...]:
+        return FIELDS if options.randomize else ()
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -160,6 +169,8 @@ class Bruce(Environment):
         return 16 + 2
 
     def begin(self, fresh: Tensor) -> None:
+        if self._randomization is not None:
+            self._randomization.draw(fresh, self.generator)
         rows, here = self.starts.rows, fresh[:, None]
         self.command.copy_(torch.where(here, self._commands[rows], self.command))
         self._anchor.copy_(torch.where(here, self._anchors[rows], self._anchor))
