@@ -126,5 +126,5 @@ def _cell(grid: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
     """The cell of an even grid that each value (N,) is in, and how far in: from 0 to 1."""
     spacing = (grid[-1] - grid[0]) / (len(grid) - 1)
     at = ((value - grid[0]) / spacing).clamp(0, len(grid) - 1)
-    i = at.long().clamp(max=len(grid) - 2)
+    i = at.long().clamp(0, len(grid) - 2)  # even of what is not a number
     return i, at - i
