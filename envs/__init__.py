@@ -1,41 +1,56 @@
 """Multi-objective robot tasks on MuJoCo Warp and C MuJoCo. Nothing in here knows of learning."""
 
+from typing import Any
+
 import torch
 from pydantic import ValidationError
 
+from . import mo_gymnasium, pgmorl
 from .ant import Ant
 from .bruce import Bruce
 from .cheetah import Cheetah, Cheetah3
-from .environment import Environment, TimeStep
+from .environment import Environment
 from .errors import MorlaxError, explained, unknown
+from .gymnasium_ids import announce
+from .gymnasium_worlds import PREFIX, GymnasiumWorlds, from_gymnasium, from_id
 from .hopper import Hopper
 from .humanoid import Humanoid
-from .options import TaskOptions
+from .layout import Part
+from .options import ObjectiveOptions, TaskOptions
 from .physics import Physics
 from .walker import Walker
+from .worlds import TimeStep, Worlds
 
 __all__ = [
     "Environment",
     "MorlaxError",
+    "ObjectiveOptions",
+    "Part",
     "Physics",
     "TaskOptions",
     "TimeStep",
+    "Worlds",
+    "from_gymnasium",
     "get",
     "make",
     "names",
     "register",
 ]
 
-_REGISTRY: dict[str, type[Environment]] = {}
+Task = type[Environment] | type[GymnasiumWorlds]
+_REGISTRY: dict[str, Task] = {}
 
 
-def register(name: str, environment: type[Environment]) -> None:
-    """Make `environment` known as `name`, to `make` and to every command.
+def register(name: str, environment: Task) -> None:
+    """Make `environment` known as `name`, to `make`, to every command and to Gymnasium.
 
     Raises:
         MorlaxError: the name is taken by another class.
     """
-    if _REGISTRY.setdefault(name, environment) is not environment:
+    if name not in _REGISTRY:
+        _REGISTRY[name] = environment
+        announce(name)
+    elif _REGISTRY[name] is not environment:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
 
 
@@ -44,8 +59,10 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(_REGISTRY))
 
 
-def get(name: str) -> type[Environment]:
-    """The class registered as `name`."""
+def get(name: str) -> Task:
+    """The class registered as `name`, or that of "gymnasium:ID"."""
+    if name.startswith(PREFIX):
+        return from_id(name)
     if name not in _REGISTRY:
         raise unknown("environment", name, _REGISTRY)
     return _REGISTRY[name]
@@ -61,11 +78,12 @@ def make(
     auto_reset: bool = True,
     deterministic: bool = False,
     **task_options: object,
-) -> Environment:
+) -> Worlds:
     """N worlds of the task `name`.
 
     Args:
-        name: one of `names()`.
+        name: one of `names()`, or "gymnasium:ID" for any environment of Gymnasium's registry that
+            has a vector of rewards.
         num_worlds: N.
         device: "cuda", "cpu", "cuda:1", ...; None is CUDA where there is one.
         backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None: by the device.
@@ -80,13 +98,17 @@ def make(
     """
     environment = get(name)
     try:
-        options = environment.Options.model_validate(task_options)
+        options: Any = environment.Options.model_validate(task_options)
     except ValidationError as error:
         raise explained(error, environment.Options) from None
     place = resolve_device(device)
     backend = backend or ("warp" if place.type == "cuda" else "mujoco")
     if num_worlds < 1:
         raise MorlaxError(f"num_worlds is {num_worlds}: it takes at least one world.")
+    if issubclass(environment, GymnasiumWorlds):
+        if place.type != "cpu" or backend == "warp":
+            raise MorlaxError(f"{name} runs on the CPU alone: use --device cpu and no backend.")
+        return environment(options, num_worlds, seed, auto_reset)
     model = environment.model_for(options)
     if options.solver_iterations is not None:
         model.opt.iterations = options.solver_iterations
@@ -147,5 +169,7 @@ for _name, _environment in {
     "hopper": Hopper,
     "humanoid": Humanoid,
     "walker": Walker,
+    **pgmorl.TASKS,
+    **mo_gymnasium.TASKS,
 }.items():
     register(_name, _environment)

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from .environment import Environment
+from .layout import Part, positions, velocities
 from .options import TaskOptions
 
 MIN_UPRIGHT = 0.45  # world-z of the torso's up axis: a tilt of 63 degrees
@@ -32,6 +33,9 @@ class Ant(Environment):
 
     def observe(self) -> Tensor:
         return torch.cat([self.physics.qpos[:, 2:], self.physics.qvel], -1)
+
+    def layout(self) -> list[Part]:
+        return [*positions(self.physics.model)[2:], *velocities(self.physics.model)]
 
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_(action.clamp(-1, 1))

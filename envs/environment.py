@@ -1,34 +1,24 @@
 """What every multi-objective task shares: stepping, episode ends, automatic reset, rewards."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from importlib import resources
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
-import gymnasium
 import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
 from . import episodes
-from .errors import MorlaxError, unknown
+from .errors import MorlaxError
+from .layout import Part
 from .options import TaskOptions
 from .physics import Physics
 from .starts import Starts, around
+from .worlds import TimeStep, Worlds
 
 
-class TimeStep(NamedTuple):
-    """What one control step of N worlds gave."""
-
-    observation: Tensor  # (N, O) what the policy acts on next, after any reset
-    reward: Tensor  # (N, m) a column for each objective
-    terminated: Tensor  # (N,) bool: the episode failed, its future is worth nothing
-    truncated: Tensor  # (N,) bool: time ran out, its future still has value
-    final_observation: Tensor  # (N, O) what was seen before any reset
-    terms: dict[str, Tensor]  # (N,) each: the reward terms, unweighted
-
-
-class Environment(ABC):
+class Environment(Worlds):
     """N worlds of one robot with several objectives.
 
     A robot says what it observes, how an action becomes control, its named reward terms, when it
@@ -50,6 +40,7 @@ class Environment(ABC):
     ):
         self.physics, self.options, self.auto_reset = physics, options, auto_reset
         self.num_worlds, self.device = physics.num_worlds, physics.device
+        self.simulator = physics.name
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
@@ -60,6 +51,8 @@ class Environment(ABC):
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = self.count_actions()
         self.observation_size = self.reset().shape[1]
+        self.privileged_size = self.critic_observation().shape[1] - self.observation_size
+        self._check_layout()
         self.reward_terms = tuple(self.terms())
         self.objectives = tuple(options.objectives)
         self.reference_point = self._reference_point()
@@ -116,14 +109,25 @@ class Environment(ABC):
         """A: how many numbers an action has."""
         return self.physics.model.nu
 
-    def begin(self, fresh: Tensor) -> None:  # noqa: B027 - most robots have nothing more
+    def begin(self, fresh: Tensor) -> None:
         """Start what else a world has beside its physics, where `fresh` (N,) bool.
 
         The physics has been reset before, to rows `starts.rows` of the starts.
         """
 
-    def advance(self) -> None:  # noqa: B027
+    def advance(self) -> None:
         """Bring what else a world has up to date, after each physics step and before its terms."""
+
+    def privileged(self) -> Tensor | None:
+        """(N, P) what critics see beside the observation while they train; None: nothing.
+
+        No policy sees it, so it may be what no robot could measure.
+        """
+        return None
+
+    def layout(self) -> list[Part]:
+        """What the numbers of `observe` are, in order; of a task that does not say, one part."""
+        return [Part("observation", self.observation_size, "")]
 
     def reset(self) -> Tensor:
         """Start every world anew; returns the observation (N, O)."""
@@ -140,22 +144,27 @@ class Environment(ABC):
         self.advance()
         terms = self.terms()
         reward = self.combine(terms).float()
-        final_observation = self.observe().float()
+        final_seen = self.critic_observation()
         terminated, truncated, blown_up = episodes.end(
             self.physics, self.failed(), self.episode_length, self.age, reward, self.blowups
         )
-        final_observation = torch.where(blown_up[:, None], self._zero, final_observation)
+        final_seen = torch.where(blown_up[:, None], self._zero, final_seen)
         if self.auto_reset:
             self._restart(terminated, truncated)
-            observation = self.observe().float()
+            seen = self.critic_observation()
         else:
             self._remember()
-            observation = final_observation
-        return TimeStep(observation, reward, terminated, truncated, final_observation, terms)
+            seen = final_seen
+        observation, final_observation = (x[:, : self.observation_size] for x in (seen, final_seen))
+        return TimeStep(
+            observation, reward, terminated, truncated, final_observation, terms, seen, final_seen
+        )
 
-    def combine(self, terms: dict[str, Tensor]) -> Tensor:
-        """Reward terms (N,) each, to the reward of every objective (N, m)."""
-        return (torch.stack(list(terms.values()), -1).unsqueeze(-1) * self._weights).sum(1)
+    def critic_observation(self) -> Tensor:
+        observation, privileged = self.observe(), self.privileged()
+        if privileged is not None:
+            observation = torch.cat([observation, privileged], -1)
+        return observation.float()
 
     def _restart(self, terminated: Tensor, truncated: Tensor) -> None:
         starts = self.starts.draw(self.generator)
@@ -195,43 +204,20 @@ class Environment(ABC):
             **{f"memory.{name}": value for name, value in self.memory.items()},
         }
 
-    def _weighting(self) -> list[list[float]]:
-        objectives, shared = self.options.objectives, self.options.shared
-        for name in [*shared, *(name for group in objectives.values() for name in group)]:
-            if name not in self.reward_terms:
-                raise unknown("reward term", name, self.reward_terms)
-        return [
-            [shared.get(name, 0.0) + group.get(name, 0.0) for group in objectives.values()]
-            for name in self.reward_terms
-        ]
-
-    def _reference_point(self) -> tuple[float, ...]:
-        point = self.options.reference_point
-        if point is None:
-            return (0.0,) * len(self.objectives)
-        if len(point) != len(self.objectives):
+    def _check_layout(self) -> None:
+        named = sum(part.size for part in self.layout())
+        if named != self.observation_size:
             raise MorlaxError(
-                f"reference_point has {len(point)} numbers, but there are "
-                f"{len(self.objectives)} objectives: {', '.join(self.objectives)}."
+                f"{type(self).__name__}: layout() names {named} numbers, but observe() gives "
+                f"{self.observation_size}: let both tell of the same ones."
             )
-        return point
+
+    def overflow(self) -> Tensor:
+        return self.physics.overflow()
+
+    def remedy(self, bits: int) -> str:
+        return self.physics.remedy(bits)
 
     def paper_reset_reward(self) -> Tensor:
-        """(m,) what the paper's evaluation protocol adds to every return."""
         terms = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
         return (torch.tensor(terms).to(self._weights)[:, None] * self._weights).sum(0).float()
-
-    @property
-    def observation_space(self) -> gymnasium.spaces.Box:
-        """What one world shows."""
-        return gymnasium.spaces.Box(-np.inf, np.inf, (self.observation_size,), np.float32)
-
-    @property
-    def action_space(self) -> gymnasium.spaces.Box:
-        """What one world takes."""
-        return gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
-
-    @property
-    def reward_space(self) -> gymnasium.spaces.Box:
-        """What one world pays, a number for each objective, in `objectives`' order."""
-        return gymnasium.spaces.Box(-np.inf, np.inf, (len(self.objectives),), np.float32)

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from .environment import Environment
+from .layout import Part, positions, velocities
 from .options import TaskOptions
 
 ACTION_SCALE = 3.0  # the motors clamp control to [-1, 1]; the energy term sees the action itself
@@ -69,6 +70,21 @@ class Humanoid(Environment):
             ],
             -1,
         )
+
+    def layout(self) -> list[Part]:
+        model = self.physics.model
+        if self.options.extremities:
+            extremities = [Part(f"position.{name}", 3, "m, from the torso") for name in EXTREMITIES]
+        else:
+            extremities = [Part("zeros", 3, "")]
+        return [
+            *positions(model)[4:],
+            Part("position.head.z", 1, "m"),
+            *extremities,
+            *(Part(f"torso.{axis}.z", 1, "world-z of the torso's own axis") for axis in "xyz"),
+            Part("velocity.center", 3, "m/s, of the centre of mass, in the world"),
+            *velocities(model),
+        ]
 
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_(ACTION_SCALE * action)

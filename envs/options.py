@@ -1,10 +1,12 @@
 """What a user may change about a task without touching Python."""
 
+from typing import Self
+
 from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveInt, field_validator
 
 
-class TaskOptions(BaseModel):
-    """The options of every task; a task states its own defaults, and may add to them."""
+class ObjectiveOptions(BaseModel):
+    """The options of whatever has several objectives."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -16,6 +18,22 @@ class TaskOptions(BaseModel):
     """Where hypervolume is measured from, a number for each objective (None: the origin)."""
     episode_length: PositiveInt = 500
     """Control steps after which an episode is truncated."""
+
+    def judged(self) -> Self:
+        """Those under which policies are judged and shown: without what only training draws."""
+        return self
+
+    @field_validator("objectives")
+    @classmethod
+    def _at_least_two(cls, objectives: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+        if len(objectives) < 2:
+            raise ValueError("a trade-off needs at least two objectives")
+        return objectives
+
+
+class TaskOptions(ObjectiveOptions):
+    """The options of every robot; a task states its own defaults, and may add to them."""
+
     reset_noise: NonNegativeFloat = 0.0
     """Spread of the initial state: uniform for positions (m, rad), normal for velocities."""
     stagger: bool = False
@@ -26,10 +44,3 @@ class TaskOptions(BaseModel):
     """Contacts that MuJoCo Warp makes room for, for each world."""
     njmax: PositiveInt = 64
     """Constraint rows that MuJoCo Warp makes room for, for each world."""
-
-    @field_validator("objectives")
-    @classmethod
-    def _at_least_two(cls, objectives: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
-        if len(objectives) < 2:
-            raise ValueError("a trade-off needs at least two objectives")
-        return objectives

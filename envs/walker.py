@@ -5,9 +5,11 @@ import torch
 from torch import Tensor
 
 from .environment import Environment
+from .layout import Part, positions, velocities
 from .options import TaskOptions
 
 ACTION_SCALE = 3.0
+MAX_VELOCITY = 10.0  # m/s, rad/s; what is faster looks like this
 
 
 class Walker(Environment):
@@ -27,7 +29,12 @@ class Walker(Environment):
         return qpos
 
     def observe(self) -> Tensor:
-        return torch.cat([self.physics.qpos[:, 1:], self.physics.qvel.clamp(-10, 10)], -1)
+        limit = MAX_VELOCITY
+        return torch.cat([self.physics.qpos[:, 1:], self.physics.qvel.clamp(-limit, limit)], -1)
+
+    def layout(self) -> list[Part]:
+        model = self.physics.model
+        return [*positions(model)[1:], *velocities(model, MAX_VELOCITY)]
 
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_((ACTION_SCALE * action).clamp(-1, 1))

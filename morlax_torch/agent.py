@@ -11,7 +11,7 @@ from torch.nn.functional import softplus
 from . import fused
 from .config import NetworkConfig
 from .hypernetwork import Hypernetwork
-from .networks import mlp
+from .networks import check_network, mlp
 from .normalizer import Normalizer
 
 MIN_STD = 1e-3
@@ -71,7 +71,8 @@ class Agent(nn.Module):
     """What training changes: an actor and a critic for every trade-off, and the normalisers.
 
     `policies` and `values` generate the networks of K trade-offs once and return functions that
-    run them, each on its own rows of *normalised* observations.
+    run them, each on its own rows of *normalised* observations. Critics see all of a row, actors
+    its first O numbers: the P behind them are privileged.
     """
 
     def __init__(
@@ -81,11 +82,25 @@ class Agent(nn.Module):
         num_objectives: int,
         config: NetworkConfig,
         generator: torch.Generator | None = None,
+        *,
+        privileged_size: int = 0,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
     ):
         super().__init__()
+        self.observation_size, self.privileged_size = observation_size, privileged_size
         self.action_size = action_size
-        actor = mlp(observation_size, config.actor, 2 * action_size, generator)
-        critic = mlp(observation_size, config.critic, num_objectives, generator)
+        given = {"actor": actor, "critic": critic}
+        self._own = [name for name, network in given.items() if network is not None]
+        whole = observation_size + privileged_size
+        if actor is None:
+            actor = mlp(observation_size, config.actor, 2 * action_size, generator)
+        else:
+            check_network("actor", actor, observation_size, 2 * action_size)
+        if critic is None:
+            critic = mlp(whole, config.critic, num_objectives, generator)
+        else:
+            check_network("critic", critic, whole, num_objectives)
 
         def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
             return Hypernetwork(
@@ -100,16 +115,24 @@ class Agent(nn.Module):
 
         self.actor = family(actor)
         self.critic = family(critic, self.actor.features if config.type == "single" else None)
-        self.observation_normalizer = Normalizer(observation_size)
+        self.observation_normalizer = Normalizer(whole)
         self.value_normalizer = Normalizer(num_objectives)
+
+    def own_networks(self) -> dict[str, dict[str, list[int]]]:
+        """What parameters the networks have that a user made: name -> parameter -> shape."""
+        families = {name: getattr(self, name) for name in self._own}
+        return {
+            name: {parameter: list(shape) for parameter, shape in family.shapes.items()}
+            for name, family in families.items()
+        }
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
         """(K, m) trade-offs to a function from observations (K, B, O) to action distributions."""
-        parameters = self.actor(tradeoffs)
-        return lambda seen: TanhNormal(self.actor.run(parameters, seen))
+        parameters, size = self.actor(tradeoffs), self.observation_size
+        return lambda seen: TanhNormal(self.actor.run(parameters, seen[..., :size]))
 
     def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
-        """(K, m) trade-offs to a function from observations (K, B, O) to values (K, B, m).
+        """(K, m) trade-offs to a function from observations (K, B, O + P) to values (K, B, m).
 
         The values are in the units of `value_normalizer`.
         """

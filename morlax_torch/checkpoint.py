@@ -7,19 +7,20 @@ from typing import Any
 
 import torch
 
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .files import replacing
 from .morlax import MORLAX
 
 FORMAT = 1
 
 
-def describe(env: Environment) -> dict[str, Any]:
+def describe(env: Worlds) -> dict[str, Any]:
     """What must be equal for a checkpoint to fit an environment."""
     return {
         "objectives": list(env.objectives),
         "observation_size": env.observation_size,
         "action_size": env.action_size,
+        "privileged_size": env.privileged_size,
     }
 
 
@@ -28,6 +29,7 @@ def save(path: Path, morlax: MORLAX, progress: dict[str, float]) -> None:
     contents = {
         "config": morlax.config.model_dump(mode="json"),
         "environment": describe(morlax.env),
+        "own_networks": morlax.agent.own_networks(),
         "progress": progress,
         "morlax": morlax.state_dict(),
     }
@@ -85,12 +87,31 @@ def restore(contents: dict[str, Any], path: Path, morlax: MORLAX) -> None:
     if stored_config["env"] != config.env:
         raise MorlaxError(f"{path} is of task {stored_config['env']!r}, not {config.env!r}.")
     for name, value in describe(env).items():
-        if stored[name] != value:
-            raise MorlaxError(f"{path} has {name} {stored[name]}, but the task has {value}.")
+        if stored.get(name, 0) != value:
+            raise MorlaxError(f"{path} has {name} {stored.get(name, 0)}, but the task has {value}.")
     network = config.network.model_dump(mode="json")
     if stored_config["worlds"] != config.worlds or stored_config["network"] != network:
         raise MorlaxError(
             f"{path} was made with other sizes (worlds {stored_config['worlds']}, network "
             f"{stored_config['network']}): resume with the config of its own run."
         )
+    check_networks(contents.get("own_networks", {}), morlax.agent.own_networks(), path)
     morlax.load_state_dict(contents["morlax"])
+
+
+def check_networks(stored: dict[str, Any], given: dict[str, Any], path: Path) -> None:
+    """Raise MorlaxError unless `Agent.own_networks` says the same now as when it was stored."""
+    for name, parameters in stored.items():
+        if name not in given:
+            raise MorlaxError(
+                f"{path} holds a user's own {name}, which no config describes: go on from Python "
+                f"and give a module like it, {name}=..., as when it was trained."
+            )
+        if given[name] != parameters:
+            raise MorlaxError(
+                f"the {name} given is not like the one in {path}: its parameters are "
+                f"{given[name]}, but there they are {parameters}."
+            )
+    for name in given:
+        if name not in stored:
+            raise MorlaxError(f"{path} holds the {name} of its config: leave out {name}=...")

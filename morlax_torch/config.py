@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from . import envs
-from .envs import MorlaxError, TaskOptions
+from .envs import MorlaxError, ObjectiveOptions
 
 
 class Section(BaseModel):
@@ -105,7 +105,8 @@ class Config(Section):
     """A training run."""
 
     env: str
-    """The task: ant, cheetah, cheetah3, hopper, humanoid, walker, or a registered name."""
+    """The task: ant, cheetah, cheetah3, hopper, humanoid, walker, any other of docs/tasks.md, a
+    registered name, or gymnasium:ID for an environment of Gymnasium's with a vector of rewards."""
     seed: NonNegativeInt = 0
     """Of everything that is drawn at random."""
     device: str | None = None
@@ -127,7 +128,7 @@ class Config(Section):
     network: NetworkConfig = NetworkConfig()
     ppo: PPOConfig = PPOConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
-    task: TaskOptions
+    task: ObjectiveOptions
     """Options of the task itself."""
 
     @property
@@ -185,7 +186,7 @@ def config_class(env: str) -> type[Config]:
 
 
 @cache
-def _with_options(options: type[TaskOptions]) -> type[Config]:
+def _with_options(options: type[ObjectiveOptions]) -> type[Config]:
     return create_model("Config", __base__=Config, task=(options, options.model_validate({})))
 
 
@@ -205,12 +206,14 @@ def load_config(values: dict[str, Any]) -> Config:
 
 
 def task_values(env: str, device_type: str) -> dict[str, Any]:
-    """The values of configs/<env>.yaml for "cuda" or "cpu"; without such a file, the name alone."""
+    """The values of configs/<env>.yaml for "cuda" or "cpu"; without such a file, the name alone.
+
+    All of "gymnasium:ID" share configs/gymnasium.yaml.
+    """
     envs.get(env)
-    file = resources.files("morlax_torch.configs") / f"{env}.yaml"
-    return (
-        _fitted(yaml.safe_load(file.read_text()), device_type) if file.is_file() else {"env": env}
-    )
+    file = resources.files("morlax_torch.configs") / f"{env.partition(':')[0]}.yaml"
+    values = _fitted(yaml.safe_load(file.read_text()), device_type) if file.is_file() else {}
+    return {**values, "env": env}
 
 
 def file_values(path: Path, device_type: str) -> dict[str, Any]:

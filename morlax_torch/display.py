@@ -8,14 +8,14 @@ from rich.progress import Progress as Bar
 
 from .cli import console
 from .config import Config
-from .envs import Environment
+from .envs import Environment, Worlds
 from .run import Progress
 
 
 class Display:
     """A bar that moves on a terminal; on a file or a pipe only a line for each evaluation."""
 
-    def __init__(self, config: Config, env: Environment, folder: Path):
+    def __init__(self, config: Config, env: Worlds, folder: Path):
         self.config, self.env, self.folder = config, env, folder
         self._bar = Bar(
             BarColumn(bar_width=24),
@@ -31,7 +31,7 @@ class Display:
         c = self.config
         console.print(
             f"{c.env}: {', '.join(c.task.objectives)}; {c.worlds} worlds on {self.env.device} "
-            f"({self.env.physics.name}), {c.num_clusters} trade-offs at a time, seed {c.seed}"
+            f"({self.env.simulator}), {c.num_clusters} trade-offs at a time, seed {c.seed}"
         )
         console.print(f"{self.folder}  (tensorboard --logdir {self.folder.parent})")
         self._bar.start()
@@ -76,7 +76,8 @@ class Display:
             f"{progress.train_seconds:.1f} s of training ({progress.total_seconds:.1f} s in all), "
             f"best hypervolume {progress.best_hypervolume:.4e}"
         )
-        more = "train --resume" if interrupted else "evaluate"
+        may_resume = isinstance(self.env, Environment)  # others cannot save their state
+        more = "train --resume" if interrupted and may_resume else "evaluate"
         console.print(f"next: python -m morlax_torch.{more} {self.folder}")
 
 

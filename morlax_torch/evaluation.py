@@ -10,7 +10,7 @@ from torch import Tensor
 
 from . import pareto
 from .agent import Agent
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .files import replacing
 from .graph import Graph
 from .rollout import one_thread
@@ -113,7 +113,7 @@ class Evaluator:
     """
 
     def __init__(
-        self, agent: Agent, env: Environment, tradeoffs: Tensor, protocol: Protocol = "latched"
+        self, agent: Agent, env: Worlds, tradeoffs: Tensor, protocol: Protocol = "latched"
     ):
         if env.auto_reset or env.num_worlds != len(tradeoffs):
             raise ValueError("an evaluator needs one world per trade-off and auto_reset=False")
@@ -151,9 +151,9 @@ class Evaluator:
         with one_thread(self.env.device):
             for _ in range(self.env.episode_length):
                 self._step()
-        overflow = int(self.env.physics.overflow().max())
+        overflow = int(self.env.overflow().max())
         if overflow:
-            remedy = self.env.physics.remedy(overflow)
+            remedy = self.env.remedy(overflow)
             raise MorlaxError(f"contacts overflowed their buffers in an evaluation: {remedy}.")
         return Front(
             self.env.objectives,

@@ -15,7 +15,7 @@ class Hypernetwork(nn.Module):
 
     f is an MLP from the simplex to F features; b starts as `target`'s own initialisation and M at
     zero, so that at first every trade-off has the same sensible network. Any module that
-    `torch.vmap` can batch can be the target (nn.LSTM is none, a loop over nn.LSTMCell is): its
+    `torch.vmap` can batch can be the target (nn.LSTM is none, a loop over nn.GRUCell is): its
     parameters are generated, its buffers are kept and shared by the whole family.
     (MORLAX, "Policy representation"; the form is HYPER-MORL's.)
 
@@ -68,12 +68,11 @@ class Hypernetwork(nn.Module):
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """K networks, each on its own inputs (K, ...), to their outputs stacked likewise."""
-        buffers = self._buffers_of_family()
+        return vmap(self.run_one, randomness="different")(parameters, *inputs)
 
-        def single(own: dict[str, Tensor], *rows: Tensor):
-            return functional_call(self._target[0], {**own, **buffers}, rows)
-
-        return vmap(single, randomness="different")(parameters, *inputs)
+    def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
+        """One network, whose parameters have the target's own shapes, on the target's inputs."""
+        return functional_call(self._target[0], {**parameters, **self._buffers_of_family()}, inputs)
 
     def specialize(self, tradeoff: Tensor) -> nn.Module:
         """A plain copy of the target with the parameters of one trade-off (m,)."""

@@ -3,10 +3,11 @@
 from typing import Any
 
 import torch
+from torch import nn
 
 from .agent import Agent
 from .config import Config
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .graph import Graph
 from .ppo import PPO, judge, minibatches
 from .rollout import Rollout, collect, one_thread
@@ -19,9 +20,26 @@ class MORLAX:
     All that it draws comes from one generator, and all that it is stands in tensors that are
     written in place: `state_dict` copies them, `load_state_dict` goes on from a copy as if never
     stopped. On CUDA, call `compile` once, and an iteration becomes two recorded graphs.
+
+    Args:
+        env: the worlds.
+        config: every number of the run.
+        actor: what to generate parameters for instead of the config's own actor: a module from
+            observations (B, O) to (B, 2A), means and what becomes the standard deviations.
+        critic: likewise, from (B, O + P), with what is privileged, to a value for each objective
+            (B, m).
+
+    Raises:
+        MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
 
-    def __init__(self, env: Environment, config: Config):
+    def __init__(
+        self,
+        env: Worlds,
+        config: Config,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+    ):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
                 f"there are {env.num_worlds} worlds, but config.worlds says {config.worlds}."
@@ -33,13 +51,17 @@ class MORLAX:
             len(env.objectives),
             config.network,
             torch.Generator().manual_seed(config.seed),
+            privileged_size=env.privileged_size,
+            actor=actor,
+            critic=critic,
         ).to(env.device)
         self.ppo = PPO(self.agent, config.ppo)
         self.generator = torch.Generator(env.device).manual_seed(config.seed)
         clusters = config.num_clusters
         self.tradeoffs = torch.zeros(clusters, len(env.objectives), device=env.device)  # (K, m)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
-        self.observation = env.reset().clone()  # (N, O)
+        env.reset()
+        self.observation = env.critic_observation().clone()  # (N, O + P)
         self.iteration = 0
         self._clock = torch.zeros((), device=env.device)  # the iteration, where graphs can see it
         self.steps_per_iteration = config.worlds * config.horizon
@@ -62,6 +84,8 @@ class MORLAX:
 
     def compile(self) -> None:
         """Compile kernels and record the graphs; the state stays as it is."""
+        if self.env.device.type != "cuda":
+            return
         state = self.state_dict()
         self.explore.record()
         self.learn.record()
@@ -113,7 +137,7 @@ class MORLAX:
             [
                 self._metrics / iterations,
                 self.env.blowups.float()[None],
-                self.env.physics.overflow().max().float()[None],
+                self.env.overflow().max().float()[None],
             ]
         ).tolist()
         self._metrics.zero_()

@@ -6,6 +6,14 @@ from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+from torch.func import vmap
+
+from .envs import MorlaxError
+
+MEANINGS = {
+    "actor": "a mean and a spread for each number of the action",
+    "critic": "a value for each objective",
+}
 
 
 class Linear(nn.Linear):
@@ -27,3 +35,23 @@ def mlp(
         nn.init.zeros_(linear.bias)
         layers += [linear, nn.SiLU()]
     return nn.Sequential(*layers[:-1])
+
+
+def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> None:
+    """Raise MorlaxError unless a user's network turns (B, inputs) into (B, outputs)."""
+    first = next(network.parameters(), None)
+    if first is None:
+        raise MorlaxError(f"the {name} has no parameters, so there is nothing to generate.")
+    rows = torch.zeros(1, 2, inputs, device=first.device)
+    try:
+        with torch.no_grad():
+            found = vmap(network, randomness="different")(rows)  # as a family will run it
+    except RuntimeError as error:
+        reason = str(error).splitlines()[0]
+        raise MorlaxError(f"the {name} cannot take observations (2, {inputs}): {reason}") from None
+    shape = tuple(found.shape[1:]) if isinstance(found, Tensor) else type(found).__name__
+    if shape != (2, outputs):
+        raise MorlaxError(
+            f"the {name} turns observations (2, {inputs}) into {shape}, but it should give "
+            f"(2, {outputs}): {MEANINGS[name]}."
+        )

@@ -7,7 +7,10 @@ LIMIT = 10.0  # standard deviations; what lies further out is clipped
 
 
 class Normalizer(nn.Module):
-    """Scales what it is given by the mean and variance of all it has been updated with."""
+    """Scales what it is given by the mean and variance of all it has been updated with.
+
+    What is given may also be the first numbers alone: a policy's, without what is privileged.
+    """
 
     mean: Tensor
     variance: Tensor
@@ -22,11 +25,13 @@ class Normalizer(nn.Module):
         self.register_buffer("scale", torch.ones(size))
 
     def forward(self, x: Tensor) -> Tensor:
-        return ((x - self.mean) * self.scale).clamp(-LIMIT, LIMIT)
+        size = x.shape[-1]
+        return ((x - self.mean[:size]) * self.scale[:size]).clamp(-LIMIT, LIMIT)
 
     def inverse(self, x: Tensor) -> Tensor:
         """From normalised back to natural units."""
-        return x / self.scale + self.mean
+        size = x.shape[-1]
+        return x / self.scale[:size] + self.mean[:size]
 
     @torch.no_grad()
     def update(self, x: Tensor) -> None:

@@ -6,7 +6,7 @@ import mujoco
 import torch
 
 from . import envs
-from .envs import TimeStep
+from .envs import Environment, MorlaxError, TimeStep
 from .policy import Policy
 
 
@@ -14,21 +14,25 @@ class Player:
     """A world of a policy's own task on C MuJoCo, stepped by the deterministic policy.
 
     `tradeoff` may be set between steps. `data` holds the robot as it stands now, every body and
-    geom in its place, for a renderer to draw; write to `env.physics` to move it. `returns` (m,)
-    and `steps` count from the last reset, which is the caller's to make (`over` says when).
+    geom in its place, for a renderer to draw, and the forces of its motors; write to
+    `env.physics` to move it. `returns` (m,) and `steps` count from the last reset, which is the
+    caller's to make (`over` says when).
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
         self.policy = policy
-        self.env = envs.make(
+        env = envs.make(
             policy.config.env,
             1,
             "cpu",
             "mujoco",
             seed,
             auto_reset=False,
-            **policy.config.task.model_dump(),
+            **policy.config.task.judged().model_dump(),
         )
+        if not isinstance(env, Environment):
+            raise MorlaxError(f"{policy.config.env} has no robot to show: only MuJoCo tasks have.")
+        self.env = env
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
         self.tradeoff = tradeoff
@@ -65,4 +69,5 @@ class Player:
         """Bring `data` up to the state of `env.physics`."""
         self.data.qpos[:] = self.env.physics.qpos[0].numpy()
         self.data.qvel[:] = self.env.physics.qvel[0].numpy()
+        self.data.ctrl[:] = self.env.physics.ctrl[0].numpy()
         mujoco.mj_forward(self.model, self.data)

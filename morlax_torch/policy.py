@@ -5,7 +5,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -13,6 +12,7 @@ from . import checkpoint
 from .agent import Agent
 from .config import Config, load_config
 from .envs import MorlaxError, resolve_device
+from .tradeoffs import checked_tradeoff, one_tradeoff
 
 SHIPPED = Path(__file__).parent / "shipped"
 
@@ -42,7 +42,7 @@ class Policy(nn.Module):
 
     @torch.no_grad()
     def forward(self, observation: Tensor, tradeoff: Tensor | Sequence[float]) -> Tensor:
-        tradeoff = self._checked(tradeoff, observation.device)
+        tradeoff = checked_tradeoff(tradeoff, self.objectives, observation.device)
         if tradeoff.ndim == 2 and len(tradeoff) != len(observation):
             raise MorlaxError(
                 f"there are {len(observation)} observations but {len(tradeoff)} trade-offs: give "
@@ -59,42 +59,27 @@ class Policy(nn.Module):
     def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
         """A plain module for one trade-off (m,), normaliser and tanh inside."""
         normalizer = copy.deepcopy(self.agent.observation_normalizer)
-        tradeoff = self._checked(tradeoff, normalizer.mean.device)
-        if tradeoff.ndim != 1:
-            raise MorlaxError(f"a policy is specialized to one trade-off, not {len(tradeoff)}.")
+        tradeoff = one_tradeoff(tradeoff, self.objectives, normalizer.mean.device)
         fixed = SpecializedPolicy(normalizer, self.agent.actor.specialize(tradeoff))
         return fixed.requires_grad_(False)
 
     def save(self, path: Path) -> None:
         """Write what `load` needs and no more: without critic, optimiser and worlds."""
-        state = self.agent.state_dict()
+        state, own = self.agent.state_dict(), self.agent.own_networks()
+        own.pop("critic", None)
         parts = ("actor.", "observation_normalizer.")
         contents = {
             "config": self.config.model_dump(mode="json"),
             "environment": {
                 "objectives": list(self.objectives),
-                "observation_size": len(self.agent.observation_normalizer.mean),
+                "observation_size": self.agent.observation_size,
                 "action_size": self.agent.action_size,
+                "privileged_size": self.agent.privileged_size,
             },
+            "own_networks": own,
             "policy": {name: value for name, value in state.items() if name.startswith(parts)},
         }
         checkpoint.write(path, contents)
-
-    def _checked(self, tradeoff: Tensor | Sequence[float], device: torch.device) -> Tensor:
-        if not isinstance(tradeoff, Tensor):
-            tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
-        tradeoff = tradeoff.to(device, torch.float32)
-        m = len(self.objectives)
-        if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
-            raise MorlaxError(
-                f"a trade-off needs {m} numbers ({', '.join(self.objectives)}), but the shape "
-                f"is {tuple(tradeoff.shape)}."
-            )
-        if not (tradeoff.isfinite() & (tradeoff >= 0)).all() or not (tradeoff.sum(-1) > 0).all():
-            raise MorlaxError(
-                "a trade-off must be finite, not negative, and not zero in every objective."
-            )
-        return tradeoff
 
 
 def find_run(run: str | os.PathLike[str]) -> Path:
@@ -127,11 +112,17 @@ def find_checkpoint(run: str | os.PathLike[str]) -> Path:
     )
 
 
-def load(run: str | os.PathLike[str], device: str | torch.device | None = "cpu") -> Policy:
+def load(
+    run: str | os.PathLike[str],
+    device: str | torch.device | None = "cpu",
+    actor: nn.Module | None = None,
+) -> Policy:
     """The policies of a run's folder, of a checkpoint file, or of a shipped name ("ant").
 
+    A run with an actor of the user's own needs a module like it, whose parameters do not matter.
+
     Raises:
-        MorlaxError: there is none, or it is damaged.
+        MorlaxError: there is none, it is damaged, or has another actor.
     """
     place = resolve_device(device)
     path = find_checkpoint(run)
@@ -142,7 +133,14 @@ def load(run: str | os.PathLike[str], device: str | torch.device | None = "cpu")
         stored["action_size"],
         len(stored["objectives"]),
         config.network,
+        privileged_size=stored.get("privileged_size", 0),
+        actor=actor,
     ).to(place)
-    whole = "morlax" in contents
-    agent.load_state_dict(contents["morlax"]["agent"] if whole else contents["policy"], whole)
+    own = dict(contents.get("own_networks", {}))
+    own_critic = own.pop("critic", None)
+    checkpoint.check_networks(own, agent.own_networks(), path)
+    state = contents["morlax"]["agent"] if "morlax" in contents else contents["policy"]
+    if own_critic:  # no policy needs it
+        state = {name: value for name, value in state.items() if not name.startswith("critic.")}
+    agent.load_state_dict(state, strict="morlax" in contents and not own_critic)
     return Policy(agent, config, stored["objectives"])

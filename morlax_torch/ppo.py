@@ -16,7 +16,7 @@ from .rollout import Rollout, advantages
 class Batch(NamedTuple):
     """S samples of each of K trade-offs."""
 
-    observation: Tensor  # (K, S, O) normalised
+    observation: Tensor  # (K, S, O + P) normalised
     action: Tensor  # (K, S, A) before the tanh
     log_prob: Tensor  # (K, S, 1) when it was taken
     advantage: Tensor  # (K, S, 1) scalarised by the trade-off

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from .agent import Agent
-from .envs import Environment
+from .envs import Worlds
 
 
 @contextmanager
@@ -28,34 +28,34 @@ def one_thread(device: torch.device) -> Iterator[None]:
 class Rollout(NamedTuple):
     """T steps of K clusters of G worlds. Each iteration overwrites the last."""
 
-    observation: Tensor  # (T, K, G, O) as the environment gave it
+    observation: Tensor  # (T, K, G, O + P) as the environment gave it to the critic
     action: Tensor  # (T, K, G, A) before the tanh
     log_prob: Tensor  # (T, K, G)
     reward: Tensor  # (T, K, G, m)
     terminated: Tensor  # (T, K, G) bool
     truncated: Tensor  # (T, K, G) bool
-    final_observation: Tensor  # (T, K, G, O) after the step, before any reset
+    final_observation: Tensor  # (T, K, G, O + P) after the step, before any reset
 
     @classmethod
-    def empty(cls, horizon: int, clusters: int, env: Environment) -> "Rollout":
+    def empty(cls, horizon: int, clusters: int, env: Worlds) -> "Rollout":
         def zeros(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
             sizes = horizon, clusters, env.num_worlds // clusters, *shape
             return torch.zeros(sizes, dtype=dtype, device=env.device)
 
         return cls(
-            observation=zeros(env.observation_size),
+            observation=zeros(env.observation_size + env.privileged_size),
             action=zeros(env.action_size),
             log_prob=zeros(),
             reward=zeros(len(env.objectives)),
             terminated=zeros(dtype=torch.bool),
             truncated=zeros(dtype=torch.bool),
-            final_observation=zeros(env.observation_size),
+            final_observation=zeros(env.observation_size + env.privileged_size),
         )
 
 
 @torch.no_grad()
 def collect(
-    env: Environment,
+    env: Worlds,
     agent: Agent,
     tradeoffs: Tensor,
     observation: Tensor,
@@ -64,7 +64,8 @@ def collect(
 ) -> None:
     """Fill `rollout`: each cluster acts by the policy of its own trade-off (K, m).
 
-    `observation` (N, O) holds what the worlds show now; at the end, what they show then.
+    `observation` (N, O + P) holds what the worlds show critics now; at the end, what they show
+    then. The policies see no more than its first O numbers.
     """
     policies = agent.policies(tradeoffs)
     for t in range(len(rollout.reward)):
@@ -79,12 +80,12 @@ def collect(
             step.reward,
             step.terminated,
             step.truncated,
-            step.final_observation,
+            step.final_critic_observation,
         )
         slots = [column[t] for column in rollout]
         values = [value.view_as(slot) for slot, value in zip(slots, kept, strict=True)]
         torch._foreach_copy_(slots, values)  # one kernel for all of a kind
-        observation.copy_(step.observation)
+        observation.copy_(step.critic_observation)
 
 
 def advantages(

@@ -56,6 +56,47 @@ def typical_tradeoffs(num_objectives: int) -> Tensor:
     return torch.cat([corners[:middle], balanced, corners[middle:]])
 
 
+def checked_tradeoff(
+    tradeoff: Tensor | Sequence[float], objectives: Sequence[str], device: torch.device
+) -> Tensor:
+    """What a user gave as one trade-off (m,) or several (K, m), as float32 on the device.
+
+    Raises:
+        MorlaxError: it is none.
+    """
+    if not isinstance(tradeoff, Tensor):
+        try:
+            tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
+        except (TypeError, ValueError):
+            raise MorlaxError(f"a trade-off is made of numbers, not {tradeoff!r}.") from None
+    tradeoff = tradeoff.to(device, torch.float32)
+    m = len(objectives)
+    if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
+        raise MorlaxError(
+            f"a trade-off needs {m} numbers ({', '.join(objectives)}), but the shape "
+            f"is {tuple(tradeoff.shape)}."
+        )
+    if not (tradeoff.isfinite() & (tradeoff >= 0)).all() or not (tradeoff.sum(-1) > 0).all():
+        raise MorlaxError(
+            "a trade-off must be finite, not negative, and not zero in every objective."
+        )
+    return tradeoff
+
+
+def one_tradeoff(
+    tradeoff: Tensor | Sequence[float], objectives: Sequence[str], device: torch.device
+) -> Tensor:
+    """What a user gave as a trade-off (m,), as float32 on the device.
+
+    Raises:
+        MorlaxError: it is none, or several.
+    """
+    checked = checked_tradeoff(tradeoff, objectives, device)
+    if checked.ndim != 1:
+        raise MorlaxError(f"this takes one trade-off, not {len(checked)}.")
+    return checked
+
+
 def parse_tradeoff(text: str, objectives: Sequence[str]) -> tuple[float, ...]:
     """The trade-off that a user wrote as "0.8,0.2", a number for each objective.
 

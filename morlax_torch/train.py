@@ -8,12 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import torch
+from torch import nn
 
 from . import cli, envs
 from .arguments import read
 from .config import Config
 from .display import Display
-from .envs import Environment, MorlaxError
+from .envs import MorlaxError, Worlds
 from .evaluation import Evaluator
 from .morlax import MORLAX
 from .run import Progress, Run
@@ -22,13 +23,21 @@ from .tradeoffs import evaluation_tradeoffs
 REPORT_EVERY = 10  # iterations between looks at the metrics, each of which waits for the GPU
 
 
-def train(config: Config, run: Run | None = None, output: Path | None = None) -> Run:
+def train(
+    config: Config,
+    run: Run | None = None,
+    output: Path | None = None,
+    actor: nn.Module | None = None,
+    critic: nn.Module | None = None,
+) -> Run:
     """Train until a limit of `config` is reached, or Ctrl-C is pressed; the run's folder.
 
     Args:
         config: every number of the run.
         run: a run to go on with, instead of a new one.
         output: the folder of a new run (None: runs/<task>/<time>-<seed>).
+        actor: instead of the config's own, as `MORLAX` takes it.
+        critic: likewise.
 
     Raises:
         MorlaxError: the folder cannot be written, the simulation's buffers overflow, or a loss
@@ -37,9 +46,9 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
     began = time.perf_counter()
     if torch.cuda.is_available():
         torch.set_float32_matmul_precision("high")  # TF32
-    morlax = MORLAX(make_worlds(config, config.worlds), config)
+    morlax = MORLAX(make_worlds(config, config.worlds), config, actor, critic)
     tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, len(morlax.env.objectives))
-    judges = make_worlds(config, len(tradeoffs), auto_reset=False)
+    judges = make_worlds(config, len(tradeoffs), judging=True)
     evaluator = Evaluator(morlax.agent, judges, tradeoffs)
     if run is None:
         run, progress = Run.create(morlax, output), Progress()
@@ -53,7 +62,7 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
     evaluated = morlax.iteration if run.has_evaluation(morlax.iteration) else None
 
     with Display(config, morlax.env, run.folder) as display, interruptible() as interrupted:
-        if morlax.env.physics.name == "MuJoCo Warp":
+        if morlax.env.simulator == "MuJoCo Warp":
             display.say("compiling kernels: most of a minute the first time on a machine")
         morlax.compile()
         evaluator.compile()
@@ -93,17 +102,18 @@ def train(config: Config, run: Run | None = None, output: Path | None = None) ->
     return run
 
 
-def make_worlds(config: Config, number: int, auto_reset: bool = True) -> Environment:
-    """The worlds that `config` describes."""
+def make_worlds(config: Config, number: int, judging: bool = False) -> Worlds:
+    """The worlds that `config` describes: to train in, or to judge policies in."""
+    task = config.task.judged() if judging else config.task
     return envs.make(
         config.env,
         number,
         config.device,
         config.backend,
         config.seed,
-        auto_reset=auto_reset,
+        auto_reset=not judging,
         deterministic=config.deterministic,
-        **config.task.model_dump(),
+        **task.model_dump(),
     )
 
 
@@ -112,7 +122,7 @@ def check(metrics: dict[str, float], morlax: MORLAX, run: Run, count: int) -> No
     span = f"iterations {morlax.iteration - count + 1} to {morlax.iteration}"
     kept = f"The last good checkpoint is {run.checkpoints / 'latest.pt'}."
     if metrics["overflow"]:
-        remedy = morlax.env.physics.remedy(int(metrics["overflow"]))
+        remedy = morlax.env.remedy(int(metrics["overflow"]))
         raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}. {kept}")
     for name in ("policy_loss", "value_loss", "entropy"):
         if not math.isfinite(metrics[name]):

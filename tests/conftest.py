@@ -1,13 +1,16 @@
-"""What the tests of the learning core share: generators, agents and rollouts of random numbers."""
+"""What tests share: generators, agents and rollouts of random numbers, untrained runs."""
 
 from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from morlax_torch import MorlaxError, Policy, envs
 from morlax_torch.agent import Agent
-from morlax_torch.config import NetworkConfig, load_config, task_values
+from morlax_torch.config import NetworkConfig, load_config, merged, task_values
+from morlax_torch.evaluation import Front
 from morlax_torch.rendering import choose_opengl
 from morlax_torch.rollout import Rollout
 
@@ -69,14 +72,29 @@ def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
 def make_policy() -> Callable[..., Policy]:
     """Untrained families of policies that move a task's robot, each trade-off in its own way."""
 
-    def make(task: str = "hopper") -> Policy:
-        config = load_config(task_values(task, "cpu"))
-        env = envs.make(task, 1, "cpu")
+    def make(name: str = "hopper", **changes: dict) -> Policy:
+        config = load_config(merged(task_values(name, "cpu"), changes))
+        env = envs.make(name, 1, "cpu")
         generator = torch.Generator().manual_seed(0)
         sizes = env.observation_size, env.action_size, len(env.objectives)
         agent = Agent(*sizes, config.network, generator)
         torch.nn.init.normal_(agent.actor.weight, std=0.2, generator=generator)
         return Policy(agent, config, env.objectives)
+
+    return make
+
+
+@pytest.fixture
+def make_front() -> Callable[[tuple[str, ...]], Front]:
+    """Fronts of the corners, an even trade-off, and one more, which the even one dominates."""
+
+    def make(objectives: tuple[str, ...]) -> Front:
+        m = len(objectives)
+        rest = [0.4 / (m - 1)] * (m - 1)
+        tradeoffs = np.vstack([np.eye(m), np.full((1, m), 1 / m), [[0.6, *rest]]])
+        returns = 100.0 * tradeoffs + 10
+        returns[m:] = [[60.0] * m, [40.0] * m]
+        return Front(objectives, tradeoffs, returns, np.full(m + 2, 200), np.zeros(m))
 
     return make
 
@@ -88,3 +106,18 @@ def opengl() -> None:
         choose_opengl()
     except MorlaxError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture
+def make_run(make_front, make_policy) -> Callable[..., Path]:
+    """Run folders of untrained policies, with a front."""
+
+    def make(folder: Path, task: str, *checkpoints: str) -> Path:
+        policy = make_policy(task, network={"actor": [8]}, task={"episode_length": 200})
+        (folder / "checkpoints").mkdir(parents=True)
+        for name in checkpoints:
+            policy.save(folder / "checkpoints" / f"{name}.pt")
+        make_front(policy.objectives).save(folder / "front.npz")
+        return folder
+
+    return make

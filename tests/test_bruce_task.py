@@ -366,6 +366,13 @@ def test_c_mujoco_cannot_randomize():
         envs.make("bruce", 1, "cpu", "mujoco", randomize=True)
 
 
+def test_policies_are_judged_without_what_training_draws():
+    options = envs.get("bruce").Options(draw_commands=True, noise=1.0, randomize=True, standing=0.2)
+    judged = options.judged()
+    assert (judged.draw_commands, judged.noise, judged.randomize) == (False, 0.0, False)
+    assert (judged.standing, judged.command) == (0.2, (0.12, 0.0))
+
+
 def test_a_command_beyond_the_gaits_is_refused():
     with pytest.raises(MorlaxError, match=r"at most 0.2 m/s forward and 0.1 m/s sideways"):
         envs.make("bruce", 1, "cpu", command=(0.3, 0.0))

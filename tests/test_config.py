@@ -24,7 +24,8 @@ def test_a_config_survives_being_written_and_read(env):
 
 
 def test_the_paper_s_objectives_are_the_default():
-    objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in envs.names()}
+    own = [env for env in envs.names() if "/" not in env]
+    objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in own}
     assert objectives == {
         "ant": ("vx", "vy"),
         "bruce": ("joints", "base", "swing", "rigid", "smooth", "energy"),

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from morlax_torch import envs
-from morlax_torch.envs import Environment, episodes
+from morlax_torch.envs import Environment, episodes, fused
 
 N = 64
 
@@ -20,13 +20,16 @@ def worlds(seed: int) -> Environment:
     return env
 
 
+def end_fused(physics, failed, *others) -> episodes.Ends:
+    ends = episodes.Ends(*(torch.empty_like(failed) for _ in episodes.Ends._fields))
+    fused.end(physics, failed, *others, ends)
+    return ends
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_kernels_are_their_definitions(seed):
     results = []
-    for end, restart in (
-        (episodes.end, episodes.restart),
-        (episodes.end_fused, episodes.restart_fused),
-    ):
+    for end, restart in ((episodes.end, episodes.restart), (end_fused, fused.restart)):
         env, generator = worlds(seed), torch.Generator().manual_seed(seed)
         failed = torch.rand(N, generator=generator) < 0.2
         reward = torch.randn(N, 2, generator=generator)

@@ -1,7 +1,6 @@
 """A front holds the returns of deterministic policies, as both evaluation protocols define them."""
 
 import gc
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,9 +46,6 @@ class Scripted:
         self.objectives, self.reference_point = ("run", "jump"), (0.5, 5.0)
         self.generator = torch.Generator()
         self.bits = torch.zeros(3, dtype=torch.int32)
-        self.physics = SimpleNamespace(
-            overflow=lambda: self.bits, remedy=lambda bits: f"raise {bits}"
-        )
         self.actions: list[torch.Tensor] = []
 
     def reset(self) -> torch.Tensor:
@@ -64,7 +60,14 @@ class Scripted:
         reward, failed = self.REWARD[self.t].expand(3, 2), self.FAILED[:, self.t]
         self.t += 1
         truncated = torch.full((3,), self.t >= 4) & ~failed
-        return TimeStep(self.seen(), reward, failed, truncated, self.seen(), {})
+        seen = self.seen()
+        return TimeStep(seen, reward, failed, truncated, seen, {}, seen, seen)
+
+    def overflow(self) -> torch.Tensor:
+        return self.bits
+
+    def remedy(self, bits: int) -> str:
+        return f"raise {bits}"
 
     def paper_reset_reward(self) -> torch.Tensor:
         return torch.tensor([100.0, 1000.0])

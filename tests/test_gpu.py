@@ -1,7 +1,9 @@
 """On CUDA: the recorded graphs do what the eager program does."""
 
+import gymnasium
 import pytest
 import torch
+from torch import nn
 
 from morlax_torch import MORLAX, envs
 from morlax_torch.config import load_config
@@ -15,10 +17,23 @@ pytestmark = [
 SMALL = {"worlds": 256, "horizon": 8, "ppo": {"minibatches": 4, "epochs": 2}}
 
 
-def trained(task: str, recorded: bool) -> MORLAX:
+class Blind(envs.get("hopper")):
+    """Velocities are for its critic alone."""
+
+    def observe(self) -> torch.Tensor:
+        return self.physics.qpos[:, 1:]
+
+    def privileged(self) -> torch.Tensor:
+        return self.physics.qvel.clamp(-10, 10)
+
+    def layout(self) -> list[envs.Part]:
+        return super().layout()[:6]
+
+
+def trained(task: str, recorded: bool, **networks: nn.Module) -> MORLAX:
     config = load_config({"env": task, **SMALL})
     env = envs.make(task, config.worlds, "cuda", deterministic=True)
-    morlax = MORLAX(env, config)
+    morlax = MORLAX(env, config, **networks)
     if recorded:
         morlax.compile()
     for _ in range(4):
@@ -37,6 +52,18 @@ def test_recorded_graphs_equal_the_eager_program(task: str):
     for name, value in eager.agent.actor.state_dict().items():
         torch.testing.assert_close(
             recorded.agent.actor.state_dict()[name], value, rtol=1e-2, atol=1e-3, msg=name
+        )
+
+
+def test_own_networks_and_what_is_privileged_are_recorded_too(monkeypatch):
+    monkeypatch.setattr(envs, "_REGISTRY", {**envs._REGISTRY, "blind": Blind})
+    actor = nn.Sequential(nn.Linear(6, 32), nn.LayerNorm(32), nn.ELU(), nn.Linear(32, 8))
+    critic = nn.Sequential(nn.Linear(13, 32), nn.ELU(), nn.Linear(32, 2))
+    eager, recorded = (trained("blind", r, actor=actor, critic=critic) for r in (False, True))
+    assert (recorded.rollout.reward - eager.rollout.reward).abs().median() < 1e-4
+    for name, value in eager.agent.critic.state_dict().items():
+        torch.testing.assert_close(
+            recorded.agent.critic.state_dict()[name], value, rtol=1e-2, atol=1e-3, msg=name
         )
 
 
@@ -73,3 +100,33 @@ def test_a_restored_state_goes_on_the_same_way():
     morlax.load_state_dict(state)
     morlax.iterate()
     torch.testing.assert_close(morlax.rollout.reward, first, rtol=0, atol=1e-4)
+
+
+def test_gymnasium_s_worlds_say_what_those_on_a_cpu_say():
+    options = {"num_envs": 3, "backend": "warp", "episode_length": 4}
+    on_gpu, on_cpu = (
+        gymnasium.make_vec("morlax_torch/Hopper-v0", device=device, **options)
+        for device in ("cuda", "cpu")
+    )
+    for env in (on_gpu, on_cpu):
+        env.reset(seed=0)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(10):
+        action = torch.rand(3, 4, generator=generator) * 2 - 1
+        ours, expected = on_gpu.step(action.cuda())[:4], on_cpu.step(action)[:4]
+        for values, right in zip(ours, expected, strict=True):
+            assert values.is_cuda
+            torch.testing.assert_close(values.cpu(), right, rtol=1e-2, atol=1e-3)
+
+
+def test_a_seed_decides_what_a_recorded_step_of_gymnasium_s_worlds_draws():
+    options = {"reset_noise": 0.1, "episode_length": 2}
+    env = gymnasium.make_vec("morlax_torch/Hopper-v0", num_envs=64, device="cuda", **options)
+    seen = []
+    for seed in (1, 1, 2):
+        env.reset(seed=seed)
+        for _ in range(2):  # the second step ends every episode, and draws a new start
+            observation = env.step(torch.zeros(64, 4, device="cuda"))[0]
+        seen.append(observation)
+    torch.testing.assert_close(seen[0], seen[1])
+    assert not torch.allclose(seen[0], seen[2], atol=1e-3)

@@ -1,7 +1,7 @@
 """BRUCE walks at a commanded velocity after gaits of a library: six objectives."""
 
 import math
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -10,6 +10,7 @@ from pydantic import Field, NonNegativeFloat, field_validator
 from torch import Tensor
 
 from ..environment import Environment
+from ..layout import Part
 from ..options import TaskOptions
 from ..physics import Physics
 from ..starts import Start, Starts
@@ -72,6 +73,10 @@ class Bruce(Environment):
         randomize: bool = False
         """Draw masses, centres of mass, the floor's friction and the motors' gains anew for each
         episode (MuJoCo Warp only)."""
+
+        def judged(self) -> Self:
+            changes = {"draw_commands": False, "noise": 0.0, "randomize": False}
+            return self.model_copy(update=changes)
 
         @field_validator("command")
         @classmethod
@@ -243,7 +248,6 @@ class Bruce(Environment):
         return torch.empty_like(like).uniform_(-scale, scale, generator=self.generator)
 
     def observe(self) -> Tensor:
-        """(N, 361), as the table in `docs/bruce.md` has it."""
         reference = self.reference
         step = torch.stack([reference.leg.to(self.command), reference.phase], -1)
         return torch.cat(
@@ -260,6 +264,36 @@ class Bruce(Environment):
             ],
             -1,
         )
+
+    def layout(self) -> list[Part]:
+        def seen(*parts: tuple[str, int, str]) -> list[Part]:
+            return [
+                Part(f"{name}.{age}_steps_ago", size, unit)
+                for age in range(SEEN)
+                for name, size, unit in parts
+            ]
+
+        quaternion = "w, x, y, z"
+        return [
+            *seen(("gyro", 3, "rad/s, in the body")),
+            *seen(("accelerometer", 3, "m/s², in the body")),
+            Part("reference.velocity.joints", 16, "rad/s"),
+            Part("reference.velocity.base", 3, "m/s, in the stance foot's frame"),
+            Part("reference.velocity.angles", 3, "rad/s, of roll, pitch and yaw"),
+            Part("reference.swinging_leg", 1, "0: left, 1: right"),
+            Part("reference.phase", 1, "of the step, 0 to 1"),
+            *seen(("action", 18, "")),
+            Part("command", 2, "m/s, forward and to the left"),
+            *seen(
+                ("attitude", 4, f"{quaternion}, from the reference's heading"),
+                ("joints", 16, "rad"),
+            ),
+            *seen(("reference.joints", 16, "rad")),
+            *seen(
+                ("reference.base", 3, "m, from the stance foot"),
+                ("reference.attitude", 4, quaternion),
+            ),
+        ]
 
     def terms(self) -> dict[str, Tensor]:
         legs = bruce.NUM_LEG_JOINTS

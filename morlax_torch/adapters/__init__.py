@@ -1,0 +1,1 @@
+"""Our worlds behind the interfaces of other libraries, a file for each."""

@@ -1,0 +1,83 @@
+"""See a robot live in the browser, and change what it cares about while it moves."""
+
+import socket
+from collections.abc import Sequence
+from typing import Annotated
+
+import torch
+import tyro
+
+from . import cli
+from .envs import MorlaxError
+from .explorer import library
+from .rollout import one_thread
+from .train import interruptible
+
+
+def explore(run: str, host: str, port: int) -> None:
+    """Serve the page of a run until Ctrl-C.
+
+    Raises:
+        MorlaxError: no such run, it has no checkpoint, or nothing can listen there.
+    """
+    library.choose(run)  # a wrong name is said before viser is waited for
+    _check_free(host, port)
+    try:
+        from .explorer.page import Page
+    except ModuleNotFoundError as error:
+        if error.name not in ("viser", "trimesh"):
+            raise
+        raise MorlaxError(
+            "the page needs viser, which is not installed: pip install 'morlax-torch[explore]'"
+        ) from None
+    with interruptible() as ended, one_thread(torch.device("cpu")):
+        page = Page(run, host, port)
+        place = {"0.0.0.0": "127.0.0.1"}.get(host, host)
+        cli.console.print(f"open http://{place}:{page.server.get_port()}  (Ctrl-C ends)")
+        page.serve(ended)
+        page.stop()
+
+
+def command(arguments: Sequence[str]) -> None:
+    def main(
+        run: Annotated[
+            str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN|NAME]")
+        ] = None,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+    ) -> None:
+        """Open a page for the browser: a robot live, and a slider for each objective.
+
+        Args:
+            run: A run's folder, a checkpoint file, or a policy that ships (None: the first that
+                ships, else the latest run under ./runs).
+            host: The address to listen on; 0.0.0.0 lets everyone on the network in.
+            port: The port to listen on; 0 takes any that is free.
+        """
+        explore(run or library.first(), host, port)
+
+    tyro.cli(main, args=arguments, prog="python -m morlax_torch.explore")
+
+
+def _check_free(host: str, port: int) -> None:
+    """viser would silently take another port, or wait forever for an address that is none."""
+    if not 0 <= port < 2**16:
+        raise MorlaxError(f"--port is a number from 0 to 65535, not {port}.")
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind(address)
+    except OSError as error:
+        raise MorlaxError(
+            f"cannot listen on {host}, port {port} ({error.strerror}): choose another --port, or "
+            "--host."
+        ) from None
+
+
+def main() -> None:
+    cli.run(command)
+
+
+if __name__ == "__main__":
+    main()

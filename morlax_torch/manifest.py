@@ -1,0 +1,104 @@
+"""What somebody must know to run an exported policy on a robot, as plain values for JSON."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from importlib import metadata
+from itertools import accumulate
+from typing import Any
+
+import mujoco
+import torch
+
+from . import envs
+from .envs import Environment, MorlaxError
+from .history import History
+from .policy import Policy, find_checkpoint, find_run
+
+STEP = 2**-6  # of an action, to find what control it makes; exact in binary
+
+
+def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[str, Any]:
+    """The task, what goes in and comes out, in which order and units, and how often.
+
+    `tradeoff` (m,) is the one inside; None: it is an input.
+    """
+    config = policy.config
+    env = envs.make(config.env, 1, "cpu", "mujoco", **config.task.judged().model_dump())
+    if not isinstance(env, Environment):
+        raise MorlaxError(f"{config.env} has no motors to tell of: only MuJoCo tasks are exported.")
+    return {
+        "morlax_torch": _version(),
+        "task": config.env,
+        "objectives": list(policy.objectives),
+        "tradeoff": None if tradeoff is None else list(tradeoff),
+        "control_rate_hz": round(1 / env.dt, 6),
+        "observation_size": env.observation_size,
+        "observation": observation(env),
+        "action_size": env.action_size,
+        "actuators": actuators(env.physics.model),
+        "control": control(env),
+    }
+
+
+def provenance(run: str | os.PathLike[str]) -> dict[str, Any]:
+    """Which checkpoint it is, and the best hypervolume that its run reached, where known."""
+    checkpoint, metrics = find_checkpoint(run), find_run(run) / "metrics.csv"
+    known: dict[str, Any] = {"sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
+    if metrics.is_file():
+        known["best_hypervolume"] = float(History.load(metrics).hypervolume.max())
+    return known
+
+
+def observation(env: Environment) -> list[dict[str, Any]]:
+    """The parts of an observation, each with its slice."""
+    parts = env.layout()
+    stops = accumulate(part.size for part in parts)
+    return [
+        {"name": part.name, "slice": [stop - part.size, stop], "unit": part.unit}
+        for part, stop in zip(parts, stops, strict=True)
+    ]
+
+
+def actuators(model: mujoco.MjModel) -> list[dict[str, Any]]:
+    """In the order of an action's numbers: their joints, gears and what limits their control."""
+    found = []
+    for index in range(model.nu):
+        driven, limits = model.actuator_trnid[index, 0], model.actuator_ctrlrange[index]
+        of_joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
+        found.append(
+            {
+                "name": model.actuator(index).name,
+                "joint": model.joint(driven).name if of_joint else None,
+                "gear": float(model.actuator_gear[index, 0]),
+                "control_range": limits.tolist() if model.actuator_ctrllimited[index] else None,
+            }
+        )
+    return found
+
+
+def control(env: Environment) -> dict[str, list[float]] | None:
+    """How the task makes control of an action: clip(offset + scale * action, low, high).
+
+    None, if it does so in another way.
+    """
+
+    def made(action: torch.Tensor) -> torch.Tensor:
+        env.apply(action.expand(1, env.action_size))
+        return env.physics.ctrl[0].clone()
+
+    offset, one_end, other_end = (made(torch.tensor(value)) for value in (0.0, -1.0, 1.0))
+    low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
+    scale = (made(torch.tensor(STEP)) - offset) / STEP
+    for action in 2 * torch.rand(64, env.action_size, generator=torch.Generator()) - 1:
+        if not torch.allclose(made(action), (offset + scale * action).clamp(low, high), atol=1e-5):
+            return None
+    named = {"scale": scale, "offset": offset, "low": low, "high": high}
+    return {name: values.tolist() for name, values in named.items()}
+
+
+def _version() -> str | None:
+    try:
+        return metadata.version("morlax-torch")
+    except metadata.PackageNotFoundError:  # a checkout that is not installed
+        return None

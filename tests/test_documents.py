@@ -1,0 +1,78 @@
+"""What the README and the pages of docs/ show can be done as it stands there."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import yaml
+
+from morlax_torch import MORLAX, checkpoint, envs, export
+from morlax_torch.config import Config, file_values, load_config, merged, task_values
+from morlax_torch.evaluate import evaluate
+from morlax_torch.policy import load
+from morlax_torch.train import make_worlds
+
+ROOT = Path(__file__).parent.parent
+A_RUN = re.compile(r"runs/cheetah/[\d-]+")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(language: str) -> list:
+    """Every block of code in a language, as a parameter that says which page it is from."""
+    return [
+        pytest.param(block, id=f"{page.stem}-{number}")
+        for page in PAGES
+        for number, block in enumerate(
+            re.findall(rf"```{language}\n(.*?)```", page.read_text(), re.DOTALL)
+        )
+    ]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    config: Config = load_config(merged(task_values("cheetah", "cpu"), {"worlds": 32}))
+    (folder / "checkpoints").mkdir()
+    morlax = MORLAX(make_worlds(config, 32), config)
+    checkpoint.save(folder / "checkpoints" / "best.pt", morlax, {})
+    evaluate(load(folder), tradeoffs=5, device="cpu").save(folder / "front.npz")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def exported(run, tmp_path_factory) -> Path:
+    """Where the page on exports has done what its command lines say."""
+    pytest.importorskip("onnxruntime")
+    folder = tmp_path_factory.mktemp("exported")
+    page = (ROOT / "docs" / "export.md").read_text()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for line in re.findall(r"^python -m morlax_torch.export (.*)", page, re.MULTILINE):
+            export.command(shlex.split(A_RUN.sub(str(run), line)))
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
+@pytest.mark.parametrize("code", blocks("python"))
+def test_python_runs(code, run, tmp_path, monkeypatch, request):
+    for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
+        pytest.importorskip(module, reason=f"{module} is not installed")
+    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))  # what pages register stays here
+    exports = "export-" in request.node.callspec.id
+    monkeypatch.chdir(request.getfixturevalue("exported") if exports else tmp_path)
+    exec(A_RUN.sub(str(run), code), {})
+
+
+@pytest.mark.parametrize("text", blocks("yaml"))
+def test_configs_load(text, tmp_path):
+    (tmp_path / "my.yaml").write_text(text)
+    config = load_config(file_values(tmp_path / "my.yaml", "cpu"))
+    assert list(config.task.objectives) == list(yaml.safe_load(text)["task"]["objectives"])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_linked_files_exist(page):
+    for link in re.findall(r"\]\(([\w./-]+)\)", page.read_text()):
+        assert (page.parent / link).exists(), link

@@ -1,0 +1,256 @@
+"""The page of the explorer: what the command refuses, and what a real browser shows."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from morlax_torch import cli, explore
+from morlax_torch.explorer import library, weights
+from morlax_torch.explorer.picking import FIELD
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(monkeypatch, capsys, *arguments: str) -> str:
+    """The sentence that the command ends with."""
+    monkeypatch.setattr(sys, "argv", ["explore", *arguments])
+    with pytest.raises(SystemExit) as exit:
+        cli.run(explore.command)
+    assert exit.value.code == 2
+    return " ".join(capsys.readouterr().err.split())
+
+
+def test_nothing_to_explore_is_one_sentence(workplace, monkeypatch, capsys):
+    monkeypatch.setattr(library, "SHIPPED", workplace)
+    assert "there is nothing to explore yet" in refused(monkeypatch, capsys)
+
+
+def test_an_unknown_run_is_one_sentence(workplace, monkeypatch, capsys):
+    assert "runs/none does not exist" in refused(monkeypatch, capsys, "runs/none")
+
+
+def test_a_run_without_checkpoints_is_one_sentence(workplace, monkeypatch, capsys):
+    (workplace / "run").mkdir()
+    assert "run has no checkpoints" in refused(monkeypatch, capsys, "run")
+
+
+def test_a_port_in_use_is_one_sentence(workplace, make_run, monkeypatch, capsys):
+    make_run(workplace / "run", "hopper", "best")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        text = refused(monkeypatch, capsys, "run", "--port", port)
+    assert f"cannot listen on 127.0.0.1, port {port}" in text
+    assert "from 0 to 65535" in refused(monkeypatch, capsys, "run", "--port", "70000")
+    assert "cannot listen on" in refused(monkeypatch, capsys, "run", "--host", "192.0.2.1")
+
+
+def test_without_viser_it_says_how_to_get_it(workplace, make_run, monkeypatch, capsys):
+    make_run(workplace / "run", "hopper", "best")
+    for name in [name for name in sys.modules if name.startswith("morlax_torch.explorer.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    text = refused(monkeypatch, capsys, "run", "--port", "0")
+    assert "pip install 'morlax-torch[explore]'" in text
+
+
+# in a browser
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+FLAGS = (
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--disable-gpu"),
+)
+
+
+@pytest.fixture
+def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
+    """The address of a page that shows a run of three objectives, and the command behind it."""
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    make_run(workplace / "runs/cheetah3/a", "cheetah3", "best", "latest")
+    make_run(workplace / "runs/hopper/b", "hopper", "best")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "morlax_torch.explore", "runs/cheetah3/a", "--port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    try:
+        yield process.stdout.readline().split()[1], process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def browser() -> Iterator:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("there is no chromium on this machine")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+class View:
+    """One tab, and what a user reads in it."""
+
+    def __init__(self, browser, address: str, width: int = 800, height: int = 780):
+        self.tab = browser.new_page(viewport={"width": width, "height": height})
+        self.elsewhere: list[str] = []
+        self.tab.on("request", lambda request: self._note(request.url, address))
+        self.tab.goto(address)
+        self.tab.wait_for_selector("[data-tradeoff]", state="attached")
+
+    def _note(self, url: str, address: str) -> None:
+        if not url.startswith((address, "data:", "blob:")):
+            self.elsewhere.append(url)
+
+    def tradeoff(self) -> tuple[float, ...]:
+        text = self.tab.locator("[data-tradeoff]").get_attribute("data-tradeoff")
+        return tuple(map(float, text.split(",")))
+
+    def sliders(self) -> list[float]:
+        boxes = self.tab.locator(".mantine-Slider-root").locator("..").locator("input[inputmode]")
+        values = boxes.evaluate_all("boxes => boxes.map(b => b.value)")
+        return [float(text) for text in values[:-1]]  # the last is the pace
+
+    def field_box(self):
+        label = self.tab.locator("label", has_text=FIELD)
+        return label.locator("xpath=../../..").locator("input")
+
+    def field(self) -> str:
+        return self.field_box().input_value()
+
+    def status(self) -> str:
+        return self.tab.locator("b", has_text="this episode").locator("..").inner_text()
+
+    def until(self, happened, what: str) -> None:
+        deadline = time.monotonic() + 30
+        while not happened():
+            assert time.monotonic() < deadline, what
+            self.tab.wait_for_timeout(50)
+
+
+def middle(locator) -> tuple[float, float]:
+    box = locator.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def test_a_browser_steers_the_robot(served, browser, tmp_path):
+    address, _ = served
+    view = View(browser, address)
+    shots = Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path))
+
+    # the robot moves, and nothing was fetched from elsewhere
+    before = view.status()
+    view.until(lambda: view.status() != before, "the robot stands still")
+    assert view.elsewhere == []
+    assert view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=1e-3)
+
+    # a slider is dragged: the others make room in proportion
+    track = view.tab.locator(".mantine-Slider-track").first.bounding_box()
+    height = track["y"] + track["height"] / 2
+    view.tab.mouse.move(track["x"] + track["width"] / 3, height)
+    view.tab.mouse.down()
+    for share in (0.5, 0.7, 0.8):
+        view.tab.mouse.move(track["x"] + track["width"] * share, height)
+    view.tab.mouse.up()
+    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.03), "the slider is not felt")
+    first, *others = view.tradeoff()
+    assert others == pytest.approx([(1 - first) / 2] * 2, abs=2e-3)
+    view.until(lambda: view.sliders()[1] == pytest.approx(others[0], abs=6e-3), "sliders differ")
+    assert weights.read(view.field(), 3) == pytest.approx(view.tradeoff(), abs=2e-3)
+    view.tab.screenshot(path=shots / "slider.png")
+
+    # a click on the front goes to that policy, and the mark goes with it
+    corner = view.tab.locator('[data-cell="0 1"] [data-w="0.000, 1.000, 0.000"]')
+    view.tab.mouse.click(*middle(corner))
+    view.until(lambda: view.tradeoff() == (0, 1, 0), "the click is not felt")
+    assert middle(view.tab.locator("[data-here]").first) == pytest.approx(middle(corner), abs=1)
+    view.until(lambda: view.sliders() == [0, 1, 0], "the sliders do not follow")
+
+    # the point of the triangle is dragged, beyond an edge too
+    triangle = view.tab.locator("polygon").bounding_box()
+    x, y = triangle["x"] + triangle["width"] / 2, triangle["y"] + triangle["height"]
+    view.tab.mouse.move(x, y - triangle["height"] / 3)
+    view.tab.mouse.down()
+    view.until(lambda: view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=0.04), "no drag begins")
+    view.tab.mouse.move(x, y + 60)
+    view.until(lambda: view.tradeoff() == pytest.approx((0, 0.5, 0.5), abs=0.03), "no drag")
+    view.tab.mouse.up()
+
+    # it can be typed, and copied
+    view.field_box().fill("2, 1, 1")
+    view.until(lambda: view.tradeoff() == (0.5, 0.25, 0.25), "typing is not felt")
+    view.tab.mouse.click(*middle(corner))
+    view.until(lambda: view.tradeoff() == (0, 1, 0), "the second click is not felt")
+    view.tab.get_by_role("button", name="copy trade-off").click()
+    view.field_box().fill("")
+    view.field_box().press("Control+v")
+    assert view.field() == "0.000, 1.000, 0.000"
+    view.tab.screenshot(path=shots / "front.png")
+
+
+def test_a_browser_that_leaves_finds_the_robot_again(served, browser, tmp_path):
+    address, process = served
+    first, second = View(browser, address), View(browser, address, 390, 844)
+    shots = Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path))
+    second.tab.screenshot(path=shots / "phone.png")
+
+    # both see the same robot
+    first.field_box().fill("1, 3, 0")
+    second.until(lambda: second.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
+
+    # one leaves in the middle of a drag
+    track = first.tab.locator(".mantine-Slider-track").first.bounding_box()
+    first.tab.mouse.move(track["x"] + 10, track["y"] + track["height"] / 2)
+    first.tab.mouse.down()
+    first.tab.close()
+    second.tab.close()
+    third = View(browser, address)
+    assert sum(third.tradeoff()) == pytest.approx(1, abs=2e-3)
+    before = third.status()
+    third.until(lambda: third.status() != before, "the robot stands still")
+
+    # pause, and go on
+    third.tab.get_by_role("button", name="pause").click()
+    third.tab.get_by_role("button", name="go on").wait_for()
+    third.tab.wait_for_timeout(300)
+    before = third.status()
+    third.tab.wait_for_timeout(500)
+    assert third.status() == before
+    third.tab.get_by_role("button", name="push").click()
+    third.tab.get_by_role("button", name="reset").click()
+    third.until(lambda: "0.0 s" in third.status(), "it is not reset")
+    third.tab.get_by_role("button", name="go on").click()
+
+    # another run, with other objectives
+    third.tab.get_by_label("policy").first.click()
+    third.tab.get_by_role("option", name="runs/hopper/b").click()
+    third.until(lambda: len(third.tradeoff()) == 2, "the other run is not shown")
+    assert len(third.sliders()) == 2
+    third.tab.wait_for_timeout(500)
+    third.tab.screenshot(path=shots / "another.png")
+
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert errors == "" and output == ""

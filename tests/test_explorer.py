@@ -1,0 +1,246 @@
+"""What the explorer does without a browser: a hand on a slider, a robot in real time."""
+
+import json
+import os
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from morlax_torch import MorlaxError
+from morlax_torch.explorer import library, weights
+from morlax_torch.explorer.drawing import Drawing
+from morlax_torch.explorer.history import INTERVAL, SECONDS, History
+from morlax_torch.explorer.session import PUSH, Session, horizontal_dofs
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def session(tmp_path, make_run) -> Session:
+    return Session(library.choose(str(make_run(tmp_path / "run", "hopper", "best"))))
+
+
+# a hand on a slider
+
+
+def test_whatever_hands_do_the_weights_keep_summing_to_one():
+    hands = np.random.default_rng(0)
+    for m in (2, 3, 5):
+        current = weights.even(m)
+        for _ in range(500):
+            value = hands.choice([0.0, 1.0, -3.0, 7.0, 1e-12, 1 - 1e-12, hands.random()])
+            index = int(hands.integers(m))
+            current = weights.move_slider(current, index, float(value))
+            assert sum(current) == pytest.approx(1, abs=1e-9)
+            assert min(current) >= 0
+            assert current[index] == np.clip(value, 0, 1)
+
+
+def test_the_other_weights_keep_their_proportions():
+    assert weights.move_slider((0.5, 0.3, 0.2), 0, 0.0) == pytest.approx((0, 0.6, 0.4))
+
+
+def test_out_of_a_corner_the_others_share_evenly():
+    corner = weights.move_slider((0.5, 0.3, 0.2), 0, 1.0)
+    assert corner == (1, 0, 0)
+    assert weights.move_slider(corner, 0, 0.5) == pytest.approx((0.5, 0.25, 0.25))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_a_value_that_is_no_number_changes_nothing(value):
+    assert weights.move_slider((0.7, 0.3), 1, value) == (0.7, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0.7, 0.3", (0.7, 0.3)),
+        ("(3 1)", (0.75, 0.25)),
+        ("1;0", (1, 0)),
+        ("0.7,", None),
+        ("0.7", None),
+        ("1, 2, 3", None),
+        ("0, 0", None),
+        ("-1, 2", None),
+        ("nan, 1", None),
+        ("inf, 1", None),
+        ("run, energy", None),
+        ("", None),
+    ],
+)
+def test_a_typed_tradeoff_is_read_or_waited_for(text, expected):
+    found = weights.read(text, 2)
+    assert found == (None if expected is None else pytest.approx(expected))
+
+
+def test_what_is_copied_can_be_typed_again():
+    tradeoff = (0.125, 0.5, 0.375)
+    assert weights.read(weights.show(tradeoff), 3) == pytest.approx(tradeoff)
+
+
+# a robot at the pace of the clock
+
+
+def play(session: Session, seconds: float) -> int:
+    """Advance by a clock that shows every hundredth of a second."""
+    ticks = [session.advance(tick / 100) for tick in range(round(seconds * 100) + 1)]
+    return sum(ticks)
+
+
+def test_a_robot_moves_in_real_time(session):
+    assert play(session, 1.0) == round(1 / session.dt)
+    assert session.time == pytest.approx(1.0)
+
+
+def test_slow_motion_and_pause(session):
+    session.pace = 0.25
+    assert play(session, 2.0) == pytest.approx(0.5 / session.dt, abs=1)
+    session.paused = True
+    assert play(session, 1.0) == 0
+
+
+def test_time_that_the_computer_slept_is_not_caught_up_with(session):
+    session.advance(0.0)
+    assert session.advance(3600.0) * session.dt <= 0.1 + 1e-9
+
+
+def test_a_new_tradeoff_acts_on_the_next_step(session):
+    session.step()
+    seen = session.player.observation
+    session.tradeoff = (0.9, 0.1)
+    session.step()
+    action = session.player.policy(seen, (0.9, 0.1))[0]
+    env = session.player.env
+    env.apply(action[None])
+    assert session.player.tradeoff.tolist() == pytest.approx([0.9, 0.1])
+    np.testing.assert_allclose(session.player.data.ctrl, env.physics.ctrl[0], rtol=1e-5)
+
+
+def test_an_episode_that_is_over_is_told_of_and_begins_anew(session):
+    while session.last_episode is None:
+        session.step()
+    assert session.seconds == pytest.approx(session.dt)
+    assert len(session.last_episode.returns) == 2
+    assert session.last_episode.fell == (session.last_episode.seconds < 200 * session.dt - 1e-9)
+
+
+def test_a_reset_begins_a_new_episode(session):
+    play(session, 0.2)
+    session.reset()
+    assert session.seconds == 0
+    assert not session.player.returns.any()
+
+
+@pytest.mark.parametrize(("task", "free"), [("hopper", 1), ("ant", 2)])
+def test_a_push_is_felt_where_the_robot_can_go(task, free, tmp_path, make_run):
+    session = Session(library.choose(str(make_run(tmp_path / "run", task, "best"))))
+    before = session.player.env.physics.qvel[0].clone()
+    session.push()
+    kick = session.player.env.physics.qvel[0] - before
+    assert horizontal_dofs(session.player.model) == list(range(free))
+    assert float(kick.norm()) == pytest.approx(PUSH)
+    assert not kick[free:].any()
+
+
+def test_power_is_force_times_velocity(session):
+    play(session, 0.3)
+    model, data = session.player.model, session.player.data
+    joints = model.jnt_dofadr[model.actuator_trnid[:, 0]]
+    torque = model.actuator_gear[:, 0] * data.ctrl
+    assert session.power() == pytest.approx(np.abs(torque * data.qvel[joints]).sum())
+
+
+def test_history_holds_means_of_the_last_seconds():
+    history = History(1)
+    for step in range(1, 4001):
+        history.add(step * 0.01, [float(step)])
+    time, value = history.columns()
+    assert len(time) == round(SECONDS / INTERVAL)
+    assert time[-1] == pytest.approx(40.0)
+    assert value[-1] == pytest.approx(np.mean([3996, 3997, 3998, 3999, 4000]))
+
+
+# what can be explored
+
+
+def test_the_latest_run_is_found(workplace, make_run):
+    for name, age in (("runs/hopper/old", 20), ("runs/new", 10)):
+        file = make_run(workplace / name, "hopper", "best") / "checkpoints/best.pt"
+        os.utime(file, (1e9 - age, 1e9 - age))
+    assert library.trained() == ["runs/new", "runs/hopper/old"]
+
+
+def test_a_run_s_checkpoints_can_be_chosen_among(workplace, make_run):
+    make_run(workplace / "runs/a", "hopper", "best", "latest")
+    choice = library.choose("runs/a")
+    assert (choice.checkpoint, list(choice.files)) == ("best", ["best", "latest"])
+    assert library.choose("runs/a/checkpoints/latest.pt")[:2] == ("runs/a", "latest")
+    with pytest.raises(MorlaxError, match="did you mean 'latest'"):
+        library.choose("runs/a", "lates")
+
+
+def test_a_front_of_other_objectives_is_not_shown(tmp_path, make_run, make_front):
+    folder = make_run(tmp_path / "run", "hopper", "best")
+    make_front(("run", "energy")).save(folder / "front.npz")
+    assert Session(library.choose(str(folder))).front is None
+
+
+# what it draws
+
+
+def test_every_policy_of_the_front_can_be_picked(make_front):
+    front = make_front(("run", "<b>", "height"))
+    html = Drawing(front.objectives, front).html()
+    assert html.count("data-cell=") == 4  # the triangle, and three pairs
+    picked = {weights.read(text, 3) for text in re.findall(r'data-w="([^"]*)"', html)}
+    expected = front.tradeoffs[front.non_dominated]
+    np.testing.assert_allclose(sorted(picked), sorted(map(tuple, expected)), atol=2e-3)
+    assert "<b>" not in html
+
+
+def test_a_place_in_the_triangle_is_a_tradeoff():
+    drawing = Drawing(("a", "b", "c"), None)
+    rows = np.array(json.loads(re.findall(r'data-map="([^"]*)"', drawing.html())[0]))
+    for tradeoff in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0.2, 0.3, 0.5)):
+        mark = re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', drawing.marks(tradeoff, None))[0]
+        np.testing.assert_allclose(rows @ [*map(float, mark), 1], tradeoff, atol=2e-3)
+
+
+SHAPES = """
+<mujoco><asset><mesh name="m" vertex="0 0 0  .3 0 0  0 .3 0  0 0 .3"/></asset><worldbody>
+  <geom type="sphere" size=".2"/><geom type="capsule" size=".1 .3"/>
+  <geom type="cylinder" size=".1 .3"/><geom type="box" size=".1 .2 .3"/>
+  <geom type="ellipsoid" size=".1 .2 .3"/><geom type="mesh" mesh="m"/>
+  <geom type="plane" size="1 1 1"/>
+</worldbody></mujoco>
+"""
+
+
+def test_every_geom_has_the_shape_that_mujoco_gives_it():
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.explorer.scene import geom_mesh
+
+    model = mujoco.MjModel.from_xml_string(SHAPES)
+    pi = np.pi
+    volumes = [
+        4 / 3 * pi * 0.2**3,
+        4 / 3 * pi * 0.1**3 + pi * 0.1**2 * 0.6,
+        pi * 0.1**2 * 0.6,
+        0.2 * 0.4 * 0.6,
+        4 / 3 * pi * 0.1 * 0.2 * 0.3,
+        0.3**3 / 6,
+    ]
+    for geom, volume in enumerate(volumes):
+        mesh = geom_mesh(model, geom)
+        assert mesh is not None
+        assert mesh.volume == pytest.approx(volume, rel=0.03)
+        middle, half = model.geom_aabb[geom].reshape(2, 3)
+        np.testing.assert_allclose(mesh.bounds, [middle - half, middle + half], atol=5e-3)
+    assert geom_mesh(model, len(volumes)) is None

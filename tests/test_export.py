@@ -1,0 +1,304 @@
+"""An exported policy acts as the policy, wherever it runs, and the file says what it is."""
+
+import io
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+from torch import Tensor, nn
+
+from morlax_torch import MORLAX, MorlaxError, Policy, checkpoint, envs, export, policy
+from morlax_torch.config import load_config
+from morlax_torch.formats import FORMATS, Format
+from morlax_torch.manifest import control, manifest
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning"),
+]
+TRADEOFF = {"hopper": (0.7, 0.3), "cheetah3": (0.5, 0.2, 0.3)}
+
+
+@pytest.fixture
+def trained(make_policy) -> Callable[..., Policy]:
+    """Policies whose normaliser has seen something."""
+
+    def make(task: str = "hopper") -> Policy:
+        found = make_policy(task)
+        noise = torch.randn(
+            100, found.agent.observation_size, generator=torch.Generator().manual_seed(1)
+        )
+        found.agent.observation_normalizer.update(3.0 + 5.0 * noise)
+        return found
+
+    return make
+
+
+def run_onnx(data: bytes, inputs: dict[str, Tensor]) -> Tensor:
+    onnx.checker.check_model(onnx.load_from_string(data), full_check=True)
+    session = onnxruntime.InferenceSession(data)
+    arrays = {name: value.numpy() for name, value in inputs.items()}
+    return torch.from_numpy(session.run(["action"], arrays)[0])
+
+
+def run_torchscript(data: bytes, inputs: dict[str, Tensor]) -> Tensor:
+    return torch.jit.load(io.BytesIO(data))(*inputs.values())
+
+
+def run_torch_export(data: bytes, inputs: dict[str, Tensor]) -> Tensor:
+    return torch.export.load(io.BytesIO(data)).module()(*inputs.values())
+
+
+RUNNERS = {
+    "onnx": run_onnx,
+    "torchscript": run_torchscript,
+    "torch-export": run_torch_export,
+}
+
+
+def known(format: str, data: bytes) -> dict:
+    """What a file says of itself."""
+    if format == "onnx":
+        props = onnx.load_from_string(data).metadata_props
+        return {prop.key: json.loads(prop.value) for prop in props}
+    files = {"morlax_torch.json": ""}
+    if format == "torchscript":
+        torch.jit.load(io.BytesIO(data), _extra_files=files)
+    else:
+        torch.export.load(io.BytesIO(data), extra_files=files)
+    return json.loads(files["morlax_torch.json"])
+
+
+def inputs(found: Policy, rows: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    size, m = found.agent.observation_size, len(found.objectives)
+    observation = 3.0 + 5.0 * torch.randn(rows, size, generator=generator)
+    return observation, torch.rand(m, generator=generator) + 0.01
+
+
+@pytest.mark.parametrize("format", RUNNERS)
+@pytest.mark.parametrize("task", TRADEOFF)
+def test_one_tradeoffs_policy_acts_alike_for_any_number_of_rows(
+    format, task, trained, generator, tmp_path
+):
+    found, tradeoff = trained(task), TRADEOFF[task]
+    largest = export.export(found, tmp_path / "it", format, tradeoff)
+    assert 0 <= largest < 1e-5
+    data = (tmp_path / "it").read_bytes()
+    for rows in (1, 2, 33):
+        observation, _ = inputs(found, rows, generator)
+        action = RUNNERS[format](data, {"observation": observation})
+        torch.testing.assert_close(action, found(observation, tradeoff), atol=1e-5, rtol=0)
+    assert action.std(0).min() > 1e-3
+
+
+@pytest.mark.parametrize("format", RUNNERS)
+@pytest.mark.parametrize("task", TRADEOFF)
+def test_the_tradeoff_may_be_another_one_in_every_call(format, task, trained, generator, tmp_path):
+    found = trained(task)
+    export.export(found, tmp_path / "it", format)
+    data = (tmp_path / "it").read_bytes()
+    for rows in (1, 2, 33):
+        observation, tradeoff = inputs(found, rows, generator)
+        action = RUNNERS[format](data, {"observation": observation, "tradeoff": tradeoff})
+        torch.testing.assert_close(action, found(observation, tradeoff), atol=1e-5, rtol=0)
+    assert not torch.allclose(action, found(observation, tradeoff.flip(0)), atol=1e-3)
+
+
+def test_onnx_names_its_inputs_and_calls_the_rows_a_batch(trained, tmp_path):
+    export.export(trained(), tmp_path / "it.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "it.onnx")
+    shapes = {x.name: x.shape for x in (*session.get_inputs(), *session.get_outputs())}
+    assert shapes == {
+        "observation": ["batch", 13],
+        "tradeoff": [2],
+        "action": ["batch", 4],
+    }
+
+
+@pytest.mark.parametrize("format", RUNNERS)
+def test_a_file_says_what_a_robot_needs_to_know(format, trained, tmp_path):
+    found = trained("hopper")
+    export.export(found, tmp_path / "it", format, (0.7, 0.3), {"run": {"seed": 3}})
+    about = known(format, (tmp_path / "it").read_bytes())
+    assert about == json.loads(json.dumps({**manifest(found, (0.7, 0.3)), "run": {"seed": 3}}))
+    assert (about["task"], about["objectives"]) == ("hopper", ["run", "jump"])
+    assert about["tradeoff"] == [0.7, 0.3]
+    assert about["control_rate_hz"] == 100
+    assert (about["observation_size"], about["action_size"]) == (13, 4)
+    assert about["observation"][0] == {"name": "position.rootz", "slice": [0, 1], "unit": "m"}
+    assert about["observation"][-1]["slice"] == [12, 13]
+    assert about["actuators"][2] == {
+        "name": "knee",
+        "joint": "knee",
+        "gear": 30.0,
+        "control_range": None,
+    }
+
+
+def test_joints_are_in_the_order_of_actions(trained):
+    env = envs.make("ant", 1, "cpu")
+    found = manifest(trained("ant"))["actuators"]
+    data = mujoco.MjData(env.physics.model)
+    for index, actuator in enumerate(found):
+        data.ctrl[:] = 0
+        data.ctrl[index] = 0.5
+        mujoco.mj_forward(env.physics.model, data)
+        (dof,) = np.flatnonzero(data.qfrc_actuator)
+        assert actuator["joint"] == env.physics.model.joint(env.physics.model.dof_jntid[dof]).name
+        assert data.qfrc_actuator[dof] == pytest.approx(0.5 * actuator["gear"])
+        assert actuator["control_range"] == [-1, 1]
+
+
+@pytest.mark.parametrize("task", envs.names())
+def test_control_is_made_of_actions_as_the_file_says(task, generator):
+    env = envs.make(task, 50, "cpu")
+    found = control(envs.make(task, 1, "cpu"))
+    scale, offset, low, high = (np.array(found[n]) for n in ("scale", "offset", "low", "high"))
+    action = torch.rand(50, env.action_size, generator=generator) * 2 - 1
+    env.apply(action)
+    expected = np.clip(offset + scale * action.numpy(), low, high)
+    np.testing.assert_allclose(env.physics.ctrl.numpy(), expected, atol=1e-6)
+
+
+def test_control_that_is_no_clipped_line_is_not_claimed(monkeypatch):
+    env = envs.make("hopper", 1, "cpu")
+    monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(action.pow(3)))
+    assert control(env) is None
+    monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(0.5 - 2 * action))
+    assert control(env) == {
+        "scale": [-2.0] * 4,
+        "offset": [0.5] * 4,
+        "low": [-1.5] * 4,
+        "high": [2.5] * 4,
+    }
+
+
+@pytest.mark.parametrize("format", RUNNERS)
+def test_a_user_s_own_actor_is_exported_too(format, generator, tmp_path):
+    config = load_config({"env": "hopper", "worlds": 32, "ppo": {"minibatches": 4}})
+    actor = nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8))
+    morlax = MORLAX(envs.make("hopper", 32, "cpu"), config, actor)
+    found = Policy(morlax.agent, config, morlax.env.objectives)
+    nn.init.normal_(morlax.agent.actor.weight, std=0.2, generator=generator)
+    export.export(found, tmp_path / "it", format)
+    observation, tradeoff = inputs(found, 5, generator)
+    action = RUNNERS[format](
+        (tmp_path / "it").read_bytes(), {"observation": observation, "tradeoff": tradeoff}
+    )
+    torch.testing.assert_close(action, found(observation, tradeoff), atol=1e-5, rtol=0)
+
+
+def test_what_acts_otherwise_once_written_is_not_written(trained, tmp_path, monkeypatch):
+    usual = FORMATS["torchscript"]
+    wrong = Format(".ts", usual.write, lambda data: lambda *given: usual.read(data)(*given) + 2e-5)
+    monkeypatch.setitem(FORMATS, "torchscript", wrong)
+    with pytest.raises(MorlaxError, match=r"differ from the policy.s by up to 2\.0e-05"):
+        export.export(trained(), tmp_path / "it.ts", "torchscript")
+    assert not list(tmp_path.iterdir())
+
+
+# The command
+
+
+@pytest.fixture
+def saved(trained, tmp_path: Path, monkeypatch) -> Path:
+    """policy.pt in the working directory, and metrics of its run."""
+    monkeypatch.chdir(tmp_path)
+    trained().save(tmp_path / "policy.pt")
+    (tmp_path / "metrics.csv").write_text(
+        "env_steps,train_seconds,hypervolume\n0,0,5\n10,1,7.5\n20,2,6\n"
+    )
+    return tmp_path
+
+
+def run(monkeypatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["export", *arguments])
+    export.main()
+
+
+def test_a_file_goes_beside_its_run_and_knows_it(saved, monkeypatch, capsys):
+    run(monkeypatch, "policy.pt", "--tradeoff", "7,3")
+    assert "written: policy.onnx (largest difference from the policy: " in capsys.readouterr().out
+    about = known("onnx", (saved / "policy.onnx").read_bytes())
+    assert about["tradeoff"] == [7, 3]
+    assert about["run"]["best_hypervolume"] == 7.5
+    assert len(about["run"]["sha256"]) == 64
+    run(monkeypatch, "policy.pt")
+    about = known("onnx", (saved / "family.onnx").read_bytes())
+    assert about["tradeoff"] is None
+
+
+@pytest.mark.parametrize(
+    ("format", "name"), [("torchscript", "family.ts"), ("torch-export", "family.pt2")]
+)
+def test_other_formats_have_other_endings(saved, format, name, monkeypatch):
+    run(monkeypatch, "policy.pt", "--format", format)
+    assert known(format, (saved / name).read_bytes())["task"] == "hopper"
+
+
+def test_a_shipped_policy_is_exported_into_the_working_directory(saved, monkeypatch, trained):
+    monkeypatch.setattr(policy, "SHIPPED", saved / "shipped")
+    monkeypatch.setattr(export, "SHIPPED", saved / "shipped")
+    folder = saved / "shipped" / "hopper"
+    (folder / "checkpoints").mkdir(parents=True)
+    trained().save(folder / "checkpoints" / "best.pt")
+    run(monkeypatch, "hopper", "--format", "torch-export")
+    assert (saved / "family.pt2").is_file()
+    assert not (folder / "family.pt2").exists()
+
+
+MISTAKES = {
+    "no run": (("nowhere",), "nowhere does not exist"),
+    "negative": (("policy.pt", "--tradeoff", "-1,2"), "must be finite, not negative"),
+    "too long": (("policy.pt", "--tradeoff", "1,2,3"), "needs 2 numbers (run, jump)"),
+    "no numbers": (("policy.pt", "--tradeoff", "fast"), "is not made of 2 numbers"),
+    "no folder": (("policy.pt", "--output", "no/where.onnx"), "cannot write no/where.onnx"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_gets_one_sentence_and_leaves_no_file(name, saved, monkeypatch, capsys):
+    arguments, expected = MISTAKES[name]
+    before = set(saved.iterdir())
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, *arguments)
+    assert exit.value.code == 2
+    words = capsys.readouterr()
+    assert words.out == "" and words.err.startswith("error: ") and words.err.count("\n") == 1
+    assert expected in words.err
+    assert set(saved.iterdir()) == before
+
+
+@pytest.mark.parametrize("package", ["onnx", "onnxscript", "onnxruntime"])
+def test_a_missing_extra_is_named(saved, package, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(SystemExit):
+        run(monkeypatch, "policy.pt")
+    text = capsys.readouterr().err
+    assert f"ONNX needs {package}" in text and "pip install 'morlax-torch[onnx]'" in text
+    assert not list(saved.glob("*.onnx"))
+
+
+def test_help_is_complete(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, "--help")
+    assert exit.value.code == 0
+    text = capsys.readouterr().out
+    for name in ("RUN", "--tradeoff", "--format", "--output", "torch-export"):
+        assert name in text
+
+
+def test_a_run_with_an_actor_of_its_own_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+    config = load_config({"env": "hopper", "worlds": 32, "ppo": {"minibatches": 4}})
+    actor = nn.Sequential(nn.Linear(13, 8))
+    checkpoint.save(tmp_path / "own.pt", MORLAX(envs.make("hopper", 32, "cpu"), config, actor), {})
+    with pytest.raises(SystemExit):
+        run(monkeypatch, str(tmp_path / "own.pt"))
+    assert "holds a user's own actor, which no config describes" in capsys.readouterr().err

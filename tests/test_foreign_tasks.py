@@ -1,0 +1,412 @@
+"""The tasks of PG-MORL and MO-Gymnasium are theirs: robots, rewards, observations, failures."""
+
+import copy
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import gymnasium
+import mo_gymnasium
+import mujoco
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from morlax_torch import envs
+from morlax_torch.envs import mo_gymnasium as mo_tasks
+from morlax_torch.envs import pgmorl
+
+TOLERANCE = 1e-9
+SINGLE = 2e-6  # what MO-Gymnasium's own rewards, in single precision, allow
+EPISODE = 80  # control steps: most robots have failed by then
+
+
+def make(task: str, worlds: int = 2, backend: str = "mujoco", **options) -> envs.Environment:
+    return envs.make(task, worlds, "cpu", backend, auto_reset=False, **options)
+
+
+def random_actions(env: envs.Environment, steps: int = EPISODE) -> Tensor:
+    generator = torch.Generator().manual_seed(0)
+    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
+
+
+# MO-Gymnasium, by its own environments
+
+
+class Origin(NamedTuple):
+    """The environment that a task of ours is a copy of."""
+
+    name: str
+    flags: dict[str, bool]
+
+
+SEEN = "include_{}_in_observation"
+BLIND = {SEEN.format(q): False for q in ("cinert", "cvel", "qfrc_actuator", "cfrc_ext")}
+ORIGINS = {
+    "ant": Origin("mo-ant-v5", {}),
+    "ant without forces": Origin("mo-ant-v5", {SEEN.format("cfrc_ext"): False}),
+    "ant-2obj": Origin("mo-ant-2obj-v5", {}),
+    "halfcheetah": Origin("mo-halfcheetah-v5", {}),
+    "hopper": Origin("mo-hopper-v5", {}),
+    "hopper-2obj": Origin("mo-hopper-2obj-v5", {}),
+    "humanoid": Origin("mo-humanoid-v5", {}),
+    "humanoid without bodies": Origin("mo-humanoid-v5", BLIND),
+    "swimmer": Origin("mo-swimmer-v5", {}),
+    "walker2d": Origin("mo-walker2d-v5", {}),
+}
+
+
+def open_original(origin: Origin, env: envs.Environment, world: int = 0) -> gymnasium.Env:
+    """MO-Gymnasium's environment in the state of one of our worlds."""
+    original = mo_gymnasium.make(origin.name, **origin.flags).unwrapped
+    original.reset()
+    original.model.opt.solver = env.physics.model.opt.solver  # its humanoid's is another
+    original.set_state(env.physics.qpos[world].numpy(), env.physics.qvel[world].numpy())
+    original.data.qacc_warmstart[:] = 0.0
+    return original
+
+
+def look_as_sensors_do(original: gymnasium.Env) -> None:
+    """Let derived quantities be those of the state that enters the last physics step.
+
+    Gymnasium itself reads what the RK4 integrator's last stage left in them.
+    """
+    model, data = original.model, original.data
+
+    def step(control: np.ndarray, substeps: int) -> None:
+        data.ctrl[:] = control
+        mujoco.mj_step(model, data, substeps - 1)
+        entering = copy.copy(data)
+        mujoco.mj_forward(model, entering)
+        mujoco.mj_rnePostConstraint(model, entering)
+        mujoco.mj_step(model, data)
+        for name in ("xipos", "cinert", "cvel", "qfrc_actuator", "cfrc_ext"):
+            getattr(data, name)[:] = getattr(entering, name)
+        if model.nq > model.nv:  # the ant's velocity is that of its position
+            data.xpos[1] = data.qpos[:3]
+
+    original._step_mujoco_simulation = step
+
+
+@pytest.mark.parametrize("name", ORIGINS)
+def test_mo_gymnasium_s_own_environments_agree_step_by_step(name):
+    origin = ORIGINS[name]
+    env = make(f"mo-gymnasium/{name.split()[0]}", **origin.flags)
+    originals = [open_original(origin, env, world) for world in range(2)]
+    seen = env.observe()
+    for world, original in enumerate(originals):
+        assert original.observation_space.shape == (env.observation_size,)
+        assert original.reward_space.shape == (len(env.objectives),)
+        assert original.dt == pytest.approx(env.dt)
+        np.testing.assert_allclose(seen[world], original._get_obs(), rtol=0, atol=1e-7)
+        look_as_sensors_do(original)
+    failures = 0
+    for action in random_actions(env):
+        step = env.step(action)
+        seen, reward = env.observe(), env.combine(step.terms)
+        for world, original in enumerate(originals):
+            control = env.physics.ctrl[world].numpy()
+            expected, pay, terminated, _, _ = original.step(control)
+            np.testing.assert_allclose(seen[world], expected, rtol=1e-7, atol=1e-7)
+            np.testing.assert_allclose(reward[world], pay, rtol=SINGLE, atol=SINGLE)
+            assert step.terminated[world] == terminated
+            failures += terminated
+    never = name.split()[0] in ("halfcheetah", "swimmer")
+    assert failures == 0 if never else failures > 0
+
+
+@pytest.mark.parametrize("name", ("ant", "humanoid"))
+def test_where_sensors_lag_returns_are_those_of_mo_gymnasium_to_a_centimetre(name):
+    env = make(f"mo-gymnasium/{name}", reset_noise=0.0)
+    original = open_original(ORIGINS[name], env)
+    ours = theirs = 0.0
+    for action in random_actions(env):
+        ours += env.step(action).terms["vx" if name == "ant" else "run"][0].item()
+        theirs += original.step(env.physics.ctrl[0].numpy())[4]["x_velocity"]
+    assert ours * env.dt == pytest.approx(theirs * env.dt, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ("ant", "hopper", "humanoid", "walker2d"))
+def test_robots_fail_where_mo_gymnasium_calls_them_unhealthy(name):
+    env = make(f"mo-gymnasium/{name}", 200, reset_noise=0.2)
+    original = open_original(ORIGINS[name], env)
+    generator = torch.Generator().manual_seed(0)
+    height = 2 if name in ("ant", "humanoid") else 1
+    env.physics.qpos[:, height] += torch.rand(200, generator=generator) * 2 - 1
+    env.physics.qvel *= torch.rand(200, 1, generator=generator) * 500
+    unhealthy = []
+    for qpos, qvel in zip(env.physics.qpos.numpy(), env.physics.qvel.numpy(), strict=True):
+        original.set_state(qpos, qvel)
+        unhealthy.append(not original.is_healthy)
+    assert 20 < sum(unhealthy) < 180
+    assert env.failed().tolist() == unhealthy
+
+
+def test_mo_gymnasium_s_lengths_and_noise_are_the_default():
+    for name, origin in ORIGINS.items():
+        env = make(f"mo-gymnasium/{name.split()[0]}", 1)
+        original = mo_gymnasium.make(origin.name)
+        assert env.episode_length == original.spec.max_episode_steps
+        assert env.options.reset_noise == original.unwrapped._reset_noise_scale
+
+
+@pytest.mark.parametrize("task", mo_tasks.TASKS)
+def test_no_episode_of_mo_gymnasium_s_can_cost_more_control_than_the_reference_point(task):
+    env = make(task, 1)
+    most = np.square(env.physics.model.actuator_ctrlrange).max(1).sum() * env.episode_length
+    point = dict(zip(env.objectives, env.reference_point, strict=True))
+    assert point.pop("control", -most) == pytest.approx(-most)
+    assert set(point.values()) == {-100.0}
+
+
+def test_every_continuous_mujoco_task_of_mo_gymnasium_is_here():
+    theirs = {
+        name.removeprefix("mo-").removesuffix("-v5")
+        for name, spec in gymnasium.registry.items()
+        if "mo_gymnasium.envs.mujoco" in str(spec.entry_point) and name.endswith("-v5")
+    }
+    ours = {name.removeprefix("mo-gymnasium/") for name in mo_tasks.TASKS}
+    assert theirs - ours == {"reacher"}  # its actions are discrete
+
+
+# PG-MORL, by its published formulas
+
+
+class Moment(NamedTuple):
+    """One world, before and after a control step."""
+
+    before: np.ndarray  # (nq,)
+    qpos: np.ndarray
+    qvel: np.ndarray
+    control: np.ndarray
+    dt: float
+
+    @property
+    def speed(self) -> float:
+        return (self.qpos[0] - self.before[0]) / self.dt
+
+    @property
+    def effort(self) -> float:
+        return sum(float(u) ** 2 for u in self.control)
+
+
+def halfcheetah(now: Moment) -> tuple[list[float], bool]:
+    run = min(4.0, now.speed) + 1.0
+    return [run, 4.0 - now.effort + 1.0], not abs(now.qpos[2]) < np.deg2rad(50)
+
+
+def walker2d(now: Moment) -> tuple[list[float], bool]:
+    done = not (0.8 < now.qpos[1] < 2.0 and -1.0 < now.qpos[2] < 1.0)
+    return [now.speed + 1.0, 4.0 - now.effort + 1.0], done
+
+
+def hopper(now: Moment) -> tuple[list[float], bool]:
+    rest = 1.0 - 2e-4 * now.effort
+    upright = now.qpos[1] > 0.4 and all(abs(q) < np.deg2rad(90) for q in now.qpos[2:6])
+    return [1.5 * now.speed + rest, 12.0 * (now.qpos[1] - 1.25) + rest], not upright
+
+
+def hopper3(now: Moment) -> tuple[list[float], bool]:
+    _, done = hopper(now)
+    jump = 12.0 * (now.qpos[1] - 1.25) + 1.0
+    return [1.5 * now.speed + 1.0, jump, 4.0 - now.effort + 1.0], done
+
+
+def ant(now: Moment) -> tuple[list[float], bool]:
+    rest = 1.0 - 0.5 * now.effort
+    return [now.speed + rest, (now.qpos[1] - now.before[1]) / now.dt + rest], False
+
+
+def swimmer(now: Moment) -> tuple[list[float], bool]:
+    return [now.speed, 0.3 - 0.15 * now.effort], False
+
+
+def humanoid(now: Moment) -> tuple[list[float], bool]:
+    done = now.qpos[2] < 1.0 or now.qpos[2] > 2.0
+    return [1.25 * now.speed + 3.0, 3.0 - 4.0 * now.effort + 3.0], done
+
+
+FORMULAS: dict[str, Callable[[Moment], tuple[list[float], bool]]] = {
+    "ant": ant,
+    "halfcheetah": halfcheetah,
+    "hopper": hopper,
+    "hopper3": hopper3,
+    "humanoid": humanoid,
+    "swimmer": swimmer,
+    "walker2d": walker2d,
+}
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_pg_morl_pays_and_ends_episodes_by_its_formulas(name):
+    env = make(f"pgmorl/{name}")
+    unobserved = 2 if name in ("ant", "humanoid", "swimmer") else 1
+    clipped = 10.0 if name in ("hopper", "hopper3", "walker2d") else math.inf
+    for action in random_actions(env):
+        before = env.place().numpy().copy() if name == "humanoid" else env.physics.qpos.clone()
+        step = env.step(action)
+        reward, seen = env.combine(step.terms), env.observe().numpy()
+        for world in range(2):
+            qpos, qvel = env.physics.qpos[world].numpy(), env.physics.qvel[world].numpy()
+            control = env.physics.ctrl[world].numpy()
+            now = Moment(np.asarray(before[world]), qpos, qvel, control, env.dt)
+            if name == "humanoid":  # the place that counts is that of its centre of mass
+                now = now._replace(qpos=np.concatenate([env.place()[world].numpy(), qpos[2:]]))
+            expected, done = FORMULAS[name](now)
+            np.testing.assert_allclose(reward[world], expected, rtol=0, atol=TOLERANCE)
+            assert bool(step.terminated[world]) == done
+            shown = np.concatenate([qpos[unobserved:], qvel.clip(-clipped, clipped)])
+            np.testing.assert_array_equal(seen[world, : len(shown)], shown)
+
+
+class Robot(NamedTuple):
+    """What PG-MORL's own MJCF and code say of a robot."""
+
+    like: str  # the task of MO-Gymnasium that has gymnasium's robot
+    substeps: int
+    timestep: float
+    reach: tuple[float, ...]  # of the controls
+    gear: tuple[float, ...]
+    damping: float | None  # of the joints that have motors; None: as in gymnasium
+    weight: float  # times that of gymnasium's
+
+
+ROBOTS = {
+    "ant": Robot("ant", 5, 0.01, (1,) * 8, (100,) * 8, None, 1),
+    "halfcheetah": Robot("halfcheetah", 5, 0.01, (1,) * 6, (120, 90, 60, 120, 60, 30), None, 1),
+    "hopper": Robot("hopper", 5, 0.002, (2, 2, 4), (200, 200, 300), 40, 1),
+    "humanoid": Robot(
+        "humanoid",
+        5,
+        0.003,
+        (0.4,) * 17,
+        (100, 100, 100, *(100, 100, 300, 200) * 2, *(25,) * 6),
+        None,
+        1,
+    ),
+    "swimmer": Robot("swimmer", 4, 0.01, (1, 1), (300, 300), None, 1),
+    "walker2d": Robot("walker2d", 4, 0.002, (1,) * 6, (100,) * 6, 3, 1.5),
+}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_pg_morl_s_robots_are_the_published_ones(name):
+    robot, task = ROBOTS[name], pgmorl.TASKS[f"pgmorl/{name}"]
+    model = task.load_model()
+    plain = mo_tasks.TASKS[f"mo-gymnasium/{robot.like}"].load_model()
+    assert (task.substeps, model.opt.timestep) == (robot.substeps, robot.timestep)
+    assert model.opt.integrator == plain.opt.integrator
+    np.testing.assert_allclose(model.actuator_ctrlrange, [[-r, r] for r in robot.reach])
+    np.testing.assert_allclose(model.actuator_gear[:, 0], robot.gear)
+    assert model.body_mass.sum() == pytest.approx(robot.weight * plain.body_mass.sum())
+    motors = model.jnt_dofadr[model.actuator_trnid[:, 0]]
+    damping = plain.dof_damping[motors] if robot.damping is None else robot.damping
+    np.testing.assert_allclose(model.dof_damping[motors], damping)
+    np.testing.assert_allclose(model.dof_armature, plain.dof_armature)
+    limited = np.zeros_like(plain.jnt_limited) if name == "hopper" else plain.jnt_limited
+    np.testing.assert_array_equal(model.jnt_limited, limited)
+
+
+def test_pg_morl_s_walker_has_one_foot_that_slips_more():
+    model = pgmorl.TASKS["pgmorl/walker2d"].load_model()
+    assert model.geom("foot_geom").friction[0] == 0.9
+    assert model.geom("foot_left_geom").friction[0] == 1.9
+
+
+def test_pg_morl_s_halfcheetah_runs_as_mo_gymnasium_s():
+    env = make("pgmorl/halfcheetah")
+    original = open_original(ORIGINS["halfcheetah"], env)
+    for action in random_actions(env):
+        step = env.step(action)
+        _, (speed, cost), *_ = original.step(env.physics.ctrl[0].numpy())
+        assert step.terms["run"][0].item() == pytest.approx(min(speed, 4.0), rel=SINGLE, abs=SINGLE)
+        assert step.terms["energy"][0].item() == pytest.approx(4 + cost, rel=SINGLE)
+
+
+def test_pg_morl_s_episodes_are_as_long_as_published_and_start_alike():
+    for name, task in pgmorl.TASKS.items():
+        options = task.Options()
+        noisy = name == "pgmorl/humanoid"
+        assert options.episode_length == (1000 if noisy else 500)
+        assert options.reset_noise == (0.01 if noisy else 0.0)
+        assert options.reference_point is None
+
+
+# Both
+
+
+FOREIGN = (*pgmorl.TASKS, *mo_tasks.TASKS)
+
+
+@pytest.mark.parametrize("task", FOREIGN)
+def test_both_simulators_agree_on_the_first_steps(task):
+    ours, warp = make(task), make(task, backend="warp")
+    np.testing.assert_allclose(ours.reset(), warp.reset(), rtol=1e-5, atol=1e-5)
+    for action in random_actions(ours, 3):
+        one, other = ours.step(action), warp.step(action)
+        np.testing.assert_allclose(one.observation, other.observation, rtol=1e-4, atol=2e-4)
+        np.testing.assert_allclose(one.reward, other.reward, rtol=1e-5, atol=1e-5)
+        assert torch.equal(one.terminated, other.terminated)
+
+
+def test_both_simulators_feel_the_same_contacts():
+    ours, warp = make("mo-gymnasium/humanoid"), make("mo-gymnasium/humanoid", backend="warp")
+    for action in random_actions(ours, 60):
+        ours.step(action)
+    fallen = ours.physics.qpos.clone(), ours.physics.qvel.clone()
+    for env in (ours, warp):
+        for into, value in zip((env.physics.qpos, env.physics.qvel), fallen, strict=True):
+            into.copy_(value)
+        env.physics.warmstart.zero_()
+        env.physics.ctrl.zero_()
+        env.physics.substeps = 1  # of the state just set
+        env.physics.step()
+    expected = ours.bodies.contact_forces()
+    assert expected.abs().max() > 100  # N
+    np.testing.assert_allclose(warp.bodies.contact_forces(), expected, rtol=1e-3, atol=0.05)
+
+
+@pytest.mark.parametrize("task", FOREIGN)
+def test_there_is_room_enough_for_flailing(task):
+    env = make(task, 1)
+    model, options = env.physics.model, env.options
+    data, random = mujoco.MjData(model), np.random.default_rng(0)
+    contacts, rows = [], []
+    for step in range(1500):  # fallen robots have the most contacts
+        if step % 20 == 0:
+            data.ctrl[:] = random.permuted(model.actuator_ctrlrange, axis=1)[:, 0]
+        mujoco.mj_step(model, data)
+        contacts.append(data.ncon)
+        rows.append(data.nefc)
+    assert max(contacts) < options.nconmax
+    assert max(rows) < options.njmax
+
+
+@pytest.mark.parametrize("task", FOREIGN)
+def test_an_action_beyond_the_box_counts_as_its_edge(task):
+    env = make(task, reset_noise=0.0)
+    action = torch.ones(2, env.action_size)
+    action[1] *= 7.0
+    step = env.step(action)
+    assert torch.equal(step.reward[0], step.reward[1])
+    assert torch.equal(step.observation[0], step.observation[1])
+    np.testing.assert_allclose(env.physics.ctrl[0], env.physics.model.actuator_ctrlrange[:, 1])
+
+
+@pytest.mark.parametrize("task", ("pgmorl/humanoid", "mo-gymnasium/ant"))
+def test_sensors_of_an_episode_do_not_reach_the_next(task):
+    env = envs.make(task, 2, "cpu", episode_length=10, reset_noise=0.0)
+    first, actions = env.reset(), random_actions(env, 10)
+    episodes = [[env.step(action) for action in actions] for _ in range(2)]
+    assert torch.equal(episodes[0][-1].observation, first)
+    for one, other in zip(*episodes, strict=True):
+        assert torch.equal(one.final_observation, other.final_observation)
+        assert torch.equal(one.reward, other.reward)
+
+
+def test_compiling_gymnasium_s_robots_warns_of_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would log its warnings
+    for task in FOREIGN:
+        envs.get(task).load_model()
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -1,0 +1,375 @@
+"""Our worlds behind Gymnasium's interfaces keep Gymnasium's contracts."""
+
+import os
+import pickle
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.passive_env_checker import env_render_passive_checker
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.adapters.episode_statistics import EpisodeStatistics
+from morlax_torch.adapters.gymnasium_single import GymnasiumEnv
+from morlax_torch.adapters.gymnasium_vector import GymnasiumVectorEnv
+from morlax_torch.envs.cheetah import Cheetah
+
+IDS = {
+    "ant": "morlax_torch/Ant-v0",
+    "cheetah": "morlax_torch/Cheetah-v0",
+    "cheetah3": "morlax_torch/Cheetah3-v0",
+    "hopper": "morlax_torch/Hopper-v0",
+    "humanoid": "morlax_torch/Humanoid-v0",
+    "walker": "morlax_torch/Walker-v0",
+}
+HOPPER, WALKER = IDS["hopper"], IDS["walker"]
+
+
+def vector(task: str = HOPPER, num_envs: int = 3, **options) -> GymnasiumVectorEnv:
+    made = gymnasium.make_vec(task, num_envs=num_envs, device="cpu", **options)
+    assert isinstance(made, GymnasiumVectorEnv)
+    return made
+
+
+def falling(env: GymnasiumVectorEnv) -> torch.Tensor:
+    """Held actions (N, A) that topple each walker after a time of its own; the first stands."""
+    generator = torch.Generator().manual_seed(0)
+    actions = torch.rand(env.num_envs, *env.single_action_space.shape, generator=generator) * 2 - 1
+    actions[0] = 0.0
+    return actions
+
+
+def python(program: str) -> subprocess.CompletedProcess:
+    screenless = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
+    command = [sys.executable, "-W", "error", "-c", program]
+    return subprocess.run(command, env=screenless, capture_output=True, text=True)
+
+
+def test_every_task_has_an_id():
+    assert set(IDS) <= set(envs.names())
+    assert set(IDS.values()) <= set(gymnasium.registry)
+
+
+def test_an_id_brings_its_module_along_and_no_window():
+    done = python(
+        "import gymnasium, sys\n"
+        "env = gymnasium.make('morlax_torch:morlax_torch/Hopper-v0')\n"
+        "assert 'mujoco.viewer' not in sys.modules\n"
+        "print(env.reset()[0].shape)"
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "(13,)"
+
+
+def test_ids_are_known_before_any_adapter_is_imported():
+    done = python(
+        "import gymnasium, sys, morlax_torch\n"
+        "assert 'morlax_torch/Ant-v0' in gymnasium.registry\n"
+        "print([name for name in sys.modules if name.startswith('morlax_torch.adapters')])"
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_task_of_ones_own_gets_an_id(monkeypatch):
+    class Sprinter(Cheetah):
+        class Options(Cheetah.Options):
+            objectives: dict[str, dict[str, float]] = {"fast": {"run": 2.0}, "up": {"height": 1.0}}
+
+    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+    envs.register("my_sprinter", Sprinter)
+    envs.register("my_sprinter", Sprinter)
+    assert vector("morlax_torch/MySprinter-v0").objectives == ("fast", "up")
+
+
+@pytest.mark.parametrize("task", IDS)
+def test_a_scalar_environment_passes_gymnasium_s_own_check(task):
+    objectives = 3 if task == "cheetah3" else 2
+    env = gymnasium.make(IDS[task], tradeoff=(0.5,) * objectives)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(env.unwrapped, skip_render_check=True)
+    # what a robot may see knows no bounds
+    assert all("infinity" in str(warning.message) for warning in caught)
+
+
+def test_a_reward_is_a_vector_unless_a_tradeoff_makes_it_a_number():
+    plain, weighted = gymnasium.make(HOPPER), gymnasium.make(HOPPER, tradeoff=(0.7, 0.3))
+    assert plain.reset()[0].dtype == np.float32
+    weighted.reset()
+    action = np.full(4, 0.2)
+    observation, reward, terminated, truncated, info = plain.step(action)
+    assert observation in plain.observation_space
+    assert reward in plain.unwrapped.reward_space and reward.shape == (2,)
+    assert (terminated, truncated, info) == (False, False, {})
+    _, number, _, _, info = weighted.step(action)
+    assert isinstance(number, float)
+    assert number == pytest.approx(0.7 * reward[0] + 0.3 * reward[1])
+    np.testing.assert_array_equal(info["vector_reward"], reward)
+
+
+def test_an_episode_ends_by_itself():
+    env = gymnasium.make(HOPPER, episode_length=5)
+    for _ in range(2):
+        env.reset()
+        flags = [env.step(np.zeros(4))[2:4] for _ in range(5)]
+        assert flags == [(False, False)] * 4 + [(False, True)]
+
+
+def test_a_pickled_environment_starts_anew():
+    env = gymnasium.make(HOPPER, tradeoff=(1.0, 0.0), reset_noise=0.1).unwrapped
+    other = pickle.loads(pickle.dumps(env))
+    np.testing.assert_array_equal(env.reset(seed=3)[0], other.reset(seed=3)[0])
+    assert env.step(np.ones(4))[1] == other.step(np.ones(4))[1]
+
+
+@pytest.mark.parametrize("make", [vector, gymnasium.make])
+def test_a_seed_decides_what_is_drawn(make):
+    one, other = (make(HOPPER, reset_noise=0.1) for _ in range(2))
+    first = np.asarray(one.reset(seed=5)[0])
+    np.testing.assert_array_equal(first, other.reset(seed=5)[0])
+    second = np.asarray(one.reset()[0])
+    assert not np.array_equal(first, second)
+    np.testing.assert_array_equal(second, other.reset()[0])
+    assert not np.array_equal(first, other.reset(seed=6)[0])
+
+
+def test_without_a_seed_every_environment_differs():
+    one, other = (vector(HOPPER, reset_noise=0.1) for _ in range(2))
+    assert not torch.equal(one.reset()[0], other.reset()[0])
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_picture_is_as_gymnasium_wants_it_and_shows_the_robot_move():
+    env = gymnasium.make(HOPPER, render_mode="rgb_array", width=120, height=90)
+    assert env.metadata["render_fps"] == 100
+    env.reset()
+    before = env_render_passive_checker(env.unwrapped)
+    for _ in range(20):
+        env.step(np.ones(4))
+    after = env.render()
+    assert before.shape == after.shape == (90, 120, 3)
+    assert (before != after).any()
+    env.close()
+    env.close()
+
+
+def test_a_window_follows_in_real_time(monkeypatch):
+    import glfw
+    import mujoco.viewer
+
+    heights, closed = [], []
+
+    class Viewer:
+        def __init__(self, model, data, **_):
+            self.data = data
+
+        def is_running(self) -> bool:
+            return True
+
+        def sync(self) -> None:
+            heights.append(self.data.qpos[1])
+
+        def close(self) -> None:
+            closed.append(True)
+
+    monkeypatch.setattr(glfw, "init", lambda: True)
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", Viewer)
+    env = gymnasium.make(HOPPER, render_mode="human")
+    env.reset()
+    for _ in range(3):
+        env.step(np.zeros(4))
+    assert len(heights) == 4 and heights[0] > heights[-1]
+    env.close()
+    assert closed == [True]
+
+
+def test_without_a_screen_a_window_is_one_sentence():
+    done = python(
+        "import gymnasium, morlax_torch\n"
+        "try: gymnasium.make('morlax_torch/Hopper-v0', render_mode='human').reset()\n"
+        "except morlax_torch.MorlaxError as error: print(error)"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "there is no screen here: use 'rgb_array'" in done.stdout
+
+
+def test_many_worlds_give_tensors_and_a_reward_for_each_objective():
+    env = vector(IDS["cheetah3"], num_envs=5)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert env.num_envs == 5 and env.reward_space.shape == (3,)
+    assert env.single_observation_space.shape == (17,) and env.observation_space.shape == (5, 17)
+    assert env.single_action_space.shape == (6,) and env.action_space.shape == (5, 6)
+    observation, info = env.reset(seed=0)
+    assert observation.numpy() in env.observation_space and info == {}
+    observation, reward, terminated, truncated, info = env.step(torch.zeros(5, 6))
+    assert observation.numpy() in env.observation_space
+    assert reward.shape == (5, 3) and reward.dtype == torch.float32
+    assert terminated.dtype == truncated.dtype == torch.bool
+    assert terminated.shape == truncated.shape == (5,)
+
+
+@pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
+def test_many_worlds_say_what_gymnasium_s_own_vector_environment_says(tradeoff):
+    ours = vector(WALKER, tradeoff=tradeoff, episode_length=100)
+    weights = np.array(tradeoff or (1.0, 0.0))  # theirs knows no vector of rewards
+
+    def single() -> gymnasium.Env:
+        return gymnasium.make(WALKER, tradeoff=weights.tolist(), episode_length=100)
+
+    theirs = SyncVectorEnv([single] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
+    np.testing.assert_array_equal(ours.reset(seed=0)[0], theirs.reset(seed=0)[0])
+    ended = 0
+    for _ in range(110):
+        action = falling(ours)
+        observation, reward, *flags, info = ours.step(action)
+        expected, numbers, *expected_flags, expected_info = theirs.step(action.numpy())
+        np.testing.assert_array_equal(observation, expected)
+        np.testing.assert_array_equal(flags, expected_flags)
+        scalar = reward if tradeoff else reward @ torch.tensor(weights).float()
+        np.testing.assert_allclose(scalar, numbers, rtol=1e-5)
+        done = np.logical_or(*expected_flags)
+        np.testing.assert_array_equal(info["_final_obs"], done)
+        np.testing.assert_array_equal(info["_final_info"], done)
+        for world in done.nonzero()[0]:
+            last = expected_info["final_obs"][world]
+            np.testing.assert_array_equal(info["final_obs"][world], last)
+            assert not torch.equal(info["final_obs"][world], observation[world])
+            if tradeoff:
+                paid = expected_info["final_info"]["vector_reward"][world]
+                np.testing.assert_array_equal(info["final_info"]["vector_reward"][world], paid)
+        if tradeoff:
+            still = expected_info.get("_vector_reward", np.zeros(3, bool))
+            theirs_then = expected_info.get("vector_reward", np.zeros((3, 2)))
+            np.testing.assert_array_equal(info["vector_reward"][still], theirs_then[still])
+            assert info["_vector_reward"].all()
+        ended += done.sum()
+    assert ended == 1 + 2 + 1  # time was up, and the others fell
+
+
+def test_statistics_sum_each_objective_over_whole_episodes():
+    env = EpisodeStatistics(vector(WALKER, num_envs=4, episode_length=100), gamma=0.9)
+    env.reset(seed=0)
+    rewards: list[list[np.ndarray]] = [[] for _ in range(4)]
+    lengths = []
+    for _ in range(210):
+        _, reward, terminated, truncated, info = env.step(falling(env.env))
+        np.testing.assert_array_equal(info["_episode"], terminated | truncated)
+        for world in range(4):
+            rewards[world].append(reward[world].double().numpy())
+            seen = {name: values[world].numpy() for name, values in info["episode"].items()}
+            if not info["_episode"][world]:
+                assert not any(values.any() for values in seen.values())
+                continue
+            lengths.append(len(rewards[world]))
+            assert seen["l"] == lengths[-1] and 0 < seen["t"] < 60
+            np.testing.assert_allclose(seen["r"], np.sum(rewards[world], 0), rtol=1e-5)
+            discounts = 0.9 ** np.arange(lengths[-1])
+            np.testing.assert_allclose(seen["dr"], discounts @ rewards[world], rtol=1e-5)
+            rewards[world] = []
+    assert len(lengths) > 8 and len(set(lengths)) == 4
+
+
+def test_statistics_are_of_the_objectives_under_a_tradeoff_too():
+    plain, weighted = (
+        EpisodeStatistics(vector(HOPPER, episode_length=8, **options))
+        for options in ({}, {"tradeoff": (0.2, 0.8)})
+    )
+    episodes = []
+    for env in (plain, weighted):
+        env.reset()
+        for _ in range(8):
+            info = env.step(falling(plain.env))[-1]
+        episodes.append(info["episode"]["r"])
+    assert torch.equal(*episodes) and episodes[0].shape == (3, 2)
+
+
+def test_numpy_is_one_wrapper_away():
+    pytest.importorskip("array_api_compat")
+    from gymnasium.wrappers.vector import ArrayConversion
+
+    env = EpisodeStatistics(vector(HOPPER, tradeoff=(0.5, 0.5), episode_length=2))
+    numpy_env = ArrayConversion(env, env_xp=torch, target_xp=np, env_device=env.unwrapped.device)
+    observation, _ = numpy_env.reset(seed=0)
+    assert observation in numpy_env.observation_space
+    actions = numpy_env.action_space.sample()
+    for _ in range(2):
+        observation, reward, _, truncated, info = numpy_env.step(actions)
+    assert isinstance(reward, np.ndarray) and truncated.dtype == bool and truncated.all()
+    assert observation in numpy_env.observation_space
+    assert isinstance(info["episode"]["r"], np.ndarray)
+    assert isinstance(info["final_info"]["vector_reward"], np.ndarray)
+
+
+def test_what_was_returned_stays_as_it_was_and_knows_no_gradient():
+    env = vector()
+    env.reset()
+    actions = torch.full((3, 4), 0.3, requires_grad=True)
+    first = env.step(actions)[:4]
+    before = [values.clone() for values in first]
+    env.step(-actions)
+    for values, copy in zip(first, before, strict=True):
+        assert torch.equal(values, copy) and not values.requires_grad
+
+
+def single_step(action):
+    env = gymnasium.make(HOPPER)
+    env.reset()
+    return env.step(action)
+
+
+def vector_step(actions):
+    env = vector()
+    env.reset()
+    return env.step(actions)
+
+
+MISTAKES = {
+    "option": (lambda: gymnasium.make(HOPPER, episode_lenght=3), "did you mean 'episode_length'"),
+    "vector option": (lambda: vector(episode_lenght=3), "did you mean 'episode_length'"),
+    "render mode": (
+        lambda: GymnasiumEnv("hopper", render_mode="rgb_aray"),
+        "did you mean 'rgb_array'",
+    ),
+    "backend": (lambda: vector(backend="bullet"), "unknown backend 'bullet'"),
+    "trade-off": (lambda: vector(tradeoff=(1.0,)), "needs 2 numbers (run, jump)"),
+    "no trade-off": (lambda: vector(tradeoff="0.3,0.7"), "made of numbers, not '0.3,0.7'"),
+    "trade-offs": (lambda: vector(tradeoff=[(1.0, 0.0)] * 3), "takes one trade-off"),
+    "single trade-off": (lambda: gymnasium.make(HOPPER, tradeoff=(-1, 2)), "not negative"),
+    "no reset": (lambda: gymnasium.make(HOPPER).step(np.zeros(4)), "call reset first"),
+    "no vector reset": (lambda: vector().step(torch.zeros(3, 4)), "call reset first"),
+    "reset option": (lambda: gymnasium.make(HOPPER).reset(options={"x": 1}), "but got 'x'"),
+    "vector reset option": (lambda: vector().reset(options={"x": 1}), "but got 'x'"),
+    "shape": (lambda: single_step(np.zeros((1, 4))), "needs the shape (4,), but has (1, 4)"),
+    "NaN": (lambda: single_step([0, 0, np.nan, 0]), "a NaN or an infinity"),
+    "words": (lambda: single_step("left"), "a numpy array of 4 numbers"),
+    "device": (lambda: single_step(torch.zeros(4, device="meta")), "a numpy array of 4 numbers"),
+    "vector shape": (lambda: vector_step(torch.zeros(3, 5)), "the shape (3, 4)"),
+    "vector device": (lambda: vector_step(torch.zeros(3, 4, device="meta")), "on meta, but"),
+    "numpy": (lambda: vector_step(np.zeros((3, 4))), "not ndarray: use torch.as_tensor"),
+    "statistics": (lambda: EpisodeStatistics(EpisodeStatistics(vector())), "not around Episode"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_sentence(name):
+    mistake, expected = MISTAKES[name]
+    with pytest.raises(MorlaxError) as error:
+        mistake()
+    assert expected in str(error.value)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_picture_of_nothing_is_one_sentence():
+    with pytest.raises(MorlaxError, match="call reset first"):
+        gymnasium.make(HOPPER, render_mode="rgb_array").render()
+    env = gymnasium.make(HOPPER)
+    env.reset()
+    with pytest.raises(MorlaxError, match="render_mode='rgb_array'"):
+        env.render()

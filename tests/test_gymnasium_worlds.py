@@ -1,0 +1,215 @@
+"""Anyone's gymnasium environment with a vector of rewards can be trained in."""
+
+import csv
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium
+import mo_gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.spaces import Box, Dict, Discrete
+
+import morlax_torch
+from morlax_torch import MorlaxError, envs, evaluate, train
+from morlax_torch.config import load_config, task_values
+from morlax_torch.player import Player
+
+CAR = "gymnasium:mo-mountaincarcontinuous-v0"
+pytestmark = pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
+
+
+class Point(gymnasium.Env):
+    """A point on a line: go right, or stay; beyond 1 it has failed."""
+
+    observation_space = Dict({"place": Box(-9.0, 9.0, (1,)), "side": Discrete(2)})
+    action_space = Box(np.array([0.0], np.float32), np.array([0.5], np.float32))
+    reward_space = Box(-np.inf, np.inf, (2,))
+
+    def __init__(self, broken: bool = False):
+        self.broken = broken
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = self.np_random.uniform(-0.1, 0.1)
+        return self._seen(), {}
+
+    def step(self, action):
+        self.x += float(action[0])
+        reward = np.array([self.x, float("nan") if self.broken else -action[0]])
+        return self._seen(), reward, self.x > 1.0, False, {}
+
+    def _seen(self):
+        return {"place": np.array([self.x], np.float32), "side": int(self.x > 0)}
+
+
+@pytest.fixture
+def point(monkeypatch: pytest.MonkeyPatch) -> Callable[..., envs.Worlds]:
+    def make(worlds: int = 3, broken: bool = False, **options) -> envs.Worlds:
+        monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+        envs._REGISTRY.pop("point", None)
+        envs.register("point", envs.from_gymnasium(lambda: Point(broken)))
+        return envs.make("point", worlds, "cpu", **options)
+
+    return make
+
+
+def test_worlds_are_the_environment_itself_step_by_step():
+    worlds = envs.make(CAR, 2, "cpu", seed=5)
+    originals = [mo_gymnasium.make("mo-mountaincarcontinuous-v0") for _ in range(2)]
+    first = [original.reset(seed=5 + i)[0] for i, original in enumerate(originals)]
+    np.testing.assert_array_equal(worlds.reset(), first)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(50):
+        action = torch.rand(2, 1, generator=generator) * 2 - 1
+        step = worlds.step(action)
+        for world, original in enumerate(originals):
+            seen, reward, terminated, truncated, _ = original.step(action[world].numpy())
+            np.testing.assert_array_equal(step.observation[world], seen)
+            np.testing.assert_allclose(step.reward[world], reward, rtol=1e-6)
+            assert (step.terminated[world], step.truncated[world]) == (terminated, truncated)
+
+
+def test_worlds_say_what_they_are():
+    worlds = envs.make(CAR, 2, "cpu")
+    assert worlds.objectives == ("reward_0", "reward_1")
+    assert worlds.episode_length == 999
+    assert worlds.reference_point == (-999.0, -999.0)  # the least reward, all along
+    assert worlds.observation_space.shape == (2,)
+    assert worlds.action_space.shape == (1,)
+    assert worlds.reward_space.shape == (2,)
+    assert worlds.overflow().tolist() == [0, 0]
+
+
+def test_observations_are_flattened_and_actions_stretched(point):
+    worlds = point()
+    start = worlds.reset()
+    assert start.shape == (3, 3)  # place, and side as one of two
+    step = worlds.step(torch.tensor([[-1.0], [0.0], [9.0]]))
+    moved = step.terms["reward_0"] - start[:, 0]
+    np.testing.assert_allclose(moved, [0.0, 0.25, 0.5], atol=1e-6)  # beyond the box is its edge
+
+
+def test_an_episode_ends_and_begins_within_a_step(point):
+    worlds = point(auto_reset=True)
+    worlds.reset()
+    fast, still = torch.ones(3, 1), -torch.ones(3, 1)
+    steps = [worlds.step(fast) for _ in range(3)]
+    failed = [step.terminated for step in steps]
+    assert torch.stack(failed).sum(0).tolist() == [1, 1, 1]  # after two steps of 0.5, or three
+    for step in steps:
+        over = step.terminated
+        assert (step.final_observation[over, 0] > 1.0).all()
+        assert (step.observation[over, 0].abs() <= 0.1).all()
+        assert torch.equal(step.observation[~over], step.final_observation[~over])
+    assert (worlds.step(still).reward[:, 1] == 0).all()
+
+
+def test_without_automatic_reset_a_finished_world_stands_still(point):
+    worlds = point(auto_reset=False)
+    worlds.reset()
+    steps = [worlds.step(torch.ones(3, 1)) for _ in range(5)]
+    assert steps[-1].terminated.all()
+    assert (steps[-1].reward == 0).all()
+    assert torch.equal(steps[-1].observation, steps[-2].observation)
+    assert not worlds.step(torch.ones(3, 1)).truncated.any()
+
+
+def test_time_runs_out(point):
+    worlds = point(episode_length=4)
+    worlds.reset()
+    truncated = [worlds.step(-torch.ones(3, 1)).truncated.all().item() for _ in range(8)]
+    assert truncated == [False, False, False, True] * 2
+
+
+def test_objectives_may_be_regrouped(point):
+    objectives = {"far": {"reward_0": 2.0}, "both": {"reward_0": 1.0, "reward_1": 1.0}}
+    worlds = point(objectives=objectives)
+    worlds.reset()
+    step = worlds.step(torch.zeros(3, 1))
+    assert torch.equal(step.reward[:, 0], 2 * step.terms["reward_0"])
+    assert torch.equal(step.reward[:, 1], step.terms["reward_0"] + step.terms["reward_1"])
+
+
+def test_a_reward_that_is_not_finite_ends_the_episode_and_pays_nothing(point):
+    worlds = point(broken=True)
+    worlds.reset()
+    step = worlds.step(torch.zeros(3, 1))
+    assert step.terminated.all()
+    assert (step.reward == 0).all()
+    assert worlds.blowups == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("gymnasium:deep-sea-treasure-v0", "actions that are not continuous (Discrete(4))"),
+        ("gymnasium:Pendulum-v1", "has no vector of rewards"),
+        ("gymnasium:no-such-thing-v0", "Gymnasium cannot make 'no-such-thing-v0'"),
+        ("gymnasium:nowhere:thing-v0", "Gymnasium cannot make 'nowhere:thing-v0'"),
+    ],
+)
+def test_what_cannot_be_learnt_is_refused_in_a_sentence(name, sentence):
+    with pytest.raises(MorlaxError) as caught:
+        envs.get(name)
+    assert sentence in str(caught.value)
+
+
+def test_actions_without_bounds_are_refused():
+    class Unbounded(Point):
+        action_space = Box(-np.inf, np.inf, (1,))
+
+    with pytest.raises(MorlaxError, match="give its Box a low and a high"):
+        envs.from_gymnasium(Unbounded)
+
+
+def test_warp_cannot_move_them():
+    with pytest.raises(MorlaxError, match="runs on the CPU alone"):
+        envs.make(CAR, 2, "cpu", "warp")
+
+
+def test_every_environment_shares_one_config():
+    config = load_config(task_values(CAR, "cpu"))
+    assert config.env == CAR
+    assert config.worlds == 64
+    assert config.task.episode_length == 999
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "car"
+    train.command(
+        f"--env {CAR} --device cpu --worlds 16 --horizon 16 --ppo.minibatches 2 --ppo.no-anneal "
+        "--max-env-steps 1500 --evaluation.every 700 --evaluation.tradeoffs 4 "
+        f"--task.episode-length 100 --output {folder}".split()
+    )
+    return folder
+
+
+def test_training_measures_a_front(run):
+    with (run / "metrics.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) >= 3
+    for row in rows:
+        assert math.isfinite(float(row["hypervolume"]))
+    assert float(rows[-1]["hypervolume"]) > 0
+
+
+def test_its_policies_are_used_and_judged_like_any_other(run):
+    policy = morlax_torch.load(run)
+    assert policy(torch.zeros(3, 2), (0.5, 0.5)).shape == (3, 1)
+    front = evaluate.evaluate(policy, 4, device="cpu")
+    assert front.returns.shape == (4, 2)
+    assert (front.returns >= -100).all()
+
+
+def test_its_run_cannot_be_resumed(run):
+    with pytest.raises(MorlaxError, match="its worlds' state cannot be saved"):
+        train.command(["--resume", str(run), "--max-env-steps", "3000"])
+
+
+def test_there_is_no_robot_to_film(run):
+    with pytest.raises(MorlaxError, match="has no robot to show"):
+        Player(morlax_torch.load(run), (0.5, 0.5))

@@ -1,0 +1,199 @@
+"""MORLAX over networks that a user made: they train, are checked, and are never mixed up."""
+
+import copy
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from torch import nn
+
+from morlax_torch import MORLAX, MorlaxError, Policy, checkpoint, evaluate, load, train
+from morlax_torch.config import Config, load_config, merged
+from morlax_torch.run import Run
+from morlax_torch.train import make_worlds
+
+O, A, m = 13, 4, 2  # of the hopper
+TINY = {
+    "env": "hopper",
+    "device": "cpu",
+    "backend": "mujoco",
+    "worlds": 32,
+    "horizon": 5,
+    "sampling": {"clusters": 4},
+    "ppo": {"minibatches": 2, "epochs": 2},
+    "evaluation": {"tradeoffs": 4, "every": 320},
+    "task": {"episode_length": 20},
+}
+
+
+def tiny(**changes: object) -> Config:
+    return load_config(merged(TINY, changes))
+
+
+def normed(inputs: int = O, outputs: int = 2 * A) -> nn.Module:
+    torch.manual_seed(3)
+    return nn.Sequential(nn.Linear(inputs, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, outputs))
+
+
+def tanh() -> nn.Module:
+    """Its parameters have the names and shapes of the config's own actor."""
+    torch.manual_seed(3)
+    layers = nn.Linear(O, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, 2 * A)
+    return nn.Sequential(*layers)
+
+
+def trainer(config: Config, iterations: int, **networks: nn.Module) -> MORLAX:
+    morlax = MORLAX(make_worlds(config, config.worlds), config, **networks)
+    for _ in range(iterations):
+        morlax.iterate()
+    return morlax
+
+
+def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:
+    return morlax.state_dict()["agent"]
+
+
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_own_networks_train(type):
+    config = tiny(network={"type": type})
+    networks = {"actor": normed(), "critic": normed(outputs=m)}
+    kept = copy.deepcopy(networks)
+    before = weights(trainer(config, 0, **networks))
+    morlax = trainer(config, 3, **networks)
+    after = weights(morlax)
+    for part in ("actor", "critic"):
+        assert not torch.equal(before[f"{part}.bias"], after[f"{part}.bias"])
+        for name, value in networks[part].state_dict().items():
+            assert torch.equal(value, kept[part].state_dict()[name])
+    assert all(value == value for value in morlax.metrics().values())
+    again = weights(trainer(config, 3, **networks))
+    assert all(torch.equal(value, again[name]) for name, value in after.items())
+
+
+def test_every_tradeoff_starts_with_the_network_given(generator):
+    actor, critic = normed(), normed(outputs=m)
+    agent = trainer(tiny(), 0, actor=actor, critic=critic).agent
+    seen = torch.randn(3, 5, O, generator=generator)
+    policies, values = agent.policies(torch.eye(3)[:, :2] + 0.1), agent.values(torch.ones(3, 2))
+    torch.testing.assert_close(policies(seen).output, actor(seen))
+    torch.testing.assert_close(values(seen), critic(seen))
+
+
+MISFITS = {
+    "too few outputs": (
+        {"actor": nn.Linear(O, A)},
+        r"the actor turns observations \(2, 13\) into \(2, 4\), but it should give \(2, 8\)",
+    ),
+    "too few values": (
+        {"critic": nn.Linear(O, 1)},
+        r"the critic turns observations \(2, 13\) into \(2, 1\), but it should give \(2, 2\)",
+    ),
+    "other inputs": (
+        {"actor": nn.Linear(17, 2 * A)},
+        r"the actor cannot take observations \(2, 13\): .*13.*17",
+    ),
+    "no tensor": ({"critic": nn.GRU(O, m)}, "the critic cannot take observations"),
+    "a tuple": (
+        {"actor": type("Two", (nn.Linear,), {"forward": lambda self, x: (x, x)})(O, O)},
+        r"into tuple, but it should give \(2, 8\)",
+    ),
+    "batch norm": (
+        {"actor": nn.Sequential(nn.BatchNorm1d(O), nn.Linear(O, 2 * A))},
+        "the actor cannot take observations",
+    ),
+    "nothing to generate": ({"actor": nn.Identity()}, "the actor has no parameters"),
+}
+
+
+@pytest.mark.parametrize("misfit", MISFITS)
+def test_a_network_that_does_not_fit_is_one_sentence(misfit):
+    networks, sentence = MISFITS[misfit]
+    with pytest.raises(MorlaxError, match=sentence) as error:
+        trainer(tiny(), 0, **networks)
+    assert "\n" not in str(error.value)
+
+
+def test_ten_iterations_equal_five_and_a_resumed_five(tmp_path):
+    networks = {"actor": normed(), "critic": normed(outputs=m)}
+    checkpoint.save(tmp_path / "half.pt", trainer(tiny(), 5, **networks), {})
+    torch.manual_seed(99)
+    others = {"actor": normed(), "critic": normed(outputs=m)}
+    for parameter in (*others["actor"].parameters(), *others["critic"].parameters()):
+        nn.init.normal_(parameter)  # what is given on resuming need only be like it
+    resumed = trainer(tiny(), 0, **others)
+    checkpoint.restore(checkpoint.load(tmp_path / "half.pt"), tmp_path, resumed)
+    for _ in range(5):
+        resumed.iterate()
+    whole = weights(trainer(tiny(), 10, **networks))
+    assert all(torch.equal(value, whole[name]) for name, value in weights(resumed).items())
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> tuple[Path, MORLAX]:
+    morlax = trainer(tiny(), 2, actor=tanh())
+    checkpoint.save(tmp_path / "own.pt", morlax, {})
+    return tmp_path / "own.pt", morlax
+
+
+def test_a_loaded_policy_with_an_own_actor_acts_as_it_did(saved, generator, tmp_path):
+    path, morlax = saved
+    observation = torch.randn(5, O, generator=generator)
+    before = Policy(morlax.agent, morlax.config, morlax.env.objectives)
+    after = load(path, actor=tanh())
+    after.save(tmp_path / "alone.pt")
+    alone = load(tmp_path / "alone.pt", actor=tanh())
+    for tradeoff in ((1.0, 0.0), (0.3, 0.7)):
+        expected = before(observation, tradeoff)
+        assert torch.equal(after(observation, tradeoff), expected)
+        assert torch.equal(alone(observation, tradeoff), expected)
+        torch.testing.assert_close(after.specialize(tradeoff)(observation), expected)
+
+
+def test_an_own_actor_is_never_taken_for_the_configs(saved, tmp_path):
+    path, _ = saved  # its shapes are the config's: only its tanh differs
+    words = "own actor, which no config describes: .* give a module like it, actor="
+    with pytest.raises(MorlaxError, match=words):
+        load(path)
+    load(path, actor=tanh()).save(tmp_path / "alone.pt")
+    with pytest.raises(MorlaxError, match=words):
+        load(tmp_path / "alone.pt")
+    with pytest.raises(MorlaxError, match=words):
+        checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
+    with pytest.raises(MorlaxError, match=r"the actor given is not like the one in .*own\.pt"):
+        load(path, actor=normed())
+    checkpoint.save(tmp_path / "usual.pt", trainer(tiny(), 0), {})
+    with pytest.raises(MorlaxError, match=r"holds the actor of its config: leave out actor="):
+        load(tmp_path / "usual.pt", actor=tanh())
+
+
+def test_an_own_critic_is_needed_to_train_on_but_not_to_act(tmp_path, generator):
+    path, critic = tmp_path / "own.pt", normed(outputs=m)
+    morlax = trainer(tiny(), 2, critic=critic)
+    checkpoint.save(path, morlax, {})
+    observation = torch.randn(5, O, generator=generator)
+    expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.5, 0.5))
+    assert torch.equal(load(path)(observation, (0.5, 0.5)), expected)
+    load(path).save(tmp_path / "alone.pt")
+    assert torch.equal(load(tmp_path / "alone.pt")(observation, (0.5, 0.5)), expected)
+    with pytest.raises(MorlaxError, match="own critic, which no config describes"):
+        checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
+    resumed = trainer(tiny(), 0, critic=critic)
+    checkpoint.restore(checkpoint.load(path), path, resumed)
+    assert all(torch.equal(v, weights(resumed)[n]) for n, v in weights(morlax).items())
+
+
+def test_a_run_with_own_networks_goes_on_from_python_alone(tmp_path, monkeypatch, capsys):
+    networks = {"actor": normed(), "critic": normed(outputs=m)}
+    run = train.train(tiny(max_env_steps=320), output=tmp_path / "run", **networks)
+    for module, arguments in ((train, ("--resume", str(run.folder))), (evaluate, (run.folder,))):
+        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
+        with pytest.raises(SystemExit) as exit:
+            module.main()
+        assert exit.value.code == 2
+        assert "own actor, which no config describes" in capsys.readouterr().err
+    longer = train.train(tiny(max_env_steps=640), Run.open(run.folder), **networks)
+    contents = checkpoint.load(longer.checkpoints / "latest.pt")
+    assert contents["morlax"]["iteration"] == 4
+    policy = load(run.folder, actor=normed())
+    assert evaluate.evaluate(policy, tradeoffs=4, device="cpu").returns.shape == (4, 2)

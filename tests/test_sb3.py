@@ -1,0 +1,143 @@
+"""Stable-Baselines3 trains in our worlds as in its own."""
+
+import importlib
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+
+from morlax_torch import MorlaxError
+
+pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+
+from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
+
+TRADEOFF = (0.7, 0.3)
+
+
+def worlds(task: str = "walker", num_envs: int = 4, **options) -> StableBaselines3VecEnv:
+    return StableBaselines3VecEnv(task, TRADEOFF, num_envs, "cpu", **options)
+
+
+def falling(num_envs: int = 4) -> np.ndarray:
+    """Held actions that topple each walker after a time of its own; the first stands."""
+    actions = np.random.default_rng(0).uniform(-1, 1, (num_envs, 6))
+    actions[0] = 0.0
+    return actions.astype(np.float32)
+
+
+def test_a_single_environment_passes_its_check():
+    check_env(gymnasium.make("morlax_torch/Hopper-v0", tradeoff=TRADEOFF).unwrapped)
+
+
+def test_our_worlds_say_what_its_own_vector_environment_says():
+    def single() -> gymnasium.Env:
+        return gymnasium.make("morlax_torch/Walker-v0", tradeoff=TRADEOFF, episode_length=100)
+
+    ours, theirs = worlds(episode_length=100), DummyVecEnv([single] * 4)
+    np.testing.assert_array_equal(ours.reset(), theirs.reset())
+    ended = set()
+    for _ in range(110):
+        observation, reward, done, infos = ours.step(falling())
+        expected, their_reward, their_done, their_infos = theirs.step(falling())
+        np.testing.assert_array_equal(observation, expected)
+        np.testing.assert_allclose(reward, their_reward, rtol=1e-6)
+        np.testing.assert_array_equal(done, their_done)
+        for ours_then, theirs_then in zip(infos, their_infos, strict=True):
+            ours_then.pop("episode", None)
+            np.testing.assert_equal(ours_then, theirs_then)
+            ended.add((theirs_then["TimeLimit.truncated"], "terminal_observation" in theirs_then))
+    assert ended == {(False, False), (False, True), (True, True)}  # some fall, one is stopped
+
+
+def test_an_episode_is_summed_as_its_own_monitor_does():
+    env = VecMonitor(worlds(episode_length=100), info_keywords=("vector_reward",))
+    unmonitored = worlds(episode_length=100)
+    env.reset(), unmonitored.reset()
+    episodes = 0
+    for _ in range(110):
+        *_, done, infos = env.step(falling())
+        *_, own_infos = unmonitored.step(falling())
+        for world in done.nonzero()[0]:
+            theirs, ours = infos[world]["episode"], own_infos[world]["episode"]
+            assert ours["l"] == theirs["l"]
+            assert ours["r"] == pytest.approx(theirs["r"], rel=1e-4)
+            assert ours["r"] == pytest.approx(np.dot(TRADEOFF, ours["returns"]), rel=1e-6)
+            episodes += 1
+    assert episodes >= 4
+
+
+def test_a_seed_decides_what_is_drawn():
+    env = worlds(reset_noise=0.1)
+    env.seed(3)
+    first, second = env.reset(), env.reset()
+    assert not np.array_equal(first, second)
+    env.seed(3)
+    np.testing.assert_array_equal(first, env.reset())
+
+
+def test_its_ppo_learns_to_run():
+    env = StableBaselines3VecEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
+    learner = PPO(
+        "MlpPolicy",
+        env,
+        n_steps=32,
+        batch_size=512,
+        n_epochs=4,
+        gamma=0.97,
+        learning_rate=1e-3,
+        seed=0,
+        device="cpu",
+    )
+    before, _ = evaluate_policy(learner, VecMonitor(env), n_eval_episodes=64)
+    learner.learn(100_000)
+    after, _ = evaluate_policy(learner, VecMonitor(env), n_eval_episodes=64)
+    logged = np.mean([episode["r"] for episode in learner.ep_info_buffer])
+    assert after > 2 * before
+    assert logged > 2 * before
+
+
+def test_without_it_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "stable_baselines3.common.vec_env", None)
+    monkeypatch.delitem(sys.modules, "morlax_torch.adapters.stable_baselines3")
+    with pytest.raises(MorlaxError, match=r"pip install 'morlax-torch\[sb3\]'"):
+        importlib.import_module("morlax_torch.adapters.stable_baselines3")
+
+
+def test_its_wrappers_go_around():
+    env = VecNormalize(worlds("cheetah"))
+    assert env.reset().shape == (4, 17)
+    assert env.get_attr("objectives") == [("run", "energy")] * 4
+    assert env.has_attr("reward_space") and not env.has_attr("no_such_thing")
+    env.close()
+
+
+MISTAKES = {
+    "option": (lambda: worlds(episode_lenght=3), "did you mean 'episode_length'"),
+    "trade-off": (lambda: StableBaselines3VecEnv("ant", (1.0,)), "needs 2 numbers"),
+    "no reset": (lambda: worlds().step(falling()), "call reset first"),
+    "shape": (lambda: started().step(falling(5)), "the shape (4, 6)"),
+    "NaN": (lambda: started().step(falling() * np.nan), "a NaN or an infinity"),
+    "setting": (lambda: worlds().set_attr("tradeoff", (1, 0)), "tradeoff cannot be set"),
+    "calling": (lambda: worlds().env_method("render"), "render cannot be called"),
+}
+
+
+def started() -> StableBaselines3VecEnv:
+    env = worlds()
+    env.reset()
+    return env
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_sentence(name):
+    mistake, expected = MISTAKES[name]
+    with pytest.raises(MorlaxError) as error:
+        mistake()
+    assert expected in str(error.value)
