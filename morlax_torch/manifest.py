@@ -82,6 +82,8 @@ def control(env: Environment) -> dict[str, list[float]] | None:
 
     None, if it does so in another way.
     """
+    if env.action_size != env.physics.model.nu:
+        return None
 
     def made(action: torch.Tensor) -> torch.Tensor:
         env.apply(action.expand(1, env.action_size))

@@ -373,6 +373,21 @@ def test_policies_are_judged_without_what_training_draws():
     assert (judged.standing, judged.command) == (0.2, (0.12, 0.0))
 
 
+def test_every_number_of_the_observation_has_one_name():
+    env = envs.make("bruce", 1, "cpu", command=(0.1, -0.05))
+    parts = env.layout()
+    assert len({part.name for part in parts}) == len(parts)
+    starts = dict(
+        zip((p.name for p in parts), np.cumsum([0, *(p.size for p in parts)]), strict=False)
+    )
+    seen = env.reset()[0]
+    assert seen[starts["command"] :][:2].tolist() == pytest.approx([0.1, -0.05])
+    assert seen[starts["reference.phase"]] == pytest.approx(EARLY / STEP)
+    joints = env.physics.qpos[0, 25:31]  # the arms
+    for age in range(5):
+        torch.testing.assert_close(seen[starts[f"joints.{age}_steps_ago"] :][10:16], joints.float())
+
+
 def test_a_command_beyond_the_gaits_is_refused():
     with pytest.raises(MorlaxError, match=r"at most 0.2 m/s forward and 0.1 m/s sideways"):
         envs.make("bruce", 1, "cpu", command=(0.3, 0.0))
