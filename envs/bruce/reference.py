@@ -31,6 +31,11 @@ class Reference:
         self._gaits = curves.to(like).flatten(2)  # (X, Y, 2 * 8 * 22)
         self._shape = curves.shape[2:]
         self._vx, self._vy = (torch.from_numpy(v).to(like) for v in (library.vx, library.vy))
+        self._binomial = {
+            n: like.new_tensor([[comb(n, k) for k in range(n + 1)], [*range(n + 1)]])
+            for n in (DEGREE - 1, DEGREE)
+        }
+        self._rows = torch.arange(len(like), device=like.device)
         N = len(like)
         self.points = like.new_zeros(N, *self._shape)  # (N, 2, 8, 22) of both steps
         self.duration = like.new_full((N,), self.step_time)  # s, of the segment
@@ -91,11 +96,17 @@ class Reference:
 
     def now(self) -> tuple[Tensor, Tensor]:
         """Joints and base now, and their rates: (N, 22) each."""
-        points = self.points[torch.arange(len(self.leg), device=self.leg.device), self.leg]
+        points = self.points[self._rows, self.leg]
         s = (self.elapsed / self.duration).clamp(0, 1)
-        value = (bernstein(s, DEGREE)[..., None] * points).sum(1)
+        value = self._bernstein(s, DEGREE) @ points
         slopes = DEGREE * points.diff(dim=1) / self.duration[:, None, None]
-        return value, (bernstein(s, DEGREE - 1)[..., None] * slopes).sum(1)
+        return value[:, 0], (self._bernstein(s, DEGREE - 1) @ slopes)[:, 0]
+
+    def _bernstein(self, s: Tensor, degree: int) -> Tensor:
+        """(N, 1, degree + 1): the weights of a Bezier curve's control points at s (N,)."""
+        choose, k = self._binomial[degree]
+        s = s[:, None, None]
+        return choose * s**k * (1 - s) ** (degree - k)
 
     def _start_segment(self, where: Tensor, points: Tensor, leg: Tensor, elapsed: float) -> None:
         self.points.copy_(torch.where(where[:, None, None, None], points, self.points))
@@ -113,13 +124,6 @@ class Reference:
             lasts.append(points[..., -1:, :])
             points = torch.lerp(points[..., :-1, :], points[..., 1:, :], s)
         return torch.cat([points, *reversed(lasts)], -2)
-
-
-def bernstein(s: Tensor, degree: int) -> Tensor:
-    """(N, degree + 1): the weights of a Bezier curve's control points at s (N,)."""
-    return torch.stack(
-        [comb(degree, k) * s**k * (1 - s) ** (degree - k) for k in range(degree + 1)], -1
-    )
 
 
 def _cell(grid: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
