@@ -32,7 +32,7 @@ class Reference:
         self._shape = curves.shape[2:]
         self._vx, self._vy = (torch.from_numpy(v).to(like) for v in (library.vx, library.vy))
         self._binomial = {
-            n: like.new_tensor([[comb(n, k) for k in range(n + 1)], [*range(n + 1)]])
+            n: like.new_tensor([[comb(n, k) for k in range(n + 1)], [*range(n + 1)]])[..., None]
             for n in (DEGREE - 1, DEGREE)
         }
         self._rows = torch.arange(len(like), device=like.device)
@@ -98,12 +98,13 @@ class Reference:
         """Joints and base now, and their rates: (N, 22) each."""
         points = self.points[self._rows, self.leg]
         s = (self.elapsed / self.duration).clamp(0, 1)
-        value = self._bernstein(s, DEGREE) @ points
         slopes = DEGREE * points.diff(dim=1) / self.duration[:, None, None]
-        return value[:, 0], (self._bernstein(s, DEGREE - 1) @ slopes)[:, 0]
+        # products of matrices would be rounded to TF32 where training allows that
+        value = (self._bernstein(s, DEGREE) * points).sum(1)
+        return value, (self._bernstein(s, DEGREE - 1) * slopes).sum(1)
 
     def _bernstein(self, s: Tensor, degree: int) -> Tensor:
-        """(N, 1, degree + 1): the weights of a Bezier curve's control points at s (N,)."""
+        """(N, degree + 1, 1): the weights of a Bezier curve's control points at s (N,)."""
         choose, k = self._binomial[degree]
         s = s[:, None, None]
         return choose * s**k * (1 - s) ** (degree - k)

@@ -18,6 +18,7 @@ from . import model as bruce
 from . import rotations
 from .history import History
 from .library import Library
+from .pair_sums import PairSums
 from .randomization import FIELDS, Randomization
 from .reference import Reference
 
@@ -92,8 +93,8 @@ class Bruce(Environment):
         self._library = Library.load()
         self.reference = Reference(self._library, like)
         self.command = like.new_zeros(len(like), 2)
-        self._from_joints = torch.from_numpy(bruce.crank_from_joints(model)).to(like)
-        self._to_motors = torch.from_numpy(bruce.motors_from_crank()).to(like)
+        self._from_joints = PairSums(bruce.crank_from_joints(model), like)
+        self._to_motors = PairSums(bruce.motors_from_crank(), like)
         self._default = torch.from_numpy(bruce.DEFAULT_POSE).to(like)
         legs = bruce.NUM_LEG_JOINTS
         self._reach = like.new_tensor([LEG_REACH] * legs + [ARM_REACH] * (16 - legs))
@@ -196,7 +197,7 @@ class Bruce(Environment):
         velocity = self.command + self._shift
         self.reference.blend(torch.clamp(velocity, -self._fastest, self._fastest))
         self._actions.push(action)
-        self.physics.ctrl[:, :16] = (self._default + self._offset) @ self._to_motors.T
+        self.physics.ctrl[:, :16] = self._to_motors(self._default + self._offset)
 
     def advance(self) -> None:
         self._former_anchor.copy_(self._anchor)
@@ -221,7 +222,7 @@ class Bruce(Environment):
     def _readings(self, asked: Tensor) -> list[tuple[History, Tensor]]:
         """What each history is to take in, sensors with their noise."""
         qpos = self.physics.qpos
-        joints = qpos[:, 7:] @ self._from_joints.T
+        joints = self._from_joints(qpos[:, 7:])
         heading = rotations.conjugate(rotations.from_yaw(self._anchor[:, 2]))
         attitude = rotations.multiply(heading, qpos[:, 3:7])
         tilt = rotations.from_angles(self._noise(qpos[:, :3], ATTITUDE_NOISE))
