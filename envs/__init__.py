@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from . import mo_gymnasium, pgmorl
 from .ant import Ant
+from .bruce import Bruce
 from .cheetah import Cheetah, Cheetah3
 from .environment import Environment
 from .errors import MorlaxError, explained, unknown
@@ -116,10 +117,16 @@ def make(
         if place.type != "cpu" or backend == "warp":
             raise MorlaxError(f"{name} runs on the CPU alone: use --device cpu and no backend.")
         return environment(options, num_worlds, seed, auto_reset)
-    model = environment.load_model()
+    model = environment.model_for(options)
     if options.solver_iterations is not None:
         model.opt.iterations = options.solver_iterations
+    varied = environment.varied_fields(options)
     if backend == "mujoco":
+        if varied:
+            raise MorlaxError(
+                "C MuJoCo has one model for all worlds, so it cannot vary it among them: use "
+                "backend 'warp'."
+            )
         if place.type != "cpu":
             raise MorlaxError(f"C MuJoCo runs on the CPU: with device {place}, use backend 'warp'.")
         from .mujoco_physics import MujocoPhysics
@@ -136,6 +143,7 @@ def make(
             options.nconmax,
             options.njmax,
             deterministic,
+            varied,
         )
     else:
         raise unknown("backend", backend, ("mujoco", "warp"))
@@ -163,6 +171,7 @@ def resolve_device(device: str | torch.device | None) -> torch.device:
 
 for _name, _environment in {
     "ant": Ant,
+    "bruce": Bruce,
     "cheetah": Cheetah,
     "cheetah3": Cheetah3,
     "hopper": Hopper,

@@ -16,7 +16,7 @@ from .errors import MorlaxError
 from .layout import Part
 from .options import TaskOptions
 from .physics import Physics
-from .starts import Starts
+from .starts import Starts, around
 from .worlds import TimeStep, Worlds
 
 
@@ -46,19 +46,19 @@ class Environment(Worlds):
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
-        self.starts = Starts(checks.start(self), options.reset_noise, physics, seed)
+        self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
         self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
         self.memory = {name: value.clone() for name, value in self.remember().items()}
-        self.action_size = physics.model.nu
+        self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
         self.privileged_size = checks.rows(self, "privileged", "P")
         checks.layout(self)
         self._randomize(seed)
-        self.reset()
         checks.control(self)
         checks.rewards(self)
+        self.reset()
         self.reward_terms = tuple(self.terms())
         self.objectives = tuple(options.objectives)
         self.reference_point = self._reference_point()
@@ -97,6 +97,16 @@ class Environment(Worlds):
             reason = " ".join(str(error).split())
             raise MorlaxError(f"MuJoCo cannot load {path} of {cls.__name__}: {reason}") from None
 
+    @classmethod
+    def model_for(cls, options: Any) -> mujoco.MjModel:
+        """The model of this robot that `options`, of the class `Options`, ask for."""
+        return cls.load_model()
+
+    @classmethod
+    def varied_fields(cls, options: Any) -> tuple[str, ...]:
+        """The fields of the model that each world is to have for itself, as `physics.varied`."""
+        return ()
+
     @abstractmethod
     def initial_qpos(self) -> np.ndarray:
         """The positions (nq,) that an episode starts from, at rest."""
@@ -120,6 +130,24 @@ class Environment(Worlds):
     def remember(self) -> dict[str, Tensor]:
         """What the next step's terms compare with; it stands in `memory` until then."""
         return {}
+
+    def prepare_starts(self, seed: int) -> Starts:
+        """The states that episodes start from: `initial_qpos`, give or take the reset's noise."""
+        physics, noise = self.physics, self.options.reset_noise
+        return Starts(around(checks.start(self), noise, physics.model, seed), physics)
+
+    def count_actions(self) -> int:
+        """A: how many numbers an action has."""
+        return self.physics.model.nu
+
+    def begin(self, fresh: Tensor) -> None:
+        """Start what else a world has beside its physics, where `fresh` (N,) bool.
+
+        The physics has been reset before, to rows `starts.rows` of the starts.
+        """
+
+    def advance(self) -> None:
+        """Bring what else a world has up to date, after each physics step and before its terms."""
 
     def privileged(self) -> Tensor | None:
         """(N, P) what critics see beside the observation while they train; None: nothing.
@@ -148,6 +176,7 @@ class Environment(Worlds):
         if self._pushes:
             self._pushes()
         self.physics.step()
+        self.advance()
         if self._noise:
             self._noise.draw()
         terms = self.terms()
@@ -179,8 +208,12 @@ class Environment(Worlds):
     def _restart(self, terminated: Tensor, truncated: Tensor) -> None:
         starts = self.starts.draw(self.generator)
         episodes.restart(self.physics, terminated, truncated, starts, self.age)
+        fresh = terminated | truncated
+        for leftover in self.physics.leftovers:
+            leftover.masked_fill_(fresh[:, None, None], 0.0)
         if self._delay:
-            self._delay.begin(terminated | truncated)
+            self._delay.begin(fresh)
+        self.begin(fresh)
         self._remember()
 
     def _remember(self) -> None:
@@ -209,6 +242,8 @@ class Environment(Worlds):
             "sensors": physics.sensors,
             "age": self.age,
             "blowups": self.blowups,
+            **{f"model.{name}": value for name, value in physics.varied.items()},
+            **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
             **{f"factors.{name}": value for name, value in self._factors.items()},
             **(self._noise.state if self._noise else {}),

@@ -21,7 +21,7 @@ class MujocoPhysics(Physics):
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         mujoco.set_mju_user_warning(lambda message: None)
         self.model, self.num_worlds, self.device = model, num_worlds, torch.device("cpu")
-        self.substeps = substeps
+        self.substeps, self.varied = substeps, {}
         try:
             self._batch = Batch(model, nsim=num_worlds)
         except ValueError as error:

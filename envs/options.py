@@ -1,6 +1,6 @@
 """What a user may change about a task without touching Python."""
 
-from typing import Annotated, TypeVar
+from typing import Annotated, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -39,6 +39,10 @@ class ObjectiveOptions(BaseModel):
     """Where hypervolume is measured from, a number for each objective (None: the origin)."""
     episode_length: PositiveInt = 500
     """Control steps after which an episode is truncated."""
+
+    def judged(self) -> Self:
+        """Those under which policies are judged and shown: without what only training draws."""
+        return self
 
     @field_validator("objectives")
     @classmethod

@@ -28,6 +28,8 @@ class Physics(ABC):
     ctrl: Tensor  # (N, nu)
     warmstart: Tensor  # (N, nv) where the constraint solver starts its next search
     sensors: Tensor  # (N, nsensordata)
+    leftovers: tuple[Tensor, ...] = ()  # (N, ...) what else of the last step the next one reads
+    varied: dict[str, Tensor]  # (N, ...) fields of the model that each world has for itself
 
     @abstractmethod
     def step(self) -> None:

@@ -1,5 +1,6 @@
 """Physics on MuJoCo Warp: for CUDA, and for tests also on the CPU, in float32."""
 
+from collections.abc import Sequence
 from dataclasses import fields
 
 import mujoco
@@ -17,6 +18,8 @@ wp.config.log_level = wp.LOG_WARNING  # Warp tells of each kernel it loads
 # A solver that stops at its iteration limit is not an error: the limits are the task's own.
 _LIMITS = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS
 _CONSTRAINTS = mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ
+# Constraints of which MuJoCo Warp computes accelerations with velocities of one step before.
+_ANCHORED = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 
 
 class WarpPhysics(Physics):
@@ -37,11 +40,12 @@ class WarpPhysics(Physics):
         nconmax: int,
         njmax: int,
         deterministic: bool = False,
+        varied: Sequence[str] = (),
     ):
         self.model, self.num_worlds, self.device = model, num_worlds, device
         self.substeps, self.nconmax, self.njmax = substeps, nconmax, njmax
         with wp.ScopedDevice(str(device)):
-            self._model = mjw.put_model(model)
+            self._model = mjw.put_model(model, dict.fromkeys(varied, num_worlds))
             self._model.opt.warn_overflow = 0  # it prints from kernels; `overflow` is read instead
             if deterministic:
                 self._model.opt.deterministic = True
@@ -57,6 +61,9 @@ class WarpPhysics(Physics):
         self.ctrl = wp.to_torch(data.ctrl)
         self.warmstart = wp.to_torch(data.qacc_warmstart)
         self.sensors = wp.to_torch(data.sensordata)
+        if np.isin(model.eq_type, _ANCHORED).any():
+            self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
+        self.varied = {name: wp.to_torch(getattr(self._model, name)) for name in varied}
         self._overflow = wp.to_torch(data.overflow)
         self._replay: wp.Graph | None = None
 

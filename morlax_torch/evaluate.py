@@ -50,7 +50,7 @@ def evaluate(
     """
     place = resolve_device(device)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    task, m = policy.config.task, len(policy.objectives)
+    task, m = policy.config.task.judged(), len(policy.objectives)
     if seeds < 1:
         raise MorlaxError(f"seeds is {seeds}: it takes at least one.")
     if seeds > 1 and not task.varies:

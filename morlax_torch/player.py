@@ -28,7 +28,7 @@ class Player:
             "mujoco",
             seed,
             auto_reset=False,
-            **policy.config.task.model_dump(),
+            **policy.config.task.judged().model_dump(),
         )
         if not isinstance(env, Environment):
             raise MorlaxError(f"{policy.config.env} has no robot to show: only MuJoCo tasks have.")

@@ -48,7 +48,7 @@ def train(
         torch.set_float32_matmul_precision("high")  # TF32
     morlax = MORLAX(make_worlds(config, config.worlds), config, actor, critic)
     tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, len(morlax.env.objectives))
-    judges = make_worlds(config, len(tradeoffs), auto_reset=False)
+    judges = make_worlds(config, len(tradeoffs), judging=True)
     evaluator = Evaluator(morlax.agent, judges, tradeoffs)
     if run is None:
         run, progress = Run.create(morlax, output), Progress()
@@ -102,17 +102,18 @@ def train(
     return run
 
 
-def make_worlds(config: Config, number: int, auto_reset: bool = True) -> Worlds:
-    """The worlds that `config` describes."""
+def make_worlds(config: Config, number: int, judging: bool = False) -> Worlds:
+    """The worlds that `config` describes: to train in, or to judge policies in."""
+    task = config.task.judged() if judging else config.task
     return envs.make(
         config.env,
         number,
         config.device,
         config.backend,
         config.seed,
-        auto_reset=auto_reset,
+        auto_reset=not judging,
         deterministic=config.deterministic,
-        **config.task.model_dump(),
+        **task.model_dump(),
     )
 
 

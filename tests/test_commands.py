@@ -97,7 +97,7 @@ def test_help_is_complete(module, monkeypatch, capsys):
 
 
 MISTAKES = {
-    "no task": ((), "say which task to train: --env NAME, of ant, cheetah"),
+    "no task": ((), "say which task to train: --env NAME, of ant, bruce"),
     "unknown task": (("--env", "chetah"), "did you mean 'cheetah'?"),
     "unknown flag": (("--env", "ant", "--ppo.learning-rat", "1"), "--ppo.learning-rate"),
     "wrong type": (("--env", "ant", "--worlds", "many"), "many"),

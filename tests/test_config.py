@@ -28,6 +28,7 @@ def test_the_paper_s_objectives_are_the_default():
     objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in own}
     assert objectives == {
         "ant": ("vx", "vy"),
+        "bruce": ("joints", "base", "swing", "rigid", "smooth", "energy"),
         "cheetah": ("run", "energy"),
         "cheetah3": ("run", "energy", "height"),
         "hopper": ("run", "jump"),

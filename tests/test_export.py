@@ -156,7 +156,7 @@ def test_joints_are_in_the_order_of_actions(trained):
         assert actuator["control_range"] == [-1, 1]
 
 
-@pytest.mark.parametrize("task", envs.names())
+@pytest.mark.parametrize("task", [name for name in envs.names() if name != "bruce"])
 def test_control_is_made_of_actions_as_the_file_says(task, generator):
     env = envs.make(task, 50, "cpu")
     found = control(envs.make(task, 1, "cpu"))
@@ -168,6 +168,7 @@ def test_control_is_made_of_actions_as_the_file_says(task, generator):
 
 
 def test_control_that_is_no_clipped_line_is_not_claimed(monkeypatch):
+    assert control(envs.make("bruce", 1, "cpu")) is None  # actions pass a filter
     env = envs.make("hopper", 1, "cpu")
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(action.pow(3)))
     assert control(env) is None

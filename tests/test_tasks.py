@@ -149,7 +149,8 @@ def test_sizes_and_reset_reward_are_the_published_ones(task):
 
 
 def test_every_task_of_our_own_is_compared_with_the_paper():
-    assert {name for name in envs.names() if "/" not in name} == set(PUBLISHED)
+    elsewhere = {"bruce"}  # in test_bruce_task.py
+    assert {name for name in envs.names() if "/" not in name} - elsewhere == set(PUBLISHED)
 
 
 # What the stored trajectories do not reach
@@ -240,7 +241,7 @@ def test_a_task_says_what_it_is(task, backend):
     assert env.num_worlds == 2
     assert env.device == torch.device("cpu")
     assert env.episode_length == 500
-    assert env.dt == pytest.approx(0.01)
+    assert env.dt == pytest.approx(0.02 if task == "bruce" else 0.01)
     assert env.objectives == tuple(env.options.objectives)
     assert env.reference_point == (0.0,) * len(env.objectives)
     for weighted in (env.options.shared, *env.options.objectives.values()):

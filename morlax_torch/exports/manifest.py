@@ -24,7 +24,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
     `tradeoff` (m,) is the one inside; None: it is an input.
     """
     config = policy.config
-    env = envs.make(config.env, 1, "cpu", "mujoco", **config.task.model_dump())
+    env = envs.make(config.env, 1, "cpu", "mujoco", **config.task.judged().model_dump())
     if not isinstance(env, Environment):
         raise MorlaxError(f"{config.env} has no motors to tell of: only MuJoCo tasks are exported.")
     return {
@@ -82,6 +82,8 @@ def control(env: Environment) -> dict[str, list[float]] | None:
 
     None, if it does so in another way.
     """
+    if env.action_size != env.physics.model.nu:
+        return None
 
     def made(action: torch.Tensor) -> torch.Tensor:
         env.apply(action.expand(1, env.action_size))

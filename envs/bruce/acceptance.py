@@ -1,0 +1,95 @@
+"""What a gait must keep to before it may ship."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from . import model as bruce
+from .planner import STANCE, Gait, Motion, Planner
+
+INSTANTS = 81  # of each step
+STEPS = 25  # to survive in simulation: 10 s
+KNEE, CRANK = 3, 4  # in a leg's five joints
+
+LIMITS: dict[str, tuple[float, float]] = {
+    "joint_jump": (0.0, 1e-6),  # rad, from step to step
+    "base_jump": (0.0, 1e-6),  # m
+    "joint_speed_jump": (0.0, 0.5),  # rad/s
+    "stance_drift": (0.0, 1e-3),  # m
+    "apex": (0.03, 0.05),  # m, of the swinging sole
+    "clearance": (0.012, 0.05),  # m, its lowest from 0.2 to 0.8 of a step
+    "touchdown_speed": (0.0, 0.1),  # m/s
+    "pivot_sagittal": (0.0, 0.025),  # m between where the ground should push and where it does
+    "pivot_lateral": (0.0, 0.01),  # m
+    "friction": (0.0, 0.5),  # horizontal over vertical force
+    "yaw_moment": (0.0, 1.8),  # N m about the sole; more would turn it on the floor
+    "torque": (0.0, 5.0),  # N m of a leg's motor
+    "knee_min": (-1.6, 0.0),  # rad
+    "knee_max": (-1.6, -0.2),
+    "crank": (0.0, 1.3),  # rad from its middle
+    "reach": (0.0, 0.5),  # rad from the default pose: actions reach 0.6
+    "joint_speed": (0.0, 5.0),  # rad/s
+    "velocity_error": (0.0, 1e-3),  # m/s, of the mean over two steps
+}
+MIN_WALKED = 140  # of the library's 153 gaits, in simulation
+
+
+def measure(planner: Planner, gait: Gait, vx: float, vy: float) -> dict[str, float]:
+    """A gait for a velocity (m/s) in numbers, by the names of `LIMITS`."""
+    c = planner.constants
+    s = np.linspace(0, 1, INSTANTS)
+    motion = planner.motion(gait, s)
+    loads = planner.loads(motion)
+    joints = motion.qpos[..., 7:] @ bruce.crank_from_joints(planner.model).T
+    speeds = motion.qvel[..., 6:] @ bruce.crank_from_joints(planner.model).T
+    legs = joints[..., : bruce.NUM_LEG_JOINTS].reshape(2, INSTANTS, 2, 5)
+    stance, swing, swing_velocity = _feet(planner, motion)
+    # from the frame of one stance foot to that of the next
+    moved = motion.qpos[:, -1, :3] - motion.qpos[::-1, 0, :3]
+    landed = swing[:, -1] - stance[:, -1]
+    middle = (s > 0.2 - 1e-9) & (s < 0.8 + 1e-9)
+    off = np.abs(loads.pivot - [c.pivot, 0.0])
+    velocity = moved.sum(0)[:2] / (2 * c.step_time)
+    return {
+        "joint_jump": np.abs(joints[:, -1] - joints[::-1, 0]).max(),
+        "base_jump": np.abs(moved - landed).max(),
+        "joint_speed_jump": np.abs(speeds[:, -1] - speeds[::-1, 0]).max(),
+        "stance_drift": np.abs(stance).max(),
+        "apex": swing[..., 2].max(1).min(),
+        "clearance": swing[:, middle, 2].min(),
+        "touchdown_speed": np.linalg.norm(swing_velocity[:, -1], axis=-1).max(),
+        "pivot_sagittal": off[..., 0].max(),
+        "pivot_lateral": off[..., 1].max(),
+        "friction": (np.linalg.norm(loads.force[..., :2], axis=-1) / loads.force[..., 2]).max(),
+        "yaw_moment": np.abs(loads.yaw_moment).max(),
+        "torque": np.abs(loads.torque[..., : bruce.NUM_LEG_JOINTS]).max(),
+        "knee_min": legs[..., KNEE].min(),
+        "knee_max": legs[..., KNEE].max(),
+        "crank": np.abs(legs[..., CRANK]).max(),
+        "reach": np.abs(joints - bruce.DEFAULT_POSE).max(),
+        "joint_speed": np.abs(speeds).max(),
+        "velocity_error": np.abs(velocity - [vx, vy]).max(),
+    }
+
+
+def _feet(
+    planner: Planner, motion: Motion
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Where the stance and the swinging sole are, and how fast the latter is: (2, S, 3) each."""
+    model, data = planner.model, mujoco.MjData(planner.model)
+    feet = np.zeros((3, *motion.qpos.shape[:2], 3))
+    jacobian = np.zeros((3, model.nv))
+    for phase, k in np.ndindex(*motion.qpos.shape[:2]):
+        data.qpos[:] = motion.qpos[phase, k]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        stance, swing = (
+            model.site(f"{side}_sole").id for side in (STANCE[phase], STANCE[1 - phase])
+        )
+        mujoco.mj_jacSite(model, data, jacobian, None, swing)
+        feet[:, phase, k] = (
+            data.site_xpos[stance],
+            data.site_xpos[swing],
+            jacobian @ motion.qvel[phase, k],
+        )
+    return feet[0], feet[1], feet[2]

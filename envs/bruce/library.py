@@ -1,0 +1,57 @@
+"""The gaits that ship, as one small file."""
+
+from dataclasses import asdict, dataclass, fields
+from importlib import resources
+from typing import IO, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .planner import Constants, Gait
+
+FORWARD = np.linspace(-0.2, 0.2, 17).round(3)  # m/s
+SIDEWAYS = np.linspace(-0.1, 0.1, 9).round(3)  # m/s
+
+
+@dataclass(frozen=True)
+class Library:
+    """A gait for each velocity of a grid, with X velocities forward and Y sideways."""
+
+    vx: NDArray[np.float64]  # (X,) m/s
+    vy: NDArray[np.float64]  # (Y,) m/s
+    joints: NDArray[np.float32]  # (X, Y, 2, 8, 16) control points, as in `Gait`
+    base: NDArray[np.float32]  # (X, Y, 2, 8, 6)
+    walked: NDArray[np.int64]  # (X, Y) steps that each survives in simulation, of at most 25
+    measured: dict[str, NDArray[np.float64]]  # (X, Y) each, by the names of `acceptance.LIMITS`
+    constants: Constants  # that shaped them
+
+    def gait(self, i: int, j: int) -> Gait:
+        """The one for `vx[i]`, `vy[j]`."""
+        return Gait(self.joints[i, j].astype(float), self.base[i, j].astype(float))
+
+    def save(self, file: IO[bytes]) -> None:
+        """Write everything as an .npz."""
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        measured = {f"measured.{name}": values for name, values in self.measured.items()}
+        constants = {f"constants.{name}": value for name, value in asdict(self.constants).items()}
+        np.savez_compressed(file, **arrays, **measured, **constants)
+
+    @classmethod
+    def load(cls) -> Self:
+        """The library that ships."""
+        with (resources.files(str(__package__)) / "gaits.npz").open("rb") as file:
+            contents = dict(np.load(file))
+
+        def group(prefix: str) -> dict[str, NDArray]:
+            return {
+                name.removeprefix(prefix): value
+                for name, value in contents.items()
+                if name.startswith(prefix)
+            }
+
+        constants = Constants(**{k: v.item() for k, v in group("constants.").items()})
+        arrays = {name: contents[name] for name in _ARRAYS}
+        return cls(**arrays, measured=group("measured."), constants=constants)
+
+
+_ARRAYS = tuple(f.name for f in fields(Library) if f.name not in ("measured", "constants"))

@@ -1,0 +1,364 @@
+"""BRUCE walks at a commanded velocity after gaits of a library: six objectives."""
+
+import math
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+import torch
+from pydantic import Field, NonNegativeFloat, field_validator
+from torch import Tensor
+
+from ..environment import Environment
+from ..layout import Part
+from ..options import TaskOptions
+from ..physics import Physics
+from ..starts import Start, Starts
+from . import model as bruce
+from . import rotations
+from .history import History
+from .library import Library
+from .pair_sums import PairSums
+from .randomization import FIELDS, Randomization
+from .reference import Reference
+
+SEEN = 5  # of each history, in the observation
+FASTEST = (0.2, 0.1)  # m/s, forward and sideways
+LAG = 0.03  # seconds, of the filter that actions pass
+LEG_REACH, ARM_REACH, VELOCITY_REACH = 0.6, 0.4, 0.05  # rad, rad and m/s: what an action moves
+RESTING_HEIGHT = 0.427  # metres: the soles hang 2 mm above the floor in the default pose
+FALLEN = 0.2  # metres: a lower base has fallen
+COMMANDS = 2048  # that episodes choose from
+POSITION, ANGLES = slice(16, 19), slice(19, 22)  # of the base, behind 16 joints
+
+# Half the width of uniform noise, and what the energy term is measured from: 0.9 of the squared
+# force limits of the arms' motors.
+GYRO_NOISE, ACCELEROMETER_NOISE, JOINT_NOISE, ATTITUDE_NOISE = 0.03, 0.1, 0.02, 0.05
+MOST_ENERGY = 54.0
+
+
+class Bruce(Environment):
+    """The robot is free to leave the reference: actions move the joints about the default pose.
+
+    Two more numbers of the action shift the velocity that the reference walks at. The reference's
+    base is anchored to the world anew at each step, so drift is forgiven. Rewards compare with the
+    reference of one control step ago, as observations do.
+    """
+
+    substeps = 5
+
+    class Options(TaskOptions):
+        objectives: dict[str, dict[str, float]] = {
+            "joints": {"gait": 1.0},
+            "base": {"base_position": 1.0, "base_attitude": 1.0},
+            "swing": {"arm_swing": 1.0},
+            "rigid": {"arm_hold": 1.0},
+            "smooth": {"action_smoothness": 0.75, "joint_smoothness": 4.0},
+            "energy": {"energy": 0.02},
+        }
+        shared: dict[str, float] = {"shift_size": 0.85, "shift_rate": 0.2}
+        nconmax: int = 24
+        njmax: int = 96
+        chains: bruce.Chains = "closed"
+        """closed: the robot as it is; tree: motors on tendons instead, faster and nearly alike."""
+        feet: bruce.Feet = "equal"
+        """equal, or published: there the left foot is 20 mm shorter, and it drifts sideways."""
+        command: tuple[float, float] = (0.12, 0.0)
+        """The velocity to walk at, m/s: forward (at most 0.2) and to the left (at most 0.1)."""
+        draw_commands: bool = False
+        """Tell each episode another velocity, and either foot to begin with."""
+        standing: float = Field(default=0.4, ge=0, le=1)
+        """How many of the drawn velocities are zero."""
+        noise: NonNegativeFloat = 0.0
+        """Scale of the sensors' noise (1: as published; 0: they are exact)."""
+        randomize: bool = False
+        """Draw masses, centres of mass, the floor's friction and the motors' gains anew for each
+        episode (MuJoCo Warp only)."""
+
+        def judged(self) -> Self:
+            changes = {"draw_commands": False, "noise": 0.0, "randomize": False}
+            return self.model_copy(update=changes)
+
+        @field_validator("command")
+        @classmethod
+        def _within_reach(cls, command: tuple[float, float]) -> tuple[float, float]:
+            if any(abs(v) > most for v, most in zip(command, FASTEST, strict=True)):
+                raise ValueError("the gaits go at most 0.2 m/s forward and 0.1 m/s sideways")
+            return command
+
+    options: Options
+
+    def __init__(self, physics: Physics, options: Options, seed: int = 0, auto_reset: bool = True):
+        like, model = physics.qpos, physics.model
+        self._library = Library.load()
+        self.reference = Reference(self._library, like)
+        self.command = like.new_zeros(len(like), 2)
+        self._from_joints = PairSums(bruce.crank_from_joints(model), like)
+        self._to_motors = PairSums(bruce.motors_from_crank(), like)
+        self._default = torch.from_numpy(bruce.DEFAULT_POSE).to(like)
+        legs = bruce.NUM_LEG_JOINTS
+        self._reach = like.new_tensor([LEG_REACH] * legs + [ARM_REACH] * (16 - legs))
+        self._fastest = like.new_tensor(FASTEST)
+        self._offset = like.new_zeros(len(like), 16)  # rad, filtered, from the default pose
+        self._shift = like.new_zeros(len(like), 2)  # m/s, filtered
+        self._anchor = like.new_zeros(len(like), 3)  # x, y, yaw of the reference in the world
+        self._former_anchor = self._anchor.clone()
+        self._rates = like.new_zeros(len(like), 22)  # of the reference
+        self._actions = History(like, SEEN, 18)
+        self._gyro, self._accelerometer = History(like, SEEN, 3), History(like, SEEN, 3)
+        self._measured = History(like, SEEN, 20)  # attitude and joints, as seen
+        self._joints = History(like, 3, 16)  # as they were
+        self._asked_joints = History(like, SEEN, 16)
+        self._asked_base = History(like, SEEN, 7)
+        self._randomization = Randomization(physics) if options.randomize else None
+        super().__init__(physics, options, seed, auto_reset)
+
+    @classmethod
+    def varied_fields(cls, options: Options) -> tuple[str, ...]:
+        return FIELDS if options.randomize else ()
+
+    @classmethod
+    def load_model(cls) -> mujoco.MjModel:
+        return bruce.load()
+
+    @classmethod
+    def model_for(cls, options: Options) -> mujoco.MjModel:
+        return bruce.load(options.chains, options.feet)
+
+    def initial_qpos(self) -> np.ndarray:
+        qpos = np.zeros(self.physics.model.nq)
+        qpos[2:4] = RESTING_HEIGHT, 1.0
+        qpos[7:] = bruce.joints_from_crank(self.physics.model) @ bruce.DEFAULT_POSE
+        return qpos
+
+    def prepare_starts(self, seed: int) -> Starts:
+        """Walking starts as the gait of its command does, standing in the default pose."""
+        commands, legs, heights = self._draw_commands(seed)
+        walk = Reference(self._library, torch.zeros(len(commands), 1, dtype=torch.float64))
+        walk.begin(torch.ones(len(commands), dtype=torch.bool), commands, legs)
+        walk.elapsed.zero_()
+        poses, rates = (t.numpy() for t in walk.now())
+        standing = (commands == 0).all(-1).numpy()
+        anchors = np.zeros((len(commands), 3))
+        anchors[standing, :2] = -poses[standing, 16:18]
+        like = self.physics.qpos
+        self._commands, self._anchors = commands.to(like), torch.from_numpy(anchors).to(like)
+        self._legs = legs.to(self.physics.device)
+        expand = bruce.joints_from_crank(self.physics.model)
+        starts = []
+        for pose, rate, stands, height in zip(poses, rates, standing, heights, strict=True):
+            qpos, qvel = self.initial_qpos(), np.zeros(self.physics.model.nv)
+            crank = bruce.DEFAULT_POSE if stands else pose[:16]
+            if stands:
+                qpos[2] *= height
+            else:
+                qpos[:3], qpos[7:] = pose[POSITION], expand @ crank
+                qvel[:3], qvel[6:] = rate[POSITION], expand @ rate[:16]
+            ctrl = np.zeros(self.physics.model.nu)
+            ctrl[:16] = bruce.motors_from_crank() @ crank
+            starts.append(Start(qpos, qvel, ctrl))
+        return Starts(starts, self.physics)
+
+    def _draw_commands(self, seed: int) -> tuple[Tensor, Tensor, np.ndarray]:
+        """Velocities (B, 2), legs that swing first (B,), and how much higher to stand (B,)."""
+        if not self.options.draw_commands:
+            only = torch.tensor([self.options.command], dtype=torch.float64)
+            return only, torch.zeros(1, dtype=torch.int64), np.ones(1)
+        random = np.random.default_rng(seed)
+        commands = random.uniform(-1, 1, (COMMANDS, 2)) * FASTEST
+        commands[random.random(COMMANDS) < self.options.standing] = 0.0
+        legs = random.integers(0, 2, COMMANDS)
+        heights = random.uniform(1.0, 1.02, COMMANDS)
+        return torch.from_numpy(commands), torch.from_numpy(legs), heights
+
+    def count_actions(self) -> int:
+        return 16 + 2
+
+    def begin(self, fresh: Tensor) -> None:
+        if self._randomization is not None:
+            self._randomization.draw(fresh, self.generator)
+        rows, here = self.starts.rows, fresh[:, None]
+        self.command.copy_(torch.where(here, self._commands[rows], self.command))
+        self._anchor.copy_(torch.where(here, self._anchors[rows], self._anchor))
+        self._former_anchor.copy_(torch.where(here, self._anchor, self._former_anchor))
+        for filtered in (self._offset, self._shift):
+            filtered.masked_fill_(here, 0.0)
+        self.reference.begin(fresh, self.command, self._legs[rows])
+        asked, rates = self.reference.now()
+        self._rates.copy_(torch.where(here, rates, self._rates))
+        for history, value in self._readings(asked):
+            history.refill(fresh, value)
+        self._actions.refill(fresh, torch.zeros_like(self._actions.values[:, 0]))
+
+    def apply(self, action: Tensor) -> None:
+        action = action.clamp(-1, 1).to(self._offset)
+        self._offset.lerp_(self._reach * action[:, :16], self.dt / LAG)
+        self._shift.lerp_(VELOCITY_REACH * action[:, 16:], self.dt / LAG)
+        velocity = self.command + self._shift
+        self.reference.blend(torch.clamp(velocity, -self._fastest, self._fastest))
+        self._actions.push(action)
+        self.physics.ctrl[:, :16] = self._to_motors(self._default + self._offset)
+
+    def advance(self) -> None:
+        self._former_anchor.copy_(self._anchor)
+        changed = self.reference.advance(self.dt)
+        asked, rates = self.reference.now()
+        self._rates.copy_(rates)
+        anchor = self._anchored(asked)
+        self._anchor.copy_(torch.where(changed[:, None], anchor, self._anchor))
+        for history, value in self._readings(asked):
+            history.push(value)
+
+    def _anchored(self, asked: Tensor) -> Tensor:
+        """(N, 3): where the reference must be put for its base to be where the robot's is."""
+        position, attitude = self.physics.qpos[:, :3], self.physics.qpos[:, 3:7]
+        difference = rotations.multiply(
+            rotations.conjugate(rotations.from_angles(asked[:, ANGLES])), attitude
+        )
+        yaw = rotations.yaw_of(difference)
+        xy = position[:, :2] - rotations.turned(asked[:, POSITION][:, :2], yaw)
+        return torch.cat([xy, yaw[:, None]], -1)
+
+    def _readings(self, asked: Tensor) -> list[tuple[History, Tensor]]:
+        """What each history is to take in, sensors with their noise."""
+        qpos = self.physics.qpos
+        joints = self._from_joints(qpos[:, 7:])
+        heading = rotations.conjugate(rotations.from_yaw(self._anchor[:, 2]))
+        attitude = rotations.multiply(heading, qpos[:, 3:7])
+        tilt = rotations.from_angles(self._noisy(qpos[:, :3], ATTITUDE_NOISE))
+        seen = rotations.positive(rotations.multiply(tilt, attitude))
+        gyro, accelerometer = self.physics.sensors[:, :3], self.physics.sensors[:, 3:6]
+        base = [asked[:, POSITION], rotations.from_angles(asked[:, ANGLES])]
+        return [
+            (self._gyro, gyro + self._noisy(gyro, GYRO_NOISE)),
+            (
+                self._accelerometer,
+                accelerometer + self._noisy(accelerometer, ACCELEROMETER_NOISE),
+            ),
+            (self._measured, torch.cat([seen, joints + self._noisy(joints, JOINT_NOISE)], -1)),
+            (self._joints, joints),
+            (self._asked_joints, asked[:, :16]),
+            (self._asked_base, torch.cat(base, -1)),
+        ]
+
+    def _noisy(self, like: Tensor, width: float) -> Tensor:
+        """Uniform within `width` of zero, or nothing where sensors are exact."""
+        scale = self.options.noise * width
+        if not scale:
+            return torch.zeros_like(like)
+        return torch.empty_like(like).uniform_(-scale, scale, generator=self.generator)
+
+    def observe(self) -> Tensor:
+        reference = self.reference
+        step = torch.stack([reference.leg.to(self.command), reference.phase], -1)
+        return torch.cat(
+            [
+                self._gyro.values.flatten(1),
+                self._accelerometer.values.flatten(1),
+                self._rates,
+                step,
+                self._actions.values.flatten(1),
+                self.command,
+                self._measured.values.flatten(1),
+                self._asked_joints.values.flatten(1),
+                self._asked_base.values.flatten(1),
+            ],
+            -1,
+        )
+
+    def layout(self) -> list[Part]:
+        def seen(*parts: tuple[str, int, str]) -> list[Part]:
+            return [
+                Part(f"{name}.{age}_steps_ago", size, unit)
+                for age in range(SEEN)
+                for name, size, unit in parts
+            ]
+
+        quaternion = "w, x, y, z"
+        return [
+            *seen(("gyro", 3, "rad/s, in the body")),
+            *seen(("accelerometer", 3, "m/s², in the body")),
+            Part("reference.velocity.joints", 16, "rad/s"),
+            Part("reference.velocity.base", 3, "m/s, in the stance foot's frame"),
+            Part("reference.velocity.angles", 3, "rad/s, of roll, pitch and yaw"),
+            Part("reference.swinging_leg", 1, "0: left, 1: right"),
+            Part("reference.phase", 1, "of the step, 0 to 1"),
+            *seen(("action", 18, "")),
+            Part("command", 2, "m/s, forward and to the left"),
+            *seen(
+                ("attitude", 4, f"{quaternion}, from the reference's heading"),
+                ("joints", 16, "rad"),
+            ),
+            *seen(("reference.joints", 16, "rad")),
+            *seen(
+                ("reference.base", 3, "m, from the stance foot"),
+                ("reference.attitude", 4, quaternion),
+            ),
+        ]
+
+    def terms(self) -> dict[str, Tensor]:
+        legs = bruce.NUM_LEG_JOINTS
+        joints = self._joints.values[:, 0]
+        asked_joints, asked_base = self._asked_joints.values[:, 1], self._asked_base.values[:, 1]
+        position, attitude = self._placed(asked_base)
+        overlap = (self.physics.qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
+        arms = joints[:, legs:]
+        torques = self.physics.sensors[:, 6:]
+        shift, former_shift = (VELOCITY_REACH * self._actions.values[:, k, 16:] for k in (0, 1))
+        return {
+            "gait": _closeness(joints[:, :legs] - asked_joints[:, :legs], 0.15),
+            "base_position": _closeness(self.physics.qpos[:, :3] - position, 0.004),
+            "base_attitude": _closeness(2 * torch.acos(overlap)[:, None], 0.02),
+            "arm_swing": _closeness(arms - self._swinging(), 0.15),
+            "arm_hold": _closeness(arms - self._default[legs:], 0.15),
+            "action_smoothness": 1.0 - _roughness(self._reach * self._actions.values[..., :16]),
+            "joint_smoothness": 0.2 - _roughness(self._joints.values),
+            "energy": (MOST_ENERGY - torques.square().sum(-1)).clamp(min=0.0),
+            "shift_size": _closeness(shift, 0.001),
+            "shift_rate": _closeness(shift - former_shift, 0.002),
+        }
+
+    def _placed(self, base: Tensor) -> tuple[Tensor, Tensor]:
+        """Position (N, 3) and attitude (N, 4) in the world of the reference's base one step ago."""
+        yaw = self._former_anchor[:, 2]
+        xy = rotations.turned(base[:, :2], yaw) + self._former_anchor[:, :2]
+        attitude = rotations.multiply(rotations.from_yaw(yaw), base[:, 3:])
+        return torch.cat([xy, base[:, 2:3]], -1), attitude
+
+    def _swinging(self) -> Tensor:
+        """(N, 6): where swinging arms would be, each with the leg of the other side."""
+        c = torch.cos(math.pi * (self.reference.phase + self.reference.leg))
+        one = torch.ones_like(c)
+        pitch = -0.4 * c
+        right = [pitch, one, 0.3 * (1 - c)]
+        left = [pitch, -one, -0.3 * (1 + c)]
+        return torch.stack([*right, *left], -1)
+
+    def failed(self) -> Tensor:
+        return self.physics.qpos[:, 2] < FALLEN
+
+    def _state(self) -> dict[str, Tensor]:
+        histories = {
+            name: value.values for name, value in vars(self).items() if isinstance(value, History)
+        }
+        own: dict[str, Any] = {
+            "command": self.command,
+            "offset": self._offset,
+            "shift": self._shift,
+            "anchor": self._anchor,
+            "former_anchor": self._former_anchor,
+            "rates": self._rates,
+            "starts": self.starts.rows,
+        }
+        return {**super()._state(), **own, **histories, **self.reference.state()}
+
+
+def _closeness(difference: Tensor, width: float) -> Tensor:
+    """(N,): 1 where nothing differs, less with the squares of (N, C)."""
+    return torch.exp(-difference.square().sum(-1) / width)
+
+
+def _roughness(history: Tensor) -> Tensor:
+    """(N,): how much the newest of (N, K, C) differs from the last, and from going on alike."""
+    now, last, before = history[:, 0], history[:, 1], history[:, 2]
+    return (now - last).norm(dim=-1) + (now - 2 * last + before).norm(dim=-1)

@@ -1,0 +1,261 @@
+"""BRUCE has the published masses, joints and motors, and moves as mechanics says."""
+
+import csv
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from morlax_torch.envs.bruce import model as bruce
+from morlax_torch.envs.mujoco_physics import MujocoPhysics
+from morlax_torch.envs.warp_physics import WarpPhysics
+
+FACTS = Path(__file__).parent / "reference" / "bruce.csv"
+GRAVITY = np.array([0.0, 0.0, -9.81])
+CHAINS = ("closed", "tree")
+
+
+class Fact:
+    """A body of the published model, and the joint that moves it."""
+
+    def __init__(self, row: dict[str, str]):
+        self.body, self.parent, self.joint = row["body"], row["parent"], row["joint"]
+        pos, quat, com, moments, axis, limits = (
+            np.array(row[column].split(), dtype=float)
+            for column in ("pos", "quat", "com", "inertia", "axis", "range")
+        )
+        self.pos, self.com, self.axis, self.range = pos, com, axis, limits
+        self.rotation = rotation(quat / np.linalg.norm(quat))
+        xx, yy, zz, xy, xz, yz = moments
+        self.inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        self.mass, self.armature, self.damping, self.force_limit = (
+            float(row[column] or 0) for column in ("mass", "armature", "damping", "force_limit")
+        )
+
+
+def rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
+    w, x, y, z = quat
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def skew(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+def turn(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Rodrigues' formula."""
+    K = skew(axis)
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+@pytest.fixture(scope="module")
+def facts() -> list[Fact]:
+    with FACTS.open() as file:
+        return [Fact(row) for row in csv.DictReader(file)]
+
+
+@pytest.fixture(scope="module")
+def closed() -> mujoco.MjModel:
+    return bruce.load()
+
+
+def motions(
+    facts: list[Fact], qpos: NDArray[np.float64]
+) -> list[tuple[Fact, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+    """Every body with its orientation, and Jacobians of its centre of mass and its rotation."""
+    nv = 6 + len(facts) - 1
+    dof = {fact.body: 5 + i for i, fact in enumerate(facts)}
+    frames, found = {}, []
+    for fact in facts:
+        if fact.parent == "world":
+            R, p = rotation(qpos[3:7]), qpos[:3]
+            linear, angular = np.zeros((3, nv)), np.zeros((3, nv))
+            linear[:, :3], angular[:, 3:6] = np.eye(3), R
+        else:
+            R, p, linear, angular = frames[fact.parent]
+            linear = linear - skew(R @ fact.pos) @ angular
+            p, R = p + R @ fact.pos, R @ fact.rotation
+            angular = angular.copy()
+            angular[:, dof[fact.body]] = R @ fact.axis
+            R = R @ turn(fact.axis, qpos[1 + dof[fact.body]])
+        frames[fact.body] = R, p, linear, angular
+        found.append((fact, R, linear - skew(R @ fact.com) @ angular, angular))
+    return found
+
+
+def mechanics(
+    facts: list[Fact], qpos: NDArray[np.float64], qvel: NDArray[np.float64], moved: list
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mass matrix and bias forces of the bodies, from Newton's and Euler's laws.
+
+    Args:
+        moved: `qpos` a little before and after, along `qvel`.
+    """
+    (before, after), step = moved
+    M = np.diag([0.0] * 6 + [fact.armature for fact in facts[1:]])
+    bias = np.zeros(len(M))
+    then = zip(motions(facts, before), motions(facts, after), strict=True)
+    for (fact, R, linear, angular), (old, new) in zip(motions(facts, qpos), then, strict=True):
+        inertia = R @ fact.inertia @ R.T
+        M += fact.mass * linear.T @ linear + angular.T @ inertia @ angular
+        spin = angular @ qvel
+        acceleration = (new[2] - old[2]) @ qvel / (2 * step)
+        angular_acceleration = (new[3] - old[3]) @ qvel / (2 * step)
+        bias += linear.T @ (fact.mass * (acceleration - GRAVITY))
+        bias += angular.T @ (inertia @ angular_acceleration + np.cross(spin, inertia @ spin))
+    return M, bias
+
+
+def test_bodies_and_joints_are_the_published_ones(facts, closed):
+    assert closed.nbody == len(facts) + 1
+    for i, fact in enumerate(facts):
+        body, joint = closed.body(i + 1), closed.joint(i)
+        assert (body.name, joint.name) == (fact.body, fact.joint)
+        np.testing.assert_allclose(body.mass, fact.mass, rtol=1e-9)
+        np.testing.assert_allclose(body.ipos, fact.com, atol=1e-9)
+        R = rotation(body.iquat)
+        np.testing.assert_allclose(R @ np.diag(body.inertia) @ R.T, fact.inertia, atol=1e-10)
+        if i:
+            assert closed.body(body.parentid[0]).name == fact.parent
+            np.testing.assert_allclose(body.pos, fact.pos, atol=1e-9)
+            np.testing.assert_allclose(rotation(body.quat), fact.rotation, atol=1e-9)
+            np.testing.assert_allclose(joint.axis, fact.axis)
+            np.testing.assert_allclose(joint.range, fact.range)
+            np.testing.assert_allclose(joint.damping, fact.damping)
+            np.testing.assert_allclose(joint.armature, fact.armature)
+            limits = closed.jnt_actfrcrange[i]
+            np.testing.assert_allclose(limits, [-fact.force_limit, fact.force_limit])
+
+
+def test_the_whole_weighs_4_86_kg(closed):
+    assert closed.body_mass.sum() == pytest.approx(4.85547, abs=1e-5)
+
+
+def test_mass_matrix_and_bias_forces_follow_from_the_published_bodies(facts, closed):
+    random = np.random.default_rng(0)
+    data = mujoco.MjData(closed)
+    for _ in range(3):
+        mujoco.mj_integratePos(closed, data.qpos, random.uniform(-1, 1, closed.nv), 1)
+        data.qvel[:] = random.standard_normal(closed.nv)
+        mujoco.mj_forward(closed, data)
+        step, moved = 1e-5, []
+        for sign in (-1, 1):
+            qpos = data.qpos.copy()
+            mujoco.mj_integratePos(closed, qpos, sign * data.qvel, step)
+            moved.append(qpos)
+        M, bias = mechanics(facts, data.qpos, data.qvel, (moved, step))
+        ours = np.zeros((closed.nv, closed.nv))
+        mujoco.mj_fullM(closed, data, ours)
+        np.testing.assert_allclose(ours, M, atol=1e-8)
+        np.testing.assert_allclose(data.qfrc_bias, bias, atol=1e-6)
+
+
+def test_motors_hold_positions_and_damp_within_their_limits(closed):
+    assert [closed.actuator(i).name for i in range(16)] == list(bruce.MOTORS)
+    for i, name in enumerate(bruce.MOTORS):
+        stiffness, damping = (80, 2) if i < 10 else (5, 0.1)
+        servo, damper = closed.actuator(i), closed.actuator(16 + i)
+        assert closed.joint(servo.trnid[0]).name == name
+        assert closed.joint(damper.trnid[0]).name == name
+        assert (servo.gainprm[0], *servo.biasprm[:3]) == (stiffness, 0, -stiffness, 0)
+        assert (damper.gainprm[0], *damper.biasprm[:3]) == (damping, 0, 0, -damping)
+        legs = i < 10
+        assert servo.forcerange.tolist() == ([0, 0] if legs else [-3, 3])
+        assert damper.forcerange.tolist() == ([0, 0] if legs else [-1, 1])
+
+
+def test_only_feet_and_floor_touch(closed):
+    touching = [closed.geom(i).name for i in range(closed.ngeom) if closed.geom_contype[i]]
+    assert touching == ["floor", "right_foot", "left_foot"]
+    for name in touching[1:]:
+        foot = closed.geom(name)
+        np.testing.assert_allclose(foot.size, [0.048, 0.014, 0.0035])
+        np.testing.assert_allclose(foot.pos, [0.0215, 0.005, 0])
+        assert foot.friction[0] == 0.8
+    published = bruce.load(feet="published")
+    np.testing.assert_allclose(published.geom("right_foot").size, [0.048, 0.014, 0.0035])
+    np.testing.assert_allclose(published.geom("left_foot").size, [0.038, 0.014, 0.0035])
+
+
+def test_crank_coordinates_close_the_chains(closed):
+    data = mujoco.MjData(closed)
+    data.qpos[7:] = bruce.joints_from_crank(closed) @ bruce.DEFAULT_POSE
+    mujoco.mj_forward(closed, data)
+    assert data.ne == 10  # two tendons and a point for each leg
+    assert np.abs(data.efc_pos[: data.ne]).max() < 1.5e-4  # metres, radians
+
+
+@pytest.mark.parametrize("chains", CHAINS)
+def test_crank_coordinates_come_back_from_the_joints(chains):
+    model = bruce.load(chains)
+    there, back = bruce.joints_from_crank(model), bruce.crank_from_joints(model)
+    np.testing.assert_allclose(back @ there, np.eye(16), atol=1e-15)
+
+
+@pytest.mark.parametrize("chains", CHAINS)
+def test_motor_coordinates_are_what_the_servos_measure(chains):
+    model = bruce.load(chains)
+    data = mujoco.MjData(model)
+    crank = np.random.default_rng(0).uniform(-0.3, 0.3, 16)
+    data.qpos[7:] = bruce.joints_from_crank(model) @ crank
+    mujoco.mj_forward(model, data)
+    measured = data.actuator_length[:16]
+    np.testing.assert_allclose(measured, bruce.motors_from_crank() @ crank, atol=1e-12)
+
+
+def test_soles_are_level_at_the_default_pose(closed):
+    data = mujoco.MjData(closed)
+    data.qpos[2] = bruce.DEFAULT_HEIGHT
+    data.qpos[7:] = bruce.joints_from_crank(closed) @ bruce.DEFAULT_POSE
+    mujoco.mj_forward(closed, data)
+    for side in bruce.SIDES:
+        assert data.site(f"{side}_sole").xpos[2] == pytest.approx(0.03, abs=1e-4)
+
+
+def standing(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions and control of a pose that stands: the default one, leaning back a little."""
+    crank = bruce.DEFAULT_POSE.copy()
+    crank[[4, 9]] -= 0.03
+    qpos, ctrl = np.zeros(model.nq), np.zeros(model.nu)
+    qpos[2:4] = 0.4255, 1.0
+    qpos[7:] = bruce.joints_from_crank(model) @ crank
+    ctrl[:16] = bruce.motors_from_crank() @ crank
+    return qpos, ctrl
+
+
+@pytest.mark.parametrize("chains", CHAINS)
+def test_it_stands_with_little_torque_and_its_chains_stay_closed(chains):
+    model = bruce.load(chains)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.ctrl[:] = standing(model)
+    mujoco.mj_step(model, data, nstep=1250)
+    assert data.qpos[2] == pytest.approx(0.4215, abs=1e-3)  # metres, after 5 s
+    torques = [data.sensor(f"{name}_torque").data[0] for name in bruce.MOTORS]
+    assert 8 < np.square(torques).sum() < 11
+    if chains == "closed":
+        assert np.abs(data.efc_pos[: data.ne]).max() < 3e-4
+
+
+@pytest.mark.parametrize("chains", CHAINS)
+def test_warp_steps_as_c_mujoco_does(chains):
+    model = bruce.load(chains)
+    qpos, ctrl = standing(model)
+    c = MujocoPhysics(model, 2, 5)
+    warp = WarpPhysics(bruce.load(chains), 2, torch.device("cpu"), 5, 24, 96)
+    for physics in (c, warp):
+        physics.qpos[:], physics.ctrl[:] = torch.tensor(qpos), torch.tensor(ctrl)
+    for _ in range(25):
+        c.step()
+        warp.step()
+    assert not warp.overflow().any()
+    torch.testing.assert_close(warp.qpos.double(), c.qpos, rtol=0, atol=2e-4)
+    torch.testing.assert_close(warp.sensors.double()[:, 6:], c.sensors[:, 6:], rtol=0, atol=0.05)

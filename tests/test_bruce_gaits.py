@@ -1,0 +1,112 @@
+"""The gaits that ship keep to their limits, are what the planner plans, and walk."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from morlax_torch import MorlaxError
+from morlax_torch.envs.bruce import gaits
+from morlax_torch.envs.bruce.acceptance import LIMITS, MIN_WALKED, STEPS, measure
+from morlax_torch.envs.bruce.library import FORWARD, SIDEWAYS, Library
+from morlax_torch.envs.bruce.planner import Gait, Planner, derivatives
+from morlax_torch.envs.bruce.walk import Walker
+
+SOME = ((0, 8), (8, 4), (13, 5))  # rows and columns of the library: a corner, standing, walking
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return Library.load()
+
+
+@pytest.fixture(scope="module")
+def planner(library: Library) -> Planner:
+    return Planner(library.constants)
+
+
+def de_casteljau(points: NDArray[np.float64], s: float) -> NDArray[np.float64]:
+    while len(points) > 1:
+        points = points[:-1] * (1 - s) + points[1:] * s
+    return points[0]
+
+
+def mirrored(gait: Gait) -> Gait:
+    """As seen in a mirror that stands on the x axis: legs, arms and steps change sides."""
+    sides = [*range(5, 10), *range(5), *range(13, 16), *range(10, 13)]
+    signs = np.array([-1, 1, -1, 1, 1] * 2 + [-1] * 6)
+    y = np.array([1, -1, 1, -1, 1, -1])
+    return Gait(gait.joints[::-1, :, sides] * signs, gait.base[::-1] * y)
+
+
+def test_every_gait_keeps_to_the_limits(library):
+    assert library.joints.shape == (17, 9, 2, 8, 16)
+    assert library.base.shape == (17, 9, 2, 8, 6)
+    np.testing.assert_array_equal(library.vx, FORWARD)
+    np.testing.assert_array_equal(library.vy, SIDEWAYS)
+    assert set(library.measured) == set(LIMITS)
+    for name, (least, most) in LIMITS.items():
+        values = library.measured[name]
+        assert values.shape == (17, 9)
+        assert least <= values.min() <= values.max() <= most, name
+
+
+def test_going_straight_turns_little_on_the_floor(library):
+    assert library.measured["yaw_moment"][:, 4].max() < 1.4  # N m
+
+
+def test_most_gaits_walk_in_simulation(library):
+    assert (library.walked == STEPS).sum() >= MIN_WALKED
+
+
+@pytest.mark.parametrize("place", SOME)
+def test_planning_anew_gives_what_ships(library, planner, place):
+    vx, vy = library.vx[place[0]], library.vy[place[1]]
+    gait = planner.plan(vx, vy)
+    np.testing.assert_allclose(gait.joints, library.joints[place], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(gait.base, library.base[place], rtol=0, atol=1e-6)
+    for name, value in measure(planner, library.gait(*place), vx, vy).items():
+        assert value == pytest.approx(library.measured[name][place], rel=1e-3, abs=1e-6), name
+
+
+def test_a_shipped_gait_walks_ahead(library, planner):
+    walker = Walker(planner)
+    assert walker.walk(library.gait(10, 4), STEPS) == STEPS
+    x, y, _ = walker.data.qpos[:3]
+    assert 0.25 < x < 0.6  # metres: 10 s at 0.05 m/s, less some slip
+    assert abs(y) < 0.2
+
+
+def test_curves_and_their_derivatives_are_those_of_bezier(library):
+    points = library.gait(13, 5).joints[0]
+    s, h, T = np.array([0.0, 0.3, 0.77, 1.0]), 1e-5, 0.4
+    position, velocity, acceleration = (matrix @ points for matrix in derivatives(s, T))
+    np.testing.assert_allclose(position, [de_casteljau(points, x) for x in s], atol=1e-12)
+    around = [np.array([de_casteljau(points, x + d) for x in s]) for d in (-h, 0, h)]
+    slope, bend = (around[2] - around[0]) / 2, around[2] - 2 * around[1] + around[0]
+    np.testing.assert_allclose(velocity, slope / (h * T), atol=1e-6)
+    np.testing.assert_allclose(acceleration, bend / (h * T) ** 2, atol=1e-3)
+
+
+def test_going_left_mirrors_going_right(library):
+    left, right = library.gait(12, 7), mirrored(library.gait(12, 1))
+    # the two sides of the robot do not weigh quite the same
+    np.testing.assert_allclose(left.joints, right.joints, atol=3e-3)
+    np.testing.assert_allclose(left.base, right.base, atol=1e-3)
+
+
+def test_the_command_writes_a_library_and_its_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(gaits, "FORWARD", FORWARD[12:13])
+    monkeypatch.setattr(gaits, "SIDEWAYS", SIDEWAYS[4:5])
+    gaits.command(["--output", str(tmp_path / "gaits.npz")])
+    with np.load(tmp_path / "gaits.npz") as file:
+        assert file["joints"].shape == (1, 1, 2, 8, 16)
+    printed = capsys.readouterr().out
+    assert "1 of 1" in printed
+    assert all(name in printed for name in LIMITS)
+
+
+def test_the_command_says_where_it_cannot_write(tmp_path, monkeypatch):
+    monkeypatch.setattr(gaits, "FORWARD", FORWARD[12:13])
+    monkeypatch.setattr(gaits, "SIDEWAYS", SIDEWAYS[4:5])
+    with pytest.raises(MorlaxError, match="cannot write"):
+        gaits.command(["--output", str(tmp_path / "missing" / "gaits.npz")])

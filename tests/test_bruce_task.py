@@ -1,0 +1,399 @@
+"""BRUCE's task is what a slow reference, one world and one number at a time, says it is."""
+
+import math
+from math import comb
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.envs.bruce import model as bruce
+from morlax_torch.envs.bruce import rotations
+from morlax_torch.envs.bruce.library import Library
+from morlax_torch.envs.bruce.reference import Reference
+
+BACKENDS = ("mujoco", "warp")
+DT, STEP, LATE, EARLY = 0.02, 0.4, 0.005, 0.01  # seconds
+REACH = np.array([0.6] * 10 + [0.4] * 6)
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return Library.load()
+
+
+def quaternion(axis: int, angle: float) -> Array:
+    q = np.zeros(4)
+    q[0], q[1 + axis] = math.cos(angle / 2), math.sin(angle / 2)
+    return q
+
+
+def times(a: Array, b: Array) -> Array:
+    w, v, u, x = a[0], a[1:], b[0], b[1:]
+    return np.array([w * u - v @ x, *(w * x + u * v + np.cross(v, x))])
+
+
+def inverse(q: Array) -> Array:
+    return q * [1, -1, -1, -1]
+
+
+def heading(q: Array) -> float:
+    w, x, y, z = q
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def turned(xy: Array, yaw: float) -> Array:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([c * xy[0] - s * xy[1], s * xy[0] + c * xy[1]])
+
+
+def of_angles(roll: float, pitch: float, yaw: float) -> Array:
+    return times(times(quaternion(0, roll), quaternion(1, pitch)), quaternion(2, yaw))
+
+
+def curve(points: Array, s: float) -> Array:
+    n = len(points) - 1
+    return sum(comb(n, k) * s**k * (1 - s) ** (n - k) * points[k] for k in range(n + 1))
+
+
+def behind(points: Array, s: float) -> Array:
+    """Control points of what lies behind s: those of the curve p(s + u (1 - s)), by fitting it."""
+    u = np.linspace(0, 1, len(points))
+    n = len(points) - 1
+    B = np.array([[comb(n, k) * x**k * (1 - x) ** (n - k) for k in range(n + 1)] for x in u])
+    return np.linalg.solve(B, np.array([curve(points, s + x * (1 - s)) for x in u]))
+
+
+class World:
+    """What one world adds to its physics, in absolute time."""
+
+    def __init__(self, library: Library, command: Array, leg: int, qpos: Array, sensors: Array):
+        self.library, self.command, self.leg = library, command, leg
+        self.t, self.start, self.step_start, self.length = 0.0, -EARLY, -EARLY, STEP
+        self.velocity, self.points = command, self.gait(command)
+        self.offset, self.shift = np.zeros(16), np.zeros(2)
+        first = curve(self.points[leg], 0.0)
+        self.anchor = self.anchored(first, qpos)
+        self.former_anchor = self.anchor
+        asked, seen, joints = self.asked(), self.seen(qpos), self.joints(qpos)
+        self.gyro, self.accelerometer = [sensors[:3]] * 5, [sensors[3:6]] * 5
+        self.actions = [np.zeros(18)] * 5
+        self.seen_history, self.joint_history = [seen] * 5, [joints] * 3
+        self.asked_history = [asked] * 5
+
+    def gait(self, v: Array) -> Array:
+        def point(i: int, j: int) -> Array:
+            library = self.library
+            return np.concatenate([library.joints[i, j], library.base[i, j]], -1).astype(float)
+
+        i, j = min(int((v[0] + 0.2) / 0.025), 15), min(int((v[1] + 0.1) / 0.025), 7)
+        a = (v[0] - self.library.vx[i]) / 0.025
+        b = (v[1] - self.library.vy[j]) / 0.025
+        near = (1 - a) * point(i, j) + a * point(i + 1, j)
+        far = (1 - a) * point(i, j + 1) + a * point(i + 1, j + 1)
+        return (1 - b) * near + b * far
+
+    def asked(self) -> Array:
+        s = min(max((self.t - self.start) / self.length, 0.0), 1.0)
+        return curve(self.points[self.leg], s)
+
+    def rates(self) -> Array:
+        s, h = min((self.t - self.start) / self.length, 1 - 1e-6), 1e-6
+        points = self.points[self.leg]
+        return (curve(points, s + h) - curve(points, s - h)) / (2 * h * self.length)
+
+    def anchored(self, asked: Array, qpos: Array) -> Array:
+        yaw = heading(times(inverse(of_angles(*asked[19:22])), qpos[3:7]))
+        return np.array([*(qpos[:2] - turned(asked[16:18], yaw)), yaw])
+
+    def joints(self, qpos: Array) -> Array:
+        right, left, arms = qpos[7:16], qpos[16:25], qpos[25:31]
+        legs = []
+        for yaw, _, _, knee, _, _, crank, a, b in (right, left):
+            legs += [yaw, (b - a) / 2, -(a + b) / 2, knee, crank]
+        return np.array([*legs, *arms])
+
+    def seen(self, qpos: Array) -> Array:
+        attitude = times(quaternion(2, -self.anchor[2]), qpos[3:7])
+        return np.concatenate([attitude, self.joints(qpos)])
+
+    def control(self, action: Array) -> Array:
+        """Motor targets in the order of the motors."""
+        self.offset = self.offset + DT / 0.03 * (REACH * action[:16] - self.offset)
+        self.shift = self.shift + DT / 0.03 * (0.05 * action[16:] - self.shift)
+        target = np.clip(self.command + self.shift, [-0.2, -0.1], [0.2, 0.1])
+        if (self.t - self.step_start) / STEP < 0.7:
+            z = (self.t - self.start) / self.length
+            rest = self.length * (1 - z)
+            wanted = self.gait(target)
+            for leg in (0, 1):
+                old = behind(self.points[leg], z)
+                new = behind(wanted[leg], 1 - rest / STEP)
+                self.points[leg, :3], self.points[leg, 5:] = old[:3], new[5:]
+                self.points[leg, 3:5] = (old[3:5] + new[3:5]) / 2
+            self.length, self.start, self.velocity = rest, self.t, target
+        self.actions = [action, *self.actions[:-1]]
+        crank = bruce.DEFAULT_POSE + self.offset
+        motors = crank.copy()
+        for leg in (0, 5):
+            pitch, roll = crank[leg + 1 : leg + 3]
+            motors[leg + 1 : leg + 3] = -(pitch + roll), pitch - roll
+        return motors
+
+    def follow(self, qpos: Array, sensors: Array) -> None:
+        """Take in what the physics did in a control step."""
+        self.t += DT
+        self.former_anchor = self.anchor
+        if (self.t - self.start) / self.length >= 1:
+            self.points, self.leg = self.gait(self.velocity), 1 - self.leg
+            self.length, self.start = STEP, self.t - LATE
+            self.step_start = self.start
+            self.anchor = self.anchored(self.asked(), qpos)
+        self.gyro = [sensors[:3], *self.gyro[:-1]]
+        self.accelerometer = [sensors[3:6], *self.accelerometer[:-1]]
+        self.seen_history = [self.seen(qpos), *self.seen_history[:-1]]
+        self.joint_history = [self.joints(qpos), *self.joint_history[:-1]]
+        self.asked_history = [self.asked(), *self.asked_history[:-1]]
+
+    def phase(self) -> float:
+        return (self.t - self.step_start) / STEP
+
+    def observation(self) -> Array:
+        base = [np.array([*a[16:19], *of_angles(*a[19:22])]) for a in self.asked_history]
+        parts = [*self.gyro, *self.accelerometer, self.rates(), [self.leg, self.phase()]]
+        parts += [*self.actions, self.command, *self.seen_history]
+        return np.concatenate([*parts, *(a[:16] for a in self.asked_history), *base])
+
+    def rewards(self, qpos: Array, torques: Array) -> Array:
+        """(6,) of the objectives."""
+        asked = self.asked_history[1]
+        x, y, yaw = self.former_anchor
+        position = np.array([x, y, asked[18]])
+        position[:2] += turned(asked[16:18], yaw)
+        attitude = times(quaternion(2, yaw), of_angles(*asked[19:22]))
+        angle = 2 * math.acos(min(1.0, abs(attitude @ qpos[3:7])))
+        q, q1, q2 = self.joint_history
+        a, a1, a2 = (action[:16] * REACH for action in self.actions[:3])
+        c = math.cos(math.pi * (self.phase() + self.leg))
+        swing = np.array([-0.4 * c, 1, 0.3 * (1 - c), -0.4 * c, -1, -0.3 * (1 + c)])
+        shift, shift1 = (0.05 * action[16:] for action in self.actions[:2])
+        norm = np.linalg.norm
+
+        def near(difference: Array, width: float) -> float:
+            return math.exp(-(norm(difference) ** 2) / width)
+
+        shared = 0.85 * near(shift, 0.001) + 0.2 * near(shift - shift1, 0.002)
+        smooth = 0.75 * (1 - norm(a - a1) - norm(a - 2 * a1 + a2))
+        smooth += 4 * (0.2 - norm(q - q1) - norm(q - 2 * q1 + q2))
+        return shared + np.array(
+            [
+                near(q[:10] - asked[:10], 0.15),
+                near(qpos[:3] - position, 0.004) + math.exp(-(angle**2) / 0.02),
+                near(q[10:] - swing, 0.15),
+                near(q[10:] - [0, 1, 0, 0, -1, 0], 0.15),
+                smooth,
+                0.02 * max(54 - (torques**2).sum(), 0.0),
+            ]
+        )
+
+
+def test_every_world_is_what_the_slow_reference_says(library):
+    worlds, steps = 6, 48  # two exchanges of feet
+    env = envs.make("bruce", worlds, "cpu", "mujoco", auto_reset=False, draw_commands=True)
+    observation, physics = env.reset(), env.physics
+    slow = [
+        World(library, c, int(leg), q, s)
+        for c, leg, q, s in zip(
+            env.command.numpy().copy(),
+            env.reference.leg,
+            physics.qpos.numpy().copy(),
+            physics.sensors.numpy().copy(),
+            strict=True,
+        )
+    ]
+    assert any((world.command == 0).all() for world in slow)
+    assert {world.leg for world in slow} == {0, 1}
+    random = np.random.default_rng(0)
+    for time in range(steps):
+        for i, world in enumerate(slow):
+            np.testing.assert_allclose(observation[i], world.observation(), atol=2e-5)
+        action = random.uniform(-1, 1, (worlds, 18)) * ([0.15] * 16 + [1.0] * 2)
+        ctrl = [world.control(a) for world, a in zip(slow, action, strict=True)]
+        step = env.step(torch.from_numpy(action))
+        np.testing.assert_allclose(physics.ctrl[:, :16], ctrl, atol=1e-9)
+        assert (physics.ctrl[:, 16:] == 0).all()
+        observation = step.observation
+        for i, world in enumerate(slow):
+            qpos, sensors = physics.qpos[i].numpy().copy(), physics.sensors[i].numpy().copy()
+            world.follow(qpos, sensors)
+            expected = world.rewards(qpos, sensors[6:])
+            np.testing.assert_allclose(step.reward[i], expected, atol=1e-5, err_msg=f"{time}")
+    assert all(world.leg == int(leg) for world, leg in zip(slow, env.reference.leg, strict=True))
+
+
+def test_blending_towards_the_gait_that_one_walks_changes_nothing(library):
+    walk = Reference(library, torch.zeros(3, 1, dtype=torch.float64))
+    untouched = Reference(library, torch.zeros(3, 1, dtype=torch.float64))
+    velocity = torch.tensor([[0.1, 0.03], [-0.13, 0.0], [0.2, -0.1]], dtype=torch.float64)
+    everywhere, leg = torch.ones(3, dtype=torch.bool), torch.tensor([0, 1, 0])
+    for reference in (walk, untouched):
+        reference.begin(everywhere, velocity, leg)
+    for time in range(40):
+        walk.blend(velocity)
+        assert torch.equal(walk.advance(DT), untouched.advance(DT))
+        for one, other in zip(walk.now(), untouched.now(), strict=True):
+            torch.testing.assert_close(one, other, rtol=0, atol=1e-9, msg=f"{time}")
+
+
+def test_at_the_grid_s_points_the_gaits_are_the_library_s(library):
+    at = [(0, 0), (16, 8), (0, 8), (7, 3)]
+    walk = Reference(library, torch.zeros(len(at), 1, dtype=torch.float64))
+    velocity = torch.tensor([[library.vx[i], library.vy[j]] for i, j in at])
+    gaits = walk.gaits(velocity)
+    for found, (i, j) in zip(gaits, at, strict=True):
+        np.testing.assert_allclose(found[..., :16], library.joints[i, j], atol=1e-9)
+        np.testing.assert_allclose(found[..., 16:], library.base[i, j], atol=1e-9)
+
+
+def test_feet_change_every_twenty_steps():
+    env = envs.make("bruce", 1, "cpu", auto_reset=False)
+    legs = []
+    for _ in range(45):
+        env.step(torch.zeros(1, 18))
+        legs.append(int(env.reference.leg))
+    assert legs == [0] * 19 + [1] * 20 + [0] * 6
+
+
+def test_angles_are_turns_about_z_then_y_then_x():
+    angles = torch.tensor([[0.3, -0.7, 1.1], [-2.0, 0.4, 3.0]], dtype=torch.float64)
+    for row, found in zip(angles, rotations.from_angles(angles), strict=True):
+        expected = of_angles(*row.tolist())
+        np.testing.assert_allclose(found, expected * np.sign(expected[0]), atol=1e-12)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_noise_stays_within_its_width(backend):
+    exact = envs.make("bruce", 256, "cpu", backend)
+    noisy = envs.make("bruce", 256, "cpu", backend, noise=1.0)
+    difference = (noisy.reset() - exact.reset()).abs()
+    gyro, accelerometer = difference[:, :3], difference[:, 15:18]
+    seen = difference[:, 146:166]
+    for values, width in ((gyro, 0.03), (accelerometer, 0.1), (seen[:, 4:], 0.02)):
+        assert 0.9 * width < values.max() <= width * 1.001
+    assert 0.01 < seen[:, 1:4].max() < 0.05
+    assert (difference[:, 166:] == 0).sum() > 0  # the reference has none
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_worlds_get_commands_of_their_own_anew_each_episode(backend):
+    env = envs.make("bruce", 64, "cpu", backend, draw_commands=True, episode_length=2)
+    first = env.command.clone()
+    assert (first.abs() <= first.new_tensor([0.2, 0.1])).all()
+    assert 0.15 < (first == 0).all(-1).float().mean() < 0.65
+    for _ in range(2):
+        step = env.step(torch.zeros(64, 18))
+    assert step.truncated.all()
+    assert (env.command != first).any(-1).float().mean() > 0.5
+    torch.testing.assert_close(step.observation[:, 144:146], env.command.float())
+
+
+def test_both_backends_and_both_models_earn_nearly_alike():
+    returns = {}
+    for chains in ("closed", "tree"):
+        for backend in BACKENDS:
+            env = envs.make("bruce", 1, "cpu", backend, auto_reset=False, chains=chains)
+            rewards = [env.step(torch.zeros(1, 18)).reward[0] for _ in range(30)]
+            returns[chains, backend] = torch.stack(rewards).sum(0)
+    closed, warp, tree, _ = (value for value in returns.values())
+    torch.testing.assert_close(warp, closed, rtol=1e-3, atol=0.05)
+    torch.testing.assert_close(tree, closed, rtol=0.1, atol=1.0)
+
+
+def test_randomized_worlds_differ_within_bounds_and_anew_each_episode():
+    env = envs.make("bruce", 128, "cpu", "warp", randomize=True, episode_length=1)
+    nominal, drawn = env.physics.model, env.physics.varied
+    torso, floor = nominal.body("torso").id, nominal.geom("floor").id
+    gains = torch.tensor(nominal.actuator_gainprm[:, 0])
+    factors = {
+        "mass": (drawn["body_mass"][:, torso] / nominal.body_mass[torso], 0.3),
+        "friction": (drawn["geom_friction"][:, floor, 0] / 1.0, 0.4),
+        "gain": (drawn["actuator_gainprm"][:, :, 0] / gains, 0.2),
+    }
+    for name, (factor, width) in factors.items():
+        off = (factor - 1).abs()
+        assert 0.8 * width < off.max() < width * 1.001, name
+    shifts = (drawn["body_ipos"] - torch.tensor(nominal.body_ipos)).abs().amax((0, 2))
+    assert 0.04 < shifts[torso] < 0.0601
+    assert 0.009 < shifts[2:].min() <= shifts[2:].max() < 0.0101
+    others = drawn["body_mass"][:, torch.arange(nominal.nbody) != torso]
+    assert (others == others[0]).all()
+    servo, damper = drawn["actuator_gainprm"][:, 0, 0], drawn["actuator_biasprm"][:, 0, 1]
+    torch.testing.assert_close(damper, -servo)  # a servo is as stiff about another target
+    before = drawn["body_mass"].clone()
+    env.step(torch.zeros(128, 18))
+    assert (drawn["body_mass"][:, torso] != before[:, torso]).all()
+
+
+def test_a_randomized_world_moves_as_its_own_model_does():
+    env = envs.make("bruce", 3, "cpu", "warp", randomize=True, auto_reset=False)
+    models = []
+    for world in range(3):
+        model = bruce.load()
+        for name, values in env.physics.varied.items():
+            getattr(model, name)[:] = values[world].double().numpy()
+        models.append(model)
+    for _ in range(5):
+        env.step(torch.zeros(3, 18))
+    ends = []
+    for world, model in enumerate(models):
+        data = mujoco.MjData(model)
+        data.qpos[:] = env.starts.states[0][0]
+        data.qvel[:] = env.starts.states[1][0]
+        data.ctrl[:] = env.physics.ctrl[world]
+        mujoco.mj_step(model, data, nstep=25)
+        ends.append(data.qpos.copy())
+    np.testing.assert_allclose(env.physics.qpos, ends, atol=1e-3)
+    assert np.abs(ends[0] - ends[1]).max() > 5e-3
+
+
+def test_c_mujoco_cannot_randomize():
+    with pytest.raises(MorlaxError, match="use backend 'warp'"):
+        envs.make("bruce", 1, "cpu", "mujoco", randomize=True)
+
+
+def test_policies_are_judged_without_what_training_draws():
+    options = envs.get("bruce").Options(draw_commands=True, noise=1.0, randomize=True, standing=0.2)
+    judged = options.judged()
+    assert (judged.draw_commands, judged.noise, judged.randomize) == (False, 0.0, False)
+    assert (judged.standing, judged.command) == (0.2, (0.12, 0.0))
+
+
+def test_every_number_of_the_observation_has_one_name():
+    env = envs.make("bruce", 1, "cpu", command=(0.1, -0.05))
+    parts = env.layout()
+    assert len({part.name for part in parts}) == len(parts)
+    starts = dict(
+        zip((p.name for p in parts), np.cumsum([0, *(p.size for p in parts)]), strict=False)
+    )
+    seen = env.reset()[0]
+    assert seen[starts["command"] :][:2].tolist() == pytest.approx([0.1, -0.05])
+    assert seen[starts["reference.phase"]] == pytest.approx(EARLY / STEP)
+    joints = env.physics.qpos[0, 25:31]  # the arms
+    for age in range(5):
+        torch.testing.assert_close(seen[starts[f"joints.{age}_steps_ago"] :][10:16], joints.float())
+
+
+def test_a_command_beyond_the_gaits_is_refused():
+    with pytest.raises(MorlaxError, match=r"at most 0.2 m/s forward and 0.1 m/s sideways"):
+        envs.make("bruce", 1, "cpu", command=(0.3, 0.0))
+
+
+def test_it_fails_when_its_base_is_below_a_fifth_of_a_metre():
+    env = envs.make("bruce", 2, "cpu")
+    env.physics.qpos[:, 2] = torch.tensor([0.201, 0.199])
+    assert env.failed().tolist() == [False, True]
