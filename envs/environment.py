@@ -109,6 +109,11 @@ class Environment(Worlds):
             self.age.random_(0, self.episode_length, generator=self.generator)
         return self.observe().float()
 
+    def restart(self, which: Tensor) -> Tensor:
+        """Start the worlds of a mask (N,) anew, and no other; returns the observation (N, O)."""
+        self._restart(which, which)
+        return self.observe().float()
+
     def step(self, action: Tensor) -> TimeStep:
         """Advance every world by one control step under `action` (N, A)."""
         self.apply(action)
