@@ -170,6 +170,11 @@ class Environment(Worlds):
             self._noise.draw()
         return self.critic_observation()[:, : self.observation_size]
 
+    def restart(self, which: Tensor) -> Tensor:
+        """Start the worlds of a mask (N,) anew, and no other; returns the observation (N, O)."""
+        self._restart(which, which)
+        return self.critic_observation()[:, : self.observation_size]
+
     def step(self, action: Tensor) -> TimeStep:
         """Advance every world by one control step under `action` (N, A)."""
         self.apply(self._delay(action) if self._delay else action)

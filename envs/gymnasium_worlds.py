@@ -130,6 +130,11 @@ class GymnasiumWorlds(Worlds):
             self._restart(world)
         return self.critic_observation()
 
+    def restart(self, which: Tensor) -> Tensor:
+        for world in which.nonzero().squeeze(-1).tolist():
+            self._restart(world)
+        return self.critic_observation()
+
     def step(self, action: Tensor) -> TimeStep:
         middle, reach = (self._box.high + self._box.low) / 2, (self._box.high - self._box.low) / 2
         boxes = action.clamp(-1, 1).numpy().reshape(-1, *self._box.shape)

@@ -54,6 +54,10 @@ class Worlds(ABC):
         """Start every world anew; returns the observation (N, O)."""
 
     @abstractmethod
+    def restart(self, which: Tensor) -> Tensor:
+        """Start the worlds of a mask (N,) anew, and no other; returns the observation (N, O)."""
+
+    @abstractmethod
     def step(self, action: Tensor) -> TimeStep:
         """Advance every world by one control step under `action` (N, A) in [-1, 1]."""
 

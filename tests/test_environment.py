@@ -186,6 +186,19 @@ def test_reset_starts_every_world_anew(backend):
         assert torch.equal(value, start[name]), name
 
 
+def test_a_restart_is_of_the_worlds_asked_for_alone(backend):
+    env = make("hopper", backend)
+    first, start = env.reset(), state(env)
+    for action in random_actions(env, 5):
+        seen = env.step(action).observation
+    before = state(env)
+    which = torch.arange(env.num_worlds) % 2 == 1
+    assert torch.equal(env.restart(which), torch.where(which[:, None], first, seen))
+    for name, value in state(env).items():
+        assert torch.equal(value[which], start[name][which]), name
+        assert torch.equal(value[~which], before[name][~which]), name
+
+
 def test_rewards_of_an_episode_start_from_its_own_beginning(backend):
     env = make("hopper", backend, episode_length=6)
     env.physics.qvel[:, 0] = 50.0  # m/s: far from the start when time runs out

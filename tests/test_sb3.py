@@ -1,8 +1,5 @@
 """Stable-Baselines3 trains in our worlds as in its own."""
 
-import importlib
-import sys
-
 import gymnasium
 import numpy as np
 import pytest
@@ -101,13 +98,6 @@ def test_its_ppo_learns_to_run():
     logged = np.mean([episode["r"] for episode in learner.ep_info_buffer])
     assert after > 2 * before
     assert logged > 2 * before
-
-
-def test_without_it_it_is_said_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "stable_baselines3.common.vec_env", None)
-    monkeypatch.delitem(sys.modules, "morlax_torch.adapters.stable_baselines3")
-    with pytest.raises(MorlaxError, match=r"pip install 'morlax-torch\[sb3\]'"):
-        importlib.import_module("morlax_torch.adapters.stable_baselines3")
 
 
 def test_its_wrappers_go_around():

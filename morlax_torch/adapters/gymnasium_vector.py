@@ -14,6 +14,7 @@ from ..envs import MorlaxError, TimeStep
 from ..graph import Graph
 from ..rollout import one_thread
 from ..tradeoffs import one_tradeoff
+from .actions import check_actions
 
 
 class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
@@ -120,19 +121,4 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
     def _check(self, actions: Tensor) -> None:
         if not self._begun:
             raise MorlaxError("step was called before reset: call reset first.")
-        if not isinstance(actions, Tensor):
-            raise MorlaxError(
-                f"actions are torch tensors on {self.device}, not {type(actions).__name__}: use "
-                "torch.as_tensor(actions, device=envs.device), or wrap the environment in "
-                "gymnasium.wrappers.vector.ArrayConversion."
-            )
-        if actions.shape != self._action.shape:
-            raise MorlaxError(
-                f"actions need the shape {tuple(self._action.shape)}, a row for each world, but "
-                f"have {tuple(actions.shape)}."
-            )
-        if actions.device != self.device:
-            raise MorlaxError(
-                f"actions lie on {actions.device}, but the worlds are on {self.device}: use "
-                "actions.to(envs.device)."
-            )
+        check_actions(actions, self._action.shape, self.device)

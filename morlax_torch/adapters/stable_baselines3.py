@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from ..envs import MorlaxError
 from .episode_statistics import EpisodeStatistics
 from .gymnasium_vector import GymnasiumVectorEnv
+from .host import require
 
-try:
-    from stable_baselines3.common.vec_env import VecEnv
-except ImportError:
-    raise MorlaxError(
-        "Stable-Baselines3 is not installed: pip install 'morlax-torch[sb3]'."
-    ) from None
+require("Stable-Baselines3", "stable-baselines3", "2.7", "sb3")
+
+from stable_baselines3.common.vec_env import VecEnv
 
 
 class StableBaselines3VecEnv(VecEnv):

@@ -1,0 +1,148 @@
+"""N worlds as an environment of TorchRL, a reward for each objective."""
+
+from typing import Any
+
+import torch
+
+from .. import envs
+from ..envs import MorlaxError, TimeStep
+from ..graph import Graph
+from ..rollout import one_thread
+from .actions import check_actions
+from .host import require
+
+require("TorchRL", "torchrl", "0.14", "torchrl")
+
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+
+class TorchRLEnv(EnvBase):
+    """The task's worlds, of batch size (N,), on the device.
+
+    "observation" is (N, O), "action" (N, A) in [-1, 1], "reward" (N, m), and "done", "terminated"
+    and "truncated" are (N, 1). `LineariseRewards` makes one number of the objectives.
+
+    A world whose episode is over waits for a reset, which may be of a part of the worlds
+    ("_reset"), so ("next", "observation") is always what the step led to. `rollout` and
+    collectors reset it in time.
+
+    `set_seed` decides what the worlds draw; without it they draw the same each time. `worlds` is
+    our own environment underneath.
+
+    Args:
+        task: a name of `envs.names()`.
+        num_envs: N.
+        device: as for `envs.make`.
+        backend: likewise.
+        task_options: likewise, for example `episode_length=200`.
+
+    Raises:
+        MorlaxError: an unknown task or option, or no such device.
+    """
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 64,
+        device: str | torch.device | None = None,
+        backend: str | None = None,
+        **task_options: Any,
+    ):
+        worlds = envs.make(task, num_envs, device, backend, auto_reset=False, **task_options)
+        super().__init__(device=worlds.device, batch_size=torch.Size([num_envs]))
+        self.worlds, self.objectives = worlds, worlds.objectives
+        self._declare()
+        self._begun = False
+        self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
+        self._which = torch.zeros(num_envs, dtype=torch.bool, device=worlds.device)
+        self._made: TimeStep | None = None
+        self._observation = torch.zeros(num_envs, worlds.observation_size, device=worlds.device)
+        self._advance = Graph(self._one_step, worlds.device, [worlds.generator])
+        self._restart = Graph(self._some_restart, worlds.device, [worlds.generator])
+        self._advance.record()
+        self._restart.record()
+
+    def to(self, device: str | torch.device) -> "TorchRLEnv":
+        """Itself, if it is there already.
+
+        Raises:
+            MorlaxError: it is not.
+        """
+        if envs.resolve_device(device) != self.worlds.device:
+            raise MorlaxError(
+                f"the worlds are on {self.worlds.device} and cannot move to {device}: give "
+                "device= when they are made."
+            )
+        return self
+
+    def _declare(self) -> None:
+        worlds, each, device = self.worlds, self.batch_size, self.worlds.device
+
+        def flags() -> Categorical:
+            return Categorical(2, torch.Size([*each, 1]), device=device, dtype=torch.bool)
+
+        def numbers(size: int) -> Unbounded:
+            return Unbounded(torch.Size([*each, size]), device=device, dtype=torch.float32)
+
+        self.observation_spec = Composite(
+            observation=numbers(worlds.observation_size), shape=each, device=device
+        )
+        actions = torch.Size([*each, worlds.action_size])
+        self.action_spec = Bounded(-1, 1, actions, device, torch.float32)
+        self.reward_spec = numbers(len(worlds.objectives))
+        self.full_done_spec = Composite(
+            done=flags(), terminated=flags(), truncated=flags(), shape=each, device=device
+        )
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDict:
+        which = None if tensordict is None else tensordict.get("_reset", None)
+        self._begun = True
+        if which is None:
+            observation = self.worlds.reset()
+        else:
+            self._which.copy_(which.view_as(self._which))
+            self._restart()
+            observation = self._observation.clone()
+        over = torch.zeros_like(self._which)[:, None]
+        return self._packed(observation, over, over)
+
+    @torch.no_grad()
+    def _step(self, tensordict: TensorDictBase) -> TensorDict:
+        if not self._begun:
+            raise MorlaxError("step was called before reset: call reset first.")
+        actions = tensordict["action"]
+        check_actions(actions, self._action.shape, self.worlds.device)
+        self._action.copy_(actions)
+        with one_thread(self.worlds.device):
+            self._advance()
+        assert self._made is not None
+        # a replayed graph writes the same memory in every step
+        observation, reward, terminated, truncated = (x.clone() for x in self._made[:4])
+        made = self._packed(observation, terminated[:, None], truncated[:, None])
+        return made.set("reward", reward)
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is not None:
+            self.worlds.generator.manual_seed(seed)
+
+    def _one_step(self) -> None:
+        self._made = self.worlds.step(self._action)
+
+    def _some_restart(self) -> None:
+        self._observation.copy_(self.worlds.restart(self._which))
+
+    def _packed(
+        self, observation: torch.Tensor, terminated: torch.Tensor, truncated: torch.Tensor
+    ) -> TensorDict:
+        return TensorDict(
+            {
+                "observation": observation,
+                "done": terminated | truncated,
+                "terminated": terminated.clone(),
+                "truncated": truncated.clone(),
+            },
+            batch_size=self.batch_size,
+            device=self.worlds.device,
+        )

@@ -1,0 +1,67 @@
+"""The libraries that our interfaces serve are imported where they are asked for, and only there."""
+
+import importlib
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+
+from morlax_torch import MorlaxError
+
+HOSTS = {  # the adapter: its extra, and versions that are too old and old enough
+    "stable_baselines3": ("sb3", "2.6.0", "2.7"),
+    "torchrl": ("torchrl", "0.9.2", "0.14"),
+    "rsl_rl": ("rsl-rl", "2.3.3", "3.0"),
+    "skrl": ("skrl", "1.4.3", "2.0"),
+}
+TRAIN_AND_LIST_MODULES = """
+import sys
+from morlax_torch import train
+train.command(sys.argv[1:])
+print("modules:", *{name.split(".")[0] for name in sys.modules})
+"""
+TINY = (
+    *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
+    *("--sampling.clusters", "4", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "6"),
+    *("--task.episode-length", "10", "--max-env-steps", "320", "--output", "run"),
+)
+
+
+def import_adapter(name: str, monkeypatch) -> None:
+    monkeypatch.delitem(sys.modules, f"morlax_torch.adapters.{name}", raising=False)
+    importlib.import_module(f"morlax_torch.adapters.{name}")
+
+
+@pytest.mark.parametrize("name", HOSTS)
+def test_without_a_library_it_is_said_what_to_install(name, monkeypatch):
+    def found(package: str) -> str:
+        raise metadata.PackageNotFoundError(package)
+
+    monkeypatch.setattr(metadata, "version", found)
+    extra, _, _ = HOSTS[name]
+    with pytest.raises(MorlaxError, match=rf"not installed: pip install 'morlax-torch\[{extra}\]'"):
+        import_adapter(name, monkeypatch)
+
+
+@pytest.mark.parametrize("name", HOSTS)
+def test_of_a_library_too_old_it_is_said_which_one_would_do(name, monkeypatch):
+    extra, old, least = HOSTS[name]
+    monkeypatch.setattr(metadata, "version", lambda package: old)
+    expected = rf"{old} is too old, {least} or later is needed: pip .*\[{extra}\]"
+    with pytest.raises(MorlaxError, match=expected):
+        import_adapter(name, monkeypatch)
+
+
+def test_to_train_needs_none_of_them(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", TRAIN_AND_LIST_MODULES, *TINY],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    modules = set(done.stdout.split("modules:")[-1].split())
+    assert "morlax_torch" in modules and (tmp_path / "run" / "front.npz").exists()
+    others = {"mo_gymnasium", "morl_baselines", "tensordict", "wandb", "array_api_compat"}
+    assert not modules & {*HOSTS, *others}

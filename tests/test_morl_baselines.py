@@ -1,0 +1,82 @@
+"""morl-baselines trains in our environments, and evaluates our policies as its own."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.adapters.morl_baselines import MorlBaselinesAgent
+from morlax_torch.rollout import one_thread
+
+TASK = "morlax_torch/Hopper-v0"
+
+
+def test_an_action_is_what_the_policy_does(make_policy):
+    policy = make_policy("hopper")
+    agent = MorlBaselinesAgent(policy)
+    seen, _ = gymnasium.make(TASK).reset()
+    tradeoff = np.array([0.7, 0.3])
+    action = agent.eval(seen, tradeoff)
+    assert action.shape == (4,) and action.dtype == np.float32
+    expected = policy.specialize(tradeoff)(torch.from_numpy(seen)[None])[0]
+    np.testing.assert_allclose(action, expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("seen", "tradeoff", "expected"),
+    [(np.zeros(17), (0.7, 0.3), "is 13 numbers"), (np.zeros(13), (1.0,), "needs 2 numbers")],
+)
+def test_a_mistake_is_one_sentence(seen, tradeoff, expected, make_policy):
+    with pytest.raises(MorlaxError, match=expected):
+        MorlBaselinesAgent(make_policy("hopper")).eval(seen, tradeoff)
+
+
+def test_its_evaluation_gives_the_returns_of_our_worlds(make_policy):
+    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
+    policy, tradeoff = make_policy("hopper"), np.array([0.25, 0.75])
+    worlds = envs.make("hopper", 1, "cpu", episode_length=60)
+    returns, discounted, seen, over = np.zeros(2), np.zeros(2), worlds.reset(), False
+    for t in range(60):
+        step = worlds.step(policy(seen, tradeoff))
+        if not over:
+            returns += step.reward[0].numpy()
+            discounted += 0.9**t * step.reward[0].numpy()
+        over, seen = over or bool(step.terminated | step.truncated), step.observation
+
+    scalar, scalar_discounted, vector, vector_discounted = evaluation.policy_evaluation_mo(
+        MorlBaselinesAgent(policy, gamma=0.9),
+        gymnasium.make(TASK, episode_length=60),
+        w=tradeoff,
+        rep=2,
+    )
+    np.testing.assert_allclose(vector, returns, rtol=1e-4)
+    np.testing.assert_allclose(vector_discounted, discounted, rtol=1e-4)
+    assert scalar == pytest.approx(tradeoff @ returns, rel=1e-4)
+    assert scalar_discounted == pytest.approx(tradeoff @ discounted, rel=1e-4)
+
+
+def test_its_capql_trains_on_our_environment():
+    capql = pytest.importorskip("morl_baselines.multi_policy.capql.capql", exc_type=ImportError)
+    from morl_baselines.common.evaluation import policy_evaluation_mo
+
+    env = gymnasium.make(TASK, episode_length=100)
+    env.action_space.seed(0)
+    agent = capql.CAPQL(
+        env,
+        learning_rate=1e-3,
+        gamma=0.97,
+        net_arch=[64, 64],
+        batch_size=64,
+        learning_starts=200,
+        log=False,
+        seed=0,
+        device="cpu",
+    )
+    tradeoff = np.array([0.5, 0.5], dtype=np.float32)
+    with one_thread(torch.device("cpu")):
+        before = policy_evaluation_mo(agent, env, tradeoff, rep=1)[0]
+        agent.train(total_timesteps=1500, eval_env=env, ref_point=np.zeros(2))
+        after = policy_evaluation_mo(agent, env, tradeoff, rep=1)[0]
+    assert agent.num_episodes > 10
+    assert after > 1.5 * before

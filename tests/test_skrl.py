@@ -1,0 +1,164 @@
+"""skrl trains in our worlds."""
+
+import numpy as np
+import pytest
+import torch
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.envs.hopper import Hopper
+from morlax_torch.rollout import one_thread
+
+pytest.importorskip("skrl", reason="skrl is not installed")
+
+from skrl.agents.torch.ppo import PPO
+from skrl.memories.torch import RandomMemory
+from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
+from skrl.trainers.torch import SequentialTrainer
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from torch import nn
+
+from morlax_torch.adapters.skrl import SkrlEnv
+
+TRADEOFF = (0.7, 0.3)
+
+
+@pytest.fixture(autouse=True)
+def single_thread():
+    with one_thread(torch.device("cpu")):
+        yield
+
+
+def worlds(task: str = "walker", num_envs: int = 4, **options) -> SkrlEnv:
+    return SkrlEnv(task, TRADEOFF, num_envs, "cpu", **options)
+
+
+def falling(num_envs: int = 4) -> torch.Tensor:
+    """Held actions that topple each walker after a time of its own; the first stands."""
+    actions = torch.rand(num_envs, 6, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    actions[0] = 0.0
+    return actions
+
+
+class Actor(GaussianMixin, Model):
+    def __init__(self, env: SkrlEnv):
+        Model.__init__(
+            self,
+            observation_space=env.observation_space,
+            action_space=env.action_space,
+            device=env.device,
+        )
+        GaussianMixin.__init__(self)
+        self.net = nn.Sequential(
+            nn.Linear(self.num_observations, 64), nn.Tanh(), nn.Linear(64, self.num_actions)
+        )
+        self.log_std = nn.Parameter(torch.zeros(self.num_actions))
+
+    def compute(self, inputs, role):
+        return self.net(inputs["observations"]), {"log_std": self.log_std}
+
+
+class Critic(DeterministicMixin, Model):
+    def __init__(self, env: SkrlEnv):
+        Model.__init__(
+            self,
+            observation_space=env.observation_space,
+            state_space=env.state_space,
+            action_space=env.action_space,
+            device=env.device,
+        )
+        DeterministicMixin.__init__(self)
+        self.seen = "states" if env.state_space else "observations"
+        size = self.num_states if env.state_space else self.num_observations
+        self.net = nn.Sequential(nn.Linear(size, 64), nn.Tanh(), nn.Linear(64, 1))
+
+    def compute(self, inputs, role):
+        return self.net(inputs[self.seen]), {}
+
+
+def train(env: SkrlEnv, steps: int, folder: str) -> None:
+    torch.manual_seed(0)
+    agent = PPO(
+        models={"policy": Actor(env), "value": Critic(env)},
+        memory=RandomMemory(memory_size=50, num_envs=env.num_envs, device=env.device),
+        observation_space=env.observation_space,
+        state_space=env.state_space,
+        action_space=env.action_space,
+        device=env.device,
+        cfg={
+            "rollouts": 50,
+            "mini_batches": 4,
+            "discount_factor": 0.97,
+            "experiment": {
+                "directory": folder,
+                "experiment_name": "run",
+                "write_interval": 100,
+                "checkpoint_interval": 0,
+            },
+        },
+    )
+    cfg = {"timesteps": steps, "headless": True, "disable_progressbar": True}
+    cfg |= {"close_environment_at_exit": False}  # it would say so after pytest has gone
+    SequentialTrainer(env=env, agents=agent, cfg=cfg).train()
+
+
+def test_its_ppo_learns_to_run_and_logs_each_objective(tmp_path):
+    env = SkrlEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
+    train(env, 1000, str(tmp_path))
+    logged = EventAccumulator(str(tmp_path / "run")).Reload()
+    tags = {tag.split("/ ")[-1]: tag for tag in logged.Tags()["scalars"]}
+    run = [event.value for event in logged.Scalars(tags["run"])]
+    assert run[-1] > 2 * run[0]
+    assert len(logged.Scalars(tags["jump"])) == len(run)
+
+
+def test_a_step_is_of_our_own_worlds():
+    env, ours = worlds(episode_length=100), envs.make("walker", 4, "cpu", episode_length=100)
+    assert torch.equal(env.reset()[0], ours.reset())
+    for _ in range(110):
+        observation, reward, terminated, truncated, info = env.step(falling())
+        step = ours.step(falling())
+        assert torch.equal(observation, step.observation)
+        assert torch.equal(info["vector_reward"], step.reward)
+        weighted = (step.reward @ torch.tensor(TRADEOFF))[:, None]
+        np.testing.assert_allclose(reward, weighted, rtol=1e-5)
+        assert torch.equal(terminated, step.terminated[:, None])
+        assert torch.equal(truncated, step.truncated[:, None])
+        assert ("episode" in info) == (terminated | truncated).any()
+    assert torch.equal(env.reset()[0], observation)
+
+
+def test_critics_see_what_is_privileged(monkeypatch, tmp_path):
+    class Blind(Hopper):
+        """A hopper that acts by positions alone; its critic knows velocities too."""
+
+        def observe(self):
+            return self.physics.qpos[:, 1:]
+
+        def privileged(self):
+            return self.physics.qvel
+
+        def layout(self):
+            return [envs.Part("joints", 6, "rad")]
+
+    monkeypatch.setattr(envs, "_REGISTRY", {**envs._REGISTRY, "blind": Blind})
+    env = worlds("blind")
+    assert env.state_space is not None and env.state_space.shape == (13,)
+    train(env, 100, str(tmp_path))
+    state = env.state()
+    assert state is not None and torch.equal(state[:, :6], env.reset()[0])
+    assert worlds().state() is None
+
+
+MISTAKES = {
+    "option": (lambda: worlds(episode_lenght=3), "did you mean 'episode_length'"),
+    "trade-off": (lambda: SkrlEnv("ant", (1.0,)), "needs 2 numbers"),
+    "shape": (lambda: worlds().step(falling(5)), "the shape (4, 6)"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_sentence(name):
+    mistake, expected = MISTAKES[name]
+    with pytest.raises(MorlaxError) as error:
+        mistake()
+    assert expected in str(error.value)

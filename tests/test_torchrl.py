@@ -1,0 +1,161 @@
+"""TorchRL trains in our worlds as in its own."""
+
+import numpy as np
+import pytest
+import torch
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.rollout import one_thread
+
+pytest.importorskip("torchrl", reason="TorchRL is not installed")
+
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
+from torch import nn
+from torchrl.envs import LineariseRewards, RewardSum, TransformedEnv
+from torchrl.envs.utils import check_env_specs
+from torchrl.modules import MLP, NormalParamExtractor, ProbabilisticActor, TanhNormal, ValueOperator
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from morlax_torch.adapters.torchrl import TorchRLEnv
+
+
+def worlds(task: str = "walker", num_envs: int = 4, **options) -> TorchRLEnv:
+    return TorchRLEnv(task, num_envs, "cpu", **options)
+
+
+def falling(num_envs: int = 4) -> torch.Tensor:
+    """Held actions that topple each walker after a time of its own; the first stands."""
+    actions = torch.rand(num_envs, 6, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    actions[0] = 0.0
+    return actions
+
+
+def falls(tensordict: TensorDict) -> TensorDict:
+    return tensordict.set("action", falling())
+
+
+@pytest.mark.parametrize("task", ["walker", "cheetah3", "humanoid"])
+def test_it_passes_its_check(task):
+    check_env_specs(worlds(task, episode_length=2))
+
+
+def test_a_rollout_is_of_our_own_worlds_that_reset_themselves():
+    ours = envs.make("walker", 4, "cpu", episode_length=100)
+    seen = [ours.reset()]
+    steps = []
+    for _ in range(110):
+        steps.append(ours.step(falling()))
+        seen.append(steps[-1].observation)
+    theirs = worlds(episode_length=100).rollout(110, falls, break_when_any_done=False)
+    assert torch.equal(theirs["observation"], torch.stack(seen[:-1], 1))
+    for name, key in {
+        "reward": "reward",
+        "final_observation": "observation",
+        "terminated": "terminated",
+        "truncated": "truncated",
+    }.items():
+        expected = torch.stack([getattr(step, name) for step in steps], 1)
+        assert torch.equal(theirs["next", key].view_as(expected), expected)
+    assert theirs["next", "terminated"].sum() >= 3 and theirs["next", "truncated"].sum() == 1
+
+
+def test_a_part_of_the_worlds_is_reset_and_no_other():
+    env = worlds("hopper", reset_noise=0.1)
+    env.set_seed(3)
+    first = env.reset()
+    after = first
+    for _ in range(5):
+        after = env.rand_step(after)["next"]
+    which = torch.tensor([False, True, False, True])[:, None]
+    again = env.reset(after.clone().set("_reset", which))
+    moved = (again["observation"] != after["observation"]).any(-1)
+    assert torch.equal(moved, which[:, 0])
+    assert env.worlds.age.tolist() == [5, 0, 5, 0]
+    env.set_seed(3)
+    assert torch.equal(env.reset()["observation"], first["observation"])
+
+
+def test_environments_of_others_are_reset_in_part_too(monkeypatch):
+    pytest.importorskip("mo_gymnasium")
+    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+    env = worlds("gymnasium:mo-hopper-2obj-v5", 2, episode_length=5)
+    check_env_specs(env)
+    assert env.rollout(12, break_when_any_done=False)["next", "done"].sum() == 4
+
+
+@pytest.fixture
+def single_thread():
+    with one_thread(torch.device("cpu")):
+        yield
+
+
+@pytest.mark.usefixtures("single_thread")
+def test_its_ppo_learns_a_tradeoff():
+    torch.manual_seed(0)
+    objectives = worlds("hopper", 64, episode_length=100)
+    env = TransformedEnv(
+        objectives, LineariseRewards(["reward"], ["weighted"], weights=[0.7, 0.3])
+    ).append_transform(RewardSum(["weighted"], ["return"]))
+    env.set_seed(0)
+
+    def network(outputs: int) -> MLP:
+        return MLP(out_features=outputs, num_cells=[64, 64], activation_class=nn.Tanh)
+
+    actor = ProbabilisticActor(
+        TensorDictModule(
+            nn.Sequential(network(2 * 4), NormalParamExtractor()), ["observation"], ["loc", "scale"]
+        ),
+        in_keys=["loc", "scale"],
+        distribution_class=TanhNormal,
+        return_log_prob=True,
+        spec=env.action_spec,
+    )
+    critic = ValueOperator(network(1), in_keys=["observation"])
+    fake = env.fake_tensordict()
+    actor(fake), critic(fake)  # they see how large an observation is
+    loss = ClipPPOLoss(actor, critic, entropy_coeff=1e-3)
+    loss.set_keys(reward="weighted")
+    advantages = GAE(gamma=0.97, lmbda=0.95, value_network=critic)
+    advantages.set_keys(reward="weighted")
+    optimizer = torch.optim.Adam(loss.parameters(), lr=1e-3)
+
+    returns = []
+    for _ in range(10):
+        with torch.no_grad():
+            batch = env.rollout(100, actor, break_when_any_done=False)
+            advantages(batch)
+        returns.append(batch["next", "return"][batch["next", "done"]].mean().item())
+        for _ in range(4):
+            for part in batch.reshape(-1)[torch.randperm(batch.numel())].split(1600):
+                losses = loss(part)
+                total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
+                assert total.isfinite()
+                optimizer.zero_grad()
+                total.backward()
+                nn.utils.clip_grad_norm_(loss.parameters(), 1.0)
+                optimizer.step()
+    assert np.mean(returns[-3:]) > 2 * returns[0]
+
+
+def stepped(actions) -> TensorDict:
+    env = worlds()
+    return env.step(env.reset().set("action", actions))
+
+
+MISTAKES = {
+    "option": (lambda: worlds(episode_lenght=3), "did you mean 'episode_length'"),
+    "task": (lambda: worlds("wlaker"), "did you mean 'walker'"),
+    "no reset": (lambda: worlds().rand_step(), "call reset first"),
+    "shape": (lambda: stepped(torch.zeros(4, 5)), "the shape (4, 6)"),
+    "moving": (lambda: worlds().to("meta"), "use 'cuda' or 'cpu'"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_sentence(name):
+    mistake, expected = MISTAKES[name]
+    with pytest.raises(MorlaxError) as error:
+        mistake()
+    assert expected in str(error.value)
