@@ -54,13 +54,16 @@ class Delay:
 
     Args:
         steps: the fewest and the most, drawn for each world when an episode starts.
+        action_size: A.
         physics: whose N worlds act.
         generator: to draw from.
     """
 
-    def __init__(self, steps: tuple[int, int], physics: Physics, generator: torch.Generator):
+    def __init__(
+        self, steps: tuple[int, int], action_size: int, physics: Physics, generator: torch.Generator
+    ):
         self.steps, self.generator = steps, generator
-        N, A, device = physics.num_worlds, physics.model.nu, physics.device
+        N, A, device = physics.num_worlds, action_size, physics.device
         self._past = torch.zeros(steps[1] + 1, N, A, device=device)  # the latest first
         self._late = torch.full((N,), steps[0], device=device)
         self._worlds = torch.arange(N, device=device)
@@ -89,12 +92,21 @@ class Pushes:
         every: control steps between two of them, on average; any step may bring one.
         physics: whose N worlds are pushed.
         generator: to draw from.
+
+    Raises:
+        MorlaxError: the robot cannot move along the floor.
     """
 
     def __init__(self, speed: float, every: int, physics: Physics, generator: torch.Generator):
         self.speed, self.chance = speed, 1 / every
         self.physics, self.generator = physics, generator
-        self._dofs = torch.tensor(horizontal(physics.model), device=physics.device)
+        dofs = horizontal(physics.model)
+        if not dofs:
+            raise MorlaxError(
+                "task.randomization.push: this robot cannot be pushed, as its first body neither "
+                "floats (a free joint) nor slides along the floor: leave it out."
+            )
+        self._dofs = torch.tensor(dofs, device=physics.device)
 
     def __call__(self) -> None:
         """Push where it is due."""
@@ -107,11 +119,7 @@ class Pushes:
 
 
 def horizontal(model: mujoco.MjModel) -> list[int]:
-    """The degrees of freedom that move the first jointed body along the floor.
-
-    Raises:
-        MorlaxError: it neither floats nor slides.
-    """
+    """The degrees of freedom that move the first jointed body along the floor."""
     data, found = mujoco.MjData(model), []
     mujoco.mj_forward(model, data)
     for joint in range(model.njnt):
@@ -122,9 +130,4 @@ def horizontal(model: mujoco.MjModel) -> list[int]:
             return [dof, dof + 1]
         if kind == mujoco.mjtJoint.mjJNT_SLIDE and abs(data.xaxis[joint, 2]) < 1e-6:
             found.append(dof)
-    if not found:
-        raise MorlaxError(
-            "task.randomization.push: this robot cannot be pushed, as its first body neither "
-            "floats (a free joint) nor slides along the floor: leave it out."
-        )
     return found

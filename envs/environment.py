@@ -75,7 +75,7 @@ class Environment(Worlds):
         if any(chance.observation_noise.values()):
             self._noise = Noise(chance.observation_noise, self.layout(), physics, generator)
         if any(chance.action_delay):
-            self._delay = Delay(chance.action_delay, physics, generator)
+            self._delay = Delay(chance.action_delay, self.action_size, physics, generator)
         if chance.push:
             self._pushes = Pushes(chance.push, chance.push_every, physics, generator)
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError
+from morlax_torch.envs.disturbances import horizontal
 from morlax_torch.explorer import library, weights
 from morlax_torch.explorer.drawing import Drawing
 from morlax_torch.explorer.history import INTERVAL, SECONDS, History
-from morlax_torch.explorer.session import PUSH, Session, horizontal_dofs
+from morlax_torch.explorer.session import PUSH, Session
 
 
 @pytest.fixture
@@ -144,7 +145,7 @@ def test_a_push_is_felt_where_the_robot_can_go(task, free, tmp_path, make_run):
     before = session.player.env.physics.qvel[0].clone()
     session.push()
     kick = session.player.env.physics.qvel[0] - before
-    assert horizontal_dofs(session.player.model) == list(range(free))
+    assert horizontal(session.player.model) == list(range(free))
     assert float(kick.norm()) == pytest.approx(PUSH)
     assert not kick[free:].any()
 

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from ..envs import MorlaxError
+from ..envs.disturbances import horizontal
 from ..evaluation import Front
 from ..player import Player
 from ..policy import find_run, load
@@ -46,7 +46,7 @@ class Session:
         self.paused, self.pace = False, 1.0
         self.time = 0.0  # simulated seconds
         self.last_episode: Episode | None = None
-        self.axes = horizontal_dofs(self.player.model)
+        self.axes = horizontal(self.player.model)
         # running returns, velocity along each axis, mechanical power
         self.history = History(len(self.objectives) + len(self.axes) + 1)
         self._acting_on = self.tradeoff
@@ -102,7 +102,9 @@ class Session:
         self.player.reset()
 
     def push(self) -> None:
-        """Knock the whole robot by `PUSH` m/s in some horizontal direction."""
+        """Knock the whole robot by `PUSH` m/s in some horizontal direction, if it can go there."""
+        if not self.axes:
+            return
         kick = self._directions.normal(size=len(self.axes))
         velocity = self.player.env.physics.qvel[0]
         for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
@@ -122,21 +124,6 @@ class Session:
         if self.front is None:
             return None
         return int(np.square(self.front.tradeoffs - np.array(self.tradeoff)).sum(1).argmin())
-
-
-def horizontal_dofs(model: mujoco.MjModel) -> list[int]:
-    """The degrees of freedom that move the whole robot along x and, if it can, along y."""
-    dofs = []
-    for joint in range(model.njnt):
-        if model.jnt_bodyid[joint] != 1:
-            continue
-        start = int(model.jnt_dofadr[joint])
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-            return [start, start + 1]
-        upright = abs(model.jnt_axis[joint][2]) > 0.5
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and not upright:
-            dofs.append(start)
-    return dofs
 
 
 def _front(run: str, objectives: tuple[str, ...]) -> Front | None:
