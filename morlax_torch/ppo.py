@@ -164,12 +164,14 @@ class PPO:
         clipped = ratio.clamp(1 - clip, 1 + clip)
         surrogate = -torch.minimum(ratio * advantage, clipped * advantage).mean()
         entropy = policy.entropy(noise).mean()
-        squares = policy.mean.square().sum(-1).mean()
+        loss = surrogate - bonus * entropy
+        if penalty:
+            loss = loss + penalty * policy.mean.square().sum(-1).mean()
         with torch.no_grad():
             kl = (ratio - 1 - log_ratio).mean()
             clip_fraction = (ratio != clipped).float().mean()
             found = torch.stack([surrogate, entropy, kl, clip_fraction])
-        return surrogate - bonus * entropy + penalty * squares, found
+        return loss, found
 
     def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
         """The squared error of the vector value, summed over objectives."""
