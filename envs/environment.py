@@ -163,7 +163,7 @@ class Environment(Worlds):
     def reset(self) -> Tensor:
         """Start every world anew; returns the observation (N, O)."""
         everywhere = torch.ones_like(self.age, dtype=torch.bool)
-        self._restart(everywhere, everywhere)
+        self._restart(everywhere)
         if self.options.stagger:
             self.age.random_(0, self.episode_length, generator=self.generator)
         if self._noise:
@@ -172,7 +172,7 @@ class Environment(Worlds):
 
     def restart(self, which: Tensor) -> Tensor:
         """Start the worlds of a mask (N,) anew, and no other; returns the observation (N, O)."""
-        self._restart(which, which)
+        self._restart(which)
         return self.critic_observation()[:, : self.observation_size]
 
     def step(self, action: Tensor) -> TimeStep:
@@ -187,12 +187,12 @@ class Environment(Worlds):
         terms = self.terms()
         reward = self.combine(terms).float()
         final_seen = self.critic_observation()
-        terminated, truncated, blown_up = episodes.end(
+        terminated, truncated, over, blown_up = episodes.end(
             self.physics, self.failed(), self.episode_length, self.age, reward, self.blowups
         )
         final_seen = torch.where(blown_up[:, None], self._zero, final_seen)
         if self.auto_reset:
-            self._restart(terminated, truncated)
+            self._restart(over)
             seen = self.critic_observation()
         else:
             self._remember()
@@ -210,15 +210,14 @@ class Environment(Worlds):
             observation = torch.cat([observation, privileged], -1)
         return observation.float()
 
-    def _restart(self, terminated: Tensor, truncated: Tensor) -> None:
+    def _restart(self, over: Tensor) -> None:
         starts = self.starts.draw(self.generator)
-        episodes.restart(self.physics, terminated, truncated, starts, self.age)
-        fresh = terminated | truncated
+        episodes.restart(self.physics, over, starts, self.age)
         for leftover in self.physics.leftovers:
-            leftover.masked_fill_(fresh[:, None, None], 0.0)
+            leftover.masked_fill_(over[:, None, None], 0.0)
         if self._delay:
-            self._delay.begin(fresh)
-        self.begin(fresh)
+            self._delay.begin(over)
+        self.begin(over)
         self._remember()
 
     def _remember(self) -> None:

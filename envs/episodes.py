@@ -18,6 +18,7 @@ class Ends(NamedTuple):
 
     terminated: Tensor  # (N,) bool: failed, or blown up
     truncated: Tensor  # (N,) bool: time ran out
+    over: Tensor  # (N,) bool: one or the other
     blown_up: Tensor  # (N,) bool: the state is no longer finite
 
 
@@ -41,18 +42,16 @@ def end(
     blowups += blown_up.sum()
     reward.masked_fill_(blown_up[:, None], 0.0)
     age += 1
-    terminated = failed | blown_up
-    return Ends(terminated, (age >= length) & ~terminated, blown_up)
+    terminated, timed_out = failed | blown_up, age >= length
+    return Ends(terminated, timed_out & ~terminated, terminated | timed_out, blown_up)
 
 
-def restart(
-    physics: Physics, terminated: Tensor, truncated: Tensor, starts: Sequence[Tensor], age: Tensor
-) -> None:
-    """Put the worlds whose episode is over into what `Starts.draw` gave, at age zero."""
+def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
+    """Put the worlds that are `over` (N,) into what `Starts.draw` gave, at age zero."""
     if physics.device.type == "cuda":
-        fused.restart(physics, terminated, truncated, starts, age)
+        fused.restart(physics, over, starts, age)
         return
-    done = (terminated | truncated).nonzero().squeeze(-1)
+    done = over.nonzero().squeeze(-1)
     rows, qpos, qvel, sensors = starts
     rows = rows[done]
     physics.qpos[done] = qpos[rows]

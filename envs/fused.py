@@ -20,6 +20,7 @@ def _end(
     reward: wp.array2d(dtype=float),  # (N, m)
     terminated: wp.array(dtype=wp.bool),  # (N,)
     truncated: wp.array(dtype=wp.bool),  # (N,)
+    over: wp.array(dtype=wp.bool),  # (N,)
     blown_up: wp.array(dtype=wp.bool),  # (N,)
     blowups: wp.array(dtype=wp.int64),  # (1,)
 ):
@@ -35,16 +36,17 @@ def _end(
             reward[world, i] = 0.0
     older = age[world] + 1
     age[world] = older
-    over = failed[world] or not finite
+    fallen = failed[world] or not finite
+    timed_out = older >= length
     blown_up[world] = not finite
-    terminated[world] = over
-    truncated[world] = older >= length and not over
+    terminated[world] = fallen
+    truncated[world] = timed_out and not fallen
+    over[world] = fallen or timed_out
 
 
 @wp.kernel
 def _restart(
-    terminated: wp.array(dtype=wp.bool),  # (N,)
-    truncated: wp.array(dtype=wp.bool),  # (N,)
+    over: wp.array(dtype=wp.bool),  # (N,)
     chosen: wp.array(dtype=wp.int64),  # (N,) rows of the starts
     start_qpos: wp.array2d(dtype=float),  # (B, nq)
     start_qvel: wp.array2d(dtype=float),  # (B, nv)
@@ -56,7 +58,7 @@ def _restart(
     age: wp.array(dtype=int),  # (N,)
 ):
     world = wp.tid()
-    if terminated[world] or truncated[world]:
+    if over[world]:
         row = int(chosen[world])
         for i in range(qpos.shape[1]):
             qpos[world, i] = start_qpos[row, i]
@@ -83,12 +85,10 @@ def end(
     _launch(_end, [*map(wp.from_torch, before), length, *map(wp.from_torch, after)])
 
 
-def restart(
-    physics: Physics, terminated: Tensor, truncated: Tensor, starts: Sequence[Tensor], age: Tensor
-) -> None:
+def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
     """`episodes.restart`."""
     state = [physics.qpos, physics.qvel, physics.warmstart, physics.sensors]
-    _launch(_restart, [*map(wp.from_torch, [terminated, truncated, *starts, *state, age])])
+    _launch(_restart, [*map(wp.from_torch, [over, *starts, *state, age])])
 
 
 def _launch(kernel: wp.Kernel, inputs: list) -> None:

@@ -35,8 +35,9 @@ def test_the_kernels_are_their_definitions(seed):
         reward = torch.randn(N, 2, generator=generator)
         ends = end(env.physics, failed, 500, env.age, reward, env.blowups)
         assert ends.terminated.any() and ends.truncated.any() and ends.blown_up.sum() == 2
+        assert torch.equal(ends.over, ends.terminated | ends.truncated)
         starts = env.starts.draw(env.generator)
-        restart(env.physics, ends.terminated, ends.truncated, starts, env.age)
+        restart(env.physics, ends.over, starts, env.age)
         results.append([*ends, reward, *env.state_dict().values()])
     for expected, found in zip(*results, strict=True):
         torch.testing.assert_close(found, expected, rtol=0, atol=0, equal_nan=True)
