@@ -13,9 +13,10 @@ from ..environment import Environment
 from ..layout import Part
 from ..options import TaskOptions
 from ..physics import Physics
-from ..starts import Start, Starts
+from ..starts import Starts
 from . import model as bruce
 from . import rotations
+from .beginnings import ANGLES, FASTEST, POSITION, Beginnings
 from .history import History
 from .library import Library
 from .pair_sums import PairSums
@@ -23,13 +24,10 @@ from .randomization import FIELDS, Randomization
 from .reference import Reference
 
 SEEN = 5  # of each history, in the observation
-FASTEST = (0.2, 0.1)  # m/s, forward and sideways
 LAG = 0.03  # seconds, of the filter that actions pass
 LEG_REACH, ARM_REACH, VELOCITY_REACH = 0.6, 0.4, 0.05  # rad, rad and m/s: what an action moves
 RESTING_HEIGHT = 0.427  # metres: the soles hang 2 mm above the floor in the default pose
 FALLEN = 0.2  # metres: a lower base has fallen
-COMMANDS = 2048  # that episodes choose from
-POSITION, ANGLES = slice(16, 19), slice(19, 22)  # of the base, behind 16 joints
 
 # Half the width of uniform noise, and what the energy term is measured from: 0.9 of the squared
 # force limits of the arms' motors.
@@ -132,44 +130,15 @@ class Bruce(Environment):
         return qpos
 
     def prepare_starts(self, seed: int) -> Starts:
-        """Walking starts as the gait of its command does, standing in the default pose."""
-        commands, legs, heights = self._draw_commands(seed)
-        walk = Reference(self._library, torch.zeros(len(commands), 1, dtype=torch.float64))
-        walk.begin(torch.ones(len(commands), dtype=torch.bool), commands, legs)
-        walk.elapsed.zero_()
-        poses, rates = (t.numpy() for t in walk.now())
-        standing = (commands == 0).all(-1).numpy()
-        anchors = np.zeros((len(commands), 3))
-        anchors[standing, :2] = -poses[standing, 16:18]
-        like = self.physics.qpos
-        self._commands, self._anchors = commands.to(like), torch.from_numpy(anchors).to(like)
-        self._legs = legs.to(self.physics.device)
-        expand = bruce.joints_from_crank(self.physics.model)
-        starts = []
-        for pose, rate, stands, height in zip(poses, rates, standing, heights, strict=True):
-            qpos, qvel = self.initial_qpos(), np.zeros(self.physics.model.nv)
-            crank = bruce.DEFAULT_POSE if stands else pose[:16]
-            if stands:
-                qpos[2] *= height
-            else:
-                qpos[:3], qpos[7:] = pose[POSITION], expand @ crank
-                qvel[:3], qvel[6:] = rate[POSITION], expand @ rate[:16]
-            ctrl = np.zeros(self.physics.model.nu)
-            ctrl[:16] = bruce.motors_from_crank() @ crank
-            starts.append(Start(qpos, qvel, ctrl))
-        return Starts(starts, self.physics)
-
-    def _draw_commands(self, seed: int) -> tuple[Tensor, Tensor, np.ndarray]:
-        """Velocities (B, 2), legs that swing first (B,), and how much higher to stand (B,)."""
-        if not self.options.draw_commands:
-            only = torch.tensor([self.options.command], dtype=torch.float64)
-            return only, torch.zeros(1, dtype=torch.int64), np.ones(1)
-        random = np.random.default_rng(seed)
-        commands = random.uniform(-1, 1, (COMMANDS, 2)) * FASTEST
-        commands[random.random(COMMANDS) < self.options.standing] = 0.0
-        legs = random.integers(0, 2, COMMANDS)
-        heights = random.uniform(1.0, 1.02, COMMANDS)
-        return torch.from_numpy(commands), torch.from_numpy(legs), heights
+        options, like = self.options, self.physics.qpos
+        if options.draw_commands:
+            beginnings = Beginnings.drawn(options.standing, seed)
+        else:
+            beginnings = Beginnings.only(options.command)
+        states, anchors = beginnings.states(self._library, self.initial_qpos(), self.physics.model)
+        self._commands, self._anchors = beginnings.commands.to(like), anchors.to(like)
+        self._legs = beginnings.legs.to(self.physics.device)
+        return Starts(states, self.physics)
 
     def count_actions(self) -> int:
         return 16 + 2

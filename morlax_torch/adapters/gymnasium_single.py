@@ -15,6 +15,7 @@ from ..envs import MorlaxError
 from ..envs.errors import unknown
 from ..filming.rendering import Scene
 from ..tradeoffs import one_tradeoff
+from .resetting import prepare
 from .window import Window
 
 
@@ -83,10 +84,7 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
             MorlaxError: there are options.
         """
         super().reset(seed=seed)
-        if options:
-            raise MorlaxError(f"reset knows no options, but got {', '.join(map(repr, options))}.")
-        if seed is not None or not self._begun:
-            self.worlds.generator.manual_seed(int(self.np_random.integers(2**63)))
+        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._begun)
         self._begun = True
         observation = self.worlds.reset()[0].numpy()
         if self.render_mode == "human":

@@ -15,6 +15,7 @@ from ..graph import Graph
 from ..rollout import one_thread
 from ..tradeoffs import one_tradeoff
 from .actions import check_actions
+from .resetting import prepare
 
 
 class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
@@ -82,10 +83,7 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
             MorlaxError: there are options.
         """
         super().reset(seed=seed)
-        if options:
-            raise MorlaxError(f"reset knows no options, but got {', '.join(map(repr, options))}.")
-        if seed is not None or not self._begun:
-            self.worlds.generator.manual_seed(int(self.np_random.integers(2**63)))
+        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._begun)
         self._begun = True
         return self.worlds.reset(), {}
 
