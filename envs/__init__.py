@@ -120,13 +120,7 @@ def make(
     model = environment.model_for(options)
     if options.solver_iterations is not None:
         model.opt.iterations = options.solver_iterations
-    varied = environment.varied_fields(options)
     if backend == "mujoco":
-        if varied:
-            raise MorlaxError(
-                "C MuJoCo has one model for all worlds, so it cannot vary it among them: use "
-                "backend 'warp'."
-            )
         if place.type != "cpu":
             raise MorlaxError(f"C MuJoCo runs on the CPU: with device {place}, use backend 'warp'.")
         from .mujoco_physics import MujocoPhysics
@@ -143,7 +137,6 @@ def make(
             options.nconmax,
             options.njmax,
             deterministic,
-            varied,
         )
     else:
         raise unknown("backend", backend, ("mujoco", "warp"))

@@ -67,10 +67,10 @@ class Environment(Worlds):
 
     def _randomize(self, seed: int) -> None:
         chance, physics, generator = self.options.randomization, self.physics, self.generator
-        drawn = variation.draw(physics.model, chance, self.num_worlds, seed)
-        self._factors = {name: torch.from_numpy(factor) for name, factor in drawn.items()}
+        drawn = self.vary_model(seed)
+        self._model = {name: torch.from_numpy(values) for name, values in drawn.items()}
         self._noise = self._delay = self._pushes = None
-        if self._factors:
+        if drawn:
             physics.vary(drawn)
         if any(chance.observation_noise.values()):
             self._noise = Noise(chance.observation_noise, self.layout(), physics, generator)
@@ -102,11 +102,6 @@ class Environment(Worlds):
         """The model of this robot that `options`, of the class `Options`, ask for."""
         return cls.load_model()
 
-    @classmethod
-    def varied_fields(cls, options: Any) -> tuple[str, ...]:
-        """The fields of the model that each world is to have for itself, as `physics.varied`."""
-        return ()
-
     @abstractmethod
     def initial_qpos(self) -> np.ndarray:
         """The positions (nq,) that an episode starts from, at rest."""
@@ -135,6 +130,11 @@ class Environment(Worlds):
         """The states that episodes start from: `initial_qpos`, give or take the reset's noise."""
         physics, noise = self.physics, self.options.reset_noise
         return Starts(around(checks.start(self), noise, physics.model, seed), physics)
+
+    def vary_model(self, seed: int) -> dict[str, np.ndarray]:
+        """The fields (N, ...) of the model, by name, in which worlds differ; they keep them."""
+        chance, model = self.options.randomization, self.physics.model
+        return variation.draw(model, chance, self.num_worlds, seed)
 
     def count_actions(self) -> int:
         """A: how many numbers an action has."""
@@ -233,8 +233,8 @@ class Environment(Worlds):
         """Go back to a state of the same number of worlds, in place."""
         for name, value in self._state().items():
             value.copy_(state[name])
-        if self._factors:
-            self.physics.vary({name: value.numpy() for name, value in self._factors.items()})
+        if self._model:
+            self.physics.vary({name: value.numpy() for name, value in self._model.items()})
         self.generator.set_state(state["generator"].cpu())
 
     def _state(self) -> dict[str, Tensor]:
@@ -246,10 +246,9 @@ class Environment(Worlds):
             "sensors": physics.sensors,
             "age": self.age,
             "blowups": self.blowups,
-            **{f"model.{name}": value for name, value in physics.varied.items()},
             **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
-            **{f"factors.{name}": value for name, value in self._factors.items()},
+            **{f"model.{name}": value for name, value in self._model.items()},
             **(self._noise.state if self._noise else {}),
             **(self._delay.state if self._delay else {}),
         }

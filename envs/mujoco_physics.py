@@ -21,7 +21,7 @@ class MujocoPhysics(Physics):
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         mujoco.set_mju_user_warning(lambda message: None)
         self.model, self.num_worlds, self.device = model, num_worlds, torch.device("cpu")
-        self.substeps, self.varied = substeps, {}
+        self.substeps = substeps
         try:
             self._batch = Batch(model, nsim=num_worlds)
         except ValueError as error:
@@ -42,8 +42,8 @@ class MujocoPhysics(Physics):
         if self._readings is not None:
             self.sensors.numpy()[:] = self._readings
 
-    def vary(self, factors: dict[str, np.ndarray]) -> None:
-        variation.apply(self._batch, factors)
+    def vary(self, fields: dict[str, np.ndarray]) -> None:
+        variation.apply(self._batch, fields)
 
     def overflow(self) -> Tensor:
         return self._no_overflow  # C MuJoCo grows its buffers as it needs

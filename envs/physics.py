@@ -29,15 +29,14 @@ class Physics(ABC):
     warmstart: Tensor  # (N, nv) where the constraint solver starts its next search
     sensors: Tensor  # (N, nsensordata)
     leftovers: tuple[Tensor, ...] = ()  # (N, ...) what else of the last step the next one reads
-    varied: dict[str, Tensor]  # (N, ...) fields of the model that each world has for itself
 
     @abstractmethod
     def step(self) -> None:
         """Advance every world by one control step, holding `ctrl`."""
 
     @abstractmethod
-    def vary(self, factors: dict[str, np.ndarray]) -> None:
-        """Give each world a model of its own: fields of `model` by name, times (N, ...).
+    def vary(self, fields: dict[str, np.ndarray]) -> None:
+        """Give each world a model of its own, that differs in `fields` (N, ...), by name.
 
         The constants that MuJoCo derives from them follow. Worlds keep their state.
 

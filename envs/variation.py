@@ -15,7 +15,7 @@ LINEAR_BIAS = [int(kind) for kind in (mjtBias.mjBIAS_NONE, mjtBias.mjBIAS_AFFINE
 def draw(
     model: mujoco.MjModel, options: Randomization, num_worlds: int, seed: int
 ) -> dict[str, np.ndarray]:
-    """What each world's model fields are multiplied by: (N, ...) for each field, by name.
+    """The fields (N, ...) of the model, by name, in which each world is to differ.
 
     Raises:
         MorlaxError: a field is none that worlds can differ in.
@@ -48,27 +48,28 @@ def draw(
         if not isinstance(field, np.ndarray) or field.dtype.kind != "f" or not field.size:
             raise cannot("MuJoCo", name)
         factors[name] = drawn(limits, *field.shape) * factors.get(name, 1.0)
-    return {name: factor for name, factor in factors.items() if getattr(model, name).size}
+    products = {name: getattr(model, name) * factor for name, factor in factors.items()}
+    return {name: values for name, values in products.items() if values.size}
 
 
-def apply(batch: Batch, factors: dict[str, np.ndarray]) -> None:
-    """Let the simulations of `batch` differ by `factors`, and by the constants that follow."""
-    for name, factor in factors.items():
-        batch.expand(name)[:] = getattr(batch.model, name) * factor
+def apply(batch: Batch, fields: dict[str, np.ndarray]) -> None:
+    """Let the simulations of `batch` differ in `fields`, and in the constants that follow."""
+    for name, values in fields.items():
+        batch.expand(name)[:] = values
     batch.set_const()
 
 
 def varying(
-    model: mujoco.MjModel, num_worlds: int, factors: dict[str, np.ndarray]
+    model: mujoco.MjModel, num_worlds: int, fields: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """The fields (N, ...) in which the models differ then, those that follow from others too."""
+    """All fields (N, ...) in which the models differ then: `fields`, and those that follow."""
     batch = Batch(model, nsim=num_worlds)
-    apply(batch, factors)
+    apply(batch, fields)
     found = {name: batch.expanded(name) for name in MODEL_FIELDS}
     return {
         name: values.copy()
         for name, values in found.items()
-        if values is not None and (name in factors or (values != values[:1]).any())
+        if values is not None and (name in fields or (values != values[:1]).any())
     }
 
 

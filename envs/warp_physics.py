@@ -1,7 +1,6 @@
 """Physics on MuJoCo Warp: for CUDA, and for tests also on the CPU, in float32."""
 
-from collections.abc import Sequence
-from dataclasses import fields
+import dataclasses
 
 import mujoco
 import mujoco_warp as mjw
@@ -40,12 +39,11 @@ class WarpPhysics(Physics):
         nconmax: int,
         njmax: int,
         deterministic: bool = False,
-        varied: Sequence[str] = (),
     ):
         self.model, self.num_worlds, self.device = model, num_worlds, device
         self.substeps, self.nconmax, self.njmax = substeps, nconmax, njmax
         with wp.ScopedDevice(str(device)):
-            self._model = mjw.put_model(model, dict.fromkeys(varied, num_worlds))
+            self._model = mjw.put_model(model)
             self._model.opt.warn_overflow = 0  # it prints from kernels; `overflow` is read instead
             if deterministic:
                 self._model.opt.deterministic = True
@@ -63,7 +61,6 @@ class WarpPhysics(Physics):
         self.sensors = wp.to_torch(data.sensordata)
         if np.isin(model.eq_type, _ANCHORED).any():
             self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
-        self.varied = {name: wp.to_torch(getattr(self._model, name)) for name in varied}
         self._overflow = wp.to_torch(data.overflow)
         self._replay: wp.Graph | None = None
 
@@ -83,12 +80,12 @@ class WarpPhysics(Physics):
             for _ in range(self.substeps):
                 mjw.step(self._model, self._data)
 
-    def vary(self, factors: dict[str, np.ndarray]) -> None:
-        shapes = {field.name: getattr(field.type, "shape", ()) for field in fields(mjw.Model)}
-        found = variation.varying(self.model, self.num_worlds, factors)
+    def vary(self, fields: dict[str, np.ndarray]) -> None:
+        shapes = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
+        found = variation.varying(self.model, self.num_worlds, fields)
         for name, values in found.items():
             if shapes.get(name, ())[:1] != ("*",):
-                if name in factors:
+                if name in fields:
                     raise variation.cannot(self.name, name)
                 continue  # a constant that this simulator has no use for
             shared = getattr(self._model, name)

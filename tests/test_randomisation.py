@@ -59,9 +59,9 @@ def separate_models(env: envs.Environment) -> list[mujoco.MjModel]:
     for world in range(env.num_worlds):
         model = type(env).load_model()
         model.opt.iterations = env.physics.model.opt.iterations
-        for key, factor in state.items():
-            if key.startswith("factors."):
-                getattr(model, key.removeprefix("factors."))[:] *= factor[world].numpy()
+        for key, values in state.items():
+            if key.startswith("model."):
+                getattr(model, key.removeprefix("model."))[:] = values[world].numpy()
         mujoco.mj_setConst(model, mujoco.MjData(model))
         models.append(model)
     return models
@@ -103,30 +103,36 @@ def test_worlds_of_warp_touch_the_floor_as_models_changed_one_by_one(task):
 
 
 def test_friction_is_a_world_s_mass_a_body_s_and_strength_a_motor_s():
-    state = make("hopper", "mujoco", MODELS, worlds=2000).state_dict()
-    shapes = {name: tuple(value.shape[1:]) for name, value in state.items() if "factors" in name}
-    model = envs.get("hopper").load_model()
-    assert shapes == {
-        "factors.geom_friction": (1, 1),
-        "factors.pair_friction": (1, 1),
-        "factors.body_mass": (model.nbody,),
-        "factors.body_inertia": (model.nbody, 1),
-        "factors.actuator_gainprm": (model.nu, 1),
-        "factors.actuator_biasprm": (model.nu, 1),
-        "factors.dof_damping": (model.nv,),
-    }
-    for name, (low, high) in {"pair_friction": (0.3, 1.5), "body_mass": (0.7, 1.3)}.items():
-        drawn = state[f"factors.{name}"]
+    env = make("hopper", "mujoco", MODELS, worlds=2000)
+    model = env.physics.model
+
+    def factors(name: str) -> np.ndarray:
+        """(2000, ...) of the numbers of a field that are not zero."""
+        nominal = getattr(model, name)
+        return env.state_dict()[f"model.{name}"].numpy()[:, nominal != 0] / nominal[nominal != 0]
+
+    floor, bodies, motors = factors("geom_friction"), factors("body_mass"), factors("dof_damping")
+    np.testing.assert_allclose(floor, floor[:, :1].repeat(floor.shape[1], 1))
+    np.testing.assert_allclose(factors("pair_friction")[:, :1], floor[:, :1])
+    np.testing.assert_allclose(factors("body_inertia"), bodies.repeat(3, 1))
+    gains = factors("actuator_gainprm")
+    assert gains.shape == (2000, model.nu)
+    for drawn, (low, high) in (
+        (floor[:, 0], (0.3, 1.5)),
+        (bodies, (0.7, 1.3)),
+        (gains, (0.6, 1.4)),
+        (motors, (0.5, 2.0)),
+    ):
         assert low <= drawn.min() and drawn.max() <= high
         assert drawn.mean().item() == pytest.approx((low + high) / 2, rel=0.02)
         assert drawn.std().item() == pytest.approx((high - low) / math.sqrt(12), rel=0.05)
+        assert np.abs(np.corrcoef(drawn.T) - np.eye(drawn[0].size)).max() < 0.1
 
 
 def test_worlds_differ_by_the_seed_alone(backend):
     def masses(seed: int) -> Tensor:
-        return make("hopper", backend, {"mass": (0.5, 2)}, seed=seed).state_dict()[
-            "factors.body_mass"
-        ]
+        env = make("hopper", backend, {"mass": (0.5, 2)}, seed=seed)
+        return env.state_dict()["model.body_mass"]
 
     assert torch.equal(masses(1), masses(1))
     assert not torch.equal(masses(1), masses(2))

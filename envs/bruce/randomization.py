@@ -1,44 +1,33 @@
-"""Robots that differ: each episode has masses, friction and motors of its own."""
+"""Robots that differ: each world has masses, friction and motors of its own."""
 
-import torch
-from torch import Tensor
-
-from ..physics import Physics
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 FIELDS = ("geom_friction", "body_mass", "body_ipos", "actuator_gainprm", "actuator_biasprm")
 FRICTION, TORSO_MASS, GAIN = 0.4, 0.3, 0.2  # at most so much more, or less, of each
 TORSO_SHIFT, SHIFT = 0.05, 0.01  # metres along each axis, of the torso's and every centre of mass
 
+Array = NDArray[np.float64]
 
-class Randomization:
-    """Draws the model of each world anew; what MuJoCo derives from masses stays the nominal one.
 
-    Args:
-        physics: that has `FIELDS` varied.
-    """
+def randomized(
+    model: mujoco.MjModel, given: dict[str, Array], num_worlds: int, seed: int
+) -> dict[str, Array]:
+    """The fields (N, ...) that differ between worlds, over those that are `given`."""
+    random = np.random.default_rng([seed, 1])  # not what `given` was drawn from
 
-    def __init__(self, physics: Physics):
-        self.fields = physics.varied
-        self._nominal = {name: value.clone() for name, value in self.fields.items()}
-        self._torso = physics.model.body("torso").id
-        self._floor = physics.model.geom("floor").id
+    def around(centre: float, width: float, *shape: int) -> Array:
+        return random.uniform(centre - width, centre + width, (num_worlds, *shape))
 
-    def draw(self, fresh: Tensor, generator: torch.Generator) -> None:
-        """Change the worlds where `fresh` (N,) bool."""
-
-        def around_zero(width: float, *shape: int) -> Tensor:
-            empty = self.fields["body_mass"].new_empty(len(fresh), *shape)
-            return empty.uniform_(-width, width, generator=generator)
-
-        drawn = {name: value.clone() for name, value in self._nominal.items()}
-        drawn["geom_friction"][:, self._floor, 0] *= 1 + around_zero(FRICTION)
-        drawn["body_mass"][:, self._torso] *= 1 + around_zero(TORSO_MASS)
-        bodies = drawn["body_ipos"].shape[1]
-        drawn["body_ipos"][:, 1:] += around_zero(SHIFT, bodies - 1, 3)
-        drawn["body_ipos"][:, self._torso] += around_zero(TORSO_SHIFT, 3)
-        gain = 1 + around_zero(GAIN, drawn["actuator_gainprm"].shape[1], 1)
-        drawn["actuator_gainprm"] *= gain
-        drawn["actuator_biasprm"] *= gain
-        for name, value in self.fields.items():
-            here = fresh.view(-1, *[1] * (value.ndim - 1))
-            value.copy_(torch.where(here, drawn[name], value))
+    nominal = {name: [getattr(model, name)] * num_worlds for name in FIELDS}
+    drawn = {name: np.array(values) for name, values in {**nominal, **given}.items()}
+    torso = model.body("torso").id
+    drawn["geom_friction"][:, model.geom("floor").id, 0] *= around(1, FRICTION)
+    drawn["body_mass"][:, torso] *= around(1, TORSO_MASS)
+    drawn["body_ipos"][:, 1:] += around(0, SHIFT, model.nbody - 1, 3)
+    drawn["body_ipos"][:, torso] += around(0, TORSO_SHIFT, 3)
+    gain = around(1, GAIN, model.nu, 1)
+    drawn["actuator_gainprm"] *= gain
+    drawn["actuator_biasprm"] *= gain
+    return drawn

@@ -20,7 +20,7 @@ from .beginnings import ANGLES, FASTEST, POSITION, Beginnings
 from .history import History
 from .library import Library
 from .pair_sums import PairSums
-from .randomization import FIELDS, Randomization
+from .randomization import randomized
 from .reference import Reference
 
 SEEN = 5  # of each history, in the observation
@@ -70,8 +70,7 @@ class Bruce(Environment):
         noise: NonNegativeFloat = 0.0
         """Scale of the sensors' noise (1: as published; 0: they are exact)."""
         randomize: bool = False
-        """Draw masses, centres of mass, the floor's friction and the motors' gains anew for each
-        episode (MuJoCo Warp only)."""
+        """Give each world a torso, centres of mass, a floor and motors of its own, as published."""
 
         def judged(self) -> Self:
             changes = {"draw_commands": False, "noise": 0.0, "randomize": False}
@@ -108,12 +107,7 @@ class Bruce(Environment):
         self._joints = History(like, 3, 16)  # as they were
         self._asked_joints = History(like, SEEN, 16)
         self._asked_base = History(like, SEEN, 7)
-        self._randomization = Randomization(physics) if options.randomize else None
         super().__init__(physics, options, seed, auto_reset)
-
-    @classmethod
-    def varied_fields(cls, options: Options) -> tuple[str, ...]:
-        return FIELDS if options.randomize else ()
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -140,12 +134,16 @@ class Bruce(Environment):
         self._legs = beginnings.legs.to(self.physics.device)
         return Starts(states, self.physics)
 
+    def vary_model(self, seed: int) -> dict[str, np.ndarray]:
+        drawn = super().vary_model(seed)
+        if not self.options.randomize:
+            return drawn
+        return randomized(self.physics.model, drawn, self.num_worlds, seed)
+
     def count_actions(self) -> int:
         return 16 + 2
 
     def begin(self, fresh: Tensor) -> None:
-        if self._randomization is not None:
-            self._randomization.draw(fresh, self.generator)
         rows, here = self.starts.rows, fresh[:, None]
         self.command.copy_(torch.where(here, self._commands[rows], self.command))
         self._anchor.copy_(torch.where(here, self._anchors[rows], self._anchor))
