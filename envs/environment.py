@@ -36,6 +36,10 @@ class Environment(Worlds):
     substeps: ClassVar[int] = 1  # physics steps per control step
     # What the paper's own evaluation adds to each return: these terms, for no step at all.
     paper_reset_terms: ClassVar[dict[str, float]] = {}
+    # What the robot may be told while it moves: the limits of each number of `command` (N, C),
+    # which anybody may write between steps.
+    command_limits: ClassVar[dict[str, tuple[float, float]]] = {}
+    command: Tensor
 
     def __init__(
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True

@@ -13,7 +13,8 @@ from .policy import Policy
 class Player:
     """A world of a policy's own task on C MuJoCo, stepped by the deterministic policy.
 
-    `tradeoff` may be set between steps. `data` holds the robot as it stands now, every body and
+    `tradeoff` may be set between steps, and so may `command` (C,), what the robot is told beside
+    it: as many numbers as its task has `command_limits`. Both last until set anew. `data` holds the robot as it stands now, every body and
     geom in its place, for a renderer to draw, and the forces of its motors; write to
     `env.physics` to move it. `returns` (m,) and `steps` count from the last reset, which is the
     caller's to make (`over` says when).
@@ -36,6 +37,7 @@ class Player:
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
         self.tradeoff = tradeoff
+        self.command = env.command[0].tolist() if env.command_limits else []
         self.reset()
 
     @property
@@ -57,6 +59,8 @@ class Player:
 
     def step(self) -> TimeStep:
         """One control step of `env.dt` seconds."""
+        if self.command:
+            self.env.command[0] = torch.tensor(self.command)
         step = self.env.step(self._network(self.observation))
         self.observation = step.observation
         self.returns += step.reward[0]

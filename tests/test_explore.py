@@ -83,6 +83,7 @@ def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
     pytest.importorskip("viser", reason="the extra [explore] is not installed")
     make_run(workplace / "runs/cheetah3/a", "cheetah3", "best", "latest")
     make_run(workplace / "runs/hopper/b", "hopper", "best")
+    make_run(workplace / "runs/bruce/c", "bruce", "best")
     process = subprocess.Popen(
         [sys.executable, "-m", "morlax_torch.explore", "runs/cheetah3/a", "--port", "0"],
         stdout=subprocess.PIPE,
@@ -249,6 +250,15 @@ def test_a_browser_that_leaves_finds_the_robot_again(served, browser, tmp_path):
     assert len(third.sliders()) == 2
     third.tab.wait_for_timeout(500)
     third.tab.screenshot(path=shots / "another.png")
+
+    # one with six objectives, that is told a velocity
+    third.tab.get_by_label("policy").first.click()
+    third.tab.get_by_role("option", name="runs/bruce/c").click()
+    third.until(lambda: len(third.tradeoff()) == 6, "the third run is not shown")
+    third.until(lambda: third.sliders()[:2] == [0.12, 0.0], "it is not told a velocity")
+    assert third.sliders()[2:] == pytest.approx([1 / 6] * 6, abs=5e-3)
+    third.tab.wait_for_timeout(500)
+    third.tab.screenshot(path=shots / "told.png")
 
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=20)

@@ -139,6 +139,17 @@ def test_a_reset_begins_a_new_episode(session):
     assert not session.player.returns.any()
 
 
+def test_what_a_robot_is_told_lasts(tmp_path, make_run):
+    session = Session(library.choose(str(make_run(tmp_path / "run", "bruce", "best"))))
+    session.step()
+    assert session.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
+    session.tell(0, -0.1)
+    for _ in range(2):
+        session.step()
+        assert session.player.observation[0, 144:146].tolist() == pytest.approx([-0.1, 0.0])
+        session.reset()
+
+
 @pytest.mark.parametrize(("task", "free"), [("hopper", 1), ("ant", 2)])
 def test_a_push_is_felt_where_the_robot_can_go(task, free, tmp_path, make_run):
     session = Session(library.choose(str(make_run(tmp_path / "run", task, "best"))))

@@ -44,6 +44,10 @@ class Bruce(Environment):
     """
 
     substeps = 5
+    command_limits = {
+        name: (-most, most)
+        for name, most in zip(("m/s forward", "m/s to the left"), FASTEST, strict=True)
+    }
 
     class Options(TaskOptions):
         objectives: dict[str, dict[str, float]] = {

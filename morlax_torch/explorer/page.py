@@ -157,6 +157,12 @@ class Page:
                 gui.add_html(NO_FRONT)
             gui.add_html(self._drawing.html())
             self._marks = gui.add_html("")
+        limits = session.player.env.command_limits
+        self._commands = gui.add_folder("what the robot is told", order=1.5, visible=bool(limits))
+        with self._commands:
+            for index, (name, ends) in enumerate(limits.items()):
+                told = session.player.command[index]
+                self._tell(gui.add_slider(name, *ends, 0.01, round(told, 2)), session, index)
         with self._chart_tab:
             self._charts = Charts(self.server, session)
         for slider in self._sliders:
@@ -181,6 +187,14 @@ class Page:
         index = self._sliders.index(slider)
         self._session.tradeoff = move_slider(self._session.tradeoff, index, value)
         self._field.value = show(self._session.tradeoff)
+
+    def _tell(
+        self, slider: viser.GuiSliderHandle[float], session: Session, index: int
+    ) -> None:
+        @slider.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            value = event.target.value
+            self._wishes.put(lambda: session.tell(index, value))
 
     def _type(self, text: str) -> None:
         # the field itself is left to whoever types in it
@@ -221,8 +235,11 @@ class Page:
         session.paused, session.pace = old.paused, old.pace
         if session.objectives == old.objectives:
             session.tradeoff = old.tradeoff
+        if session.player.env.command_limits == old.player.env.command_limits:
+            session.player.command = old.player.command
         self._scene.remove()
         self._folder.remove()
+        self._commands.remove()
         self._charts.remove()
         self._add_session()
 

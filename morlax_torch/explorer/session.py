@@ -110,6 +110,10 @@ class Session:
         for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
             velocity[dof] += part
 
+    def tell(self, index: int, value: float) -> None:
+        """Change a number of the robot's command."""
+        self.player.command[index] = value
+
     def velocity(self) -> list[float]:
         """m/s along x and, where the robot is free to go there, y."""
         return [float(self.player.data.qvel[dof]) for dof in self.axes]
