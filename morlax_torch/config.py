@@ -65,9 +65,12 @@ class PPOConfig(Section):
     """Adam's step size."""
     critic_learning_rate: PositiveFloat | None = None
     """Adam's step size for the critic (None: the same)."""
+    target_kl: PositiveFloat | None = None
+    """Let the actor's step size grow or shrink until an iteration moves the policies about so far
+    (metric train/kl) from those that acted (None: it stays)."""
     anneal: bool = False
-    """Let step sizes and the entropy's weight fall linearly, to nothing at max_env_steps (which,
-    changed when a run is resumed, moves that end)."""
+    """Let step sizes (but one that target_kl decides) and the entropy's weight fall linearly, to
+    nothing at max_env_steps (which, changed when a run is resumed, moves that end)."""
     epochs: PositiveInt = 4
     """Passes over a rollout."""
     minibatches: PositiveInt = 8

@@ -14,10 +14,10 @@ class Player:
     """A world of a policy's own task on C MuJoCo, stepped by the deterministic policy.
 
     `tradeoff` may be set between steps, and so may `command` (C,), what the robot is told beside
-    it: as many numbers as its task has `command_limits`. Both last until set anew. `data` holds the robot as it stands now, every body and
-    geom in its place, for a renderer to draw, and the forces of its motors; write to
-    `env.physics` to move it. `returns` (m,) and `steps` count from the last reset, which is the
-    caller's to make (`over` says when).
+    it, a number for each of its task's `command_limits`. Both last until set anew. `data` holds the
+    robot as it stands now, every body and geom in its place, for a renderer to draw, and the forces
+    of its motors; write to `env.physics` to move it. `returns` (m,) and `steps` count from the last
+    reset, which is the caller's to make (`over` says when).
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):

@@ -23,9 +23,11 @@ def sample_tradeoffs(
         out[-corners:] = torch.eye(corners, device=out.device)
 
 
-def dirichlet_tradeoffs(number: int, num_objectives: int, seed: int = 0) -> Tensor:
-    """(number, m) draws from Dirichlet(1, ..., 1), the same for the same seed everywhere."""
-    draws = np.random.default_rng(seed).dirichlet(np.ones(num_objectives), number)
+def dirichlet_tradeoffs(
+    number: int, num_objectives: int, seed: int = 0, alpha: float = 1.0
+) -> Tensor:
+    """(number, m) draws from Dirichlet(alpha, ...), the same for the same seed everywhere."""
+    draws = np.random.default_rng(seed).dirichlet(np.full(num_objectives, alpha), number)
     return torch.from_numpy(draws).float()
 
 

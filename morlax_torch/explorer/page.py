@@ -188,9 +188,7 @@ class Page:
         self._session.tradeoff = move_slider(self._session.tradeoff, index, value)
         self._field.value = show(self._session.tradeoff)
 
-    def _tell(
-        self, slider: viser.GuiSliderHandle[float], session: Session, index: int
-    ) -> None:
+    def _tell(self, slider: viser.GuiSliderHandle[float], session: Session, index: int) -> None:
         @slider.on_update
         async def _(event: viser.GuiEvent) -> None:
             value = event.target.value

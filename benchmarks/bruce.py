@@ -1,0 +1,257 @@
+"""BRUCE by the paper's protocol: what runs reach, where they stay up, what swinging arms bring.
+
+    python benchmarks/bruce.py runs/bruce/A runs/bruce/B runs/bruce/C --output bruce
+
+Policies of 30,720 trade-offs walk 500 steps at 0.12 m/s (Dirichlet(0.5), the reward of the reset
+counted, steps after a fall not), and one balanced policy walks at velocities from all over the
+library. Writes OUTPUT.md, a table with a column for each run, and pictures of the first run:
+OUTPUT-space.png (the paper's two projections), -pairs.png and -commands.png.
+"""
+
+from pathlib import Path
+from statistics import median
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import torch
+import tyro
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from torch import Tensor
+
+from morlax_torch import envs, figures
+from morlax_torch.cli import console
+from morlax_torch.envs import resolve_device
+from morlax_torch.envs.bruce import rotations
+from morlax_torch.envs.bruce.library import Library
+from morlax_torch.evaluation import Front
+from morlax_torch.figures.style import COLOURS, blank, returned
+from morlax_torch.policy import Policy, load
+from morlax_torch.rollout import one_thread
+from morlax_torch.tradeoffs import dirichlet_tradeoffs
+
+COMMAND = (0.12, 0.0)  # m/s forward and to the left
+TORQUES = slice(6, None)  # of the robot's sensors
+SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
+# The trade-offs of the paper's three policies, in the order of the task's objectives.
+CHOSEN = {
+    "arms swing": (0.573, 0.003, 0.323, 0.001, 0.060, 0.041),
+    "arms rigid": (0.099, 0.019, 0.099, 0.523, 0.175, 0.085),
+    "smoothest": (0.001, 0.007, 0.024, 0.001, 0.967, 0.000),
+}
+
+Array = NDArray[np.float64]
+
+
+class Walks(NamedTuple):
+    """What P policies did in an episode each."""
+
+    returns: Array  # (P, 6)
+    survived: NDArray[np.bool_]  # (P,)
+    commands: Array  # (P, 2) m/s
+    speed: Array  # (P, 2) m/s forward and to the left, as the robot heads, until it fell
+    effort: Array  # (P,) (N m)², mean sum of squared torques until it fell
+
+
+def walks(policy: Policy, tradeoffs: Tensor, chunk: int, **options: Any) -> Walks:
+    """An episode of each trade-off (P, 6), `chunk` of them at a time."""
+    task = policy.config.task.judged().model_copy(update={"command": COMMAND, **options})
+    parts = []
+    for seed, some in enumerate(tradeoffs.split(chunk)):
+        device = policy.agent.observation_normalizer.mean.device
+        env = envs.make(
+            "bruce", len(some), device, seed=seed, auto_reset=False, **task.model_dump()
+        )
+        parts.append(_walk(policy, some.to(device), env))
+    return Walks(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+@torch.no_grad()
+def _walk(policy: Policy, tradeoffs: Tensor, env: envs.Environment) -> Walks:
+    qpos, qvel, torques = env.physics.qpos, env.physics.qvel, env.physics.sensors[:, TORQUES]
+    act = policy.agent.policies(tradeoffs)
+    seen = env.reset()
+    commands = env.command.clone()
+    returns = env.combine(env.terms())
+    alive = torch.ones_like(tradeoffs[:, 0], dtype=torch.bool)
+    path, effort, steps = torch.zeros_like(qvel[:, :2]), torch.zeros_like(qvel[:, 0]), 0 * alive
+    with one_thread(env.device):
+        for _ in range(env.episode_length):
+            action = act(policy.agent.observation_normalizer(seen)[:, None]).mean[:, 0].tanh()
+            step = env.step(action)
+            seen = step.observation
+            alive &= ~step.terminated
+            returns += step.reward * alive[:, None]
+            path += rotations.turned(qvel[:, :2], -rotations.yaw_of(qpos[:, 3:7])) * alive[:, None]
+            effort += torques.square().sum(-1) * alive
+            steps += alive
+    made = steps.clamp(min=1)
+    found = (returns, alive, commands, path / made[:, None], effort / made)
+    return Walks(*(value.cpu().numpy() for value in found))
+
+
+def rank_correlations(first: Array, second: Array) -> Array:
+    """(m,): Spearman's, of each column of (P, m) with the same one of the other."""
+
+    def ranks(values: Array) -> Array:
+        order = values.argsort(0).argsort(0)
+        return (order - order.mean(0)) / order.std(0)
+
+    return (ranks(first) * ranks(second)).mean(0)
+
+
+def survival(walks: Walks) -> Array:
+    """(17, 9) shares that stayed up of those told about so much, forward and sideways."""
+    library = Library.load()
+    cells = [
+        np.abs(grid[:, None] - told).argmin(0)
+        for grid, told in zip((library.vx, library.vy), walks.commands.T, strict=True)
+    ]
+    count, stood = np.zeros((2, len(library.vx), len(library.vy)))
+    np.add.at(count, tuple(cells), 1)
+    np.add.at(stood, tuple(cells), walks.survived)
+    return stood / np.maximum(count, 1)
+
+
+class Judged(NamedTuple):
+    """A run, walked by every protocol."""
+
+    policy: Policy
+    tradeoffs: Tensor  # (P, 6)
+    spread: Walks  # of those
+    even: Walks  # of Dirichlet(1)
+    chosen: Walks  # of CHOSEN, and of all objectives alike
+    told: Walks  # of all objectives alike, at velocities drawn evenly
+
+    def measures(self) -> dict[str, tuple[float, str]]:
+        """What it reaches, by name, and what it should reach."""
+        names, returns = self.policy.objectives, self.spread.returns
+        most = dict(zip(names, returns.max(0), strict=True))
+        joints, swing = (returns[:, names.index(name)] for name in ("joints", "swing"))
+        asked = {"joints": 990, "base": 1500, "swing": 950, "smooth": 1270, "energy": 950}
+        error = np.abs(self.told.speed - self.told.commands)[self.told.survived]
+        found = {
+            "trade-offs that walk 500 steps, Dirichlet(1)": (self.even.survived.mean(), "0.95"),
+            **{f"most {name}": (most[name], f"{asked.get(name, '')}") for name in names},
+            "least swing where joints reach 990": (
+                swing[joints >= 990].min(initial=np.inf),
+                "at most 565",
+            ),
+            "balanced: m/s forward, told 0.12": (self.chosen.speed[-1, 0], "0.10 to 0.14"),
+            "balanced: velocities of 153 where it mostly stays up": (
+                (survival(self.told) > 0.5).mean(),
+                "0.9",
+            ),
+            "balanced: mean error of m/s forward, where it does": (error[:, 0].mean(), ""),
+        }
+        for name, value in zip(
+            names, rank_correlations(self.tradeoffs.numpy(), returns), strict=True
+        ):
+            found[f"rank correlation of weight and return, {name}"] = (value, "")
+        for k, name in enumerate(CHOSEN):
+            found[f"{name}: m/s forward"] = (self.chosen.speed[k, 0], "")
+            found[f"{name}: squared torques, (N m)²"] = (self.chosen.effort[k], "")
+        return found
+
+
+def judge(policy: Policy, number: int, chunk: int) -> Judged:
+    """Walk it by every protocol."""
+    m = len(policy.objectives)
+    alike = torch.full((1, m), 1 / m)
+    tradeoffs = dirichlet_tradeoffs(number, m, alpha=0.5)
+    return Judged(
+        policy,
+        tradeoffs,
+        walks(policy, tradeoffs, chunk),
+        walks(policy, dirichlet_tradeoffs(1024, m), chunk),
+        walks(policy, torch.cat([torch.tensor([*CHOSEN.values()]), alike]), chunk),
+        walks(policy, alike.expand(4096, m), chunk, draw_commands=True, standing=0.0),
+    )
+
+
+def space_figure(judged: Judged) -> Figure:
+    """The paper's two projections; red, green and blue are the weights of the three axes."""
+    figure, names = blank(9.6, 4.8, ""), judged.policy.objectives
+    for cell, axis_names in enumerate(SPACES, start=1):
+        columns = [names.index(name) for name in axis_names]
+        weights = judged.tradeoffs[:, columns].numpy() + 1e-9
+        colours = weights / weights.sum(1, keepdims=True)
+        axes: Any = figure.add_subplot(1, 2, cell, projection="3d")
+        axes.scatter(*judged.spread.returns[::10, columns].T, s=3, c=colours[::10])
+        for axis, name in zip("xyz", axis_names, strict=True):
+            getattr(axes, f"set_{axis}label")(returned(name))
+        axes.set_title("red, green, blue: weights of " + ", ".join(axis_names), fontsize="small")
+        axes.view_init(elev=20, azim=55)
+        axes.set_box_aspect(None, zoom=0.8)
+    return figure
+
+
+def commands_figure(judged: Judged) -> Figure:
+    """Where the balanced policy stays up."""
+    library, figure = Library.load(), blank(6.4, 3.6, "all objectives alike")
+    axes = figure.add_subplot()
+    extent = (-0.2125, 0.2125, -0.1125, 0.1125)
+    shares = survival(judged.told).T
+    drawn = axes.imshow(shares, COLOURS, vmin=0, vmax=1, origin="lower", extent=extent)
+    axes.set_xticks(library.vx[::4])
+    axes.set_yticks(library.vy[::2])
+    axes.set_xlabel("told to go forward (m/s)")
+    axes.set_ylabel("told to go left (m/s)")
+    figure.colorbar(drawn, label="share that walks 500 steps")
+    return figure
+
+
+def table(found: list[dict[str, tuple[float, str]]]) -> str:
+    """A row for each quantity; with several runs, their median and range too."""
+    several = len(found) > 1
+    runs = [f"run {k}" for k in range(len(found))] if several else ["measured"]
+    heads = ["", "asked for", *runs, *(["median (range)"] if several else [])]
+    lines = [heads, ["---"] * len(heads)]
+    for name, (_, asked) in found[0].items():
+        values = [run[name][0] for run in found]
+        middle = f"{median(values):.3g} ({min(values):.3g} to {max(values):.3g})"
+        cells = [f"{value:.4g}" for value in values]
+        lines.append([name, asked, *cells, *([middle] if several else [])])
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def main(
+    runs: Annotated[tuple[str, ...], tyro.conf.Positional],
+    tradeoffs: int = 30_720,
+    chunk: int = 2048,
+    device: str | None = None,
+    output: Path = Path("bruce"),
+) -> None:
+    """Measure.
+
+    Args:
+        runs: Folders, checkpoints or shipped names.
+        tradeoffs: How many policies walk.
+        chunk: How many of them at once.
+        device: cuda or cpu (None: CUDA where there is one).
+        output: Name of the files, without its ending.
+    """
+    place = resolve_device(device)
+    judged = [judge(load(run, place), tradeoffs, chunk) for run in runs]
+    text = table([run.measures() for run in judged])
+    console.print(text, markup=False)
+    output.with_suffix(".md").write_text(text)
+    first = judged[0]
+    front = Front(
+        first.policy.objectives,
+        first.tradeoffs[::10].numpy(),
+        first.spread.returns[::10],
+        np.zeros(len(first.tradeoffs[::10])),
+        np.zeros(len(first.policy.objectives)),
+    )
+    pictures = {
+        "space": space_figure(first),
+        "pairs": figures.front_figure(front),
+        "commands": commands_figure(first),
+    }
+    for name, figure in pictures.items():
+        figures.save(figure, output.with_name(f"{output.name}-{name}"), ("png",))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
