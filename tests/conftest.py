@@ -1,6 +1,6 @@
 """What tests share: generators, agents and rollouts of random numbers, untrained runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,19 @@ from morlax_torch.agent import Agent
 from morlax_torch.config import NetworkConfig, load_config, merged, task_values
 from morlax_torch.evaluation import Front
 from morlax_torch.filming.rendering import choose_opengl
-from morlax_torch.rollout import Rollout
+from morlax_torch.rollout import Rollout, one_thread
 
 
 @pytest.fixture
 def generator() -> torch.Generator:
     return torch.Generator().manual_seed(0)
+
+
+@pytest.fixture
+def single_thread() -> Iterator[None]:
+    """torch on one thread, where many threads would only wait for each other."""
+    with one_thread(torch.device("cpu")):
+        yield
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from toppling import falling
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
@@ -35,14 +36,6 @@ def vector(task: str = HOPPER, num_envs: int = 3, **options) -> GymnasiumVectorE
     made = gymnasium.make_vec(task, num_envs=num_envs, device="cpu", **options)
     assert isinstance(made, GymnasiumVectorEnv)
     return made
-
-
-def falling(env: GymnasiumVectorEnv) -> torch.Tensor:
-    """Held actions (N, A) that topple each walker after a time of its own; the first stands."""
-    generator = torch.Generator().manual_seed(0)
-    actions = torch.rand(env.num_envs, *env.single_action_space.shape, generator=generator) * 2 - 1
-    actions[0] = 0.0
-    return actions
 
 
 def python(program: str) -> subprocess.CompletedProcess:
@@ -227,7 +220,7 @@ def test_many_worlds_say_what_gymnasium_s_own_vector_environment_says(tradeoff):
     np.testing.assert_array_equal(ours.reset(seed=0)[0], theirs.reset(seed=0)[0])
     ended = 0
     for _ in range(110):
-        action = falling(ours)
+        action = falling(3)
         observation, reward, *flags, info = ours.step(action)
         expected, numbers, *expected_flags, expected_info = theirs.step(action.numpy())
         np.testing.assert_array_equal(observation, expected)
@@ -259,7 +252,7 @@ def test_statistics_sum_each_objective_over_whole_episodes():
     rewards: list[list[np.ndarray]] = [[] for _ in range(4)]
     lengths = []
     for _ in range(210):
-        _, reward, terminated, truncated, info = env.step(falling(env.env))
+        _, reward, terminated, truncated, info = env.step(falling())
         np.testing.assert_array_equal(info["_episode"], terminated | truncated)
         for world in range(4):
             rewards[world].append(reward[world].double().numpy())
@@ -285,7 +278,7 @@ def test_statistics_are_of_the_objectives_under_a_tradeoff_too():
     for env in (plain, weighted):
         env.reset()
         for _ in range(8):
-            info = env.step(falling(plain.env))[-1]
+            info = env.step(falling(3, 4))[-1]
         episodes.append(info["episode"]["r"])
     assert torch.equal(*episodes) and episodes[0].shape == (3, 2)
 

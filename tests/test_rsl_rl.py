@@ -6,33 +6,21 @@ import torch
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.hopper import Hopper
-from morlax_torch.rollout import one_thread
 
 pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
 
 from rsl_rl.runners import OnPolicyRunner
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from toppling import falling
 
 from morlax_torch.adapters.rsl_rl import RslRlVecEnv
 
+pytestmark = pytest.mark.usefixtures("single_thread")
 TRADEOFF = (0.7, 0.3)
-
-
-@pytest.fixture(autouse=True)
-def single_thread():
-    with one_thread(torch.device("cpu")):
-        yield
 
 
 def worlds(task: str = "walker", num_envs: int = 4, **options) -> RslRlVecEnv:
     return RslRlVecEnv(task, TRADEOFF, num_envs, "cpu", **options)
-
-
-def falling(num_envs: int = 4) -> torch.Tensor:
-    """Held actions that topple each walker after a time of its own; the first stands."""
-    actions = torch.rand(num_envs, 6, generator=torch.Generator().manual_seed(0)) * 2 - 1
-    actions[0] = 0.0
-    return actions
 
 
 def settings(**groups: list[str]) -> dict:

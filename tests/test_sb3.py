@@ -12,6 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from toppling import falling
 
 from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
 
@@ -20,13 +21,6 @@ TRADEOFF = (0.7, 0.3)
 
 def worlds(task: str = "walker", num_envs: int = 4, **options) -> StableBaselines3VecEnv:
     return StableBaselines3VecEnv(task, TRADEOFF, num_envs, "cpu", **options)
-
-
-def falling(num_envs: int = 4) -> np.ndarray:
-    """Held actions that topple each walker after a time of its own; the first stands."""
-    actions = np.random.default_rng(0).uniform(-1, 1, (num_envs, 6))
-    actions[0] = 0.0
-    return actions.astype(np.float32)
 
 
 def test_a_single_environment_passes_its_check():
@@ -41,8 +35,8 @@ def test_our_worlds_say_what_its_own_vector_environment_says():
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
     ended = set()
     for _ in range(110):
-        observation, reward, done, infos = ours.step(falling())
-        expected, their_reward, their_done, their_infos = theirs.step(falling())
+        observation, reward, done, infos = ours.step(falling().numpy())
+        expected, their_reward, their_done, their_infos = theirs.step(falling().numpy())
         np.testing.assert_array_equal(observation, expected)
         np.testing.assert_allclose(reward, their_reward, rtol=1e-6)
         np.testing.assert_array_equal(done, their_done)
@@ -59,8 +53,8 @@ def test_an_episode_is_summed_as_its_own_monitor_does():
     env.reset(), unmonitored.reset()
     episodes = 0
     for _ in range(110):
-        *_, done, infos = env.step(falling())
-        *_, own_infos = unmonitored.step(falling())
+        *_, done, infos = env.step(falling().numpy())
+        *_, own_infos = unmonitored.step(falling().numpy())
         for world in done.nonzero()[0]:
             theirs, ours = infos[world]["episode"], own_infos[world]["episode"]
             assert ours["l"] == theirs["l"]
@@ -111,9 +105,9 @@ def test_its_wrappers_go_around():
 MISTAKES = {
     "option": (lambda: worlds(episode_lenght=3), "did you mean 'episode_length'"),
     "trade-off": (lambda: StableBaselines3VecEnv("ant", (1.0,)), "needs 2 numbers"),
-    "no reset": (lambda: worlds().step(falling()), "call reset first"),
-    "shape": (lambda: started().step(falling(5)), "the shape (4, 6)"),
-    "NaN": (lambda: started().step(falling() * np.nan), "a NaN or an infinity"),
+    "no reset": (lambda: worlds().step(falling().numpy()), "call reset first"),
+    "shape": (lambda: started().step(falling(5).numpy()), "the shape (4, 6)"),
+    "NaN": (lambda: started().step(falling().numpy() * np.nan), "a NaN or an infinity"),
     "setting": (lambda: worlds().set_attr("tradeoff", (1, 0)), "tradeoff cannot be set"),
     "calling": (lambda: worlds().env_method("render"), "render cannot be called"),
 }

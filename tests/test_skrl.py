@@ -6,7 +6,6 @@ import torch
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.hopper import Hopper
-from morlax_torch.rollout import one_thread
 
 pytest.importorskip("skrl", reason="skrl is not installed")
 
@@ -15,28 +14,17 @@ from skrl.memories.torch import RandomMemory
 from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 from skrl.trainers.torch import SequentialTrainer
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from toppling import falling
 from torch import nn
 
 from morlax_torch.adapters.skrl import SkrlEnv
 
+pytestmark = pytest.mark.usefixtures("single_thread")
 TRADEOFF = (0.7, 0.3)
-
-
-@pytest.fixture(autouse=True)
-def single_thread():
-    with one_thread(torch.device("cpu")):
-        yield
 
 
 def worlds(task: str = "walker", num_envs: int = 4, **options) -> SkrlEnv:
     return SkrlEnv(task, TRADEOFF, num_envs, "cpu", **options)
-
-
-def falling(num_envs: int = 4) -> torch.Tensor:
-    """Held actions that topple each walker after a time of its own; the first stands."""
-    actions = torch.rand(num_envs, 6, generator=torch.Generator().manual_seed(0)) * 2 - 1
-    actions[0] = 0.0
-    return actions
 
 
 class Actor(GaussianMixin, Model):

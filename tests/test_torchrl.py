@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.rollout import one_thread
 
 pytest.importorskip("torchrl", reason="TorchRL is not installed")
 
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
+from toppling import falling
 from torch import nn
 from torchrl.envs import LineariseRewards, RewardSum, TransformedEnv
 from torchrl.envs.utils import check_env_specs
@@ -23,13 +23,6 @@ from morlax_torch.adapters.torchrl import TorchRLEnv
 
 def worlds(task: str = "walker", num_envs: int = 4, **options) -> TorchRLEnv:
     return TorchRLEnv(task, num_envs, "cpu", **options)
-
-
-def falling(num_envs: int = 4) -> torch.Tensor:
-    """Held actions that topple each walker after a time of its own; the first stands."""
-    actions = torch.rand(num_envs, 6, generator=torch.Generator().manual_seed(0)) * 2 - 1
-    actions[0] = 0.0
-    return actions
 
 
 def falls(tensordict: TensorDict) -> TensorDict:
@@ -83,12 +76,6 @@ def test_environments_of_others_are_reset_in_part_too(monkeypatch):
     env = worlds("gymnasium:mo-hopper-2obj-v5", 2, episode_length=5)
     check_env_specs(env)
     assert env.rollout(12, break_when_any_done=False)["next", "done"].sum() == 4
-
-
-@pytest.fixture
-def single_thread():
-    with one_thread(torch.device("cpu")):
-        yield
 
 
 @pytest.mark.usefixtures("single_thread")
