@@ -33,7 +33,7 @@ SPACE = {
     "ppo.clip": (0.2, 0.3),
     "ppo.entropy": (0.003, 0.01, 0.02, 0.03),
     "ppo.anneal": (False, True),
-    "ppo.target_kl": (None, 0.01, 0.02, 0.04),
+    "network.initial_std": (0.15, 0.3, 0.694),
     "network.features": (16, 32),
     "task.stagger": (False, True),
 }

@@ -1,5 +1,6 @@
 """Every number that a run depends on, typed and checked."""
 
+import math
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -56,6 +57,8 @@ class NetworkConfig(Section):
     """Hidden layers of the generated actors."""
     critic: tuple[PositiveInt, ...] = (64, 64)
     """Hidden layers of the generated critics."""
+    initial_std: float = Field(default=math.log(2) + 0.001, gt=0.001)
+    """Of the actions before the tanh, about which the actors begin to explore."""
 
 
 class PPOConfig(Section):
@@ -65,12 +68,9 @@ class PPOConfig(Section):
     """Adam's step size."""
     critic_learning_rate: PositiveFloat | None = None
     """Adam's step size for the critic (None: the same)."""
-    target_kl: PositiveFloat | None = None
-    """Let the actor's step size grow or shrink until an iteration moves the policies about so far
-    (metric train/kl) from those that acted (None: it stays)."""
     anneal: bool = False
-    """Let step sizes (but one that target_kl decides) and the entropy's weight fall linearly, to
-    nothing at max_env_steps (which, changed when a run is resumed, moves that end)."""
+    """Let step sizes and the entropy's weight fall linearly, to nothing at max_env_steps (which,
+    changed when a run is resumed, moves that end)."""
     epochs: PositiveInt = 4
     """Passes over a rollout."""
     minibatches: PositiveInt = 8

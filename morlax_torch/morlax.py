@@ -117,14 +117,12 @@ class MORLAX:
         for _ in range(ppo.epochs):
             parts = minibatches(batch, self.tradeoffs, ppo.minibatches, self.generator)
             losses += self.ppo.improve(parts, self.generator)
-        losses /= ppo.epochs
-        self.ppo.adapt(losses[PPO.metrics.index("kl")])
         # only now: during the update the policies must see what they saw when they acted
         self.agent.observation_normalizer.update(self.rollout.observation)
         reward, terminated = self.rollout.reward, self.rollout.terminated
         self._metrics += torch.cat(
             [
-                losses,
+                losses / ppo.epochs,
                 explained,
                 reward.mean((0, 1, 2)),
                 terminated.float().mean()[None],

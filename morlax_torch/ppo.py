@@ -12,9 +12,6 @@ from .graph import Beside
 from .optimizer import ClippedAdam
 from .rollout import Rollout, advantages
 
-STRIDE = 1.5  # by how much an adapted step size changes at once
-RATES = (1e-6, 1e-2)  # between which it stays
-
 
 class Batch(NamedTuple):
     """S samples of each of K trade-offs."""
@@ -183,15 +180,6 @@ class PPO:
 
     def anneal(self, left: Tensor) -> None:
         """Scale step sizes and the entropy's weight to the share of the run that is `left`."""
-        adapted = 1 if self.config.target_kl else 0
-        for optimizer, rate in list(zip(self.optimizers, self.rates, strict=False))[adapted:]:
+        for optimizer, rate in zip(self.optimizers, self.rates, strict=False):
             optimizer.rate.copy_(rate * left)
         self.entropy.copy_(self.config.entropy * left)
-
-    def adapt(self, kl: Tensor) -> None:
-        """Where updates moved the policies too far, or hardly, change the actor's step size."""
-        target = self.config.target_kl
-        if target:
-            factor = torch.where(kl > 2 * target, 1 / STRIDE, 1.0)
-            factor = torch.where(kl < target / 2, STRIDE, factor)
-            self.optimizers[0].rate.mul_(factor).clamp_(*RATES)

@@ -55,6 +55,13 @@ def test_samples_have_the_mean_and_the_spread_of_the_gaussian(generator):
     assert samples.std().item() == pytest.approx(scale, rel=0.02)
 
 
+@pytest.mark.parametrize("std", (0.05, 0.694, 2.0))
+def test_actors_begin_to_explore_as_far_as_asked(std, make_agent):
+    policies = make_agent(scale=0.0, initial_std=std).policies(TRADEOFFS)
+    found = policies(torch.zeros(4, 1, 3)).std
+    torch.testing.assert_close(found, torch.full_like(found, std), rtol=1e-4, atol=0)
+
+
 @pytest.mark.parametrize("action", (-200.0, -30.0, 0.0, 30.0, 200.0))
 def test_extreme_values_stay_finite(action, generator):
     u = torch.full((1, 1), action)
@@ -127,7 +134,7 @@ def test_initial_networks_are_lecun_uniform_with_zero_biases(make_agent):
             assert weight.abs().max() <= bound
             assert weight.abs().max() > 0.95 * bound
             assert weight.var().item() == pytest.approx(1 / fan_in, rel=0.25)
-            assert not bias.any()
+            assert bias.abs().max() < 1e-6
     for layer in agent.actor.features[::2]:
         assert layer.weight.abs().max() <= math.sqrt(3 / layer.in_features)
         assert not layer.bias.any()
