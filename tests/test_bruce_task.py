@@ -255,10 +255,11 @@ def test_at_the_grid_s_points_the_gaits_are_the_library_s(library):
     at = [(0, 0), (16, 8), (0, 8), (7, 3)]
     walk = Reference(library, torch.zeros(len(at), 1, dtype=torch.float64))
     velocity = torch.tensor([[library.vx[i], library.vy[j]] for i, j in at])
-    gaits = walk.gaits(velocity)
-    for found, (i, j) in zip(gaits, at, strict=True):
-        np.testing.assert_allclose(found[..., :16], library.joints[i, j], atol=1e-9)
-        np.testing.assert_allclose(found[..., 16:], library.base[i, j], atol=1e-9)
+    for leg in (0, 1):
+        gaits = walk.gaits(velocity, torch.full((len(at),), leg))
+        for found, (i, j) in zip(gaits, at, strict=True):
+            np.testing.assert_allclose(found[:, :16], library.joints[i, j, leg], atol=1e-9)
+            np.testing.assert_allclose(found[:, 16:], library.base[i, j, leg], atol=1e-9)
 
 
 def test_feet_change_every_twenty_steps():

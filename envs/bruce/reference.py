@@ -1,6 +1,6 @@
 """The walk that N worlds are to follow: gaits of the library, blended as velocities change.
 
-Each world follows a segment: the rest of its current step, re-parametrised to [0, 1]. All of it is
+Each world follows a segment: what is left of its step, re-parametrised to [0, 1]. All of it is
 arithmetic on whole tensors, written in place, so that a CUDA graph can record it.
 """
 
@@ -28,16 +28,15 @@ class Reference:
     def __init__(self, library: Library, like: Tensor):
         curves = torch.cat([torch.from_numpy(library.joints), torch.from_numpy(library.base)], -1)
         self.step_time = library.constants.step_time
-        self._gaits = curves.to(like).flatten(2)  # (X, Y, 2 * 8 * 22)
-        self._shape = curves.shape[2:]
+        self._gaits = curves.to(like).flatten(3)  # (X, Y, 2, 8 * 22)
+        self._shape = curves.shape[3:]
         self._vx, self._vy = (torch.from_numpy(v).to(like) for v in (library.vx, library.vy))
         self._binomial = {
             n: like.new_tensor([[comb(n, k) for k in range(n + 1)], [*range(n + 1)]])[..., None]
             for n in (DEGREE - 1, DEGREE)
         }
-        self._rows = torch.arange(len(like), device=like.device)
         N = len(like)
-        self.points = like.new_zeros(N, *self._shape)  # (N, 2, 8, 22) of both steps
+        self.points = like.new_zeros(N, *self._shape)  # (N, 8, 22)
         self.duration = like.new_full((N,), self.step_time)  # s, of the segment
         self.elapsed = like.new_zeros(N)  # s, of the segment
         self.step_elapsed = like.new_zeros(N)  # s, of the step
@@ -54,17 +53,20 @@ class Reference:
         names = ("points", "duration", "elapsed", "step_elapsed", "leg", "velocity")
         return {name: getattr(self, name) for name in names}
 
-    def gaits(self, velocity: Tensor) -> Tensor:
-        """(N, 2, 8, 22): control points for velocities (N, 2), bilinear in the library's grid."""
+    def gaits(self, velocity: Tensor, leg: Tensor) -> Tensor:
+        """(N, 8, 22): control points of a step with the legs (N,) at velocities (N, 2).
+
+        They are bilinear in the library's grid.
+        """
         i, u = _cell(self._vx, velocity[:, 0])
         j, v = _cell(self._vy, velocity[:, 1])
-        near = torch.lerp(self._gaits[i, j], self._gaits[i + 1, j], u[:, None])
-        far = torch.lerp(self._gaits[i, j + 1], self._gaits[i + 1, j + 1], u[:, None])
+        near = torch.lerp(self._gaits[i, j, leg], self._gaits[i + 1, j, leg], u[:, None])
+        far = torch.lerp(self._gaits[i, j + 1, leg], self._gaits[i + 1, j + 1, leg], u[:, None])
         return torch.lerp(near, far, v[:, None]).unflatten(1, self._shape)
 
     def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor) -> None:
         """Start walking anew where `fresh` (N,), for velocities (N, 2), on legs (N,)."""
-        self._start_segment(fresh, self.gaits(velocity), leg, EARLY)
+        self._start_segment(fresh, velocity, leg, EARLY)
         self.velocity.copy_(torch.where(fresh[:, None], velocity, self.velocity))
 
     def blend(self, velocity: Tensor) -> None:
@@ -76,12 +78,12 @@ class Reference:
         open_ = self.phase < BLENDING
         done = self.elapsed / self.duration
         rest = self.duration - self.elapsed
-        target = self.gaits(velocity)
+        target = self.gaits(velocity, self.leg)
         old, new = self._rest(self.points, done), self._rest(target, 1 - rest / self.step_time)
         blended = torch.cat(
             [old[..., :3, :], (old[..., 3:5, :] + new[..., 3:5, :]) / 2, new[..., 5:, :]], -2
         )
-        self.points.copy_(torch.where(open_[:, None, None, None], blended, self.points))
+        self.points.copy_(torch.where(open_[:, None, None], blended, self.points))
         self.duration.copy_(torch.where(open_, rest, self.duration))
         self.elapsed.masked_fill_(open_, 0.0)
         self.velocity.copy_(torch.where(open_[:, None], velocity, self.velocity))
@@ -91,16 +93,15 @@ class Reference:
         self.elapsed += dt
         self.step_elapsed += dt
         changed = self.elapsed >= self.duration
-        self._start_segment(changed, self.gaits(self.velocity), 1 - self.leg, LATE)
+        self._start_segment(changed, self.velocity, 1 - self.leg, LATE)
         return changed
 
     def now(self) -> tuple[Tensor, Tensor]:
         """Joints and base now, and their rates: (N, 22) each."""
-        points = self.points[self._rows, self.leg]
         s = (self.elapsed / self.duration).clamp(0, 1)
-        slopes = DEGREE * points.diff(dim=1) / self.duration[:, None, None]
+        slopes = DEGREE * self.points.diff(dim=1) / self.duration[:, None, None]
         # products of matrices would be rounded to TF32 where training allows that
-        value = (self._bernstein(s, DEGREE) * points).sum(1)
+        value = (self._bernstein(s, DEGREE) * self.points).sum(1)
         return value, (self._bernstein(s, DEGREE - 1) * slopes).sum(1)
 
     def _bernstein(self, s: Tensor, degree: int) -> Tensor:
@@ -109,8 +110,9 @@ class Reference:
         s = s[:, None, None]
         return choose * s**k * (1 - s) ** (degree - k)
 
-    def _start_segment(self, where: Tensor, points: Tensor, leg: Tensor, elapsed: float) -> None:
-        self.points.copy_(torch.where(where[:, None, None, None], points, self.points))
+    def _start_segment(self, where: Tensor, velocity: Tensor, leg: Tensor, elapsed: float) -> None:
+        points = self.gaits(velocity, leg)
+        self.points.copy_(torch.where(where[:, None, None], points, self.points))
         self.leg.copy_(torch.where(where, leg, self.leg))
         self.duration.masked_fill_(where, self.step_time)
         self.elapsed.masked_fill_(where, elapsed)
@@ -118,8 +120,8 @@ class Reference:
 
     @staticmethod
     def _rest(points: Tensor, s: Tensor) -> Tensor:
-        """Control points of the part of the curves (N, 2, 8, C) that lies behind s (N,)."""
-        s = s[:, None, None, None]
+        """Control points of the part of the curves (N, 8, C) that lies behind s (N,)."""
+        s = s[:, None, None]
         lasts = []
         for _ in range(DEGREE):  # de Casteljau
             lasts.append(points[..., -1:, :])

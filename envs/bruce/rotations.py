@@ -6,17 +6,10 @@ from torch import Tensor
 
 def multiply(a: Tensor, b: Tensor) -> Tensor:
     """First `b`, then `a`."""
-    aw, ax, ay, az = a.unbind(-1)
-    bw, bx, by, bz = b.unbind(-1)
-    return torch.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        -1,
-    )
+    (aw, av), (bw, bv) = a.split([1, 3], -1), b.split([1, 3], -1)
+    w = aw * bw - (av * bv).sum(-1, keepdim=True)
+    v = torch.addcmul(torch.addcmul(torch.linalg.cross(av, bv), aw, bv), bw, av)
+    return torch.cat([w, v], -1)
 
 
 def conjugate(q: Tensor) -> Tensor:
@@ -43,18 +36,12 @@ def from_yaw(yaw: Tensor) -> Tensor:
 
 def from_angles(angles: Tensor) -> Tensor:
     """Roll, pitch and yaw (..., 3): the turn about z, then about y, then about x."""
-    (cr, cp, cy), (sr, sp, sy) = (f(angles / 2).unbind(-1) for f in (torch.cos, torch.sin))
-    return positive(
-        torch.stack(
-            [
-                cr * cp * cy - sr * sp * sy,
-                sr * cp * cy + cr * sp * sy,
-                cr * sp * cy - sr * cp * sy,
-                cr * cp * sy + sr * sp * cy,
-            ],
-            -1,
-        )
-    )
+    half = torch.stack([(angles / 2).cos(), (angles / 2).sin()], -1)
+    roll, pitch, yaw = half.unbind(-2)
+    pairs = roll[..., :, None] * pitch[..., None, :]
+    products = (pairs[..., None] * yaw[..., None, None, :]).flatten(-3).unbind(-1)
+    ccc, ccs, csc, css, scc, scs, ssc, sss = products
+    return positive(torch.stack([ccc - sss, scc + css, csc - scs, ccs + ssc], -1))
 
 
 def turned(xy: Tensor, yaw: Tensor) -> Tensor:
