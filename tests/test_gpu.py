@@ -1,5 +1,7 @@
 """On CUDA: the recorded graphs do what the eager program does."""
 
+from typing import Any
+
 import gymnasium
 import pytest
 import torch
@@ -31,9 +33,9 @@ class Blind(envs.get("hopper")):
 
 
 def trained(
-    task: str, recorded: bool, randomization: dict | None = None, **networks: nn.Module
+    task: str, recorded: bool, options: dict[str, Any] | None = None, **networks: nn.Module
 ) -> MORLAX:
-    options = {"randomization": randomization or {}}
+    options = options or {}
     config = load_config({"env": task, **SMALL, "task": options})
     env = envs.make(task, config.worlds, "cuda", deterministic=True, **options)
     morlax = MORLAX(env, config, **networks)
@@ -70,20 +72,28 @@ def test_own_networks_and_what_is_privileged_are_recorded_too(monkeypatch):
         )
 
 
-def test_randomised_worlds_are_recorded_too():
-    everything = {
-        "friction": (0.5, 1.5),
-        "mass": (0.8, 1.2),
-        "strength": (0.8, 1.2),
-        "fields": {"dof_damping": (0.5, 2.0)},
-        "observation_noise": {"position": 0.01},
-        "action_delay": (0, 2),
-        "push": 0.5,
-        "push_every": 5,
-    }
-    eager, recorded = (trained("hopper", r, everything) for r in (False, True))
+RANDOM = {
+    "hopper": {
+        "randomization": {
+            "friction": (0.5, 1.5),
+            "mass": (0.8, 1.2),
+            "strength": (0.8, 1.2),
+            "fields": {"dof_damping": (0.5, 2.0)},
+            "observation_noise": {"position": 0.01},
+            "action_delay": (0, 2),
+            "push": 0.5,
+            "push_every": 5,
+        }
+    },
+    "bruce": {"draw_commands": True, "noise": 1.0, "randomize": True},
+}
+
+
+@pytest.mark.parametrize("task", RANDOM)
+def test_randomised_worlds_are_recorded_too(task: str):
+    eager, recorded = (trained(task, r, RANDOM[task]) for r in (False, True))
     assert (recorded.rollout.reward - eager.rollout.reward).abs().median() < 1e-4
-    name = "factors.body_mass"
+    name = "model.body_mass"
     assert torch.equal(recorded.env.state_dict()[name], eager.env.state_dict()[name])
 
 
