@@ -1,6 +1,7 @@
 """BRUCE's task is what a slow reference, one world and one number at a time, says it is."""
 
 import math
+from itertools import pairwise
 from math import comb
 
 import mujoco
@@ -302,6 +303,20 @@ def test_worlds_get_commands_of_their_own_anew_each_episode(backend):
     assert step.truncated.all()
     assert (env.command != first).any(-1).float().mean() > 0.5
     torch.testing.assert_close(step.observation[:, 144:146], env.command.float())
+
+
+def test_velocities_are_drawn_within_limits_and_anew_when_asked():
+    options = {"draw_commands": True, "fastest": (0.1, 0.0), "redraw_every": 3, "standing": 0.0}
+    env = envs.make("bruce", 32, "cpu", auto_reset=False, **options)
+    told = [env.command.clone()]
+    for _ in range(7):
+        step = env.step(torch.zeros(32, 18))
+        told.append(env.command.clone())
+        torch.testing.assert_close(step.observation[:, 144:146], env.command.float())
+    changed = [bool((one != other).any()) for one, other in pairwise(told)]
+    assert changed == [False, False, True, False, False, True, False]
+    for commands in told:
+        assert 0.08 < commands[:, 0].abs().max() <= 0.1 and not commands[:, 1].any()
 
 
 def test_both_backends_and_both_models_earn_nearly_alike():

@@ -32,10 +32,10 @@ class Beginnings(NamedTuple):
         return cls(torch.tensor([command], dtype=torch.float64), first, np.ones(1))
 
     @classmethod
-    def drawn(cls, standing: float, seed: int) -> Self:
-        """Many, of which a share is `standing`."""
+    def drawn(cls, fastest: tuple[float, float], standing: float, seed: int) -> Self:
+        """Many within the limits `fastest`, of which a share is `standing`."""
         random = np.random.default_rng(seed)
-        commands = random.uniform(-1, 1, (COMMANDS, 2)) * FASTEST
+        commands = random.uniform(-1, 1, (COMMANDS, 2)) * fastest
         commands[random.random(COMMANDS) < standing] = 0.0
         legs = random.integers(0, 2, COMMANDS)
         heights = random.uniform(1.0, 1.02, COMMANDS)

@@ -6,7 +6,7 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 import torch
-from pydantic import Field, NonNegativeFloat, field_validator
+from pydantic import Field, NonNegativeFloat, PositiveInt, field_validator
 from torch import Tensor
 
 from ..environment import Environment
@@ -71,6 +71,10 @@ class Bruce(Environment):
         """Tell each episode another velocity, and either foot to begin with."""
         standing: float = Field(default=0.4, ge=0, le=1)
         """How many of the drawn velocities are zero."""
+        fastest: tuple[float, float] = FASTEST
+        """The limits of drawn velocities, m/s: forward or backward, and to either side."""
+        redraw_every: PositiveInt | None = None
+        """Control steps after which a drawn velocity is drawn anew within an episode."""
         noise: NonNegativeFloat = 0.0
         """Scale of the sensors' noise (1: as published; 0: they are exact)."""
         randomize: bool = False
@@ -80,12 +84,12 @@ class Bruce(Environment):
             changes = {"draw_commands": False, "noise": 0.0, "randomize": False}
             return self.model_copy(update=changes)
 
-        @field_validator("command")
+        @field_validator("command", "fastest")
         @classmethod
-        def _within_reach(cls, command: tuple[float, float]) -> tuple[float, float]:
-            if any(abs(v) > most for v, most in zip(command, FASTEST, strict=True)):
+        def _within_reach(cls, velocity: tuple[float, float]) -> tuple[float, float]:
+            if any(abs(v) > most for v, most in zip(velocity, FASTEST, strict=True)):
                 raise ValueError("the gaits go at most 0.2 m/s forward and 0.1 m/s sideways")
-            return command
+            return velocity
 
     options: Options
 
@@ -130,7 +134,7 @@ class Bruce(Environment):
     def prepare_starts(self, seed: int) -> Starts:
         options, like = self.options, self.physics.qpos
         if options.draw_commands:
-            beginnings = Beginnings.drawn(options.standing, seed)
+            beginnings = Beginnings.drawn(options.fastest, options.standing, seed)
         else:
             beginnings = Beginnings.only(options.command)
         states, anchors = beginnings.states(self._library, self.initial_qpos(), self.physics.model)
@@ -179,6 +183,15 @@ class Bruce(Environment):
         self._anchor.copy_(torch.where(changed[:, None], anchor, self._anchor))
         for history, value in self._readings(asked):
             history.push(value)
+        if self.options.draw_commands and self.options.redraw_every:
+            self._redraw(self.options.redraw_every)
+
+    def _redraw(self, every: int) -> None:
+        """Tell another velocity where so many control steps of the episode are over again."""
+        due = (self.age + 1) % every == 0  # this step is not counted yet
+        rows = torch.empty_like(self.starts.rows)
+        rows.random_(0, len(self._commands), generator=self.generator)
+        self.command.copy_(torch.where(due[:, None], self._commands[rows], self.command))
 
     def _anchored(self, asked: Tensor) -> Tensor:
         """(N, 3): where the reference must be put for its base to be where the robot's is."""
