@@ -17,8 +17,8 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
     """The error for a `name` that is none of the `known` ones: it offers the nearest."""
     known = sorted(known)
     near = difflib.get_close_matches(name, known, n=1)
-    guess = f"did you mean {near[0]!r}? " if near else ""
-    return MorlaxError(f"unknown {kind} {name!r}: {guess}Known: {', '.join(known)}.")
+    guess = f": did you mean {near[0]!r}?" if near else "."
+    return MorlaxError(f"unknown {kind} {name!r}{guess} Known: {', '.join(known)}.")
 
 
 def explained(error: ValidationError, model: type) -> MorlaxError:
