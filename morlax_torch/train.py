@@ -83,13 +83,16 @@ def train(
             if finished:
                 break
             to_evaluation = interval - morlax.iteration % interval
-            count = int(min(REPORT_EVERY, to_evaluation, last - morlax.iteration))
-            start = time.perf_counter()
-            for _ in range(count):
+            most = int(min(REPORT_EVERY, to_evaluation, last - morlax.iteration))
+            first, start = morlax.iteration, time.perf_counter()
+            for _ in range(most):
                 morlax.iterate()
+                if interrupted():
+                    break
             metrics = morlax.metrics()
             seconds = time.perf_counter() - start
             progress.train_seconds += seconds
+            count = morlax.iteration - first
             progress.steps_per_second = count * morlax.steps_per_iteration / seconds
             check(metrics, morlax, run, count)
             run.log_metrics(metrics, morlax, progress)
