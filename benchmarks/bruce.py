@@ -16,22 +16,18 @@ import numpy as np
 import torch
 import tyro
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from torch import Tensor
+from walks import Array, Walks, walks
 
-from morlax_torch import envs, figures
+from morlax_torch import figures
 from morlax_torch.cli import console
 from morlax_torch.envs import resolve_device
-from morlax_torch.envs.bruce import rotations
 from morlax_torch.envs.bruce.library import Library
 from morlax_torch.evaluation import Front
 from morlax_torch.figures.style import COLOURS, blank, returned
 from morlax_torch.policy import Policy, load
-from morlax_torch.rollout import one_thread
 from morlax_torch.tradeoffs import dirichlet_tradeoffs
 
-COMMAND = (0.12, 0.0)  # m/s forward and to the left
-TORQUES = slice(6, None)  # of the robot's sensors
 SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
 # The trade-offs of the paper's three policies, in the order of the task's objectives.
 CHOSEN = {
@@ -39,55 +35,6 @@ CHOSEN = {
     "arms rigid": (0.099, 0.019, 0.099, 0.523, 0.175, 0.085),
     "smoothest": (0.001, 0.007, 0.024, 0.001, 0.967, 0.000),
 }
-
-Array = NDArray[np.float64]
-
-
-class Walks(NamedTuple):
-    """What P policies did in an episode each."""
-
-    returns: Array  # (P, 6)
-    survived: NDArray[np.bool_]  # (P,)
-    commands: Array  # (P, 2) m/s
-    speed: Array  # (P, 2) m/s forward and to the left, as the robot heads, until it fell
-    effort: Array  # (P,) (N m)², mean sum of squared torques until it fell
-
-
-def walks(policy: Policy, tradeoffs: Tensor, chunk: int, **options: Any) -> Walks:
-    """An episode of each trade-off (P, 6), `chunk` of them at a time."""
-    task = policy.config.task.judged().model_copy(update={"command": COMMAND, **options})
-    parts = []
-    for seed, some in enumerate(tradeoffs.split(chunk)):
-        device = policy.agent.observation_normalizer.mean.device
-        env = envs.make(
-            "bruce", len(some), device, seed=seed, auto_reset=False, **task.model_dump()
-        )
-        parts.append(_walk(policy, some.to(device), env))
-    return Walks(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-@torch.no_grad()
-def _walk(policy: Policy, tradeoffs: Tensor, env: envs.Environment) -> Walks:
-    qpos, qvel, torques = env.physics.qpos, env.physics.qvel, env.physics.sensors[:, TORQUES]
-    act = policy.agent.policies(tradeoffs)
-    seen = env.reset()
-    commands = env.command.clone()
-    returns = env.combine(env.terms())
-    alive = torch.ones_like(tradeoffs[:, 0], dtype=torch.bool)
-    path, effort, steps = torch.zeros_like(qvel[:, :2]), torch.zeros_like(qvel[:, 0]), 0 * alive
-    with one_thread(env.device):
-        for _ in range(env.episode_length):
-            action = act(policy.agent.observation_normalizer(seen)[:, None]).mean[:, 0].tanh()
-            step = env.step(action)
-            seen = step.observation
-            alive &= ~step.terminated
-            returns += step.reward * alive[:, None]
-            path += rotations.turned(qvel[:, :2], -rotations.yaw_of(qpos[:, 3:7])) * alive[:, None]
-            effort += torques.square().sum(-1) * alive
-            steps += alive
-    made = steps.clamp(min=1)
-    found = (returns, alive, commands, path / made[:, None], effort / made)
-    return Walks(*(value.cpu().numpy() for value in found))
 
 
 def rank_correlations(first: Array, second: Array) -> Array:
@@ -165,7 +112,7 @@ def judge(policy: Policy, number: int, chunk: int) -> Judged:
         walks(policy, tradeoffs, chunk),
         walks(policy, dirichlet_tradeoffs(1024, m), chunk),
         walks(policy, torch.cat([torch.tensor([*CHOSEN.values()]), alike]), chunk),
-        walks(policy, alike.expand(4096, m), chunk, draw_commands=True, standing=0.0),
+        walks(policy, alike.expand(2048, m), chunk, draw_commands=True, standing=0.0),
     )
 
 
