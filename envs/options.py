@@ -100,6 +100,9 @@ class TaskOptions(ObjectiveOptions):
     randomization: Randomization = Randomization()
     """What differs between worlds, or happens to them, at random."""
 
+    def judged(self) -> Self:
+        return self.model_copy(update={"stagger": False})
+
     @property
     def varies(self) -> bool:
         return self.reset_noise > 0 or self.randomization != Randomization()

@@ -32,6 +32,16 @@ def test_an_episode_pays_what_an_evaluation_says(policy):
     np.testing.assert_allclose(player.returns, front.returns[0], rtol=1e-4)
 
 
+def test_no_episode_is_shortened_by_what_staggers_training(make_policy):
+    policy = make_policy("cheetah", task={"stagger": True, "episode_length": 100})
+    player = Player(policy, (0.5, 0.5))
+    for _ in range(2):
+        while not player.over:
+            player.step()
+        assert player.steps == 100
+        player.reset()
+
+
 def test_what_is_drawn_is_where_the_robot_is(policy):
     player = Player(policy, (1.0, 0.0))
     for _ in range(5):

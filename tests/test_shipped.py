@@ -9,16 +9,15 @@ from morlax_torch import envs
 from morlax_torch.evaluation import Front
 from morlax_torch.policy import SHIPPED, find_run, load
 
-MEGABYTES = {"humanoid": 6.0}  # the others: 1
+MEGABYTES = {"humanoid": 6.0, "bruce": 6.0}  # the others: 1
 EVALUATE = "import sys; from morlax_torch.evaluate import evaluate; " + (
     "print(evaluate(sys.argv[1], device='cpu').hypervolume)"
 )
 SHIPS = sorted(folder.name for folder in SHIPPED.iterdir())
 
 
-def test_every_task_of_the_paper_has_one():
-    assert {"ant", "cheetah", "cheetah3", "hopper", "humanoid", "walker"} == set(SHIPS)
-    assert set(SHIPS) <= set(envs.names())
+def test_each_of_our_own_tasks_has_one():
+    assert set(SHIPS) == {name for name in envs.names() if "/" not in name}
 
 
 @pytest.mark.parametrize("name", SHIPS)

@@ -82,7 +82,7 @@ class Bruce(Environment):
 
         def judged(self) -> Self:
             changes = {"draw_commands": False, "noise": 0.0, "randomize": False}
-            return self.model_copy(update=changes)
+            return super().judged().model_copy(update=changes)
 
         @field_validator("command", "fastest")
         @classmethod
