@@ -96,7 +96,8 @@ class Agent(nn.Module):
         if actor is None:
             actor = mlp(observation_size, config.actor, 2 * action_size, generator)
             spread = math.log(math.expm1(config.initial_std - MIN_STD))  # softplus brings it back
-            nn.init.constant_(actor[-1].bias[action_size:], spread)
+            last = actor.get_parameter(f"{2 * len(config.actor)}.bias")
+            nn.init.constant_(last[action_size:], spread)
         else:
             check_network("actor", actor, observation_size, 2 * action_size)
         if critic is None:

@@ -20,6 +20,7 @@ from .weights import Weights, move_slider, read, show
 FRAME = 1 / 40  # s between drawings of the robot
 CHART = 1 / 5  # s between drawings of the charts
 LOOK = 3.0  # s between looks for new runs
+USUAL_SIZE = 1.6  # m; the camera comes nearer to smaller robots
 PAUSE, GO_ON = "pause", "go on"
 
 
@@ -42,9 +43,8 @@ class Page:
         self.server.scene.world_axes.visible = False
         self.server.scene.configure_fog(10.0, 30.0)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
-        camera = self.server.initial_camera
-        camera.fov, camera.position, camera.look_at = 0.8, (0.0, -4.6, 1.6), (0.0, 0.0, 0.55)
-        self.server.on_client_connect(_fit_camera)
+        self.server.initial_camera.fov = 0.8
+        self.server.on_client_connect(self._fit_camera)
         self._add_widgets()
         self._add_session()
 
@@ -140,6 +140,9 @@ class Page:
         """What depends on the session: the robot, its objectives and its front."""
         session, gui = self._session, self.server.gui
         gui.set_panel_label(title(session.player.policy.config.env))
+        size = session.player.model.stat.extent / USUAL_SIZE
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = (0.0, -4.6 * size, 1.6 * size), (0.0, 0.0, 0.55 * size)
         self._scene = RobotScene(self.server, session.player.model)
         self._drawing = Drawing(session.objectives, session.front)
         self._shown: Weights | None = None
@@ -250,10 +253,9 @@ class Page:
             for slider, weight in zip(self._sliders, session.tradeoff, strict=True):
                 slider.value = round(weight, 2)
 
-
-def _fit_camera(client: viser.ClientHandle) -> None:
-    """On a phone the panel covers the lower half: show the robot above it."""
-    camera = client.camera
-    if camera.image_height > camera.image_width:
-        camera.position = (0.0, -6.0, 2.6)
-        camera.look_at = (0.0, 0.0, -1.35)
+    def _fit_camera(self, client: viser.ClientHandle) -> None:
+        """On a phone the panel covers the lower half: show the robot above it."""
+        camera, size = client.camera, self._session.player.model.stat.extent / USUAL_SIZE
+        if camera.image_height > camera.image_width:
+            camera.position = (0.0, -6.0 * size, 2.6 * size)
+            camera.look_at = (0.0, 0.0, -1.35 * size)
