@@ -118,7 +118,7 @@ def judge(policy: Policy, number: int, chunk: int) -> Judged:
 
 def space_figure(judged: Judged) -> Figure:
     """The paper's two projections; red, green and blue are the weights of the three axes."""
-    figure, names = blank(9.6, 4.8, ""), judged.policy.objectives
+    figure, names = blank(9.6, 4.4, ""), judged.policy.objectives
     for cell, axis_names in enumerate(SPACES, start=1):
         columns = [names.index(name) for name in axis_names]
         weights = judged.tradeoffs[:, columns].numpy() + 1e-9
@@ -128,8 +128,10 @@ def space_figure(judged: Judged) -> Figure:
         for axis, name in zip("xyz", axis_names, strict=True):
             getattr(axes, f"set_{axis}label")(returned(name))
         axes.set_title("red, green, blue: weights of " + ", ".join(axis_names), fontsize="small")
+        axes.locator_params(nbins=4)
+        axes.tick_params(labelsize="small")
         axes.view_init(elev=20, azim=55)
-        axes.set_box_aspect(None, zoom=0.8)
+        axes.set_box_aspect(None, zoom=0.85)
     return figure
 
 

@@ -11,7 +11,7 @@ from morlax_torch.record import record
 DOCS = Path(__file__).parent
 ABOUT = """# Gallery
 
-The policies that come with the package: one hypernetwork for each task.
+The policies that come with the package: one hypernetwork for each of our own tasks.
 `morlax_torch.load("ant")` acts with them, and `evaluate`, `record`, `explore` and `export` take
 their names in place of a run's folder.
 
