@@ -62,8 +62,10 @@ def _memory_in_use() -> float:
     """GiB of the first GPU that are taken, asked for in a way that takes none itself."""
     if shutil.which("nvidia-smi") is None:
         return 0.0
-    query = ["nvidia-smi", "--query-gpu=memory.used", "--format=csv,noheader,nounits", "--id=0"]
-    return float(subprocess.run(query, check=True, capture_output=True, text=True).stdout) / 1024
+    first = os.environ.get("CUDA_VISIBLE_DEVICES", "0").split(",")[0]
+    wanted = ["--query-gpu=memory.used", "--format=csv,noheader,nounits", f"--id={first}"]
+    said = subprocess.run(["nvidia-smi", *wanted], check=True, capture_output=True, text=True)
+    return float(said.stdout) / 1024
 
 
 def _first_iteration(arguments: list[str], cache: str) -> tuple[float, float]:

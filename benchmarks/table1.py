@@ -1,14 +1,17 @@
 """The paper's Table I, measured here: hypervolume against seconds, and time to the targets.
 
-    python benchmarks/table1.py --seconds 60 --seeds 3 --output table1
+    python benchmarks/table1.py --seconds 60 --output table1
 
 Beside our own protocol (a fixed set of 512 trade-offs, episodes latched at their first end) stands
 the paper's (1,024 Dirichlet trade-offs, failures masked step by step, the reset's reward added).
 Evaluations are off the training clock. Writes OUTPUT.csv, a row for each evaluation, OUTPUT.md, the
-table, and OUTPUT.png, the curves.
+table, and OUTPUT.png, the curves. Rows of several GPUs come into one table by
+
+    python benchmarks/table1.py --env --given first.csv second.csv --output table1
 """
 
 import csv
+import itertools
 from pathlib import Path
 from statistics import median
 
@@ -27,6 +30,7 @@ PAPER_SECONDS = {  # (MORLAX on an RTX A4000, HYPER-MORL on a CPU) to HYPER-MORL
     "hopper": (53.2, 12728.2),
     "humanoid": (92.4, 25950.0),
 }
+PROTOCOLS = ("latched", "paper")
 COLUMNS = (
     *("env", "seed", "train_seconds", "total_seconds", "env_steps"),
     *("hypervolume", "hypervolume_paper_protocol"),
@@ -36,8 +40,9 @@ COLUMNS = (
 def main(
     env: tuple[str, ...] = tuple(TARGETS),
     seconds: float = 60.0,
-    seeds: int = 3,
+    seeds: tuple[int, ...] = (0, 1, 2),
     every: float = 1.0,
+    given: tuple[Path, ...] = (),
     device: str | None = None,
     output: Path = Path("table1"),
 ) -> None:
@@ -46,32 +51,53 @@ def main(
     Args:
         env: Which tasks.
         seconds: Training time of each run.
-        seeds: Runs of each task.
+        seeds: A run of each task for each.
         every: Training seconds between evaluations.
+        given: CSV files of rows that were measured before.
         device: cuda or cpu (None: CUDA where there is one).
         output: Name of the files, without its ending.
     """
-    place = resolve_device(device)
-    if place.type == "cuda":
-        torch.set_float32_matmul_precision("high")
-    runs: dict[str, list[list[Point]]] = {}
+    runs = read(given)
+    if env:
+        place = resolve_device(device)
+        if place.type == "cuda":
+            torch.set_float32_matmul_precision("high")
     with output.with_suffix(".csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(COLUMNS)
-        for task in env:
-            runs[task] = []
-            for seed in range(seeds):
-                config = configured(task, {}, seed, place)
-                points = training_curve(config, seconds, every, ("latched", "paper"))
-                runs[task].append(points)
-                for p in points:
-                    rows.writerow([task, seed, *p[:3], *p.hypervolume.values()])
-                file.flush()
-                console.print(f"{task}, seed {seed}: {points[-1]}")
-    table = markdown(runs)
+        rows.writerows(row(*key, p) for key, points in runs.items() for p in points)
+        for task, seed in itertools.product(env, seeds):
+            config = configured(task, {}, seed, place)
+            runs[task, seed] = training_curve(config, seconds, every, PROTOCOLS)
+            rows.writerows(row(task, seed, p) for p in runs[task, seed])
+            file.flush()
+            console.print(f"{task}, seed {seed}: {runs[task, seed][-1]}")
+    curves_of = {task: [] for task in TARGETS if any(task == name for name, _ in runs)}
+    for (task, _), points in sorted(runs.items()):
+        curves_of[task].append(points)
+    table = markdown(curves_of)
     console.print(table, markup=False)
     output.with_suffix(".md").write_text(table)
-    curves(runs).savefig(output.with_suffix(".png"), dpi=130)
+    curves(curves_of).savefig(output.with_suffix(".png"), dpi=130)
+
+
+def row(task: str, seed: int, point: Point) -> list[str | int | float]:
+    """What stands in the CSV."""
+    return [task, seed, *point[:3], *(point.hypervolume[name] for name in PROTOCOLS)]
+
+
+def read(files: tuple[Path, ...]) -> dict[tuple[str, int], list[Point]]:
+    """The runs in CSV files, by task and seed."""
+    runs: dict[tuple[str, int], list[Point]] = {}
+    for path in files:
+        with path.open(newline="") as file:
+            for task, seed, trained, total, steps, *found in itertools.islice(
+                csv.reader(file), 1, None
+            ):
+                volumes = dict(zip(PROTOCOLS, map(float, found), strict=True))
+                point = Point(float(trained), float(total), int(steps), volumes)
+                runs.setdefault((task, int(seed)), []).append(point)
+    return runs
 
 
 def markdown(runs: dict[str, list[list[Point]]]) -> str:
@@ -87,7 +113,7 @@ def markdown(runs: dict[str, list[list[Point]]]) -> str:
         mine, theirs = PAPER_SECONDS[task]
         best = {
             name: [max(p.hypervolume[name] for p in points) for points in seeds]
-            for name in ("latched", "paper")
+            for name in PROTOCOLS
         }
         cells = [
             task,

@@ -19,13 +19,12 @@ from morlax_torch.envs import resolve_device
 from morlax_torch.graph import Graph
 from morlax_torch.train import make_worlds
 
-SECONDS = 1.5  # of each measurement
-
 
 def main(
     env: tuple[str, ...] = ("cheetah", "walker", "hopper", "ant", "humanoid"),
     worlds: tuple[int, ...] = (),
     device: str | None = None,
+    seconds: float = 1.5,
     output: Path | None = None,
 ) -> None:
     """Measure raw physics (random actions), explore, learn and whole training.
@@ -34,13 +33,14 @@ def main(
         env: Which tasks.
         worlds: How many worlds (none: the task's own number).
         device: cuda or cpu (None: CUDA where there is one).
+        seconds: How long to repeat each measurement, about.
         output: A CSV file for the rows.
     """
     place = resolve_device(device)
     rows = []
     for task in env:
         for number in worlds or (configured(task, {}, 0, place).worlds,):
-            rows.append(measure(task, number, place))
+            rows.append(measure(task, number, place, seconds))
     table = Table(title=str(place))
     for column in rows[0]:
         table.add_column(column.replace("_", " "), justify="right")
@@ -54,7 +54,9 @@ def main(
             writer.writerows(rows)
 
 
-def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int | float]:
+def measure(
+    task: str, worlds: int, device: torch.device, seconds: float
+) -> dict[str, str | int | float]:
     """One row: milliseconds of an iteration's parts, and environment steps per second."""
     config = configured(task, {"worlds": worlds}, 0, device)
     if device.type == "cuda":
@@ -68,12 +70,12 @@ def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int
             env.physics.ctrl.uniform_(-1, 1, generator=env.generator)
             env.physics.step()
 
-    learn = _milliseconds(morlax.learn)
-    explore = _milliseconds(morlax.explore)
-    both = _milliseconds(morlax.iterate)
+    learn = _milliseconds(morlax.learn, seconds)
+    explore = _milliseconds(morlax.explore, seconds)
+    both = _milliseconds(morlax.iterate, seconds)
     physics = Graph(act, device, [env.generator])
     physics.record()
-    raw = _milliseconds(physics)
+    raw = _milliseconds(physics, seconds)
     steps = worlds * config.horizon
     return {
         "task": task,
@@ -88,14 +90,14 @@ def measure(task: str, worlds: int, device: torch.device) -> dict[str, str | int
     }
 
 
-def _milliseconds(run: Callable[[], None]) -> float:
-    """Mean duration of a call, over about `SECONDS`."""
+def _milliseconds(run: Callable[[], None], seconds: float) -> float:
+    """Mean duration of a call, over about so many seconds."""
     synchronize = torch.cuda.synchronize if torch.cuda.is_available() else lambda: None
     for _ in range(2):
         run()
     synchronize()
     start, calls = time.perf_counter(), 0
-    while (passed := time.perf_counter() - start) < SECONDS:
+    while (passed := time.perf_counter() - start) < seconds:
         for _ in range(5):
             run()
         synchronize()

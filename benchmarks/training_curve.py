@@ -78,7 +78,7 @@ def _evaluator(morlax: MORLAX, config: Config, protocol: Protocol) -> Evaluator:
         tradeoffs = dirichlet_tradeoffs(1024, m)
     else:
         tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, m)
-    judges = make_worlds(config, len(tradeoffs), auto_reset=False)
+    judges = make_worlds(config, len(tradeoffs), judging=True)
     return Evaluator(morlax.agent, judges, tradeoffs, protocol)
 
 

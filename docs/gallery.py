@@ -1,8 +1,10 @@
 """Writes gallery.md and its pictures from the policies that ship: python docs/gallery.py"""
 
 from pathlib import Path
+from typing import Any
 
 from morlax_torch import figures
+from morlax_torch.config import Config, load_config, task_values
 from morlax_torch.evaluation import Front
 from morlax_torch.history import History
 from morlax_torch.policy import SHIPPED, find_run, load
@@ -25,13 +27,32 @@ TASK = """
 Hypervolume {volume:.3e}, trained on {device} for {steps:.1f} M environment steps:
 
 ```sh
-python -m morlax_torch.train --env {name} --device {place} --max-env-steps {limit}
+{command}
 ```
 
 ![Front of {name}, {objectives}, coloured by trade-off](gallery/{name}-front.png)
 
 ![Film strip of {name}: a row for each trade-off, time from left to right](gallery/{name}-strip.png)
 """
+
+
+def command(config: Config) -> str:
+    """That makes such policies: the options that differ from what the task's config has."""
+    place = (config.device or "cuda").split(":")[0]
+    usual = load_config(task_values(config.env, place)).model_dump()
+    options = [f"--env {config.env}", f"--device {place}"]
+
+    def compare(values: dict[str, Any], usual: dict[str, Any], prefix: str) -> None:
+        for key, value in values.items():
+            name = f"{prefix}{key.replace('_', '-')}"
+            if isinstance(value, dict) and prefix == "":
+                compare(value, usual[key], f"{name}.")
+            elif value != usual[key] and name not in ("device", "backend"):
+                words = map(str, value) if isinstance(value, tuple) else [str(value)]
+                options.append(" ".join([f"--{name}", *words]))
+
+    compare(config.model_dump(), usual, "")
+    return " ".join(["python -m morlax_torch.train", *options])
 
 
 def main() -> None:
@@ -44,15 +65,14 @@ def main() -> None:
         figures.save(drawn, DOCS / "gallery" / f"{name}-front", ("png",))
         strip = DOCS / "gallery" / f"{name}-strip.png"
         record(policy, strip, seconds=3.0, width=240, height=180, pictures=7)
-        config = policy.config
+        on_cpu = policy.config.device == "cpu"
         text += TASK.format(
             name=name,
             objectives=", ".join(policy.objectives),
             volume=front.hypervolume,
             steps=history.env_steps[-1] / 1e6,
-            device="two CPU cores" if config.device == "cpu" else "one NVIDIA H200",
-            place="cpu" if config.device == "cpu" else "cuda",
-            limit=config.max_env_steps,
+            device="two CPU cores" if on_cpu else "one NVIDIA H200",
+            command=command(policy.config),
         )
     (DOCS / "gallery.md").write_text(text)
 
