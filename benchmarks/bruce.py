@@ -29,11 +29,14 @@ from morlax_torch.policy import Policy, load
 from morlax_torch.tradeoffs import dirichlet_tradeoffs
 
 SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
-# The trade-offs of the paper's three policies, in the order of the task's objectives.
+# The trade-offs of the paper's three policies, in the order of the task's objectives, and two that
+# differ in the arms alone.
 CHOSEN = {
     "arms swing": (0.573, 0.003, 0.323, 0.001, 0.060, 0.041),
     "arms rigid": (0.099, 0.019, 0.099, 0.523, 0.175, 0.085),
     "smoothest": (0.001, 0.007, 0.024, 0.001, 0.967, 0.000),
+    "arms swing, else alike": (0.3, 0.4, 0.3, 0.0, 0.0, 0.0),
+    "arms rigid, else alike": (0.3, 0.4, 0.0, 0.3, 0.0, 0.0),
 }
 
 

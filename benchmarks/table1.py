@@ -139,9 +139,11 @@ def spread(values: list[float | None], form: str = ".1f") -> str:
 
 def curves(runs: dict[str, list[list[Point]]]) -> Figure:
     """Hypervolume against training seconds, a line for each seed, the targets dashed."""
-    figure = Figure(figsize=(4.2 * len(runs), 3.6), layout="constrained")
+    columns = min(len(runs), 3)
+    rows = -(-len(runs) // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
     for index, (task, seeds) in enumerate(runs.items()):
-        axes = figure.add_subplot(1, len(runs), index + 1)
+        axes = figure.add_subplot(rows, columns, index + 1)
         for points in seeds:
             seconds = [p.train_seconds for p in points]
             axes.plot(seconds, [p.hypervolume["latched"] for p in points], color="C0", alpha=0.7)
