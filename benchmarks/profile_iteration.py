@@ -65,7 +65,7 @@ def _kernels(graph: Graph) -> tuple[Counter[str], Counter[str]]:
     for _ in range(2):
         graph()
     torch.cuda.synchronize()
-    with profile(activities=[ProfilerActivity.CUDA]) as found:
+    with profile(activities=[ProfilerActivity.CUDA], acc_events=True) as found:
         for _ in range(REPEATS):
             graph()
         torch.cuda.synchronize()

@@ -9,6 +9,7 @@ from rich.progress import Progress as Bar
 from .cli import console
 from .config import Config
 from .envs import Environment, Worlds, title
+from .evaluation import hypervolume_in
 from .run import Progress
 
 
@@ -64,7 +65,7 @@ class Display:
 
     def evaluated(self, row: dict[str, Any]) -> None:
         """A line for an evaluation."""
-        name = next(key for key in row if key.startswith("hypervolume"))
+        name = hypervolume_in(row)
         console.print(
             f"{_count(row['env_steps']):>8} steps {row['train_seconds']:7.1f} s  "
             f"{name.replace('_', ' ')} {row[name]:.4e}  front of {row['cardinality']:3d}  "

@@ -1,5 +1,6 @@
 """A fixed set of trade-offs, an episode each: the returns, and the front they make."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal, NamedTuple, Self
 
@@ -16,6 +17,7 @@ from .graph import Graph
 from .rollout import one_thread
 
 Protocol = Literal["latched", "paper"]
+HYPERVOLUME = ("hypervolume", "hypervolume_approximate")  # its name, by whether it is exact
 
 
 class Front(NamedTuple):
@@ -47,9 +49,7 @@ class Front(NamedTuple):
         returns = self.returns
         exact = pareto.is_exact(*returns.shape)
         found = {
-            "hypervolume" if exact else "hypervolume_approximate": pareto.hypervolume(
-                returns, self.reference_point
-            ),
+            HYPERVOLUME[0] if exact else HYPERVOLUME[1]: self.hypervolume,
             "sparsity": pareto.sparsity(returns),
             "expected_utility": pareto.expected_utility(returns, self.tradeoffs),
             "cardinality": pareto.cardinality(returns),
@@ -99,6 +99,15 @@ class Front(NamedTuple):
         except Exception as error:  # a damaged archive trips numpy, zip or zlib in many ways
             raise MorlaxError(f"{path} is damaged or holds no front: {error}.") from None
         return cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
+
+
+def hypervolume_in(names: Iterable[str]) -> str:
+    """Which of the names of indicators is the hypervolume's, exact or approximate.
+
+    Raises:
+        StopIteration: none.
+    """
+    return next(name for name in names if name in HYPERVOLUME)
 
 
 class Evaluator:

@@ -7,6 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from .envs import MorlaxError
+from .evaluation import hypervolume_in
 
 
 class History(NamedTuple):
@@ -26,7 +27,7 @@ class History(NamedTuple):
         try:
             with path.open(newline="") as file:
                 rows = list(csv.DictReader(file))
-            volume = next(name for name in rows[0] if name.startswith("hypervolume"))
+            volume = hypervolume_in(rows[0])
             columns = ("env_steps", "train_seconds", volume)
             return cls(*(np.array([float(row[c]) for row in rows]) for c in columns))
         except OSError as error:

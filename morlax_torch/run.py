@@ -16,7 +16,7 @@ from torch.utils.tensorboard import SummaryWriter
 from . import checkpoint, envs
 from .config import Config, load_config, read_yaml
 from .envs import MorlaxError
-from .evaluation import Front
+from .evaluation import Front, hypervolume_in
 from .figures import front_figure
 from .files import replacing, unused
 from .morlax import MORLAX
@@ -33,11 +33,11 @@ class Progress(BaseModel):
     hypervolume: float = 0.0
     best_hypervolume: float = 0.0
 
-    def judge(self, hypervolume: float) -> bool:
-        """Note an evaluation's hypervolume; whether it is the best so far."""
-        self.hypervolume = hypervolume
-        best = hypervolume > self.best_hypervolume
-        self.best_hypervolume = max(hypervolume, self.best_hypervolume)
+    def judge(self, row: Mapping[str, Any]) -> bool:
+        """Note the hypervolume of an evaluation; whether it is the best so far."""
+        self.hypervolume = row[hypervolume_in(row)]
+        best = self.hypervolume > self.best_hypervolume
+        self.best_hypervolume = max(self.hypervolume, self.best_hypervolume)
         return best
 
 

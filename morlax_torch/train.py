@@ -77,9 +77,9 @@ def train(
                 front = evaluator.evaluate()
                 evaluated = morlax.iteration
                 progress.total_seconds = before + time.perf_counter() - began
-                best = progress.judge(front.hypervolume)
-                display.evaluated(run.log_evaluation(front, morlax, progress))
-                run.save(morlax, progress, best)
+                row = run.log_evaluation(front, morlax, progress)
+                display.evaluated(row)
+                run.save(morlax, progress, best=progress.judge(row))
             if finished:
                 break
             to_evaluation = interval - morlax.iteration % interval
