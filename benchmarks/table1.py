@@ -91,9 +91,9 @@ def read(files: tuple[Path, ...]) -> dict[tuple[str, int], list[Point]]:
     runs: dict[tuple[str, int], list[Point]] = {}
     for path in files:
         with path.open(newline="") as file:
-            for task, seed, trained, total, steps, *found in itertools.islice(
-                csv.reader(file), 1, None
-            ):
+            lines = csv.reader(file)
+            next(lines)  # the names of the columns
+            for task, seed, trained, total, steps, *found in lines:
                 volumes = dict(zip(PROTOCOLS, map(float, found), strict=True))
                 point = Point(float(trained), float(total), int(steps), volumes)
                 runs.setdefault((task, int(seed)), []).append(point)
