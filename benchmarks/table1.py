@@ -57,6 +57,8 @@ def main(
         device: cuda or cpu (None: CUDA where there is one).
         output: Name of the files, without its ending.
     """
+    if not (env or given):
+        raise SystemExit("there is nothing to show: name a task with --env, or rows with --given")
     runs = read(given)
     if env:
         place = resolve_device(device)

@@ -17,7 +17,7 @@ from .graph import Graph
 from .rollout import one_thread
 
 Protocol = Literal["latched", "paper"]
-HYPERVOLUME = ("hypervolume", "hypervolume_approximate")  # its name, by whether it is exact
+EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # the indicator's name
 
 
 class Front(NamedTuple):
@@ -49,7 +49,7 @@ class Front(NamedTuple):
         returns = self.returns
         exact = pareto.is_exact(*returns.shape)
         found = {
-            HYPERVOLUME[0] if exact else HYPERVOLUME[1]: self.hypervolume,
+            EXACT if exact else APPROXIMATE: self.hypervolume,
             "sparsity": pareto.sparsity(returns),
             "expected_utility": pareto.expected_utility(returns, self.tradeoffs),
             "cardinality": pareto.cardinality(returns),
@@ -107,7 +107,7 @@ def hypervolume_in(names: Iterable[str]) -> str:
     Raises:
         StopIteration: none.
     """
-    return next(name for name in names if name in HYPERVOLUME)
+    return next(name for name in names if name in (EXACT, APPROXIMATE))
 
 
 class Evaluator:

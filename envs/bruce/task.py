@@ -1,6 +1,5 @@
 """BRUCE walks at a commanded velocity after gaits of a library: six objectives."""
 
-import math
 from typing import Any
 
 import mujoco
@@ -14,6 +13,7 @@ from ..physics import Physics
 from ..starts import Starts
 from . import model as bruce
 from . import rotations
+from .anchor import Anchor
 from .beginnings import ANGLES, FASTEST, POSITION, Beginnings
 from .history import History
 from .library import Library
@@ -21,6 +21,7 @@ from .options import BruceOptions
 from .pair_sums import PairSums
 from .randomization import randomized
 from .reference import Reference
+from .rewards import closeness, roughness, swinging_arms
 
 SEEN = 5  # of each history, in the observation
 LAG = 0.03  # seconds, of the filter that actions pass
@@ -66,8 +67,7 @@ class Bruce(Environment):
         self._fastest = like.new_tensor(FASTEST)
         self._offset = like.new_zeros(len(like), 16)  # rad, filtered, from the default pose
         self._shift = like.new_zeros(len(like), 2)  # m/s, filtered
-        self._anchor = like.new_zeros(len(like), 3)  # x, y, yaw of the reference in the world
-        self._former_anchor = self._anchor.clone()
+        self._anchor = Anchor(like)
         self._rates = like.new_zeros(len(like), 22)  # of the reference
         self._actions = History(like, SEEN, 18)
         self._gyro, self._accelerometer = History(like, SEEN, 3), History(like, SEEN, 3)
@@ -114,8 +114,7 @@ class Bruce(Environment):
     def begin(self, fresh: Tensor) -> None:
         rows, here = self.starts.rows, fresh[:, None]
         self.command.copy_(torch.where(here, self._commands[rows], self.command))
-        self._anchor.copy_(torch.where(here, self._anchors[rows], self._anchor))
-        self._former_anchor.copy_(torch.where(here, self._anchor, self._former_anchor))
+        self._anchor.begin(fresh, self._anchors[rows])
         for filtered in (self._offset, self._shift):
             filtered.masked_fill_(here, 0.0)
         self.reference.begin(fresh, self.command, self._legs[rows])
@@ -135,12 +134,10 @@ class Bruce(Environment):
         self.physics.ctrl[:, :16] = self._to_motors(self._default + self._offset)
 
     def advance(self) -> None:
-        self._former_anchor.copy_(self._anchor)
         changed = self.reference.advance(self.dt)
         asked, rates = self.reference.now()
         self._rates.copy_(rates)
-        anchor = self._anchored(asked)
-        self._anchor.copy_(torch.where(changed[:, None], anchor, self._anchor))
+        self._anchor.advance(changed, asked, self.physics.qpos[:, :7])
         for history, value in self._readings(asked):
             history.push(value)
         if self.options.draw_commands and self.options.redraw_every:
@@ -153,22 +150,11 @@ class Bruce(Environment):
         rows.random_(0, len(self._commands), generator=self.generator)
         self.command.copy_(torch.where(due[:, None], self._commands[rows], self.command))
 
-    def _anchored(self, asked: Tensor) -> Tensor:
-        """(N, 3): where the reference must be put for its base to be where the robot's is."""
-        position, attitude = self.physics.qpos[:, :3], self.physics.qpos[:, 3:7]
-        difference = rotations.multiply(
-            rotations.conjugate(rotations.from_angles(asked[:, ANGLES])), attitude
-        )
-        yaw = rotations.yaw_of(difference)
-        xy = position[:, :2] - rotations.turned(asked[:, POSITION][:, :2], yaw)
-        return torch.cat([xy, yaw[:, None]], -1)
-
     def _readings(self, asked: Tensor) -> list[tuple[History, Tensor]]:
         """What each history is to take in, sensors with their noise."""
         qpos = self.physics.qpos
         joints = self._from_joints(qpos[:, 7:])
-        heading = rotations.conjugate(rotations.from_yaw(self._anchor[:, 2]))
-        attitude = rotations.multiply(heading, qpos[:, 3:7])
+        attitude = self._anchor.seen_from(qpos[:, 3:7])
         tilt = rotations.from_angles(self._noisy(qpos[:, :3], ATTITUDE_NOISE))
         seen = rotations.positive(rotations.multiply(tilt, attitude))
         gyro, accelerometer = self.physics.sensors[:, :3], self.physics.sensors[:, 3:6]
@@ -244,39 +230,24 @@ class Bruce(Environment):
         legs = bruce.NUM_LEG_JOINTS
         joints = self._joints.values[:, 0]
         asked_joints, asked_base = self._asked_joints.values[:, 1], self._asked_base.values[:, 1]
-        position, attitude = self._placed(asked_base)
+        position, attitude = self._anchor.placed(asked_base)
         overlap = (self.physics.qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
         arms = joints[:, legs:]
+        swing = swinging_arms(self.reference.phase, self.reference.leg)
         torques = self.physics.sensors[:, 6:]
         shift, former_shift = (VELOCITY_REACH * self._actions.values[:, k, 16:] for k in (0, 1))
         return {
-            "gait": _closeness(joints[:, :legs] - asked_joints[:, :legs], 0.15),
-            "base_position": _closeness(self.physics.qpos[:, :3] - position, 0.004),
-            "base_attitude": _closeness(2 * torch.acos(overlap)[:, None], 0.02),
-            "arm_swing": _closeness(arms - self._swinging(), 0.15),
-            "arm_hold": _closeness(arms - self._default[legs:], 0.15),
-            "action_smoothness": 1.0 - _roughness(self._reach * self._actions.values[..., :16]),
-            "joint_smoothness": 0.2 - _roughness(self._joints.values),
+            "gait": closeness(joints[:, :legs] - asked_joints[:, :legs], 0.15),
+            "base_position": closeness(self.physics.qpos[:, :3] - position, 0.004),
+            "base_attitude": closeness(2 * torch.acos(overlap)[:, None], 0.02),
+            "arm_swing": closeness(arms - swing, 0.15),
+            "arm_hold": closeness(arms - self._default[legs:], 0.15),
+            "action_smoothness": 1.0 - roughness(self._reach * self._actions.values[..., :16]),
+            "joint_smoothness": 0.2 - roughness(self._joints.values),
             "energy": (MOST_ENERGY - torques.square().sum(-1)).clamp(min=0.0),
-            "shift_size": _closeness(shift, 0.001),
-            "shift_rate": _closeness(shift - former_shift, 0.002),
+            "shift_size": closeness(shift, 0.001),
+            "shift_rate": closeness(shift - former_shift, 0.002),
         }
-
-    def _placed(self, base: Tensor) -> tuple[Tensor, Tensor]:
-        """Position (N, 3) and attitude (N, 4) in the world of the reference's base one step ago."""
-        yaw = self._former_anchor[:, 2]
-        xy = rotations.turned(base[:, :2], yaw) + self._former_anchor[:, :2]
-        attitude = rotations.multiply(rotations.from_yaw(yaw), base[:, 3:])
-        return torch.cat([xy, base[:, 2:3]], -1), attitude
-
-    def _swinging(self) -> Tensor:
-        """(N, 6): where swinging arms would be, each with the leg of the other side."""
-        c = torch.cos(math.pi * (self.reference.phase + self.reference.leg))
-        one = torch.ones_like(c)
-        pitch = -0.4 * c
-        right = [pitch, one, 0.3 * (1 - c)]
-        left = [pitch, -one, -0.3 * (1 + c)]
-        return torch.stack([*right, *left], -1)
 
     def failed(self) -> Tensor:
         return self.physics.qpos[:, 2] < FALLEN
@@ -289,20 +260,13 @@ class Bruce(Environment):
             "command": self.command,
             "offset": self._offset,
             "shift": self._shift,
-            "anchor": self._anchor,
-            "former_anchor": self._former_anchor,
             "rates": self._rates,
             "starts": self.starts.rows,
         }
-        return {**super()._state(), **own, **histories, **self.reference.state()}
-
-
-def _closeness(difference: Tensor, width: float) -> Tensor:
-    """(N,): 1 where nothing differs, less with the squares of (N, C)."""
-    return torch.exp(-difference.square().sum(-1) / width)
-
-
-def _roughness(history: Tensor) -> Tensor:
-    """(N,): how much the newest of (N, K, C) differs from the last, and from going on alike."""
-    now, last, before = history[:, 0], history[:, 1], history[:, 2]
-    return (now - last).norm(dim=-1) + (now - 2 * last + before).norm(dim=-1)
+        return {
+            **super()._state(),
+            **own,
+            **histories,
+            **self._anchor.state(),
+            **self.reference.state(),
+        }

@@ -140,8 +140,7 @@ class Page:
         """What depends on the session: the robot, its objectives and its front."""
         session, gui = self._session, self.server.gui
         gui.set_panel_label(title(session.player.policy.config.env))
-        size = session.player.model.stat.extent / USUAL_SIZE
-        camera = self.server.initial_camera
+        camera, size = self.server.initial_camera, self._size
         camera.position, camera.look_at = (0.0, -4.6 * size, 1.6 * size), (0.0, 0.0, 0.55 * size)
         self._scene = RobotScene(self.server, session.player.model)
         self._drawing = Drawing(session.objectives, session.front)
@@ -253,9 +252,14 @@ class Page:
             for slider, weight in zip(self._sliders, session.tradeoff, strict=True):
                 slider.value = round(weight, 2)
 
+    @property
+    def _size(self) -> float:
+        """Of the robot, relative to a usual one."""
+        return self._session.player.model.stat.extent / USUAL_SIZE
+
     def _fit_camera(self, client: viser.ClientHandle) -> None:
         """On a phone the panel covers the lower half: show the robot above it."""
-        camera, size = client.camera, self._session.player.model.stat.extent / USUAL_SIZE
+        camera, size = client.camera, self._size
         if camera.image_height > camera.image_width:
             camera.position = (0.0, -6.0 * size, 2.6 * size)
             camera.look_at = (0.0, 0.0, -1.35 * size)
