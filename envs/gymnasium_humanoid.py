@@ -23,7 +23,7 @@ class HumanoidOptions(TaskOptions):
     """Observe the forces of the motors (17 numbers)."""
     include_cfrc_ext_in_observation: bool = True
     """Observe the contact forces on each body (78 numbers)."""
-    nconmax: int = 24
+    nconmax: int = 48
     njmax: int = 96
 
 

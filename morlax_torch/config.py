@@ -69,8 +69,9 @@ class PPOConfig(Section):
     critic_learning_rate: PositiveFloat | None = None
     """Adam's step size for the critic (None: the same)."""
     anneal: bool = False
-    """Let step sizes and the entropy's weight fall linearly, to nothing at max_env_steps (which,
-    changed when a run is resumed, moves that end)."""
+    """Let step sizes, the entropy's weight and the weight of new observations in what normalises
+    them fall linearly, to nothing at max_env_steps (which, changed when a run is resumed, moves
+    that end)."""
     epochs: PositiveInt = 4
     """Passes over a rollout."""
     minibatches: PositiveInt = 8

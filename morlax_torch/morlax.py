@@ -107,18 +107,20 @@ class MORLAX:
             )
 
     def _learn(self) -> None:
-        ppo = self.config.ppo
+        ppo, left = self.config.ppo, 1.0
         if ppo.anneal and self.config.max_env_steps:
             done = self._clock * (self.steps_per_iteration / self.config.max_env_steps)
-            self.ppo.anneal((1 - done).clamp(min=0))
+            left = (1 - done).clamp(min=0)
+            self.ppo.anneal(left)
             self._clock += 1
         batch, explained = judge(self.agent, self.tradeoffs, self.rollout, ppo)
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         for _ in range(ppo.epochs):
             parts = minibatches(batch, self.tradeoffs, ppo.minibatches, self.generator)
             losses += self.ppo.improve(parts, self.generator)
-        # only now: during the update the policies must see what they saw when they acted
-        self.agent.observation_normalizer.update(self.rollout.observation)
+        # only now: during the update the policies must see what they saw when they acted; and by
+        # less and less, since what policies see must not move on when they can no longer follow
+        self.agent.observation_normalizer.update(self.rollout.observation, left)
         reward, terminated = self.rollout.reward, self.rollout.terminated
         self._metrics += torch.cat(
             [

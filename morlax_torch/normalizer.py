@@ -34,12 +34,15 @@ class Normalizer(nn.Module):
         return x / self.scale[:size] + self.mean[:size]
 
     @torch.no_grad()
-    def update(self, x: Tensor) -> None:
-        """Merge a batch (..., size) into the statistics, in place (Chan et al., 1979)."""
+    def update(self, x: Tensor, weight: float | Tensor = 1.0) -> None:
+        """Merge a batch (..., size) into the statistics, in place (Chan et al., 1979).
+
+        A `weight` below 1 makes the statistics move by less than the batch's share of all samples.
+        """
         x = x.flatten(0, -2)
         batch_variance, batch_mean = torch.var_mean(x, dim=0, correction=0)
         self.count += len(x)
-        share = (len(x) / self.count).float()
+        share = (len(x) / self.count).float() * weight
         shift = batch_mean - self.mean
         self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
         self.mean.add_(shift * share)

@@ -37,6 +37,17 @@ def test_statistics_are_those_of_all_data_together(batches):
     assert normalizer.count == len(data)
 
 
+def test_a_batch_of_less_weight_has_that_much_less_of_a_share(batches):
+    normalizer = normalizer_of(batches[:1])
+    old, new = batches[0], batches[1].reshape(-1, 3)
+    normalizer.update(torch.from_numpy(new).float(), 0.25)
+    share = 0.25 * len(new) / (len(old) + len(new))
+    mean = (1 - share) * old.mean(0) + share * new.mean(0)
+    square = (1 - share) * (old**2).mean(0) + share * (new**2).mean(0)
+    np.testing.assert_allclose(normalizer.mean, mean, rtol=1e-5)
+    np.testing.assert_allclose(normalizer.variance, square - mean**2, rtol=1e-4)
+
+
 def test_it_is_the_identity_before_the_first_update():
     x = torch.tensor([[1.0, -2.0]])
     torch.testing.assert_close(Normalizer(2)(x), x)

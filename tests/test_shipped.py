@@ -11,7 +11,7 @@ from morlax_torch.policy import SHIPPED, find_run, load
 
 MEGABYTES = {"humanoid": 6.0, "bruce": 6.0}  # the others: 1
 EVALUATE = "import sys; from morlax_torch.evaluate import evaluate; " + (
-    "print(evaluate(sys.argv[1], device='cpu').hypervolume)"
+    "print(evaluate(sys.argv[1], device='cpu', backend=sys.argv[2]).hypervolume)"
 )
 SHIPS = sorted(folder.name for folder in SHIPPED.iterdir())
 
@@ -31,14 +31,18 @@ def test_it_is_small_and_says_how_it_was_made(name):
     assert (folder / "metrics.csv").is_file()
 
 
-@pytest.mark.parametrize("name", SHIPS)
-def test_it_reproduces_its_hypervolume_in_a_clean_process(name, tmp_path):
+# all were judged on MuJoCo Warp; C MuJoCo lays the frames of an ant's contacts differently
+PLACES = [(name, "mujoco", 0.04 if name == "ant" else 0.02) for name in SHIPS]
+
+
+@pytest.mark.parametrize(("name", "backend", "within"), [*PLACES, ("ant", "warp", 0.02)])
+def test_it_reproduces_its_hypervolume_in_a_clean_process(name, backend, within, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-c", EVALUATE, name],
+        [sys.executable, "-c", EVALUATE, name, backend],
         capture_output=True,
         text=True,
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
     stored = Front.load(find_run(name) / "front.npz").hypervolume
-    assert float(done.stdout) == pytest.approx(stored, rel=0.02)
+    assert float(done.stdout.split()[-1]) == pytest.approx(stored, rel=within)

@@ -16,6 +16,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from morlax_torch import MORLAX, MorlaxError, checkpoint
 from morlax_torch.config import Config, load_config, merged, task_values
 from morlax_torch.evaluation import Front
+from morlax_torch.policy import Policy
 from morlax_torch.run import Run
 from morlax_torch.train import make_worlds, train
 
@@ -88,6 +89,20 @@ def test_annealing_takes_rates_and_entropy_to_nothing_by_the_end():
     for _ in range(8):
         morlax.iterate()
     assert morlax.ppo.optimizers[0].rate.item() == morlax.ppo.entropy.item() == 0.0
+
+
+def test_after_annealing_the_policies_are_what_they_are():
+    morlax = trainer(tiny(max_env_steps=5 * 160, ppo={"anneal": True}), 5)
+    policy = Policy(morlax.agent, morlax.config, morlax.env.objectives)
+    x = morlax.observation.clone()
+
+    def actions() -> torch.Tensor:
+        return policy(x, (0.3, 0.7))
+
+    before = actions()
+    for _ in range(3):
+        morlax.iterate()
+    torch.testing.assert_close(actions(), before, rtol=0, atol=0)
 
 
 def test_another_seed_gives_another_run():
