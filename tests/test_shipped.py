@@ -1,11 +1,15 @@
 """The policies that come with the package hold what their stored fronts say."""
 
+import re
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+import torch
 
-from morlax_torch import envs
+from morlax_torch import arguments, envs
 from morlax_torch.evaluation import Front
 from morlax_torch.policy import SHIPPED, find_run, load
 
@@ -29,6 +33,15 @@ def test_it_is_small_and_says_how_it_was_made(name):
     assert policy.config.env == name
     assert policy.objectives == Front.load(folder / "front.npz").objectives
     assert (folder / "metrics.csv").is_file()
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_the_gallery_s_command_asks_for_just_this(name, monkeypatch):
+    page = (Path(__file__).parent.parent / "docs" / "gallery.md").read_text()
+    (line,) = re.findall(rf"^python -m morlax_torch.train (--env {name} .*)", page, re.MULTILINE)
+    monkeypatch.setattr(envs, "resolve_device", lambda _: torch.device("cuda:0"))
+    config, _, _ = arguments.read(shlex.split(line))
+    assert config.model_dump() == load(name, "cpu").config.model_dump()
 
 
 # all were judged on MuJoCo Warp; C MuJoCo lays the frames of an ant's contacts differently
