@@ -19,13 +19,14 @@ from matplotlib.figure import Figure
 from torch import Tensor
 from walks import Array, Walks, walks
 
-from morlax_torch import figures
-from morlax_torch.cli import console
 from morlax_torch.envs import resolve_device
-from morlax_torch.envs.bruce.library import Library
-from morlax_torch.evaluation import Front
-from morlax_torch.figures.style import COLOURS, blank, returned
-from morlax_torch.policy import Policy, load
+from morlax_torch.envs.robots.bruce.library import Library
+from morlax_torch.evaluation import figures
+from morlax_torch.evaluation.figures.style import COLOURS, blank, returned
+from morlax_torch.evaluation.front import Front
+from morlax_torch.networks.policy import Policy
+from morlax_torch.runs.loading import load
+from morlax_torch.terminal.cli import console
 from morlax_torch.tradeoffs import dirichlet_tradeoffs
 
 SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))

@@ -13,10 +13,10 @@ from torch.profiler import ProfilerActivity, profile
 from training_curve import configured
 
 from morlax_torch import MORLAX
-from morlax_torch.cli import console
 from morlax_torch.envs import resolve_device
-from morlax_torch.graph import Graph
-from morlax_torch.train import make_worlds
+from morlax_torch.gpu.graph import Graph
+from morlax_torch.runs.training import make_worlds
+from morlax_torch.terminal.cli import console
 
 REPEATS = 5
 

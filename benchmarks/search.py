@@ -17,8 +17,8 @@ import yaml
 from training_curve import TARGETS, configured, reached, training_curve
 
 from morlax_torch import MorlaxError
-from morlax_torch.cli import console
 from morlax_torch.envs import resolve_device
+from morlax_torch.terminal.cli import console
 
 SPACE = {
     "worlds": (2048, 4096, 8192),

@@ -13,7 +13,7 @@ import time
 import tyro
 from rich.table import Table
 
-from morlax_torch.cli import console
+from morlax_torch.terminal.cli import console
 
 FIRST_ITERATION = """
 import os, sys, time

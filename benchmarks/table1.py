@@ -20,8 +20,8 @@ import tyro
 from matplotlib.figure import Figure
 from training_curve import TARGETS, Point, configured, reached, training_curve
 
-from morlax_torch.cli import console
 from morlax_torch.envs import resolve_device
+from morlax_torch.terminal.cli import console
 
 PAPER_SECONDS = {  # (MORLAX on an RTX A4000, HYPER-MORL on a CPU) to HYPER-MORL's maximum
     "cheetah": (144.0, 4955.0),

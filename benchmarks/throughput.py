@@ -14,10 +14,10 @@ from rich.table import Table
 from training_curve import configured
 
 from morlax_torch import MORLAX
-from morlax_torch.cli import console
 from morlax_torch.envs import resolve_device
-from morlax_torch.graph import Graph
-from morlax_torch.train import make_worlds
+from morlax_torch.gpu.graph import Graph
+from morlax_torch.runs.training import make_worlds
+from morlax_torch.terminal.cli import console
 
 
 def main(

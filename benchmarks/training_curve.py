@@ -8,9 +8,9 @@ import torch
 
 from morlax_torch import MORLAX
 from morlax_torch.config import Config, load_config, merged, task_values
-from morlax_torch.evaluation import Evaluator, Protocol
+from morlax_torch.evaluation.evaluator import Evaluator, Protocol
+from morlax_torch.runs.training import make_worlds
 from morlax_torch.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
-from morlax_torch.train import make_worlds
 
 TARGETS = {  # HYPER-MORL's maximum and the paper's MORLAX maximum, of its Table I
     "cheetah": (5.58e6, 5.78e6),

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from morlax_torch import envs
-from morlax_torch.envs.bruce import rotations
-from morlax_torch.policy import Policy
-from morlax_torch.rollout import one_thread
+from morlax_torch.envs.robots.bruce import rotations
+from morlax_torch.gpu.threads import one_thread
+from morlax_torch.networks.policy import Policy
 
 COMMAND = (0.12, 0.0)  # m/s forward and to the left
 TORQUES = slice(6, None)  # of the robot's sensors
@@ -30,7 +30,7 @@ class Walks(NamedTuple):
 
 def walks(policy: Policy, tradeoffs: Tensor, chunk: int, **options: Any) -> Walks:
     """An episode of each trade-off (P, 6), `chunk` of them at a time."""
-    task = policy.config.task.judged().model_copy(update={"command": COMMAND, **options})
+    task = policy.config.task.for_evaluation().model_copy(update={"command": COMMAND, **options})
     parts = []
     for seed, some in enumerate(tradeoffs.split(chunk)):
         device = policy.agent.observation_normalizer.mean.device

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-from morlax_torch import figures
 from morlax_torch.config import Config, load_config, task_values
-from morlax_torch.evaluation import Front
-from morlax_torch.history import History
-from morlax_torch.policy import SHIPPED, find_run, load
+from morlax_torch.evaluation import figures
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.history import History
 from morlax_torch.record import record
+from morlax_torch.runs.loading import SHIPPED, find_run, load
 
 DOCS = Path(__file__).parent
 ABOUT = """# Gallery

@@ -1,4 +1,4 @@
-"""The one exception for mistakes that a user can mend, and the words for them."""
+"""The exception for mistakes that a user can fix, and its messages."""
 
 import difflib
 from collections.abc import Iterable
@@ -7,14 +7,14 @@ from pydantic import ValidationError
 
 
 class MorlaxError(Exception):
-    """Something is wrong that its user can put right; the message says what, and how.
+    """A mistake that the user can fix; the message says what is wrong and what to do.
 
-    The commands print it as one sentence and exit with status 2.
+    Commands print it as one sentence and exit with status 2.
     """
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
-    """The error for a `name` that is none of the `known` ones: it offers the nearest."""
+    """Return the error for a `name` that is not `known`; it suggests the nearest one."""
     known = sorted(known)
     near = difflib.get_close_matches(name, known, n=1)
     guess = f": did you mean {near[0]!r}?" if near else "."
@@ -22,7 +22,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
 
 
 def explained(error: ValidationError, model: type) -> MorlaxError:
-    """pydantic's findings in plain sentences, an unknown key with the nearest right one."""
+    """Turn pydantic's findings into plain sentences that suggest the nearest known keys."""
     sentences = []
     for finding in error.errors():
         key = ".".join(str(part) for part in finding["loc"])

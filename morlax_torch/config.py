@@ -1,4 +1,4 @@
-"""Every number that a run depends on, typed and checked."""
+"""The config of a run: every number it depends on, typed and checked."""
 
 import math
 from functools import cache
@@ -22,7 +22,11 @@ from pydantic import (
 )
 
 from . import envs
-from .envs import MorlaxError, ObjectiveOptions
+from .envs import MorlaxError, ObjectiveOptions, resolve_device
+from .envs.errors import explained
+from .envs.external import absolute, is_file
+
+MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 
 
 class Section(BaseModel):
@@ -35,112 +39,110 @@ class SamplingConfig(Section):
     mode: Literal["sparse", "dense"] = "sparse"
     """sparse: K clusters of worlds share a trade-off each; dense: every world has its own."""
     clusters: int = 8
-    """K, for sparse sampling; it divides the number of worlds."""
+    """K, for sparse sampling; must divide the number of worlds."""
     corners: NonNegativeInt | None = None
-    """How many clusters are corners: 0, or one for each objective (None: one for each)."""
+    """Number of clusters whose trade-off is a corner: 0 or one per objective (None: the latter)."""
     alpha: PositiveFloat = 1.0
-    """Of the Dirichlet distribution; 1 is uniform on the simplex."""
+    """Concentration of the Dirichlet distribution; 1 is uniform on the simplex."""
 
 
 class NetworkConfig(Section):
-    """The hypernetworks and the networks they generate."""
+    """Sizes of the hypernetworks and the networks they generate."""
 
     type: Literal["dual", "single"] = "dual"
-    """dual: actor and critic have a hypernetwork each; single: they share its features."""
+    """dual: actor and critic have separate hypernetworks; single: they share its features."""
     hidden: tuple[PositiveInt, ...] = (128, 128)
     """Hidden layers of the hypernetworks' feature networks."""
     features: PositiveInt = 16
-    """F, how many features the parameters are affine in."""
+    """F, the number of features that generated parameters are affine in."""
     scale: NonNegativeFloat = 0.0
-    """The affine map starts uniform within this distance of zero."""
+    """The affine map starts uniform in [-scale, scale]."""
     actor: tuple[PositiveInt, ...] = (64, 64)
     """Hidden layers of the generated actors."""
     critic: tuple[PositiveInt, ...] = (64, 64)
     """Hidden layers of the generated critics."""
-    initial_std: float = Field(default=math.log(2) + 0.001, gt=0.001)
-    """Of the actions before the tanh, about which the actors begin to explore."""
+    initial_std: float = Field(default=math.log(2) + MIN_STD, gt=MIN_STD)
+    """Initial standard deviation of pre-tanh actions."""
 
 
 class PPOConfig(Section):
-    """How the hypernetworks learn from a rollout."""
+    """How PPO updates the hypernetworks."""
 
     learning_rate: PositiveFloat = 3e-4
-    """Adam's step size."""
+    """Learning rate of Adam."""
     critic_learning_rate: PositiveFloat | None = None
-    """Adam's step size for the critic (None: the same)."""
+    """Learning rate of the critic (None: the same)."""
     anneal: bool = False
-    """Let step sizes, the entropy's weight and the weight of new observations in what normalises
-    them fall linearly, to nothing at max_env_steps (which, changed when a run is resumed, moves
-    that end)."""
+    """Decay learning rates, entropy bonus and normalizer updates linearly to zero at
+    max_env_steps."""
     epochs: PositiveInt = 4
     """Passes over a rollout."""
     minibatches: PositiveInt = 8
-    """Updates per pass; it divides the worlds of a cluster (dense sampling: the worlds)."""
+    """Minibatches per pass; must divide the worlds of a cluster (dense sampling: all worlds)."""
     discount: float = Field(default=0.99, ge=0, le=1)
-    """What a reward one step later is worth."""
+    """Discount factor gamma, per control step."""
     gae_lambda: float = Field(default=0.95, ge=0, le=1)
-    """How far advantages look before they trust the critic."""
+    """Lambda of generalized advantage estimation."""
     clip: PositiveFloat = 0.2
-    """How far a probability ratio may move before it stops counting."""
+    """Clip range of the probability ratio."""
     entropy: NonNegativeFloat = 0.01
-    """Weight of the entropy in the policy's objective."""
+    """Weight of the entropy bonus."""
     mean_penalty: NonNegativeFloat = 0.0
-    """Weight of the squared means of actions before the tanh in the policy's loss: it keeps them
-    from where the tanh is flat and exploring moves nothing."""
+    """Weight of a penalty on squared pre-tanh means, which avoids the flat ends of the tanh."""
     value_coefficient: PositiveFloat = 0.5
-    """Weight of the critic's squared error."""
+    """Weight of the value loss."""
     max_grad_norm: PositiveFloat = 1.0
-    """Gradients are scaled down to this norm, actor and critic apart."""
+    """Gradients are clipped to this norm, separately for actor and critic."""
     normalize_values: bool = True
-    """Let the critic learn targets scaled by their running mean and variance."""
+    """Normalize value targets by their running mean and variance."""
     truncation: Literal["bootstrap", "mask"] = "bootstrap"
-    """At a time limit: trust the critic's value of the last state, or leave the step out."""
+    """At a time limit, bootstrap from the value of the last state, or mask the step out."""
 
 
 class EvaluationConfig(Section):
-    """How the front is measured while training."""
+    """How fronts are evaluated while training."""
 
     every: PositiveInt = 2_000_000
     """Environment steps between evaluations."""
     tradeoffs: int = Field(default=512, ge=2)
-    """How many fixed trade-offs are judged, an episode each."""
+    """Number of fixed trade-offs to evaluate, one episode each."""
 
 
 class Config(Section):
     """A training run."""
 
     env: str
-    """The task: ant, cheetah, cheetah3, hopper, humanoid, walker, any other of docs/tasks.md, a
-    registered name, FILE.py:CLASS for one of your own, or gymnasium:ID for an environment of
-    Gymnasium's with a vector of rewards."""
-    seed: NonNegativeInt = 0
-    """Of everything that is drawn at random."""
+    """The task: ant, bruce, cheetah, cheetah3, hopper, humanoid, walker, any other of
+    docs/tasks.md, a registered name, FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium
+    environment with a vector reward."""
+    seed: int = Field(default=0, ge=0, lt=2**63)
+    """Random seed."""
     device: str | None = None
-    """cuda, cuda:1, cpu, ... (None: CUDA where there is one)."""
+    """cuda, cuda:1, cpu, ... (None: CUDA if there is a GPU)."""
     backend: Literal["warp", "mujoco"] | None = None
     """MuJoCo Warp or C MuJoCo (None: Warp on CUDA, C MuJoCo on the CPU)."""
     deterministic: bool = False
-    """Let MuJoCo Warp order contacts and constraints alike in every run, at some cost in speed;
-    on CUDA runs then repeat closely, though not bit for bit. On the CPU runs always repeat."""
+    """Make MuJoCo Warp order contacts and constraints alike in every run, at some cost in speed.
+    CUDA runs then repeat closely, though not bit for bit. CPU runs always repeat bit for bit."""
     worlds: int = Field(default=4096, gt=0, lt=2**31)
-    """N, how many copies of the robot run at once."""
+    """N, the number of parallel worlds."""
     horizon: PositiveInt = 20
-    """T, steps of each world per iteration."""
+    """T, control steps per world and iteration."""
     max_env_steps: PositiveInt | None = None
     """Stop after this many environment steps."""
     max_seconds: PositiveFloat | None = None
-    """Stop after this much training time: compiling and evaluating do not count."""
+    """Stop after this much training time, without compiling and evaluating, in seconds."""
     sampling: SamplingConfig = SamplingConfig()
     network: NetworkConfig = NetworkConfig()
     ppo: PPOConfig = PPOConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     task: ObjectiveOptions
-    """Options of the task itself."""
+    """Options of the task."""
 
     @field_validator("env")
     @classmethod
     def _for_any_folder(cls, env: str) -> str:
-        return envs.absolute(env)
+        return absolute(env)
 
     @property
     def num_clusters(self) -> int:
@@ -148,7 +150,7 @@ class Config(Section):
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
 
     def num_corners(self, num_objectives: int) -> int:
-        """How many of the K trade-offs are corners."""
+        """Return how many of the K trade-offs are corners."""
         if self.sampling.mode == "dense":
             return 0
         corners = self.sampling.corners
@@ -160,7 +162,7 @@ class Config(Section):
         return self
 
     def check_sizes(self, num_objectives: int) -> None:
-        """Raise ValueError if the sizes do not fit together."""
+        """Raise ValueError if sizes do not fit together."""
         K, corners = self.num_clusters, self.num_corners(num_objectives)
         if K <= 1:
             raise ValueError(f"sampling.clusters is {K}: there must be at least 2 trade-offs")
@@ -177,10 +179,10 @@ class Config(Section):
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
         if self.ppo.anneal and self.max_env_steps is None:
-            raise ValueError("ppo.anneal needs max_env_steps: it says when to arrive at nothing")
+            raise ValueError("ppo.anneal needs max_env_steps: learning rates reach zero there")
         if self.evaluation.tradeoffs < num_objectives:
             raise ValueError(
-                f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: it takes at least one for "
+                f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: at least one is needed for "
                 f"each of the {num_objectives} objectives"
             )
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
@@ -192,7 +194,7 @@ class Config(Section):
 
 
 def config_class(env: str) -> type[Config]:
-    """`Config` with the options of one task, so that they too are typed and checked."""
+    """Return `Config` with the options of one task, so that they are typed and checked too."""
     return _with_options(envs.get(env).Options)
 
 
@@ -202,35 +204,57 @@ def _with_options(options: type[ObjectiveOptions]) -> type[Config]:
 
 
 def load_config(values: dict[str, Any]) -> Config:
-    """A checked config from nested plain values, as a YAML file holds them.
+    """Check nested plain values, as in a YAML file, and return them as a config.
 
     Raises:
         MorlaxError: an unknown key, a wrong type or a combination that cannot work.
     """
     if not isinstance(values.get("env"), str):
-        raise MorlaxError(f"the config names no environment: add env: {envs.names()[0]}.")
+        raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
     model = config_class(values["env"])
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        raise envs.explained(error, model) from None
+        raise explained(error, model) from None
+
+
+def config_for(env: str, **changes: Any) -> Config:
+    """Return a task's tuned config with changes, named as on the command line.
+
+        config_for("ant", worlds=1024, **{"ppo.learning_rate": 1e-3})
+
+    Args:
+        env: the task, as for `envs.make`.
+        changes: values by name, dotted for nested ones; a dict replaces part of a section.
+            `device` also selects the values for the CPU or for CUDA.
+
+    Raises:
+        MorlaxError: an unknown task or key, a wrong type or a combination that cannot work.
+    """
+    values = task_values(env, resolve_device(changes.get("device")).type)
+    for name, value in changes.items():
+        for part in reversed(name.split(".")):
+            value = {part: value}
+        values = merged(values, value)
+    return load_config(values)
 
 
 def task_values(env: str, device_type: str) -> dict[str, Any]:
-    """The values of configs/<env>.yaml for "cuda" or "cpu"; without such a file, of default.yaml.
+    """Return the tuned values of a task for "cuda" or "cpu".
 
-    All of "gymnasium:ID" share configs/gymnasium.yaml.
+    They come from configs/<env>.yaml, for every "gymnasium:ID" from configs/gymnasium.yaml, and
+    for other tasks from configs/default.yaml.
     """
     envs.get(env)
     configs = resources.files("morlax_torch.configs")
     file = configs / f"{env.partition(':')[0]}.yaml"
-    if envs.is_file(env) or not file.is_file():
+    if is_file(env) or not file.is_file():
         file = configs / "default.yaml"
     return {**_fitted(yaml.safe_load(file.read_text()), device_type), "env": env}
 
 
 def file_values(path: Path, device_type: str) -> dict[str, Any]:
-    """The values of a YAML file over those of the task that it names."""
+    """Return the values of a YAML file over those of the task that it names."""
     values = _fitted(read_yaml(path), device_type)
     if not isinstance(values.get("env"), str):
         return values
@@ -238,10 +262,10 @@ def file_values(path: Path, device_type: str) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The keys and values of a file.
+    """Read the keys and values of a YAML file.
 
     Raises:
-        MorlaxError: it cannot be read, or holds something else.
+        MorlaxError: it cannot be read, or is not a mapping.
     """
     try:
         values = yaml.safe_load(path.read_text())
@@ -249,21 +273,21 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise MorlaxError(f"cannot read the config {path}: {error.strerror}.") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())
-        raise MorlaxError(f"the config {path} is not YAML: {reason}") from None
+        raise MorlaxError(f"the config {path} is not valid YAML: {reason}") from None
     if not isinstance(values, dict):
         raise MorlaxError(f"the config {path} must hold keys and values, such as env: ant.")
     return values
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
-    """Without the section `cpu`, which holds what differs without a GPU."""
+    """Apply the section `cpu`, which overrides values where there is no GPU."""
     values = dict(values)
     cpu = values.pop("cpu", None) or {}
     return merged(values, cpu) if device_type == "cpu" else values
 
 
 def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """`above` over `below`; sections merge, but groups of reward terms are replaced as a whole."""
+    """Merge `above` over `below`, section by section; groups of reward terms are replaced whole."""
     result = dict(below)
     for key, value in above.items():
         both = isinstance(value, dict) and isinstance(result.get(key), dict)

@@ -1,6 +1,5 @@
 """Judge trained runs: their fronts, the indicators of the fronts, figures and a report."""
 
-import os
 import shlex
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -12,66 +11,24 @@ import tyro
 from rich import box
 from rich.table import Table
 
-from . import cli, envs
 from .envs import MorlaxError, resolve_device
-from .evaluation import Evaluator, Front, Protocol
+from .evaluation.evaluator import Protocol
+from .evaluation.front import Front
+from .evaluation.history import History
 from .files import unused
-from .history import History
-from .policy import SHIPPED, Policy, find_run, load
+from .networks.policy import Policy
 from .reports import comparison
 from .reports.page import number, words
 from .reports.results import Evaluated, write
-from .tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
+from .runs.evaluating import evaluate
+from .runs.loading import SHIPPED, find_run, load
+from .terminal import cli
 
 PROTOCOLS = {
     "latched": "a return ends with the first step that fails",
     "paper": "steps that fail earn nothing, and the reward of the reset is added",
 }
 MOST_COLUMNS = 3  # runs in the terminal's table; the files have them all
-
-
-def evaluate(
-    run: str | os.PathLike[str] | Policy,
-    tradeoffs: int = 512,
-    protocol: Protocol = "latched",
-    device: str | None = None,
-    backend: str | None = None,
-    seed: int = 0,
-    seeds: int = 1,
-) -> Front:
-    """The front of a run's best checkpoint, a checkpoint file, a shipped name, or a policy.
-
-    A policy is moved to the device. With `seeds` > 1 every trade-off has that many episodes, whose
-    starts are drawn apart, and returns are means over them: they estimate what a policy returns in
-    expectation.
-
-    Raises:
-        MorlaxError: there is no such run, too few trade-offs, or nothing that seeds could change.
-    """
-    place = resolve_device(device)
-    policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    task, m = policy.config.task.judged(), len(policy.objectives)
-    if seeds < 1:
-        raise MorlaxError(f"seeds is {seeds}: it takes at least one.")
-    if seeds > 1 and not task.varies:
-        raise MorlaxError(
-            "every episode of this task starts alike (task.reset_noise is 0) and goes on alike "
-            "(task.randomization is off), so more seeds would only repeat it: leave out --seeds."
-        )
-    fixed = evaluation_tradeoffs(tradeoffs, m)
-    drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
-    env = envs.make(
-        policy.config.env,
-        tradeoffs * seeds,
-        place,
-        backend,
-        seed,
-        auto_reset=False,
-        **task.model_dump(),
-    )
-    evaluator = Evaluator(policy.agent, env, drawn.repeat(seeds, 1), protocol)
-    evaluator.compile()
-    return evaluator.evaluate().averaged(seeds)
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -117,11 +74,11 @@ def command(arguments: Sequence[str]) -> None:
         comparison.check_comparable(policies)
         histories = {name: history(run) for name, run in named.items()}
 
-        def judged(policy: Policy) -> Front:
+        def evaluated(policy: Policy) -> Front:
             return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
 
-        target = None if reference is None else reference_front(reference, policies, judged)
-        fronts = {name: judged(policy) for name, policy in policies.items()}
+        target = None if reference is None else reference_front(reference, policies, evaluated)
+        fronts = {name: evaluated(policy) for name, policy in policies.items()}
         if target is None and len(fronts) > 1:
             target = comparison.union(list(fronts.values()))
         found = {
@@ -159,7 +116,7 @@ def history(run: str) -> History | None:
 
 
 def reference_front(
-    source: str, policies: Mapping[str, Policy], judged: Callable[[Policy], Front]
+    source: str, policies: Mapping[str, Policy], evaluated: Callable[[Policy], Front]
 ) -> np.ndarray:
     """The points (n, m) of the front that `source` holds, or of the run that it names."""
     if source.endswith(".npz"):
@@ -167,7 +124,7 @@ def reference_front(
     else:
         other = load(source)
         comparison.check_comparable({**policies, source: other})
-        front = judged(other)
+        front = evaluated(other)
     objectives = next(iter(policies.values())).objectives
     if front.objectives != objectives:
         raise MorlaxError(

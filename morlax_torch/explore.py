@@ -7,11 +7,11 @@ from typing import Annotated
 import torch
 import tyro
 
-from . import cli
 from .envs import MorlaxError
-from .explorer import library
-from .rollout import one_thread
-from .train import interruptible
+from .gpu.threads import one_thread
+from .terminal import cli
+from .terminal.interrupt import interruptible
+from .viewers.explorer import library
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -23,7 +23,7 @@ def explore(run: str, host: str, port: int) -> None:
     library.choose(run)  # a wrong name is said before viser is waited for
     _check_free(host, port)
     try:
-        from .explorer.page import Page
+        from .viewers.explorer.page import Page
     except ModuleNotFoundError as error:
         if error.name not in ("viser", "trimesh"):
             raise

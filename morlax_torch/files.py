@@ -1,4 +1,4 @@
-"""Files that are either as they were or complete, never half-written."""
+"""Atomic files: either unchanged or complete, never half-written."""
 
 import os
 import tempfile
@@ -12,10 +12,10 @@ from .envs import MorlaxError
 
 @contextmanager
 def replacing(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write to, which takes the place of `path` once all is written and on disk.
+    """Open a temporary file that replaces `path` once it is complete and on disk.
 
     Raises:
-        MorlaxError: it cannot be written; what stood at `path` still does.
+        MorlaxError: it cannot be written; `path` is unchanged.
     """
     temporary = None
     try:
@@ -34,7 +34,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 
 def unused(path: Path) -> Path:
-    """`path`, or with a number behind its name if that is taken."""
+    """Return `path`, with a number appended if it exists."""
     candidate, number = path, 2
     while candidate.exists():
         candidate, number = path.with_name(f"{path.name}-{number}"), number + 1

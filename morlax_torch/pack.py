@@ -7,43 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from . import cli
-from .envs import MorlaxError
-from .evaluate import evaluate
-from .evaluation import Front
-from .files import replacing
-from .policy import find_run, load
-
-
-def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
-    """Write the policies of a run's best checkpoint, their front, and how they came about.
-
-    The folder has the shape of a run, so every command takes it for one; only to train on, it
-    lacks critic and optimisers. The front is evaluated anew, by 512 trade-offs, and returned.
-
-    Raises:
-        MorlaxError: there is no such run, or `output` is taken or cannot be written.
-    """
-    if output.exists():
-        raise MorlaxError(f"{output} is there already: choose another folder.")
-    source, policy = find_run(run), load(run)
-    front = evaluate(policy, device=device)
-    kept = {}
-    for name in ("config.yaml", "metrics.csv"):
-        try:
-            kept[name] = (source / name).read_bytes()
-        except OSError as error:
-            raise MorlaxError(f"cannot read {source / name}: {error.strerror}.") from None
-    try:
-        (output / "checkpoints").mkdir(parents=True)
-    except OSError as error:
-        raise MorlaxError(f"cannot make {output}: {error.strerror}.") from None
-    policy.cpu().save(output / "checkpoints" / "best.pt")
-    front.save(output / "front.npz")
-    for name, contents in kept.items():
-        with replacing(output / name) as file:
-            file.write(contents)
-    return front
+from .runs.packing import pack
+from .terminal import cli
 
 
 def command(arguments: Sequence[str]) -> None:

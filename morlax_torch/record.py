@@ -5,52 +5,11 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from PIL import Image
-from rich.progress import track
 
-from . import cli
-from .envs import MorlaxError
-from .files import replacing
-from .filming.film import Film
-from .filming.video import ENDINGS, write_video
-from .policy import SHIPPED, Policy, find_run, load
-from .tradeoffs import parse_tradeoff, typical_tradeoffs
-
-
-def record(
-    policy: Policy,
-    output: Path,
-    tradeoffs: Sequence[Sequence[float]] = (),
-    seconds: float = 5.0,
-    speed: float = 1.0,
-    width: int = 480,
-    height: int = 360,
-    pictures: int = 8,
-    seed: int = 0,
-) -> None:
-    """Write what the ending of `output` says: a film (.mp4, .gif) or a film strip (.png).
-
-    Raises:
-        MorlaxError: an unusable number, no OpenGL, no ffmpeg, or `output` cannot be written.
-    """
-    if output.suffix.lower() not in (*ENDINGS, ".png"):
-        raise MorlaxError(f"{output} must end in .mp4 or .gif (a film) or in .png (a film strip).")
-    film = Film(
-        policy,
-        tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist(),
-        width,
-        height,
-        seed,
-    )
-    if output.suffix.lower() == ".png":
-        with replacing(output) as file:
-            Image.fromarray(film.strip(seconds, pictures)).save(file, format="PNG")
-    else:
-        every, fps = film.pace(speed)
-        total = film.steps(seconds) // every + 1
-        screen = cli.console.is_terminal
-        watched = track(film.frames(seconds, every), "filming", total, disable=not screen)
-        write_video(output, iter(watched), fps)
+from .runs.loading import SHIPPED, find_run, load
+from .terminal import cli
+from .tradeoffs import parse_tradeoff
+from .viewers.filming.recording import record
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -87,7 +46,18 @@ def command(arguments: Sequence[str]) -> None:
         policy = load(run)
         place = output or _usual_output(run)
         tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
-        record(policy, place, tradeoffs, seconds, speed, width, height, pictures, seed)
+        record(
+            policy,
+            place,
+            tradeoffs,
+            seconds,
+            speed,
+            width,
+            height,
+            pictures,
+            seed,
+            show_progress=cli.console.is_terminal,
+        )
         cli.console.print(f"written: {place}")
 
     tyro.cli(main, args=arguments, prog="python -m morlax_torch.record")

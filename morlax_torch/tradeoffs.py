@@ -1,4 +1,4 @@
-"""Points of the simplex: how much each objective matters."""
+"""Trade-offs: points of the simplex that weigh the objectives."""
 
 import math
 from collections.abc import Sequence
@@ -9,13 +9,13 @@ from torch import Tensor
 
 from .envs import MorlaxError
 
-TINY = 1e-30  # keeps a trade-off finite where every gamma draw underflowed to zero
+TINY = 1e-30  # keeps a trade-off finite if every gamma draw underflows to zero
 
 
 def sample_tradeoffs(
     out: Tensor, corners: int = 0, alpha: float = 1.0, generator: torch.Generator | None = None
 ) -> None:
-    """Fill `out` (K, m) with draws from Dirichlet(alpha), its last `corners` rows with corners."""
+    """Fill `out` (K, m) with Dirichlet(alpha) draws, its last `corners` rows with corners."""
     # independent gamma draws divided by their sum are a Dirichlet draw
     out.copy_(torch._standard_gamma(torch.full_like(out, alpha), generator=generator))
     out.clamp_(min=TINY).div_(out.sum(-1, keepdim=True))
@@ -26,22 +26,22 @@ def sample_tradeoffs(
 def dirichlet_tradeoffs(
     number: int, num_objectives: int, seed: int = 0, alpha: float = 1.0
 ) -> Tensor:
-    """(number, m) draws from Dirichlet(alpha, ...), the same for the same seed everywhere."""
+    """Draw (number, m) from Dirichlet(alpha), the same on every machine for the same seed."""
     draws = np.random.default_rng(seed).dirichlet(np.full(num_objectives, alpha), number)
     return torch.from_numpy(draws).float()
 
 
 def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
-    """The fixed trade-offs (number, m) that a front is judged by.
+    """Return the fixed trade-offs (number, m) to evaluate a front by.
 
     With two objectives they are an even grid; with more, the corners and Dirichlet draws.
 
     Raises:
-        MorlaxError: they are fewer than the objectives.
+        MorlaxError: there are fewer trade-offs than objectives.
     """
     if number < num_objectives:
         raise MorlaxError(
-            f"{number} trade-offs are too few: it takes at least one for each of the "
+            f"{number} trade-offs are too few: at least one is needed for each of the "
             f"{num_objectives} objectives."
         )
     if num_objectives == 2:
@@ -52,7 +52,7 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
 
 
 def typical_tradeoffs(num_objectives: int) -> Tensor:
-    """(m + 1, m) the corners, and in their middle the one that weighs all objectives alike."""
+    """Return the corners and, in their middle, the balanced trade-off, (m + 1, m)."""
     corners, middle = torch.eye(num_objectives), num_objectives // 2
     balanced = torch.full((1, num_objectives), 1 / num_objectives)
     return torch.cat([corners[:middle], balanced, corners[middle:]])
@@ -61,16 +61,16 @@ def typical_tradeoffs(num_objectives: int) -> Tensor:
 def checked_tradeoff(
     tradeoff: Tensor | Sequence[float], objectives: Sequence[str], device: torch.device
 ) -> Tensor:
-    """What a user gave as one trade-off (m,) or several (K, m), as float32 on the device.
+    """Convert one trade-off (m,) or several (K, m) to float32 on the device.
 
     Raises:
-        MorlaxError: it is none.
+        MorlaxError: it is not a trade-off.
     """
     if not isinstance(tradeoff, Tensor):
         try:
             tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
         except (TypeError, ValueError):
-            raise MorlaxError(f"a trade-off is made of numbers, not {tradeoff!r}.") from None
+            raise MorlaxError(f"a trade-off consists of numbers, not {tradeoff!r}.") from None
     tradeoff = tradeoff.to(device, torch.float32)
     m = len(objectives)
     if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
@@ -88,22 +88,22 @@ def checked_tradeoff(
 def one_tradeoff(
     tradeoff: Tensor | Sequence[float], objectives: Sequence[str], device: torch.device
 ) -> Tensor:
-    """What a user gave as a trade-off (m,), as float32 on the device.
+    """Convert one trade-off (m,) to float32 on the device.
 
     Raises:
-        MorlaxError: it is none, or several.
+        MorlaxError: it is not exactly one trade-off.
     """
     checked = checked_tradeoff(tradeoff, objectives, device)
     if checked.ndim != 1:
-        raise MorlaxError(f"this takes one trade-off, not {len(checked)}.")
+        raise MorlaxError(f"one trade-off is needed, not {len(checked)}.")
     return checked
 
 
 def parse_tradeoff(text: str, objectives: Sequence[str]) -> tuple[float, ...]:
-    """The trade-off that a user wrote as "0.8,0.2", a number for each objective.
+    """Parse a trade-off such as "0.8,0.2", one number per objective.
 
     Raises:
-        MorlaxError: it is none.
+        MorlaxError: it is not a trade-off.
     """
     names = f"{len(objectives)} numbers ({', '.join(objectives)}), as in " + ",".join(
         f"{1 / len(objectives):.2g}" for _ in objectives
@@ -111,7 +111,7 @@ def parse_tradeoff(text: str, objectives: Sequence[str]) -> tuple[float, ...]:
     try:
         tradeoff = tuple(float(number) for number in text.split(","))
     except ValueError:
-        raise MorlaxError(f"the trade-off {text!r} is not made of {names}.") from None
+        raise MorlaxError(f"the trade-off {text!r} does not consist of {names}.") from None
     if len(tradeoff) != len(objectives):
         raise MorlaxError(f"the trade-off {text!r} has {len(tradeoff)}, but needs {names}.")
     if not all(math.isfinite(number) and number >= 0 for number in tradeoff) or not any(tradeoff):

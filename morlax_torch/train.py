@@ -1,26 +1,23 @@
 """Train one hypernetwork to hold a whole Pareto front of policies."""
 
-import math
-import signal
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
-import torch
 from torch import nn
 
-from . import cli, envs
-from .arguments import read
+from .algorithms.learner import Learner
+from .algorithms.morlax import MORLAX
 from .config import Config
-from .display import Display
-from .envs import MorlaxError, Worlds
-from .evaluation import Evaluator
-from .morlax import MORLAX
-from .run import Progress, Run
-from .tradeoffs import evaluation_tradeoffs
-
-REPORT_EVERY = 10  # iterations between looks at the metrics, each of which waits for the GPU
+from .evaluation.evaluator import Evaluator
+from .runs.progress import Evaluation, Progress
+from .runs.run import Run
+from .runs.training import Limits, make_evaluator, make_worlds, training
+from .terminal import cli
+from .terminal.arguments import read
+from .terminal.display import Display
+from .terminal.interrupt import interruptible
 
 
 def train(
@@ -29,134 +26,71 @@ def train(
     output: Path | None = None,
     actor: nn.Module | None = None,
     critic: nn.Module | None = None,
+    *,
+    on_evaluation: Callable[[Evaluation], None] | None = None,
 ) -> Run:
-    """Train until a limit of `config` is reached, or Ctrl-C is pressed; the run's folder.
+    """Train until a limit of `config` is reached; returns the run.
+
+    It prints nothing and installs no signal handlers, so it works in threads, notebooks and
+    tuners. An exception from `on_evaluation` ends training; the run can be resumed.
 
     Args:
         config: every number of the run.
-        run: a run to go on with, instead of a new one.
-        output: the folder of a new run (None: runs/<task>/<time>-<seed>).
-        actor: instead of the config's own, as `MORLAX` takes it.
-        critic: likewise.
+        run: a run to resume, instead of a new one.
+        output: folder of a new run (None: runs/<task>/<time>-<seed>).
+        actor: replaces the config's actor, see `MORLAX`.
+        critic: replaces the config's critic, see `MORLAX`.
+        on_evaluation: called after each evaluation.
 
     Raises:
-        MorlaxError: the folder cannot be written, the simulation's buffers overflow, or a loss
-            is no longer finite; the checkpoints stay as they were.
+        MorlaxError: the folder cannot be written, the simulator's buffers overflow, or a loss is
+            not finite. Checkpoints keep their last good state.
     """
-    began = time.perf_counter()
-    if torch.cuda.is_available():
-        torch.set_float32_matmul_precision("high")  # TF32
-    morlax = MORLAX(make_worlds(config, config.worlds), config, actor, critic)
-    tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, len(morlax.env.objectives))
-    judges = make_worlds(config, len(tradeoffs), judging=True)
-    evaluator = Evaluator(morlax.agent, judges, tradeoffs)
+    session = _prepare(config, run, output, actor, critic)
+    with closing(session.train(Limits.of(config))) as evaluations:
+        for evaluation in evaluations:
+            if on_evaluation is not None:
+                on_evaluation(evaluation)
+    return session.run
+
+
+class _Session(NamedTuple):
+    """A run that is ready to train."""
+
+    learner: Learner
+    evaluator: Evaluator
+    run: Run
+    progress: Progress
+
+    def train(self, limits: Limits) -> Generator[Evaluation, None, None]:
+        return training(self.learner, self.evaluator, limits, self.run, self.progress)
+
+
+def _prepare(
+    config: Config,
+    run: Run | None,
+    output: Path | None,
+    actor: nn.Module | None = None,
+    critic: nn.Module | None = None,
+) -> _Session:
+    learner = MORLAX(make_worlds(config, config.worlds), config, actor, critic)
+    evaluator = make_evaluator(learner)
     if run is None:
-        run, progress = Run.create(morlax, output), Progress()
-    else:
-        progress = run.restore(morlax)
-    before = progress.total_seconds
-    interval = max(1, config.evaluation.every // morlax.steps_per_iteration)
-    last = math.inf
-    if config.max_env_steps is not None:
-        last = math.ceil(config.max_env_steps / morlax.steps_per_iteration)
-    evaluated = morlax.iteration if run.has_evaluation(morlax.iteration) else None
-
-    with Display(config, morlax.env, run.folder) as display, interruptible() as interrupted:
-        if morlax.env.simulator == "MuJoCo Warp":
-            display.say("compiling kernels: most of a minute the first time on a machine")
-        morlax.compile()
-        evaluator.compile()
-        while True:
-            finished = (
-                interrupted()
-                or morlax.iteration >= last
-                or (config.max_seconds is not None and progress.train_seconds >= config.max_seconds)
-            )
-            due = morlax.iteration % interval == 0 or (finished and not interrupted())
-            if due and evaluated != morlax.iteration:
-                front = evaluator.evaluate()
-                evaluated = morlax.iteration
-                progress.total_seconds = before + time.perf_counter() - began
-                row = run.log_evaluation(front, morlax, progress)
-                display.evaluated(row)
-                run.save(morlax, progress, best=progress.judge(row))
-            if finished:
-                break
-            to_evaluation = interval - morlax.iteration % interval
-            most = int(min(REPORT_EVERY, to_evaluation, last - morlax.iteration))
-            first, start = morlax.iteration, time.perf_counter()
-            for _ in range(most):
-                morlax.iterate()
-                if interrupted():
-                    break
-            metrics = morlax.metrics()
-            seconds = time.perf_counter() - start
-            progress.train_seconds += seconds
-            count = morlax.iteration - first
-            progress.steps_per_second = count * morlax.steps_per_iteration / seconds
-            check(metrics, morlax, run, count)
-            run.log_metrics(metrics, morlax, progress)
-            display.update(morlax.env_steps, progress)
-        progress.total_seconds = before + time.perf_counter() - began
-        if interrupted():
-            run.save(morlax, progress)
-        run.close()
-        display.finished(morlax.env_steps, progress, interrupted())
-    return run
-
-
-def make_worlds(config: Config, number: int, judging: bool = False) -> Worlds:
-    """The worlds that `config` describes: to train in, or to judge policies in."""
-    task = config.task.judged() if judging else config.task
-    return envs.make(
-        config.env,
-        number,
-        config.device,
-        config.backend,
-        config.seed,
-        auto_reset=not judging,
-        deterministic=config.deterministic,
-        **task.model_dump(),
-    )
-
-
-def check(metrics: dict[str, float], morlax: MORLAX, run: Run, count: int) -> None:
-    """Raise MorlaxError if the last `count` iterations cannot be trusted."""
-    span = f"iterations {morlax.iteration - count + 1} to {morlax.iteration}"
-    kept = f"The last good checkpoint is {run.checkpoints / 'latest.pt'}."
-    if metrics["overflow"]:
-        remedy = morlax.env.remedy(int(metrics["overflow"]))
-        raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}. {kept}")
-    for name in ("policy_loss", "value_loss", "entropy"):
-        if not math.isfinite(metrics[name]):
-            raise MorlaxError(
-                f"the {name.replace('_', ' ')} became {metrics[name]} in {span} "
-                f"({metrics['blowups']:.0f} worlds were no longer finite so far): "
-                f"try a lower --ppo.learning-rate. {kept}"
-            )
-
-
-@contextmanager
-def interruptible() -> Iterator:
-    """Turns the first Ctrl-C (or SIGTERM) into a flag; a second one acts as usual."""
-    pressed = False
-
-    def press(number: int, frame: object) -> None:
-        nonlocal pressed
-        pressed = True
-        for which, handler in usual.items():
-            signal.signal(which, handler)
-
-    usual = {which: signal.signal(which, press) for which in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: pressed
-    finally:
-        for which, handler in usual.items():
-            signal.signal(which, handler)
+        return _Session(learner, evaluator, Run.create(learner, output), Progress())
+    return _Session(learner, evaluator, run, run.restore(learner))
 
 
 def command(arguments: Sequence[str]) -> None:
-    train(*read(arguments))
+    config, run, output = read(arguments)
+    session = _prepare(config, run, output)
+    with (
+        interruptible() as interrupted,
+        Display(session.learner, session.run.folder, session.progress) as display,
+        closing(session.train(Limits.of(config, interrupted))) as evaluations,
+    ):
+        for evaluation in evaluations:
+            display.evaluated(evaluation)
+        display.finished(interrupted())
 
 
 def main() -> None:

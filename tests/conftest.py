@@ -8,11 +8,12 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, Policy, envs
-from morlax_torch.agent import Agent
+from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.config import NetworkConfig, load_config, merged, task_values
-from morlax_torch.evaluation import Front
-from morlax_torch.filming.rendering import choose_opengl
-from morlax_torch.rollout import Rollout, one_thread
+from morlax_torch.evaluation.front import Front
+from morlax_torch.gpu.threads import one_thread
+from morlax_torch.networks.agent import Agent
+from morlax_torch.viewers.filming.rendering import choose_opengl
 
 
 @pytest.fixture

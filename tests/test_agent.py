@@ -7,7 +7,7 @@ import torch
 from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.nn.functional import softplus
 
-from morlax_torch.agent import TanhNormal
+from morlax_torch.networks.gaussian import TanhNormal
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
 

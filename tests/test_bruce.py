@@ -9,9 +9,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from morlax_torch.envs.bruce import model as bruce
-from morlax_torch.envs.mujoco_physics import MujocoPhysics
-from morlax_torch.envs.warp_physics import WarpPhysics
+from morlax_torch.envs.physics.mujoco import MujocoPhysics
+from morlax_torch.envs.physics.warp import WarpPhysics
+from morlax_torch.envs.robots.bruce import model as bruce
 
 FACTS = Path(__file__).parent / "reference" / "bruce.csv"
 GRAVITY = np.array([0.0, 0.0, -9.81])

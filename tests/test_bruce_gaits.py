@@ -1,15 +1,15 @@
 """The gaits that ship keep to their limits, are what the planner plans, and walk."""
 
 import numpy as np
+import plan_gaits
 import pytest
 from numpy.typing import NDArray
 
 from morlax_torch import MorlaxError
-from morlax_torch.envs.bruce import gaits
-from morlax_torch.envs.bruce.acceptance import LIMITS, MIN_WALKED, STEPS, measure
-from morlax_torch.envs.bruce.library import FORWARD, SIDEWAYS, Library
-from morlax_torch.envs.bruce.planner import Gait, Planner, derivatives
-from morlax_torch.envs.bruce.walk import Walker
+from morlax_torch.envs.robots.bruce.acceptance import LIMITS, MIN_WALKED, STEPS, measure
+from morlax_torch.envs.robots.bruce.library import FORWARD, SIDEWAYS, Library
+from morlax_torch.envs.robots.bruce.planner import Gait, Planner, derivatives
+from morlax_torch.envs.robots.bruce.walk import Walker
 
 SOME = ((0, 8), (8, 4), (13, 5))  # rows and columns of the library: a corner, standing, walking
 
@@ -95,9 +95,9 @@ def test_going_left_mirrors_going_right(library):
 
 
 def test_the_command_writes_a_library_and_its_table(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(gaits, "FORWARD", FORWARD[12:13])
-    monkeypatch.setattr(gaits, "SIDEWAYS", SIDEWAYS[4:5])
-    gaits.command(["--output", str(tmp_path / "gaits.npz")])
+    monkeypatch.setattr(plan_gaits, "FORWARD", FORWARD[12:13])
+    monkeypatch.setattr(plan_gaits, "SIDEWAYS", SIDEWAYS[4:5])
+    plan_gaits.main(tmp_path / "gaits.npz")
     with np.load(tmp_path / "gaits.npz") as file:
         assert file["joints"].shape == (1, 1, 2, 8, 16)
     printed = capsys.readouterr().out
@@ -106,7 +106,7 @@ def test_the_command_writes_a_library_and_its_table(tmp_path, monkeypatch, capsy
 
 
 def test_the_command_says_where_it_cannot_write(tmp_path, monkeypatch):
-    monkeypatch.setattr(gaits, "FORWARD", FORWARD[12:13])
-    monkeypatch.setattr(gaits, "SIDEWAYS", SIDEWAYS[4:5])
+    monkeypatch.setattr(plan_gaits, "FORWARD", FORWARD[12:13])
+    monkeypatch.setattr(plan_gaits, "SIDEWAYS", SIDEWAYS[4:5])
     with pytest.raises(MorlaxError, match="cannot write"):
-        gaits.command(["--output", str(tmp_path / "missing" / "gaits.npz")])
+        plan_gaits.main(tmp_path / "missing" / "gaits.npz")

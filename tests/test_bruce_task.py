@@ -11,10 +11,10 @@ import torch
 from numpy.typing import NDArray
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.bruce import model as bruce
-from morlax_torch.envs.bruce import rotations
-from morlax_torch.envs.bruce.library import Library
-from morlax_torch.envs.bruce.reference import Reference
+from morlax_torch.envs.robots.bruce import model as bruce
+from morlax_torch.envs.robots.bruce import rotations
+from morlax_torch.envs.robots.bruce.library import Library
+from morlax_torch.envs.robots.bruce.reference import Reference
 
 BACKENDS = ("mujoco", "warp")
 DT, STEP, LATE, EARLY = 0.02, 0.4, 0.005, 0.01  # seconds
@@ -395,7 +395,7 @@ def test_a_randomized_world_moves_as_its_own_model_does(backend, within):
 
 def test_policies_are_judged_without_what_training_draws():
     options = envs.get("bruce").Options(draw_commands=True, noise=1.0, randomize=True, standing=0.2)
-    judged = options.judged()
+    judged = options.for_evaluation()
     assert (judged.draw_commands, judged.noise, judged.randomize) == (False, 0.0, False)
     assert (judged.standing, judged.command) == (0.2, (0.12, 0.0))
 

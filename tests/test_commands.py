@@ -9,8 +9,9 @@ import pytest
 import torch
 import yaml
 
-from morlax_torch import cli, evaluate, train
+from morlax_torch import evaluate, train
 from morlax_torch.config import Config
+from morlax_torch.terminal import cli
 
 TINY = (
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from morlax_torch import MORLAX, checkpoint, envs, export
+from morlax_torch import MORLAX, envs, export
 from morlax_torch.config import Config, file_values, load_config, merged, task_values
 from morlax_torch.evaluate import evaluate
-from morlax_torch.policy import load
-from morlax_torch.train import make_worlds
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.loading import load
+from morlax_torch.runs.training import make_worlds
 
 ROOT = Path(__file__).parent.parent
 A_RUN = re.compile(r"runs/cheetah/[\d-]+")

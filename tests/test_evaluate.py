@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from morlax_torch import MorlaxError, evaluate, load, pareto, policy
+from morlax_torch import MorlaxError, evaluate, load
 from morlax_torch.evaluate import evaluate as judge
-from morlax_torch.evaluation import Front
+from morlax_torch.evaluation import pareto
+from morlax_torch.evaluation.front import Front
+from morlax_torch.networks import policy
 from morlax_torch.reports.comparison import names, quartiles
 from morlax_torch.train import command as train
 

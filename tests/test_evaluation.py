@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.agent import Agent
 from morlax_torch.envs import TimeStep
-from morlax_torch.evaluation import Evaluator, Front
+from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.evaluation.front import Front
+from morlax_torch.networks.agent import Agent
 
 # Published returns of doing nothing, with the reward of the reset.
 IDLE = {

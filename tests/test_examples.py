@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch.rollout import one_thread
+from morlax_torch.gpu.threads import one_thread
 
 EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
 

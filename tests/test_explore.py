@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from morlax_torch import cli, explore
-from morlax_torch.explorer import library, weights
-from morlax_torch.explorer.picking import FIELD
+from morlax_torch import explore
+from morlax_torch.terminal import cli
+from morlax_torch.viewers.explorer import library, weights
+from morlax_torch.viewers.explorer.picking import FIELD
 
 ROOT = Path(__file__).parent.parent
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError
-from morlax_torch.envs.disturbances import horizontal
-from morlax_torch.explorer import library, weights
-from morlax_torch.explorer.drawing import Drawing
-from morlax_torch.explorer.history import INTERVAL, SECONDS, History
-from morlax_torch.explorer.session import PUSH, Session
+from morlax_torch.envs.worlds.disturbances import horizontal
+from morlax_torch.viewers.explorer import library, weights
+from morlax_torch.viewers.explorer.drawing import Drawing
+from morlax_torch.viewers.explorer.history import INTERVAL, SECONDS, History
+from morlax_torch.viewers.explorer.session import PUSH, Session
 
 
 @pytest.fixture
@@ -237,7 +237,7 @@ SHAPES = """
 
 def test_every_geom_has_the_shape_that_mujoco_gives_it():
     pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.explorer.scene import geom_mesh
+    from morlax_torch.viewers.explorer.scene import geom_mesh
 
     model = mujoco.MjModel.from_xml_string(SHAPES)
     pi = np.pi

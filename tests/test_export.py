@@ -14,10 +14,12 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from morlax_torch import MORLAX, MorlaxError, Policy, checkpoint, envs, export, policy
+from morlax_torch import MORLAX, MorlaxError, Policy, envs, export
 from morlax_torch.config import load_config
 from morlax_torch.exports.formats import FORMATS, Format
 from morlax_torch.exports.manifest import control, manifest
+from morlax_torch.networks import policy
+from morlax_torch.runs import checkpoint
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning"),

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from morlax_torch import MorlaxError, figures
-from morlax_torch.evaluation import Front
-from morlax_torch.figures.hypervolume import Band
-from morlax_torch.history import History
+from morlax_torch import MorlaxError
+from morlax_torch.evaluation import figures
+from morlax_torch.evaluation.figures.hypervolume import Band
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.history import History
 from morlax_torch.tradeoffs import evaluation_tradeoffs
 
 NAMES = ("run", "energy", "height", "jump")

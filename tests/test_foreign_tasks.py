@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from morlax_torch import envs
-from morlax_torch.envs import mo_gymnasium as mo_tasks
-from morlax_torch.envs import pgmorl
+from morlax_torch.envs.robots import mo_gymnasium as mo_tasks
+from morlax_torch.envs.robots import pgmorl
 
 TOLERANCE = 1e-9
 SINGLE = 2e-6  # what MO-Gymnasium's own rewards, in single precision, allow

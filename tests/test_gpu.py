@@ -9,7 +9,7 @@ from torch import nn
 
 from morlax_torch import MORLAX, envs
 from morlax_torch.config import load_config
-from morlax_torch.evaluation import Evaluator
+from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.tradeoffs import evaluation_tradeoffs
 
 pytestmark = [

@@ -19,7 +19,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
 from morlax_torch.adapters.gymnasium_single import GymnasiumEnv
 from morlax_torch.adapters.gymnasium_vector import GymnasiumVectorEnv
-from morlax_torch.envs.cheetah import Cheetah
+from morlax_torch.envs.robots.cheetah import Cheetah
 
 IDS = {
     "ant": "morlax_torch/Ant-v0",

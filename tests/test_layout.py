@@ -5,7 +5,7 @@ import pytest
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.planar import Planar
+from morlax_torch.envs.robots.planar import Planar
 
 AT_ONCE = [name for name in envs.names() if name != "bruce"]  # what it sees are histories
 TASKS = {name: {} for name in AT_ONCE} | {"humanoid with hands": {"extremities": True}}

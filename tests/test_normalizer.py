@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch.normalizer import Normalizer
+from morlax_torch.networks.normalizer import Normalizer
 
 
 def normalizer_of(batches: list[np.ndarray]) -> Normalizer:

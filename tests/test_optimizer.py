@@ -5,8 +5,8 @@ import copy
 import pytest
 import torch
 
-from morlax_torch.networks import mlp
-from morlax_torch.optimizer import ClippedAdam
+from morlax_torch.gpu.optimizer import ClippedAdam
+from morlax_torch.networks.mlp import mlp
 
 DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
 

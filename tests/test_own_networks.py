@@ -8,10 +8,11 @@ import pytest
 import torch
 from torch import nn
 
-from morlax_torch import MORLAX, MorlaxError, Policy, checkpoint, evaluate, load, train
+from morlax_torch import MORLAX, MorlaxError, Policy, evaluate, load, train
 from morlax_torch.config import Config, load_config, merged
-from morlax_torch.run import Run
-from morlax_torch.train import make_worlds
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.run import Run
+from morlax_torch.runs.training import make_worlds
 
 O, A, m = 13, 4, 2  # of the hopper
 TINY = {

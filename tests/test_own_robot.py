@@ -9,9 +9,10 @@ import pytest
 import torch
 import yaml
 
-from morlax_torch import MorlaxError, arguments, envs, evaluate, explore, load, record, train
+from morlax_torch import MorlaxError, envs, evaluate, explore, load, record, train
 from morlax_torch.exports.manifest import manifest
-from morlax_torch.player import Player
+from morlax_torch.terminal import arguments
+from morlax_torch.viewers.player import Player
 
 PAGE = Path(__file__).parent.parent / "docs" / "your-own-robot.md"
 TINY = (

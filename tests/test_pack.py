@@ -9,9 +9,9 @@ import torch
 import morlax_torch
 from morlax_torch import MorlaxError
 from morlax_torch.config import load_config, merged, task_values
-from morlax_torch.evaluation import Front
+from morlax_torch.evaluation.front import Front
 from morlax_torch.pack import pack
-from morlax_torch.run import Run
+from morlax_torch.runs.run import Run
 from morlax_torch.train import train
 
 

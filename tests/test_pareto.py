@@ -6,8 +6,8 @@ import moocore
 import numpy as np
 import pytest
 
-from morlax_torch import pareto
-from morlax_torch.evaluation import Front
+from morlax_torch.evaluation import pareto
+from morlax_torch.evaluation.front import Front
 
 NAN = float("nan")
 

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from morlax_torch import envs
-from morlax_torch.envs.mujoco_physics import MujocoPhysics
-from morlax_torch.envs.warp_physics import WarpPhysics
+from morlax_torch.envs.physics.mujoco import MujocoPhysics
+from morlax_torch.envs.physics.warp import WarpPhysics
 
 REFERENCE = Path(__file__).parent / "reference"
 BACKENDS = ("mujoco", "warp")

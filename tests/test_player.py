@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, Policy, envs
-from morlax_torch.agent import Agent
 from morlax_torch.config import load_config, task_values
-from morlax_torch.evaluation import Evaluator
-from morlax_torch.player import Player
+from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.networks.agent import Agent
+from morlax_torch.viewers.player import Player
 
 
 @pytest.fixture

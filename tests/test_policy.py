@@ -9,9 +9,10 @@ import pytest
 import torch
 
 import morlax_torch
-from morlax_torch import MORLAX, MorlaxError, Policy, checkpoint, envs
+from morlax_torch import MORLAX, MorlaxError, Policy, envs
 from morlax_torch.config import load_config, merged
 from morlax_torch.files import replacing
+from morlax_torch.runs import checkpoint
 
 TINY = {
     "env": "hopper",

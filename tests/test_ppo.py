@@ -8,9 +8,9 @@ from torch import Tensor
 from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.nn.functional import softplus
 
+from morlax_torch.algorithms.ppo import PPO, Batch, judge, minibatches
+from morlax_torch.algorithms.rollout import advantages
 from morlax_torch.config import PPOConfig
-from morlax_torch.ppo import PPO, Batch, judge, minibatches
-from morlax_torch.rollout import advantages
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 

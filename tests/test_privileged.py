@@ -4,12 +4,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from morlax_torch import MORLAX, Policy, checkpoint, envs, export, load
+from morlax_torch import MORLAX, Policy, envs, export, load
 from morlax_torch.config import Config, load_config, merged
-from morlax_torch.envs.layout import positions
+from morlax_torch.envs.worlds.layout import positions
 from morlax_torch.evaluate import evaluate
 from morlax_torch.exports.manifest import manifest
-from morlax_torch.train import make_worlds
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.training import make_worlds
 
 Hopper = envs.get("hopper")
 O, P = 6, 7

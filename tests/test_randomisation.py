@@ -11,7 +11,7 @@ from torch import Tensor
 from morlax_torch import MORLAX, MorlaxError, envs
 from morlax_torch.config import Config, load_config
 from morlax_torch.evaluate import evaluate
-from morlax_torch.train import make_worlds
+from morlax_torch.runs.training import make_worlds
 
 BACKENDS = ("mujoco", "warp")
 MODELS = {

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from morlax_torch import MorlaxError, policy, record
-from morlax_torch.filming import video
-from morlax_torch.filming.film import Film
-from morlax_torch.filming.video import write_video
-from morlax_torch.player import Player
+from morlax_torch import MorlaxError, record
+from morlax_torch.networks import policy
+from morlax_torch.viewers.filming import video
+from morlax_torch.viewers.filming.film import Film
+from morlax_torch.viewers.filming.video import write_video
+from morlax_torch.viewers.player import Player
 
 GAP = 4  # pixels between panels
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError
-from morlax_torch.filming.rendering import Scene
-from morlax_torch.player import Player
+from morlax_torch.viewers.filming.rendering import Scene
+from morlax_torch.viewers.player import Player
 
 ROBOTS = ("ant", "cheetah", "hopper", "humanoid", "walker")
 BALL = """

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from morlax_torch import envs
-from morlax_torch.rollout import Rollout, advantages, collect
+from morlax_torch.algorithms.rollout import Rollout, advantages, collect
 
 GAMMA, LAMBDA = 0.9, 0.8
 

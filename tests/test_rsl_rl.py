@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.hopper import Hopper
+from morlax_torch.envs.robots.hopper import Hopper
 
 pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
 

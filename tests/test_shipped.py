@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from morlax_torch import arguments, envs
-from morlax_torch.evaluation import Front
-from morlax_torch.policy import SHIPPED, find_run, load
+from morlax_torch import envs
+from morlax_torch.evaluation.front import Front
+from morlax_torch.runs.loading import SHIPPED, find_run, load
+from morlax_torch.terminal import arguments
 
 MEGABYTES = {"humanoid": 6.0, "bruce": 6.0}  # the others: 1
 EVALUATE = "import sys; from morlax_torch.evaluate import evaluate; " + (

@@ -13,12 +13,14 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from morlax_torch import MORLAX, MorlaxError, checkpoint
+from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.config import Config, load_config, merged, task_values
-from morlax_torch.evaluation import Front
-from morlax_torch.policy import Policy
-from morlax_torch.run import Run
-from morlax_torch.train import make_worlds, train
+from morlax_torch.evaluation.front import Front
+from morlax_torch.networks.policy import Policy
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.run import Run
+from morlax_torch.runs.training import make_worlds
+from morlax_torch.train import train
 
 TINY = {
     "device": "cpu",

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import envs
 from ..envs import MorlaxError
 from ..envs.errors import unknown
-from ..filming.rendering import Scene
 from ..tradeoffs import one_tradeoff
+from ..viewers.filming.rendering import Scene
 from .resetting import prepare
 from .window import Window
 
@@ -56,7 +56,7 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
         EzPickle.__init__(self, task, tradeoff, render_mode, width, height, **task_options)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise unknown("render mode", render_mode, self.metadata["render_modes"])
-        self.worlds = worlds = envs.make(task, 1, "cpu", "mujoco", auto_reset=False, **task_options)
+        self.worlds = worlds = envs.make_robot(task, **task_options)
         self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
         self.render_mode, self.objectives = render_mode, worlds.objectives
         self.observation_space, self.action_space = worlds.observation_space, worlds.action_space

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from .. import envs
 from ..envs import MorlaxError, TimeStep
-from ..graph import Graph
-from ..rollout import one_thread
+from ..gpu.graph import Graph
+from ..gpu.threads import one_thread
 from ..tradeoffs import one_tradeoff
 from .actions import check_actions
 from .resetting import prepare

@@ -5,7 +5,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from ..envs import MorlaxError
-from ..policy import Policy
+from ..networks.policy import Policy
 
 
 class MorlBaselinesAgent:

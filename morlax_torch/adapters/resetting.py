@@ -21,4 +21,4 @@ def prepare(
     if options:
         raise MorlaxError(f"reset knows no options, but got {', '.join(map(repr, options))}.")
     if draw:
-        worlds.generator.manual_seed(int(random.integers(2**63)))
+        worlds.reseed(int(random.integers(2**63)))

@@ -6,8 +6,8 @@ import torch
 
 from .. import envs
 from ..envs import MorlaxError, TimeStep
-from ..graph import Graph
-from ..rollout import one_thread
+from ..gpu.graph import Graph
+from ..gpu.threads import one_thread
 from .actions import check_actions
 from .host import require
 

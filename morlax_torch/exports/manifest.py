@@ -11,9 +11,10 @@ import mujoco
 import torch
 
 from .. import envs
-from ..envs import Environment, MorlaxError
-from ..history import History
-from ..policy import Policy, find_checkpoint, find_run
+from ..envs import Environment
+from ..evaluation.history import History
+from ..networks.policy import Policy
+from ..runs.loading import find_checkpoint, find_run
 
 STEP = 2**-6  # of an action, to find what control it makes; exact in binary
 
@@ -24,9 +25,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
     `tradeoff` (m,) is the one inside; None: it is an input.
     """
     config = policy.config
-    env = envs.make(config.env, 1, "cpu", "mujoco", **config.task.judged().model_dump())
-    if not isinstance(env, Environment):
-        raise MorlaxError(f"{config.env} has no motors to tell of: only MuJoCo tasks are exported.")
+    env = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
     return {
         "morlax_torch": _version(),
         "task": config.env,

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import pareto
 from ..envs import MorlaxError
-from ..evaluation import Front
-from ..policy import Policy, find_run
+from ..evaluation import pareto
+from ..evaluation.front import Front
+from ..networks.policy import Policy
+from ..runs.loading import find_run
 
 SAME = ("objectives", "shared", "episode_length", "reference_point", "reset_noise")
 

@@ -10,7 +10,7 @@ import yaml
 from matplotlib.figure import Figure
 
 from ..config import Config
-from ..figures.style import FILES
+from ..evaluation.figures.style import FILES
 from .comparison import Quartiles
 
 MEANINGS = {

@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from .. import envs, figures
 from ..envs import MorlaxError
-from ..evaluation import Front
+from ..envs.external import title
+from ..evaluation import figures
+from ..evaluation.front import Front
+from ..evaluation.history import History
 from ..files import replacing
-from ..history import History
-from ..policy import Policy
+from ..networks.policy import Policy
 from . import comparison
 from .page import report
 
@@ -35,7 +36,7 @@ def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) 
     """Fronts, figures, tables and the report; several runs have a folder inside for each."""
     drawn: list[tuple[str, Figure]] = []
     several = len(found) > 1
-    task = envs.title(next(iter(found.values())).policy.config.env)
+    task = title(next(iter(found.values())).policy.config.env)
     histories = [run.history for run in found.values() if run.history is not None]
     make_folder(folder)
     if several:
@@ -61,9 +62,9 @@ def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) 
         heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
         rows = ([name, *three, len(found)] for name, three in quartiles.items())
         write_rows(folder / "summary.csv", [heads, *rows])
-    title = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
+    heading = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
     configs = {name: run.policy.config for name, run in found.items()}
-    text = report(title, about, typed, measured, quartiles, drawn, configs)
+    text = report(heading, about, typed, measured, quartiles, drawn, configs)
     with replacing(folder / "report.html") as file:
         file.write(text.encode())
 

@@ -1,0 +1,132 @@
+"""Tasks from outside this package: a class in a Python file, or a package's entry point."""
+
+import importlib.util
+import inspect
+import sys
+import traceback
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType
+
+from pydantic import ValidationError
+
+from .errors import MorlaxError, unknown
+from .worlds.environment import Environment
+from .worlds.gymnasium import GymnasiumWorlds
+from .worlds.interface import Worlds
+
+GROUP = "morlax_torch.envs"
+
+
+def is_file(name: str) -> bool:
+    """Return whether `name` is FILE.py:CLASS."""
+    return name.rpartition(":")[0].endswith(".py") or name.endswith(".py")
+
+
+def absolute(name: str) -> str:
+    """Return FILE.py:CLASS with an absolute path, so that it works from any folder."""
+    file, colon, member = name.rpartition(":")
+    return f"{Path(file).expanduser().resolve()}:{member}" if colon and is_file(name) else name
+
+
+def title(name: str) -> str:
+    """Return the task's name for folders and pictures: of FILE.py:CLASS only the class."""
+    return name.rpartition(":")[2] if is_file(name) else name
+
+
+def from_file(name: str) -> type[Worlds]:
+    """Import FILE.py once and return its CLASS.
+
+    Raises:
+        MorlaxError: the file or class is missing, the import fails, or the class is not a task.
+    """
+    file, _, member = absolute(name).rpartition(":")
+    if name.endswith(".py"):
+        raise MorlaxError(f"{name} is a file: name a class in it, such as {name}:MyRobot.")
+    if not Path(file).is_file():
+        raise MorlaxError(f"there is no file {file}, which should define the task {member}.")
+    module = _run(file)
+    own = {key for key, value in vars(module).items() if _is_task(value)}
+    if member not in own:
+        raise unknown(f"task of {file}", member, own)
+    return checked(getattr(module, member))
+
+
+def offered() -> set[str]:
+    """Return the names of installed packages' entry points, without loading them."""
+    return metadata.entry_points(group=GROUP).names
+
+
+def from_entry_point(name: str) -> type[Worlds]:
+    """Load the task that an installed package offers as `name`.
+
+    Raises:
+        MorlaxError: two packages offer it, the import fails, or the object is not a task.
+    """
+    points = metadata.entry_points(group=GROUP, name=name)
+    values = sorted({point.value for point in points})
+    if len(values) > 1:
+        raise MorlaxError(
+            f"several packages offer an environment called {name!r} ({', '.join(values)}): "
+            "uninstall all but one."
+        )
+    try:
+        found = next(iter(points)).load()
+    except Exception as error:  # any error of the package's own code
+        raise MorlaxError(
+            f"the environment {name!r} cannot be imported from {values[0]}: {_words(error)}"
+        ) from None
+    if not _is_task(found):
+        raise MorlaxError(
+            f"the environment {name!r} is {values[0]}, which is not a subclass of "
+            "morlax_torch.envs.Worlds."
+        )
+    return checked(found)
+
+
+def checked(task: type[Worlds]) -> type[Worlds]:
+    """Return the class if it is complete.
+
+    Raises:
+        MorlaxError: abstract methods or default objectives are missing.
+    """
+    missing = sorted(getattr(task, "__abstractmethods__", ()))
+    if task.resumable and task.state_dict is Worlds.state_dict:
+        missing += ["state_dict and load_state_dict (or set resumable = False)"]
+    if missing:
+        raise MorlaxError(f"{task.__name__} does not define {', '.join(missing)}: add them.")
+    try:
+        task.Options.model_validate({})
+    except (AttributeError, ValidationError):
+        raise MorlaxError(
+            f"{task.__name__}.Options must be a subclass of ObjectiveOptions (TaskOptions for a "
+            "robot) in which every option has a default, including objectives."
+        ) from None
+    return task
+
+
+@cache
+def _run(file: str) -> ModuleType:
+    # Registered under its path, a name that no other module has; pydantic looks it up there.
+    spec = importlib.util.spec_from_file_location(file, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[file] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # any error of the user's own code
+        del sys.modules[file]
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+        place = f"{file}, line {lines[-1]}," if lines else file
+        raise MorlaxError(f"{place} cannot be imported: {_words(error)}") from None
+    return module
+
+
+def _is_task(value: object) -> bool:
+    bases = (Worlds, Environment, GymnasiumWorlds)
+    return inspect.isclass(value) and issubclass(value, Worlds) and value not in bases
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

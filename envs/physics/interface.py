@@ -1,0 +1,66 @@
+"""The interface of a simulator."""
+
+from abc import ABC, abstractmethod
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import unknown
+
+
+class Physics(ABC):
+    """N copies of one MuJoCo model on one device, advanced together, seen as torch tensors.
+
+    The tensors are views of the simulator's own memory: reading one copies nothing, and writing
+    one in place moves the robots. Never rebind them (`physics.qpos = ...` would silently detach
+    from the simulator). `sensors` describes the state that *entered* the last physics step, as
+    after C MuJoCo's `mj_step`; after a reset it holds the readings of the new state.
+    """
+
+    name: str  # of the simulator
+    model: mujoco.MjModel
+    num_worlds: int
+    device: torch.device
+    qpos: Tensor  # (N, nq) meters, radians
+    qvel: Tensor  # (N, nv) m/s, rad/s
+    act: Tensor  # (N, na) activations of actuators that have one (dyntype)
+    ctrl: Tensor  # (N, nu)
+    warmstart: Tensor  # (N, nv) initial guess of the constraint solver
+    sensors: Tensor  # (N, nsensordata)
+    leftovers: tuple[Tensor, ...] = ()  # (N, ...) other values that the next step reads
+
+    @abstractmethod
+    def step(self) -> None:
+        """Advance every world by one control step, holding `ctrl`."""
+
+    @abstractmethod
+    def vary(self, fields: dict[str, np.ndarray]) -> None:
+        """Give each world its own model, which differs in `fields` (N, ...), by name.
+
+        Derived constants of the model are updated. Worlds keep their state.
+
+        Raises:
+            MorlaxError: the simulator cannot vary such a field between worlds.
+        """
+
+    @abstractmethod
+    def overflow(self) -> Tensor:
+        """Return (N,) int32, non-zero where contacts or constraints overflowed their buffers."""
+
+    @abstractmethod
+    def remedy(self, bits: int) -> str:
+        """Say how to avoid the overflow with the union `bits` of `overflow`."""
+
+    def sensor(self, name: str) -> Tensor:
+        """Return a view (N, dim) of one sensor's readings.
+
+        Raises:
+            MorlaxError: the model has no such sensor.
+        """
+        known = [self.model.sensor(index).name for index in range(self.model.nsensor)]
+        if name not in known:
+            raise unknown("sensor", name, known)
+        sensor = self.model.sensor(name)
+        return self.sensors[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]

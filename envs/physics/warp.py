@@ -1,0 +1,106 @@
+"""Physics on MuJoCo Warp, in float32: on CUDA, and on the CPU for tests."""
+
+import dataclasses
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from . import variation
+from .interface import Physics
+
+wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
+
+# A solver that stops at its iteration limit is not an error: the task sets the limits.
+_LIMITS = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS
+_CONSTRAINTS = mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ
+# For these constraints MuJoCo Warp computes accelerations from the previous step's velocities.
+_ANCHORED = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+
+
+class WarpPhysics(Physics):
+    """MuJoCo Warp with torch views of its arrays.
+
+    On CUDA a step only enqueues work, and Python is most of its cost: record the caller in a CUDA
+    graph. On the CPU the step records itself once and is then replayed.
+    """
+
+    name = "MuJoCo Warp"
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_worlds: int,
+        device: torch.device,
+        substeps: int,
+        nconmax: int,
+        njmax: int,
+        deterministic: bool = False,
+    ):
+        self.model, self.num_worlds, self.device = model, num_worlds, device
+        self.substeps, self.nconmax, self.njmax = substeps, nconmax, njmax
+        with wp.ScopedDevice(str(device)):
+            self._model = mjw.put_model(model)
+            self._model.opt.warn_overflow = 0  # would print from kernels; we read `overflow`
+            if deterministic:
+                self._model.opt.deterministic = True
+            if device.type == "cuda":
+                # Early exit of the solver costs a conditional node in the graph, which pays off
+                # only if it can save many iterations.
+                self._model.opt.graph_conditional = model.opt.iterations > 6
+            self._data = data = mjw.make_data(
+                model, nworld=num_worlds, nconmax=nconmax, njmax=njmax
+            )
+        self.qpos = wp.to_torch(data.qpos)
+        self.qvel = wp.to_torch(data.qvel)
+        self.ctrl = wp.to_torch(data.ctrl)
+        self.act = wp.to_torch(data.act)
+        self.warmstart = wp.to_torch(data.qacc_warmstart)
+        self.sensors = wp.to_torch(data.sensordata)
+        if np.isin(model.eq_type, _ANCHORED).any():
+            self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
+        self._overflow = wp.to_torch(data.overflow)
+        self._replay: wp.Graph | None = None
+
+    def step(self) -> None:
+        if self.device.type == "cuda":
+            self._advance()
+        elif self._replay is None:
+            self._advance()  # compiles the kernels once per machine and loads them
+            with wp.ScopedCapture(device="cpu") as capture:
+                self._advance()
+            self._replay = capture.graph
+        else:
+            wp.capture_launch(self._replay)
+
+    def _advance(self) -> None:
+        with wp.ScopedDevice(str(self.device)):
+            for _ in range(self.substeps):
+                mjw.step(self._model, self._data)
+
+    def vary(self, fields: dict[str, np.ndarray]) -> None:
+        shapes = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
+        found = variation.varying(self.model, self.num_worlds, fields)
+        for name, values in found.items():
+            if shapes.get(name, ())[:1] != ("*",):
+                if name in fields:
+                    raise variation.cannot(self.name, name)
+                continue  # a constant that this simulator does not use
+            shared = getattr(self._model, name)
+            if len(shared) == self.num_worlds:  # in place: a recorded graph keeps its address
+                shared.assign(values)
+            else:
+                own = wp.array(values, dtype=shared.dtype, device=shared.device)
+                setattr(self._model, name, own)
+        wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
+
+    def overflow(self) -> Tensor:
+        return self._overflow & ~int(_LIMITS)
+
+    def remedy(self, bits: int) -> str:
+        if bits & int(_CONSTRAINTS):
+            return f"raise --task.njmax above {self.njmax} (constraint rows of a world)"
+        return f"raise --task.nconmax above {self.nconmax} (contacts of a world)"

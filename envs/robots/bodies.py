@@ -1,0 +1,163 @@
+"""What MuJoCo knows of each body, rebuilt from sensors, so that both simulators can tell it."""
+
+from functools import cached_property
+
+import mujoco
+import torch
+from torch import Tensor
+
+from ..physics.interface import Physics
+
+CENTER, CONTACT, JOINT_FORCE = "center", "contact", "joint_force"
+POSITION, ORIENTATION, LINEAR, ANGULAR = "position", "orientation", "linear", "angular"
+WRENCH = sum(
+    1 << int(field)
+    for field in (
+        mujoco.mjtConDataField.mjCONDATA_FORCE,
+        mujoco.mjtConDataField.mjCONDATA_TORQUE,
+        mujoco.mjtConDataField.mjCONDATA_POS,
+    )
+)
+NET = 3  # all contacts of a body reduced to one wrench
+
+
+def sense_contacts(spec: mujoco.MjSpec) -> None:
+    """Add the sensors that `Bodies.contact_forces` reads."""
+    bodies = _bodies(spec)
+    _add(spec, CENTER, mujoco.mjtSensor.mjSENS_SUBTREECOM, mujoco.mjtObj.mjOBJ_BODY, bodies[:1])
+    for sensor in _add(
+        spec, CONTACT, mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_BODY, bodies
+    ):
+        sensor.intprm[:3] = WRENCH, NET, 1
+
+
+def sense_motion(spec: mujoco.MjSpec) -> None:
+    """Add the sensors that the rest of `Bodies` reads, beside those of `sense_contacts`."""
+    for name, kind in {
+        POSITION: mujoco.mjtSensor.mjSENS_FRAMEPOS,
+        ORIENTATION: mujoco.mjtSensor.mjSENS_FRAMEQUAT,
+        LINEAR: mujoco.mjtSensor.mjSENS_FRAMELINVEL,
+        ANGULAR: mujoco.mjtSensor.mjSENS_FRAMEANGVEL,
+    }.items():
+        _add(spec, name, kind, mujoco.mjtObj.mjOBJ_BODY, _bodies(spec))
+    hinges = [joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
+    force = mujoco.mjtSensor.mjSENS_JOINTACTFRC
+    _add(spec, JOINT_FORCE, force, mujoco.mjtObj.mjOBJ_JOINT, hinges)
+
+
+class Bodies:
+    """The quantities that `mjData` calls cinert, cvel, cfrc_ext and qfrc_actuator.
+
+    They are taken about the robot's centre of mass, in the axes of the world, and like every
+    sensor they describe the state that entered the last physics step. The world itself and the
+    joint that carries the robot, which have only zeros there, are left out.
+    """
+
+    def __init__(self, physics: Physics):
+        self.physics = physics
+
+    @cached_property
+    def center(self) -> Tensor:
+        """A view (N, 3) of the robot's centre of mass."""
+        return self._sensors(CENTER)[:, 0]
+
+    def contact_forces(self) -> Tensor:
+        """(N, B, 6) torque and force of all contacts on each body: cfrc_ext."""
+        force, torque, place = self._contact
+        arm = place - self.center[:, None]
+        return -torch.cat([torque + torch.linalg.cross(arm, force), force], -1)
+
+    def inertias(self) -> Tensor:
+        """(N, B, 10) moments xx, yy, zz, xy, xz, yz; mass times place; mass: cinert."""
+        arm = self._position - self.center[:, None]
+        axes = _rotation(self._orientation)
+        square = arm.square().sum(-1)[..., None, None]
+        parallel = square * self._identity - arm[..., :, None] * arm[..., None, :]
+        moments = axes @ (self._principal * axes.mT) + self._mass[..., None] * parallel
+        parts = [moments[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        return torch.cat(
+            [torch.stack(parts, -1), self._mass * arm, self._mass.expand_as(arm[..., :1])], -1
+        )
+
+    def velocities(self) -> Tensor:
+        """(N, B, 6) angular, and linear of the point that is at the centre of mass: cvel."""
+        angular = self._angular
+        arm = self.center[:, None] - self._position
+        return torch.cat([angular, self._linear + torch.linalg.cross(angular, arm)], -1)
+
+    @cached_property
+    def joint_forces(self) -> Tensor:
+        """A view (N, J) of what the motors do to each hinge, in N m: qfrc_actuator."""
+        return self._sensors(JOINT_FORCE)[..., 0]
+
+    @cached_property
+    def _contact(self) -> tuple[Tensor, ...]:
+        return self._sensors(CONTACT).split(3, -1)
+
+    @cached_property
+    def _position(self) -> Tensor:
+        return self._sensors(POSITION)
+
+    @cached_property
+    def _orientation(self) -> Tensor:
+        return self._sensors(ORIENTATION)
+
+    @cached_property
+    def _linear(self) -> Tensor:
+        return self._sensors(LINEAR)
+
+    @cached_property
+    def _angular(self) -> Tensor:
+        return self._sensors(ANGULAR)
+
+    @cached_property
+    def _mass(self) -> Tensor:
+        return torch.from_numpy(self.physics.model.body_mass[1:, None]).to(self.physics.qpos)
+
+    @cached_property
+    def _principal(self) -> Tensor:
+        return torch.from_numpy(self.physics.model.body_inertia[1:, :, None]).to(self.physics.qpos)
+
+    @cached_property
+    def _identity(self) -> Tensor:
+        return torch.eye(3).to(self.physics.qpos)
+
+    def _sensors(self, name: str) -> Tensor:
+        """A view (N, objects, dim) of what the sensors that `_add` gave one name read."""
+        model = self.physics.model
+        mine = [i for i in range(model.nsensor) if model.sensor(i).name.startswith(f"{name}/")]
+        begin = model.sensor_adr[mine[0]]
+        end = model.sensor_adr[mine[-1]] + model.sensor_dim[mine[-1]]
+        return self.physics.sensors[:, begin:end].unflatten(1, (len(mine), -1))
+
+
+def _bodies(spec: mujoco.MjSpec) -> list[str]:
+    """The names of all but the world; those without one are given one."""
+    for number, body in enumerate(spec.bodies):
+        body.name = body.name or f"body_{number}"
+    return [body.name for body in spec.bodies[1:]]
+
+
+def _add(
+    spec: mujoco.MjSpec,
+    name: str,
+    kind: mujoco.mjtSensor,
+    objects_kind: mujoco.mjtObj,
+    objects: list[str],
+) -> list[mujoco.MjsSensor]:
+    """A sensor for each object, side by side."""
+    return [
+        spec.add_sensor(name=f"{name}/{each}", type=kind, objtype=objects_kind, objname=each)
+        for each in objects
+    ]
+
+
+def _rotation(quaternion: Tensor) -> Tensor:
+    """(..., 3, 3) of unit quaternions (..., 4), w first."""
+    w, x, y, z = quaternion.unbind(-1)
+    rows = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
+    return torch.stack(rows, -1).unflatten(-1, (3, 3))

@@ -1,0 +1,105 @@
+"""Humanoid: run as fast as you can, spend little energy."""
+
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..worlds.environment import Environment
+from ..worlds.layout import Part, positions, velocities
+from ..worlds.options import TaskOptions
+
+ACTION_SCALE = 3.0  # the motors clamp control to [-1, 1]; the energy term sees the action itself
+EXTREMITIES = ("right_hand", "left_hand", "right_foot", "left_foot")
+
+
+class Humanoid(Environment):
+    """Head, axes, centre of mass and its velocity are sensors: they lag one physics step."""
+
+    model_file = "assets/humanoid.xml"
+    substeps = 2
+    paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 3.0}
+
+    class Options(TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+        shared: dict[str, float] = {"alive": 1.0}
+        nconmax: int = 8
+        njmax: int = 53
+        extremities: bool = False
+        """Observe where hands and feet are (12 numbers) instead of the paper's three zeros."""
+
+    @cached_property
+    def head(self) -> Tensor:
+        return self.physics.sensor("head")
+
+    @cached_property
+    def axes(self) -> list[Tensor]:
+        return [self.physics.sensor(f"torso_{axis}") for axis in "xyz"]
+
+    @cached_property
+    def center(self) -> Tensor:
+        return self.physics.sensor("center")
+
+    @cached_property
+    def velocity(self) -> Tensor:
+        return self.physics.sensor("velocity")
+
+    @cached_property
+    def extremities(self) -> list[Tensor]:
+        if self.options.extremities:
+            return [self.physics.sensor(name) for name in EXTREMITIES]
+        return [torch.zeros_like(self.center)]
+
+    def initial_qpos(self) -> np.ndarray:
+        qpos = np.zeros(self.physics.model.nq)
+        qpos[2:4] = 1.4, 1.0  # metres above the floor, upright
+        return qpos
+
+    def observe(self) -> Tensor:
+        joints, joint_velocities = self.physics.qpos[:, 7:], self.physics.qvel[:, 6:]
+        return torch.cat(
+            [
+                joints,
+                self.head[:, 2:],
+                *self.extremities,
+                *(axis[:, 2:] for axis in self.axes),
+                self.velocity,
+                self.physics.qvel[:, :6],
+                joint_velocities,
+            ],
+            -1,
+        )
+
+    def layout(self) -> list[Part]:
+        model = self.physics.model
+        if self.options.extremities:
+            extremities = [Part(f"position.{name}", 3, "m, from the torso") for name in EXTREMITIES]
+        else:
+            extremities = [Part("zeros", 3, "")]
+        return [
+            *positions(model)[4:],
+            Part("position.head.z", 1, "m"),
+            *extremities,
+            *(Part(f"torso.{axis}.z", 1, "world-z of the torso's own axis") for axis in "xyz"),
+            Part("velocity.center", 3, "m/s, of the centre of mass, in the world"),
+            *velocities(model),
+        ]
+
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.copy_(ACTION_SCALE * action)
+
+    def remember(self) -> dict[str, Tensor]:
+        return {"x": self.center[:, 0]}
+
+    def terms(self) -> dict[str, Tensor]:
+        x = self.center[:, 0]
+        action = self.physics.ctrl / ACTION_SCALE
+        return {
+            "alive": torch.ones_like(x),
+            "run": (x - self.memory["x"]) / self.dt,
+            "energy": (3.0 - action.square().sum(-1)).clamp(min=0.0),
+        }
+
+    def failed(self) -> Tensor:
+        return self.physics.qpos[:, 2] < 0.6

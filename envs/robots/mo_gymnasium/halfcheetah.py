@@ -1,0 +1,28 @@
+"""Half-cheetah: run fast, spare the motors."""
+
+from pydantic import NonNegativeFloat, PositiveInt
+from torch import Tensor
+
+from ...worlds.options import TaskOptions
+from ..gymnasium_robot import GymnasiumRobot
+
+
+class HalfCheetah(GymnasiumRobot):
+    """mo-halfcheetah-v5. It never fails."""
+
+    model_file = "half_cheetah.xml"
+    substeps = 5
+
+    class Options(TaskOptions):
+        objectives: dict[str, dict[str, float]] = {
+            "run": {"run": 1.0},
+            "control": {"ctrl_cost": -1.0},
+        }
+        reference_point: tuple[float, ...] | None = (-100.0, -6000.0)
+        episode_length: PositiveInt = 1000
+        reset_noise: NonNegativeFloat = 0.1
+        nconmax: int = 16
+        njmax: int = 64
+
+    def terms(self) -> dict[str, Tensor]:
+        return {"run": self.velocity()[:, 0], "ctrl_cost": self.effort()}

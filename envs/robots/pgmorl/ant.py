@@ -1,0 +1,35 @@
+"""Four-legged ant: go along x, go along y."""
+
+import mujoco
+import torch
+from torch import Tensor
+
+from ...worlds.options import TaskOptions
+from ..gymnasium_robot import GymnasiumRobot
+
+
+class Ant(GymnasiumRobot):
+    """MO-Ant-v2. It never fails, not even on its back.
+
+    Its velocity is that of its position. The original asks for the torso's place, which the RK4
+    integrator leaves where its last stage was.
+    """
+
+    model_file = "ant.xml"
+    substeps = 5
+    unobserved = 2
+
+    class Options(TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
+        shared: dict[str, float] = {"alive": 1.0, "ctrl_cost": -0.5}
+        nconmax: int = 32
+        njmax: int = 136
+
+    @classmethod
+    def edit(cls, spec: mujoco.MjSpec) -> None:
+        for actuator in spec.actuators:
+            actuator.gear[0] = 100.0
+
+    def terms(self) -> dict[str, Tensor]:
+        vx, vy = self.velocity().unbind(-1)
+        return {"alive": torch.ones_like(vx), "ctrl_cost": self.effort(), "vx": vx, "vy": vy}

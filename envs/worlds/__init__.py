@@ -1,0 +1,1 @@
+"""Worlds as a learner sees them: observations, vector rewards, episodes and resets."""

@@ -1,0 +1,133 @@
+"""What happens to worlds beside their tasks: noise in what they observe, late actions, pushes.
+
+Each part draws from the worlds' own generator, writes tensors in place and never waits for the
+GPU. What it remembers from one step to the next is its `state`.
+"""
+
+import mujoco
+import torch
+from torch import Tensor
+
+from ..errors import MorlaxError, unknown
+from ..physics.interface import Physics
+from .layout import Part
+
+
+class Noise:
+    """Gaussian noise on observations, drawn once for each control step.
+
+    Args:
+        deviations: by the name of a part of the observation, or by the beginning of several
+            ("position" is also that of "position.knee"; the longest counts), in their units.
+        parts: of the observation, O numbers in all.
+        physics: whose N worlds observe.
+        generator: to draw from.
+    """
+
+    def __init__(
+        self,
+        deviations: dict[str, float],
+        parts: list[Part],
+        physics: Physics,
+        generator: torch.Generator,
+    ):
+        words = [part.name.split(".") for part in parts]
+        names = {".".join(some[: n + 1]) for some in words for n in range(len(some))}
+        for name in deviations:
+            if name not in names:
+                raise unknown("part of the observation", name, names)
+        found = []
+        for name, size, _ in parts:
+            near = [key for key in deviations if f"{name}.".startswith(f"{key}.")]
+            found += [deviations[max(near, key=len)] if near else 0.0] * size
+        self.generator, self._deviations = generator, torch.tensor(found, device=physics.device)
+        self.now = torch.zeros(physics.num_worlds, len(found), device=physics.device)  # (N, O)
+        self.state = {"noise": self.now}
+
+    def draw(self) -> None:
+        """Let `now` be that of a new step."""
+        self.now.normal_(generator=self.generator).mul_(self._deviations)
+
+
+class Delay:
+    """Actions that take effect some control steps late; until the first does, those of zero do.
+
+    Args:
+        steps: the fewest and the most, drawn for each world when an episode starts.
+        action_size: A.
+        physics: whose N worlds act.
+        generator: to draw from.
+    """
+
+    def __init__(
+        self, steps: tuple[int, int], action_size: int, physics: Physics, generator: torch.Generator
+    ):
+        self.steps, self.generator = steps, generator
+        N, A, device = physics.num_worlds, action_size, physics.device
+        self._past = torch.zeros(steps[1] + 1, N, A, device=device)  # the latest first
+        self._late = torch.full((N,), steps[0], device=device)
+        self._worlds = torch.arange(N, device=device)
+        self.state = {"late": self._late, "past_actions": self._past}
+
+    def __call__(self, action: Tensor) -> Tensor:
+        """The actions (N, A) that now take effect, when `action` (N, A) is chosen."""
+        self._past.copy_(self._past.roll(1, 0))
+        self._past[0] = action
+        return self._past[self._late, self._worlds]
+
+    def begin(self, over: Tensor) -> None:
+        """Start new episodes in the worlds that are `over` (N,)."""
+        self._past.masked_fill_(over[:, None], 0.0)
+        fewest, most = self.steps
+        if most > fewest:
+            drawn = torch.empty_like(self._late).random_(fewest, most + 1, generator=self.generator)
+            self._late.copy_(torch.where(over, drawn, self._late))
+
+
+class Pushes:
+    """Sudden changes of the robot's horizontal velocity, each in a direction drawn at random.
+
+    Args:
+        speed: of the change, in m/s.
+        every: control steps between two of them, on average; any step may bring one.
+        physics: whose N worlds are pushed.
+        generator: to draw from.
+
+    Raises:
+        MorlaxError: the robot cannot move along the floor.
+    """
+
+    def __init__(self, speed: float, every: int, physics: Physics, generator: torch.Generator):
+        self.speed, self.chance = speed, 1 / every
+        self.physics, self.generator = physics, generator
+        dofs = horizontal(physics.model)
+        if not dofs:
+            raise MorlaxError(
+                "task.randomization.push: this robot cannot be pushed, as its first body neither "
+                "floats (a free joint) nor slides along the floor: leave it out."
+            )
+        self._dofs = torch.tensor(dofs, device=physics.device)
+
+    def __call__(self) -> None:
+        """Push where it is due."""
+        shape = self.physics.num_worlds, len(self._dofs)
+        direction = self.physics.qvel.new_empty(shape).normal_(generator=self.generator)
+        direction /= direction.norm(dim=-1, keepdim=True)
+        draws = direction.new_empty(shape[0], 1).uniform_(generator=self.generator)
+        push = torch.where(draws < self.chance, self.speed * direction, 0.0)
+        self.physics.qvel.index_add_(1, self._dofs, push)
+
+
+def horizontal(model: mujoco.MjModel) -> list[int]:
+    """The degrees of freedom that move the first jointed body along the floor."""
+    data, found = mujoco.MjData(model), []
+    mujoco.mj_forward(model, data)
+    for joint in range(model.njnt):
+        if model.jnt_bodyid[joint] != model.jnt_bodyid[0]:
+            break
+        kind, dof = model.jnt_type[joint], int(model.jnt_dofadr[joint])
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            return [dof, dof + 1]
+        if kind == mujoco.mjtJoint.mjJNT_SLIDE and abs(data.xaxis[joint, 2]) < 1e-6:
+            found.append(dof)
+    return found

@@ -1,0 +1,335 @@
+"""What all MuJoCo tasks share: stepping, episode ends, automatic resets and rewards."""
+
+import sys
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import MorlaxError
+from ..physics import build_physics
+from ..physics.interface import Physics
+from ..random import restore_generator
+from . import checks, episode_kernels, episodes, randomization
+from .disturbances import Delay, Noise, Pushes
+from .interface import TimeStep, Worlds
+from .layout import Part
+from .options import TaskOptions
+from .starts import Starts, around
+
+OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have
+
+
+class Environment(Worlds):
+    """N worlds of one MuJoCo robot with several objectives.
+
+    A subclass defines the observation, the mapping from actions to control, named reward terms,
+    failure and the initial state. `options` combine the terms into objectives. Derived quantities
+    come from sensors, which lag one physics step behind `qpos` and `qvel`.
+
+    A world whose episode ends is reset within the same step if `auto_reset`. A world whose action,
+    state, observation or reward leaves sane bounds (see `episodes.end`) terminates with zero
+    reward; the other worlds are unaffected.
+    """
+
+    Options: ClassVar[type[TaskOptions]]
+    resumable = True
+    recordable = True
+    model_file: ClassVar[str]  # the MJCF, relative to the Python file that defines this attribute
+    substeps: ClassVar[int] = 1  # physics steps per control step
+    # Reward terms that the paper's evaluation adds to each return, on top of any step's reward.
+    paper_reset_terms: ClassVar[dict[str, float]] = {}
+    # Limits of each number of `command` (N, C), such as a velocity, by name. Anyone may write
+    # `command` between steps.
+    command_limits: ClassVar[dict[str, tuple[float, float]]] = {}
+    command: Tensor
+
+    def __init__(
+        self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
+    ):
+        self.physics, self.options, self.auto_reset = physics, options, auto_reset
+        self.num_worlds, self.device = physics.num_worlds, physics.device
+        self.simulator = physics.name
+        self.episode_length = options.episode_length
+        self.dt = physics.model.opt.timestep * self.substeps
+        self.generator = torch.Generator(self.device).manual_seed(seed)
+        self._episodes = episode_kernels if self.device.type == "cuda" else episodes
+        self.starts = self.prepare_starts(seed)
+        self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
+        self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
+        self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
+        self.memory = {name: value.clone() for name, value in self.remember().items()}
+        self.action_size = self.count_actions()
+        self.observation_size = checks.rows(self, "observe", "O")
+        self.privileged_size = checks.rows(self, "privileged", "P")
+        checks.layout(self)
+        self._randomize(seed)
+        checks.control(self)
+        checks.rewards(self)
+        self.reset()
+        self.reward_terms = tuple(self.terms())
+        self.objectives = tuple(options.objectives)
+        self.reference_point = self._reference_point()
+        weights = torch.tensor(self._weighting(), dtype=torch.float64)
+        self._weights = weights.to(physics.qpos)  # (terms, m)
+
+    @classmethod
+    def build(
+        cls,
+        options: Any,
+        num_worlds: int,
+        device: torch.device,
+        backend: str | None,
+        seed: int,
+        *,
+        auto_reset: bool,
+        deterministic: bool,
+    ) -> Self:
+        model = cls.model_for(options)
+        if options.solver_iterations is not None:
+            model.opt.iterations = options.solver_iterations
+        checks.model(cls, model)
+        physics = build_physics(
+            model,
+            num_worlds,
+            device,
+            backend,
+            cls.substeps,
+            nconmax=options.nconmax,
+            njmax=options.njmax,
+            deterministic=deterministic,
+        )
+        return cls(physics, options, seed, auto_reset)
+
+    def _randomize(self, seed: int) -> None:
+        chosen, physics, generator = self.options.randomization, self.physics, self.generator
+        drawn = self.vary_model(seed)
+        self._model = {name: torch.from_numpy(values) for name, values in drawn.items()}
+        self._noise = self._delay = self._pushes = None
+        if drawn:
+            physics.vary(drawn)
+        if any(chosen.observation_noise.values()):
+            self._noise = Noise(chosen.observation_noise, self.layout(), physics, generator)
+        if any(chosen.action_delay):
+            self._delay = Delay(chosen.action_delay, self.action_size, physics, generator)
+        if chosen.push:
+            self._pushes = Pushes(chosen.push, chosen.push_every, physics, generator)
+
+    @classmethod
+    def load_model(cls) -> mujoco.MjModel:
+        """Compile this robot's MJCF.
+
+        Raises:
+            MorlaxError: no MJCF is named, or MuJoCo cannot load it.
+        """
+        owner = next((base for base in cls.__mro__ if "model_file" in vars(base)), None)
+        if owner is None:
+            raise MorlaxError(f"{cls.__name__} names no MJCF: give it a model_file.")
+        python_file = getattr(sys.modules[owner.__module__], "__file__", None) or ""
+        path = Path(python_file).parent / cls.model_file
+        try:
+            return mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise MorlaxError(f"MuJoCo cannot load {path} of {cls.__name__}: {reason}") from None
+
+    @classmethod
+    def model_for(cls, options: Any) -> mujoco.MjModel:
+        """Return the model of this robot under `options`, of the class `Options`."""
+        return cls.load_model()
+
+    @abstractmethod
+    def initial_qpos(self) -> np.ndarray:
+        """Return the positions (nq,) that an episode starts from, at rest."""
+
+    @abstractmethod
+    def observe(self) -> Tensor:
+        """Return the observation (N, O) from positions, velocities and sensors."""
+
+    @abstractmethod
+    def apply(self, action: Tensor) -> None:
+        """Write an action (N, A) in [-1, 1] into `physics.ctrl`, in place."""
+
+    @abstractmethod
+    def terms(self) -> dict[str, Tensor]:
+        """Return the unweighted reward terms (N,) of the last step, by name."""
+
+    @abstractmethod
+    def failed(self) -> Tensor:
+        """Return (N,) bool: True where the robot has failed, which ends the episode."""
+
+    def remember(self) -> dict[str, Tensor]:
+        """Return values to compare with in the next step's terms; read them from `memory`."""
+        return {}
+
+    def prepare_starts(self, seed: int) -> Starts:
+        """Prepare the initial states: `initial_qpos` with the reset noise."""
+        physics, noise = self.physics, self.options.reset_noise
+        return Starts(around(checks.start(self), noise, physics.model, seed), physics)
+
+    def vary_model(self, seed: int) -> dict[str, np.ndarray]:
+        """Draw the model fields (N, ...) that differ between worlds, by name, once for all."""
+        options, model = self.options.randomization, self.physics.model
+        return randomization.draw(model, options, self.num_worlds, seed)
+
+    def count_actions(self) -> int:
+        """Return A, the size of an action."""
+        return self.physics.model.nu
+
+    def begin(self, fresh: Tensor) -> None:
+        """Reset task state where `fresh` (N,) bool.
+
+        The physics has been reset before, to rows `starts.rows` of the starts.
+        """
+
+    def advance(self) -> None:
+        """Update task state after each physics step, before rewards."""
+
+    def privileged(self) -> Tensor | None:
+        """Return features (N, P) that only critics see while training; None: there are none.
+
+        Policies never see them, so they may hold quantities that no robot could measure.
+        """
+        return None
+
+    def layout(self) -> list[Part]:
+        """Name the parts of the observation, in order; by default there is one part."""
+        return [Part("observation", self.observation_size, "")]
+
+    def reset(self) -> Tensor:
+        """Start a new episode in every world; returns the observation (N, O)."""
+        everywhere = torch.ones_like(self.age, dtype=torch.bool)
+        self._restart(everywhere)
+        if self.options.stagger:
+            self.age.random_(0, self.episode_length, generator=self.generator)
+        if self._noise:
+            self._noise.draw()
+        return self.critic_observation()[:, : self.observation_size]
+
+    def restart(self, which: Tensor) -> Tensor:
+        """Start a new episode in the worlds of a mask (N,) bool; returns the observation (N, O)."""
+        self._restart(which)
+        return self.critic_observation()[:, : self.observation_size]
+
+    def step(self, action: Tensor) -> TimeStep:
+        """Advance every world by one control step under `action` (N, A)."""
+        self.apply(self._delay(action) if self._delay else action)
+        if self._pushes:
+            self._pushes()
+        self.physics.step()
+        self.advance()
+        if self._noise:
+            self._noise.draw()
+        named = self.terms()
+        terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
+        reward = self.combine(terms).float()
+        final_seen = self.critic_observation()
+        terminated, truncated, over, blown_up = self._episodes.end(
+            self.physics,
+            action,
+            final_seen,
+            self.failed(),
+            self.episode_length,
+            self.age,
+            reward,
+            terms,
+            self.blowups,
+        )
+        final_seen = torch.where(blown_up[:, None], self._zero, final_seen)
+        if self.auto_reset:
+            self._restart(over)
+            seen = self.critic_observation()
+        else:
+            self._remember()
+            seen = final_seen
+        observation, final_observation = (x[:, : self.observation_size] for x in (seen, final_seen))
+        return TimeStep(
+            observation,
+            reward,
+            terminated,
+            truncated,
+            final_observation,
+            dict(zip(named, terms.unbind(-1), strict=True)),
+            seen,
+            final_seen,
+        )
+
+    def critic_observation(self) -> Tensor:
+        observation, privileged = self.observe(), self.privileged()
+        if self._noise:
+            observation = observation + self._noise.now
+        if privileged is not None:
+            observation = torch.cat([observation, privileged], -1)
+        return observation.float()
+
+    def _restart(self, over: Tensor) -> None:
+        starts = self.starts.draw(self.generator)
+        self._episodes.restart(self.physics, over, starts, self.age)
+        for leftover in self.physics.leftovers:
+            leftover.masked_fill_(over[:, None, None], 0.0)
+        if self._delay:
+            self._delay.begin(over)
+        self.begin(over)
+        self._remember()
+
+    def _remember(self) -> None:
+        for name, value in self.remember().items():
+            self.memory[name].copy_(value)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Copy the state that the worlds' future depends on."""
+        tensors = {name: value.clone() for name, value in self._state().items()}
+        return {**tensors, "generator": self.generator.get_state()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore a state of the same number of worlds, in place.
+
+        The state may come from the other simulator or an older version: what it lacks of the
+        physics starts at zero, as after a reset.
+
+        Raises:
+            MorlaxError: the state was saved under other task options.
+        """
+        own = self._state()
+        missing = [name for name in own if name not in state and not name.startswith(OPTIONAL)]
+        if missing:
+            raise MorlaxError(
+                f"the saved worlds lack {', '.join(missing)}, which the options of this task "
+                "need: resume with the config of the saved run."
+            )
+        for name, value in own.items():
+            value.copy_(state[name]) if name in state else value.zero_()
+        if self._model:
+            self.physics.vary({name: value.numpy() for name, value in self._model.items()})
+        restore_generator(self.generator, state["generator"])
+
+    def _state(self) -> dict[str, Tensor]:
+        physics = self.physics
+        return {
+            "qpos": physics.qpos,
+            "qvel": physics.qvel,
+            "act": physics.act,
+            "warmstart": physics.warmstart,
+            "sensors": physics.sensors,
+            "age": self.age,
+            "blowups": self.blowups,
+            **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
+            **{f"memory.{name}": value for name, value in self.memory.items()},
+            **{f"model.{name}": value for name, value in self._model.items()},
+            **(self._noise.state if self._noise else {}),
+            **(self._delay.state if self._delay else {}),
+        }
+
+    def overflow(self) -> Tensor:
+        return self.physics.overflow()
+
+    def remedy(self, bits: int) -> str:
+        return self.physics.remedy(bits)
+
+    def paper_reset_reward(self) -> Tensor:
+        terms = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
+        return (torch.tensor(terms).to(self._weights)[:, None] * self._weights).sum(0).float()

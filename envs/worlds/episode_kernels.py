@@ -1,0 +1,127 @@
+"""The functions of `episodes` as one Warp kernel each, where torch takes a dozen launches."""
+
+from collections.abc import Sequence
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from ..physics.interface import Physics
+from .episodes import MAX_POSITION, MAX_VELOCITY, Ends
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def _bounded(rows: wp.array2d(dtype=float), row: int, limit: float):
+    """Whether every number of a row lies within [-limit, limit]; a NaN does not."""
+    bounded = wp.bool(True)
+    for i in range(rows.shape[1]):
+        bounded = bounded and wp.abs(rows[row, i]) <= limit
+    return bounded
+
+
+@wp.func
+def _finite(rows: wp.array2d(dtype=float), row: int):
+    finite = wp.bool(True)
+    for i in range(rows.shape[1]):
+        finite = finite and wp.isfinite(rows[row, i])
+    return finite
+
+
+@wp.kernel
+def _end(
+    qpos: wp.array2d(dtype=float),  # (N, nq)
+    qvel: wp.array2d(dtype=float),  # (N, nv)
+    action: wp.array2d(dtype=float),  # (N, A)
+    observation: wp.array2d(dtype=float),  # (N, O + P)
+    failed: wp.array(dtype=wp.bool),  # (N,)
+    max_position: float,
+    max_velocity: float,
+    length: int,
+    age: wp.array(dtype=int),  # (N,)
+    reward: wp.array2d(dtype=float),  # (N, m)
+    terms: wp.array2d(dtype=float),  # (N, terms)
+    terminated: wp.array(dtype=wp.bool),  # (N,)
+    truncated: wp.array(dtype=wp.bool),  # (N,)
+    over: wp.array(dtype=wp.bool),  # (N,)
+    blown_up: wp.array(dtype=wp.bool),  # (N,)
+    blowups: wp.array(dtype=wp.int64),  # (1,)
+):
+    world = wp.tid()
+    sane = _bounded(qpos, world, max_position) and _bounded(qvel, world, max_velocity)
+    sane = sane and _finite(action, world) and _finite(observation, world)
+    sane = sane and _finite(reward, world)
+    if not sane:
+        wp.atomic_add(blowups, 0, wp.int64(1))
+        for i in range(reward.shape[1]):
+            reward[world, i] = 0.0
+        for i in range(terms.shape[1]):
+            terms[world, i] = 0.0
+    older = age[world] + 1
+    age[world] = older
+    fallen = failed[world] or not sane
+    timed_out = older >= length
+    blown_up[world] = not sane
+    terminated[world] = fallen
+    truncated[world] = timed_out and not fallen
+    over[world] = fallen or timed_out
+
+
+@wp.kernel
+def _restart(
+    over: wp.array(dtype=wp.bool),  # (N,)
+    chosen: wp.array(dtype=wp.int64),  # (N,) rows of the starts
+    start_qpos: wp.array2d(dtype=float),  # (B, nq)
+    start_qvel: wp.array2d(dtype=float),  # (B, nv)
+    start_sensors: wp.array2d(dtype=float),  # (B, nsensordata)
+    qpos: wp.array2d(dtype=float),  # (N, nq)
+    qvel: wp.array2d(dtype=float),  # (N, nv)
+    act: wp.array2d(dtype=float),  # (N, na)
+    warmstart: wp.array2d(dtype=float),  # (N, nv)
+    sensors: wp.array2d(dtype=float),  # (N, nsensordata)
+    age: wp.array(dtype=int),  # (N,)
+):
+    world = wp.tid()
+    if over[world]:
+        row = int(chosen[world])
+        for i in range(qpos.shape[1]):
+            qpos[world, i] = start_qpos[row, i]
+        for i in range(qvel.shape[1]):
+            qvel[world, i] = start_qvel[row, i]
+            warmstart[world, i] = 0.0
+        for i in range(act.shape[1]):
+            act[world, i] = 0.0
+        for i in range(sensors.shape[1]):
+            sensors[world, i] = start_sensors[row, i]
+        age[world] = 0
+
+
+def end(
+    physics: Physics,
+    action: Tensor,
+    observation: Tensor,
+    failed: Tensor,
+    length: int,
+    age: Tensor,
+    reward: Tensor,
+    terms: Tensor,
+    blowups: Tensor,
+) -> Ends:
+    """`episodes.end`."""
+    ends = Ends(*(torch.empty_like(failed) for _ in Ends._fields))
+    before = [physics.qpos, physics.qvel, action.detach().float(), observation, failed]
+    after = [age, reward, terms, *ends, blowups.view(1)]
+    limits = [MAX_POSITION, MAX_VELOCITY, length]
+    _launch(_end, [*map(wp.from_torch, before), *limits, *map(wp.from_torch, after)])
+    return ends
+
+
+def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
+    """`episodes.restart`."""
+    state = [physics.qpos, physics.qvel, physics.act, physics.warmstart, physics.sensors]
+    _launch(_restart, [*map(wp.from_torch, [over, *starts, *state, age])])
+
+
+def _launch(kernel: wp.Kernel, inputs: list) -> None:
+    wp.launch(kernel, inputs[0].shape[0], inputs, device=inputs[0].device)

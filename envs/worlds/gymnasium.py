@@ -1,0 +1,215 @@
+"""Bridge to Gymnasium: many copies of any `gymnasium.Env` with a vector reward, on the CPU."""
+
+import importlib
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any, ClassVar, Self
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from pydantic import PositiveInt
+from torch import Tensor
+
+from ..errors import MorlaxError
+from .interface import TimeStep, Worlds
+from .options import ObjectiveOptions
+
+PREFIX = "gymnasium:"
+UNLIMITED = 500  # steps per episode of an environment without a limit of its own
+
+
+def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["GymnasiumWorlds"]:
+    """Return a class to `register`, whose worlds are environments from `make`.
+
+    Its reward terms are the components of the vector reward, `reward_0`, `reward_1` and so on; by
+    default each is an objective. An episode ends when the environment ends it, or after
+    `episode_length` steps, by default the environment's own limit, or 500. If `reward_space` has a
+    lower bound, the reference point is that bound over a whole episode.
+
+    Args:
+        make: returns a new environment with a `reward_space` at each call.
+        name: for error messages.
+
+    Raises:
+        MorlaxError: the actions are not a bounded Box, or the reward is not a vector.
+    """
+    one = make()
+    name = name or str(one)
+    space = one.action_space
+    if not isinstance(space, Box):
+        raise MorlaxError(
+            f"{name} has actions that are not continuous ({space}): only a Box is supported."
+        )
+    if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
+        raise MorlaxError(f"{name} has actions without bounds: give its Box a low and a high.")
+    rewards = one.get_wrapper_attr("reward_space") if one.has_wrapper_attr("reward_space") else None
+    if not isinstance(rewards, Box) or rewards.shape[0] < 2:
+        raise MorlaxError(
+            f"{name} has no vector reward (a reward_space of two numbers or more), so there is "
+            "nothing to trade off."
+        )
+    time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
+    terms = [f"reward_{i}" for i in range(rewards.shape[0])]
+    least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
+
+    class Options(ObjectiveOptions):
+        objectives: dict[str, dict[str, float]] = {term: {term: 1.0} for term in terms}
+        reference_point: tuple[float, ...] | None = tuple(least.tolist())
+        episode_length: PositiveInt = time
+
+    one.close()
+    members = {
+        "Options": Options,
+        "make_one": staticmethod(make),
+        "name": name,
+        "reward_terms": tuple(terms),
+    }
+    return type("GymnasiumWorlds", (GymnasiumWorlds,), members)
+
+
+@cache
+def from_id(name: str) -> type["GymnasiumWorlds"]:
+    """Return the class of "gymnasium:ID"; the id may name the module to import: "module:ID".
+
+    Raises:
+        MorlaxError: there is no such environment, or it is not supported.
+    """
+    identity = name.removeprefix(PREFIX)
+    if identity not in gymnasium.registry and ":" not in identity:
+        try:
+            importlib.import_module("mo_gymnasium")  # most users mean its environments
+        except ImportError:
+            raise MorlaxError(
+                f"Gymnasium knows no {identity!r}: name the module that registers it, "
+                f"{PREFIX}MODULE:{identity}, or pip install mo-gymnasium."
+            ) from None
+    make = partial(gymnasium.make, identity, disable_env_checker=True)  # rewards are vectors
+    try:
+        return from_gymnasium(make, name)
+    except (gymnasium.error.Error, ImportError) as error:
+        raise MorlaxError(f"Gymnasium cannot make {identity!r}: {error}") from None
+
+
+class GymnasiumWorlds(Worlds):
+    """N environments, stepped one after the other; `from_gymnasium` makes such classes.
+
+    Without automatic reset, a world whose episode is over stays as it is, with zero reward. A world
+    whose action, observation or reward is not finite terminates with zero reward. The state of an
+    environment cannot be saved, so a run cannot be resumed.
+    """
+
+    make_one: ClassVar[Callable[[], gymnasium.Env]]
+    name: ClassVar[str]
+    simulator = "gymnasium"
+
+    def __init__(
+        self, options: ObjectiveOptions, num_worlds: int, seed: int = 0, auto_reset: bool = True
+    ):
+        self.options, self.num_worlds, self.auto_reset = options, num_worlds, auto_reset
+        self.device, self.generator = torch.device("cpu"), torch.Generator().manual_seed(seed)
+        self.episode_length = options.episode_length
+        self._worlds = [self.make_one() for _ in range(num_worlds)]
+        one = self._worlds[0]
+        self._space, self._box = one.observation_space, one.action_space
+        self._seeds: list[int | None]
+        self.reseed(seed)
+        self.action_size = int(np.prod(self._box.shape))
+        self.observation_size = gymnasium.spaces.flatdim(self._space)
+        self.objectives = tuple(options.objectives)
+        self.reference_point = self._reference_point()
+        self._weights = torch.tensor(self._weighting())
+        self.age = np.zeros(num_worlds, np.int32)
+        self.blowups = torch.zeros((), dtype=torch.int64)
+        self._seen = np.zeros((num_worlds, self.observation_size), np.float32)
+        self._terminated = np.zeros(num_worlds, np.bool_)
+        self._truncated = np.zeros(num_worlds, np.bool_)
+
+    @classmethod
+    def build(
+        cls,
+        options: Any,
+        num_worlds: int,
+        device: torch.device,
+        backend: str | None,
+        seed: int,
+        *,
+        auto_reset: bool,
+        deterministic: bool,
+    ) -> Self:
+        if device.type != "cpu" or backend == "warp":
+            raise MorlaxError(f"{cls.name} runs only on the CPU: use --device cpu and no backend.")
+        return cls(options, num_worlds, seed, auto_reset)
+
+    def reset(self) -> Tensor:
+        for world in range(self.num_worlds):
+            self._restart(world)
+        return self.critic_observation()
+
+    def restart(self, which: Tensor) -> Tensor:
+        for world in which.nonzero().squeeze(-1).tolist():
+            self._restart(world)
+        return self.critic_observation()
+
+    def step(self, action: Tensor) -> TimeStep:
+        middle, reach = (self._box.high + self._box.low) / 2, (self._box.high - self._box.low) / 2
+        boxes = action.clamp(-1, 1).numpy().reshape(-1, *self._box.shape)
+        controls = (middle + reach * boxes).astype(self._box.dtype)
+        rewards = np.zeros((self.num_worlds, len(self.reward_terms)), np.float32)
+        for world in np.flatnonzero(~(self._terminated | self._truncated)).tolist():
+            rewards[world] = self._advance(world, controls[world])
+        final = torch.from_numpy(self._seen.copy())
+        terms = dict(zip(self.reward_terms, torch.from_numpy(rewards).unbind(-1), strict=True))
+        terminated, truncated = self._terminated.copy(), self._truncated.copy()
+        if self.auto_reset:
+            for world in np.flatnonzero(terminated | truncated).tolist():
+                self._restart(world)
+        observation = self.critic_observation()
+        return TimeStep(
+            observation=observation,
+            reward=self.combine(torch.from_numpy(rewards)),
+            terminated=torch.from_numpy(terminated),
+            truncated=torch.from_numpy(truncated),
+            final_observation=final,
+            terms=terms,
+            critic_observation=observation,
+            final_critic_observation=final,
+        )
+
+    def critic_observation(self) -> Tensor:
+        return torch.from_numpy(self._seen.copy())
+
+    def _advance(self, world: int, control: NDArray) -> NDArray | float:
+        """Step one world; returns its vector reward."""
+        self.age[world] += 1
+        if not np.isfinite(control).all():
+            return self._blow_up(world)
+        seen, reward, terminated, truncated, _ = self._worlds[world].step(control)
+        self._show(world, seen)
+        if not (np.isfinite(self._seen[world]).all() and np.isfinite(reward).all()):
+            return self._blow_up(world)
+        self._terminated[world] = terminated
+        timed_out = truncated or self.age[world] >= self.episode_length
+        self._truncated[world] = timed_out and not terminated
+        return reward
+
+    def _blow_up(self, world: int) -> float:
+        """Terminate a world that is no longer finite; returns its reward, zero."""
+        self._terminated[world], self._seen[world] = True, 0.0
+        self.blowups += 1
+        return 0.0
+
+    def _restart(self, world: int) -> None:
+        seen, _ = self._worlds[world].reset(seed=self._seeds[world])
+        self._seeds[world] = None  # later resets continue its random draws
+        self._show(world, seen)
+        self.age[world], self._terminated[world], self._truncated[world] = 0, False, False
+
+    def _show(self, world: int, seen: Any) -> None:
+        self._seen[world] = np.asarray(gymnasium.spaces.flatten(self._space, seen))
+
+    def reseed(self, seed: int) -> None:
+        super().reseed(seed)
+        self._seeds = [seed + i for i in range(self.num_worlds)]

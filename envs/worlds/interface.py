@@ -1,0 +1,151 @@
+"""The interface between a learner and many copies of a task, whatever simulates them."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple, Self
+
+import gymnasium
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import MorlaxError, unknown
+from .options import ObjectiveOptions
+
+
+class TimeStep(NamedTuple):
+    """The result of one control step of N worlds."""
+
+    observation: Tensor  # (N, O) what the policy acts on next, after any reset
+    reward: Tensor  # (N, m) one column per objective
+    terminated: Tensor  # (N,) bool: the episode failed, its future is worth nothing
+    truncated: Tensor  # (N,) bool: time ran out, its future still has value
+    final_observation: Tensor  # (N, O) the observation before any reset
+    terms: dict[str, Tensor]  # (N,) each: the unweighted reward terms
+    critic_observation: Tensor  # (N, O + P) the observation, then the privileged features
+    final_critic_observation: Tensor  # (N, O + P) the same before any reset
+
+
+class Worlds(ABC):
+    """N worlds of one task with several objectives, stepped together.
+
+    `options` combine reward terms into objectives. A world whose episode ends is reset within the
+    same step if `auto_reset`.
+    """
+
+    Options: ClassVar[type[ObjectiveOptions]]
+    resumable: ClassVar[bool] = False  # `state_dict` holds everything that the future depends on
+    recordable: ClassVar[bool] = False  # on CUDA, `step` can be recorded in a CUDA graph
+    simulator: str  # name of the simulator
+    options: ObjectiveOptions
+    num_worlds: int
+    device: torch.device
+    auto_reset: bool
+    episode_length: int
+    observation_size: int
+    privileged_size: int = 0  # P, the number of features that only critics see
+    action_size: int
+    reward_terms: tuple[str, ...]
+    objectives: tuple[str, ...]
+    reference_point: tuple[float, ...]
+    generator: torch.Generator  # of every random draw while stepping
+    blowups: Tensor  # () int64: how often a world left sane bounds
+    _weights: Tensor  # (terms, m)
+
+    @classmethod
+    @abstractmethod
+    def build(
+        cls,
+        options: Any,
+        num_worlds: int,
+        device: torch.device,
+        backend: str | None,
+        seed: int,
+        *,
+        auto_reset: bool,
+        deterministic: bool,
+    ) -> Self:
+        """Build N worlds; `envs.make` calls this with validated `options` of class `Options`.
+
+        Raises:
+            MorlaxError: these worlds cannot run on the device or backend.
+        """
+
+    @abstractmethod
+    def reset(self) -> Tensor:
+        """Start a new episode in every world; returns the observation (N, O)."""
+
+    @abstractmethod
+    def restart(self, which: Tensor) -> Tensor:
+        """Start a new episode in the worlds of a mask (N,) bool; returns the observation (N, O)."""
+
+    @abstractmethod
+    def step(self, action: Tensor) -> TimeStep:
+        """Advance every world by one control step under `action` (N, A) in [-1, 1]."""
+
+    @abstractmethod
+    def critic_observation(self) -> Tensor:
+        """Return the current observation followed by the privileged features, (N, O + P)."""
+
+    def overflow(self) -> Tensor:
+        """Return (N,) int32, non-zero where the simulator's buffers overflowed."""
+        return torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
+
+    def remedy(self, bits: int) -> str:
+        """Say how to avoid the overflow with the union `bits` of `overflow`."""
+        return ""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Copy the state that the worlds' future depends on, if `resumable`."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore a state of the same number of worlds, in place, if `resumable`."""
+        assert not state, "these worlds have no state to restore"
+
+    def reseed(self, seed: int) -> None:
+        """Restart every random draw of future steps and resets from `seed`."""
+        self.generator.manual_seed(seed)
+
+    def combine(self, terms: Tensor) -> Tensor:
+        """Weight reward terms (N, terms) into the reward of every objective (N, m)."""
+        return (terms.unsqueeze(-1) * self._weights).sum(1)
+
+    def _weighting(self) -> list[list[float]]:
+        objectives, shared = self.options.objectives, self.options.shared
+        for name in [*shared, *(name for group in objectives.values() for name in group)]:
+            if name not in self.reward_terms:
+                raise unknown("reward term", name, self.reward_terms)
+        return [
+            [shared.get(name, 0.0) + group.get(name, 0.0) for group in objectives.values()]
+            for name in self.reward_terms
+        ]
+
+    def _reference_point(self) -> tuple[float, ...]:
+        point = self.options.reference_point
+        if point is None:
+            return (0.0,) * len(self.objectives)
+        if len(point) != len(self.objectives):
+            raise MorlaxError(
+                f"reference_point has {len(point)} numbers, but there are "
+                f"{len(self.objectives)} objectives: {', '.join(self.objectives)}."
+            )
+        return point
+
+    def paper_reset_reward(self) -> Tensor:
+        """Return the reward (m,) that the paper's evaluation protocol adds to every return."""
+        return torch.zeros(len(self.objectives), device=self.device)
+
+    @property
+    def observation_space(self) -> gymnasium.spaces.Box:
+        """The observation space of one world."""
+        return gymnasium.spaces.Box(-np.inf, np.inf, (self.observation_size,), np.float32)
+
+    @property
+    def action_space(self) -> gymnasium.spaces.Box:
+        """The action space of one world."""
+        return gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
+
+    @property
+    def reward_space(self) -> gymnasium.spaces.Box:
+        """The reward space of one world, one number per objective in the order of `objectives`."""
+        return gymnasium.spaces.Box(-np.inf, np.inf, (len(self.objectives),), np.float32)

@@ -1,0 +1,39 @@
+"""All commands under one name: `morlax train ...` or `python -m morlax_torch train ...`."""
+
+import importlib
+from collections.abc import Sequence
+
+from .envs import MorlaxError
+from .envs.errors import unknown
+from .terminal import cli
+
+COMMANDS = {
+    "train": "train one hypernetwork to hold a whole Pareto front",
+    "evaluate": "measure the fronts of trained runs",
+    "explore": "steer a robot live in the browser",
+    "record": "film a robot under several trade-offs",
+    "export": "write a policy to a file that runs without this package",
+    "pack": "copy what is needed to use a run into a small folder",
+}
+
+
+def command(arguments: Sequence[str]) -> None:
+    if not arguments or arguments[0] in ("-h", "--help"):
+        cli.console.print("usage: morlax COMMAND ... (morlax COMMAND --help for its options)")
+        for name, about in COMMANDS.items():
+            cli.console.print(f"  {name:9} {about}")
+        if not arguments:
+            raise MorlaxError(f"name a command: {', '.join(COMMANDS)}.")
+        return
+    name, *rest = arguments
+    if name not in COMMANDS:
+        raise unknown("command", name, COMMANDS)
+    importlib.import_module(f"morlax_torch.{name}").command(rest)
+
+
+def main() -> None:
+    cli.run(command)
+
+
+if __name__ == "__main__":
+    main()

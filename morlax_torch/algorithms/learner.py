@@ -1,0 +1,46 @@
+"""The interface of a learner, which the training loop drives."""
+
+from typing import Any, Protocol
+
+from ..config import Config
+from ..envs import Worlds
+from ..networks.agent import Agent
+
+
+class Learner(Protocol):
+    """Trains an `Agent` in worlds, one `iterate` at a time. `MORLAX` is one."""
+
+    env: Worlds
+    config: Config
+    agent: Agent
+    iteration: int
+    steps_per_iteration: int
+
+    @property
+    def env_steps(self) -> int:
+        """Environment steps learned from so far."""
+        ...
+
+    def compile(self) -> None:
+        """Compile kernels and record graphs; the learner's state is unchanged."""
+        ...
+
+    def iterate(self) -> None:
+        """Run one iteration."""
+        ...
+
+    def metrics(self) -> dict[str, float]:
+        """Return means over the iterations since the last call. Waits for the GPU.
+
+        "blowups" and "overflow" are always among them; a metric that ends in "_loss" must be
+        finite.
+        """
+        ...
+
+    def state_dict(self) -> dict[str, Any]:
+        """Copy everything that future iterations depend on; "agent" holds the agent's state."""
+        ...
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore a state in place, so that recorded graphs stay valid."""
+        ...

@@ -1,0 +1,200 @@
+"""MORLAX: explore with the policies of K trade-offs, learn one hypernetwork from all of them."""
+
+from typing import Any
+
+import torch
+from torch import nn
+
+from ..config import Config
+from ..envs import MorlaxError, Worlds
+from ..envs.random import restore_generator
+from ..gpu import gaussian_kernels
+from ..gpu.graph import Graph
+from ..gpu.threads import one_thread
+from ..networks import gaussian
+from ..networks.agent import Agent
+from ..tradeoffs import sample_tradeoffs
+from . import ppo
+from .ppo import PPO, make_batch, minibatches
+from .rollout import Rollout, collect
+from .scalarization import Linear
+
+
+class MORLAX:
+    """Trains an `Agent` in worlds, one `iterate` at a time.
+
+    One generator draws everything; all state lives in tensors updated in place. `state_dict`
+    copies it, and `load_state_dict` continues from a copy exactly. On CUDA, call `compile` once,
+    and an iteration becomes two recorded graphs.
+
+    Building one on CUDA enables TF32 for matrix products in this process.
+
+    Args:
+        env: the worlds.
+        config: every number of the run.
+        actor: replaces the config's actor: a module from observations (B, O) to (B, 2A), means and
+            spreads (see `TanhNormal`).
+        critic: replaces the config's critic: a module from (B, O + P), with privileged features,
+            to one value per objective (B, m).
+
+    Raises:
+        MorlaxError: config and worlds disagree, or a network does not fit the worlds.
+    """
+
+    def __init__(
+        self,
+        env: Worlds,
+        config: Config,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+    ):
+        if env.num_worlds != config.worlds:
+            raise MorlaxError(
+                f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
+            )
+        self.env, self.config = env, config
+        self.agent = Agent(
+            env.observation_size,
+            env.action_size,
+            len(env.objectives),
+            config.network,
+            torch.Generator().manual_seed(config.seed),
+            privileged_size=env.privileged_size,
+            actor=actor,
+            critic=critic,
+        ).to(env.device)
+        cuda = env.device.type == "cuda"
+        if cuda:
+            torch.set_float32_matmul_precision("high")  # TF32
+        self._sample = gaussian_kernels.sample if cuda else gaussian.sample
+        loss = gaussian_kernels.policy_loss if cuda else ppo.policy_loss
+        self.ppo = PPO(self.agent, config.ppo, loss)
+        self.scalarization = Linear()
+        self.generator = torch.Generator(env.device).manual_seed(config.seed)
+        clusters = config.num_clusters
+        self.tradeoffs = torch.zeros(clusters, len(env.objectives), device=env.device)  # (K, m)
+        self.rollout = Rollout.empty(config.horizon, clusters, env)
+        env.reset()
+        self.observation = env.critic_observation().clone()  # (N, O + P)
+        self.iteration = 0
+        self._clock = torch.zeros((), device=env.device)  # the iteration, readable by graphs
+        self.steps_per_iteration = config.worlds * config.horizon
+        self.metric_names = (
+            *PPO.metrics,
+            *(f"explained_variance/{name}" for name in env.objectives),
+            *(f"mean_reward/{name}" for name in env.objectives),
+            "terminated",
+        )
+        self._metrics = torch.zeros(len(self.metric_names), device=env.device)
+        self._metrics_since = 0
+        generators = (self.generator, env.generator)
+        self.explore = Graph(self._explore, env.device, generators)
+        self.learn = Graph(self._learn, env.device, [self.generator])
+
+    @property
+    def env_steps(self) -> int:
+        """Environment steps learned from so far."""
+        return self.iteration * self.steps_per_iteration
+
+    def compile(self) -> None:
+        """Compile kernels and record the graphs; the learner's state is unchanged.
+
+        Worlds that cannot be recorded are explored eagerly.
+        """
+        if self.env.device.type != "cuda":
+            return
+        state = self.state_dict()
+        if self.env.recordable:
+            self.explore.record()
+        self.learn.record()
+        self.load_state_dict(state)
+        self._metrics.zero_()
+
+    def iterate(self) -> None:
+        """Run one iteration of MORLAX."""
+        self.explore()
+        self.learn()
+        self.iteration += 1
+
+    def _explore(self) -> None:
+        corners = self.config.num_corners(self.tradeoffs.shape[1])
+        sample_tradeoffs(self.tradeoffs, corners, self.config.sampling.alpha, self.generator)
+        with torch.no_grad(), one_thread(self.env.device):
+            collect(
+                self.env,
+                self.agent.actors(self.tradeoffs),
+                self.observation,
+                self.rollout,
+                self._sample,
+                self.generator,
+            )
+
+    def _learn(self) -> None:
+        config, left = self.config.ppo, 1.0
+        if config.anneal and self.config.max_env_steps:
+            done = self._clock * (self.steps_per_iteration / self.config.max_env_steps)
+            left = (1 - done).clamp(min=0)
+            self.ppo.anneal(left)
+            self._clock += 1
+        batch, explained = make_batch(
+            self.agent, self.tradeoffs, self.rollout, config, self.scalarization
+        )
+        losses = torch.zeros(len(PPO.metrics), device=self.env.device)
+        for _ in range(config.epochs):
+            parts = minibatches(batch, self.tradeoffs, config.minibatches, self.generator)
+            losses += self.ppo.improve(parts, self.generator)
+        # Only now: during the update the policies must see the inputs that they acted on. Annealed
+        # too, since policies cannot follow a moving normalizer once their learning rate is zero.
+        self.agent.observation_normalizer.update(self.rollout.observation, left)
+        reward, terminated = self.rollout.reward, self.rollout.terminated
+        self._metrics += torch.cat(
+            [
+                losses / config.epochs,
+                explained,
+                reward.mean((0, 1, 2)),
+                terminated.float().mean()[None],
+            ]
+        )
+
+    def metrics(self) -> dict[str, float]:
+        """Return means over the iterations since the last call. Waits for the GPU."""
+        iterations = max(1, self.iteration - self._metrics_since)
+        self._metrics_since = self.iteration
+        values = torch.cat(
+            [
+                self._metrics / iterations,
+                self.env.blowups.float()[None],
+                self.env.overflow().max().float()[None],
+            ]
+        ).tolist()
+        self._metrics.zero_()
+        return dict(zip((*self.metric_names, "blowups", "overflow"), values, strict=True))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Copy everything that future iterations depend on.
+
+        Worlds that cannot be resumed are left out.
+        """
+        return {
+            "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
+            "optimizers": [value.clone() for value in self.ppo.state()],
+            "scalarization": [value.clone() for value in self.scalarization.state()],
+            "generator": self.generator.get_state(),
+            "environment": self.env.state_dict() if self.env.resumable else {},
+            "observation": self.observation.clone(),
+            "iteration": self.iteration,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore a state in place, so that recorded graphs stay valid."""
+        self.agent.load_state_dict(state["agent"])
+        self.ppo.restore(state["optimizers"])
+        stored = state.get("scalarization", [])
+        for mine, value in zip(self.scalarization.state(), stored, strict=True):
+            mine.copy_(value)
+        restore_generator(self.generator, state["generator"])
+        if self.env.resumable:
+            self.env.load_state_dict(state["environment"])
+        self.observation.copy_(state["observation"])
+        self.iteration = self._metrics_since = state["iteration"]
+        self._clock.fill_(self.iteration)

@@ -1,0 +1,249 @@
+"""The clipped policy objective and the value loss, for a whole family at once."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..config import PPOConfig
+from ..gpu.graph import Branch
+from ..gpu.optimizer import ClippedAdam
+from ..networks.agent import Agent
+from ..networks.gaussian import TanhNormal
+from .rollout import Rollout, advantages
+from .scalarization import Scalarization
+
+
+class Batch(NamedTuple):
+    """S samples of each of K trade-offs."""
+
+    observation: Tensor  # (K, S, O + P) normalized
+    action: Tensor  # (K, S, A) before the tanh
+    log_prob: Tensor  # (K, S, 1) under the policy that acted
+    advantage: Tensor  # (K, S, 1) scalarized by the trade-off
+    target: Tensor  # (K, S, m) of the critic
+
+
+@torch.no_grad()
+def make_batch(
+    agent: Agent,
+    tradeoffs: Tensor,
+    rollout: Rollout,
+    config: PPOConfig,
+    scalarization: Scalarization,
+) -> tuple[Batch, Tensor]:
+    """Estimate what to learn from a rollout.
+
+    Returns:
+        A batch by world, (K, G, T, ...) each, and the explained variance per objective (m,).
+    """
+    values = agent.values(tradeoffs)
+
+    def value_of(observation: Tensor) -> Tensor:  # (T, K, G, O + P) -> (T, K, G, m)
+        rows = observation.transpose(0, 1).flatten(1, 2)
+        value = values(rows).unflatten(1, (len(observation), -1)).transpose(0, 1)
+        return agent.value_normalizer.inverse(value) if config.normalize_values else value
+
+    seen = agent.observation_normalizer(rollout.observation)
+    value = value_of(seen)
+    final_value = value_of(agent.observation_normalizer(rollout.final_observation))
+    advantage = advantages(
+        rollout,
+        value,
+        final_value,
+        config.discount,
+        config.gae_lambda,
+        config.truncation == "bootstrap",
+    )
+    target = advantage + value
+    explained = 1 - advantage.var((0, 1, 2)) / target.var((0, 1, 2))
+    if config.normalize_values:
+        agent.value_normalizer.update(target)
+        target = agent.value_normalizer(target)
+    weights = scalarization.weights(tradeoffs, value[0].mean(1))
+    scalar = (advantage * weights[:, None]).sum(-1)
+    scalar = (scalar - scalar.mean()) / (scalar.std() + 1e-8)
+    batch = Batch(
+        seen, rollout.action, rollout.log_prob.unsqueeze(-1), scalar.unsqueeze(-1), target
+    )
+    return Batch(*(column.permute(1, 2, 0, 3) for column in batch)), explained
+
+
+def minibatches(
+    batch: Batch, tradeoffs: Tensor, number: int, generator: torch.Generator
+) -> list[tuple[Tensor, Batch]]:
+    """Split a batch into the minibatches of one epoch.
+
+    Worlds are shuffled within their clusters and dealt out, so that every minibatch holds all
+    clusters and generates each cluster's parameters once. If every world has its own trade-off,
+    whole clusters are dealt out instead.
+
+    Returns:
+        The trade-offs (K, m) and samples (K, S, ...) of each minibatch.
+    """
+    widths = [column.shape[-1] for column in batch]
+    dense = batch.log_prob.shape[1] == 1
+    packed = torch.cat(batch, -1)  # (K, G, T, ...): one table, so that shuffling is one gather
+    packed = packed.transpose(0, 1) if dense else packed
+    rows = torch.arange(len(packed), device=packed.device)[:, None]
+    draws = torch.empty(packed.shape[:2], device=packed.device).uniform_(generator=generator)
+    order = draws.argsort(1)
+    dealt = []
+    for part, chosen in zip(
+        packed[rows, order].chunk(number, 1), order.chunk(number, 1), strict=True
+    ):
+        part = part.transpose(0, 1) if dense else part
+        own = tradeoffs[chosen[0]] if dense else tradeoffs
+        dealt.append((own, Batch(*part.flatten(1, 2).split(widths, -1))))
+    return dealt
+
+
+def policy_loss(
+    output: Tensor,
+    action: Tensor,
+    noise: Tensor,
+    old_log_prob: Tensor,
+    advantage: Tensor,
+    clip: float,
+    mean_penalty: float,
+    entropy_weight: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Compute PPO's clipped surrogate minus the entropy bonus plus the penalty on large means.
+
+    (Schulman et al., 2017, eq. 7 and 9. The KL from the policy that acted to the current one uses
+    the estimator E[r - 1 - log r].) On CUDA, `gpu.gaussian_kernels.policy_loss` does the same in
+    one kernel.
+
+    Args:
+        output: of the actors, (K, S, 2A).
+        action: before the tanh, (K, S, A).
+        noise: standard normal, (K, S, A), to estimate the entropy.
+        old_log_prob: (K, S, 1) under the policy that acted.
+        advantage: (K, S, 1) scalarized.
+        clip: largest change of the probability ratio that counts.
+        mean_penalty: weight of the squared means.
+        entropy_weight: (), a tensor so that a recorded graph can anneal it.
+
+    Returns:
+        The loss (), and the surrogate, entropy, KL and clipped share (4,), without gradients.
+    """
+    policy = TanhNormal(output)
+    log_ratio = policy.log_prob(action) - old_log_prob.squeeze(-1)
+    ratio, gain = log_ratio.exp(), advantage.squeeze(-1)
+    clipped = ratio.clamp(1 - clip, 1 + clip)
+    surrogate = -torch.minimum(ratio * gain, clipped * gain).mean()
+    entropy = policy.entropy(noise).mean()
+    loss = surrogate - entropy_weight * entropy
+    if mean_penalty:
+        loss = loss + mean_penalty * policy.mean.square().sum(-1).mean()
+    with torch.no_grad():
+        kl = (ratio - 1 - log_ratio).mean()
+        clip_fraction = (ratio != clipped).float().mean()
+        found = torch.stack([surrogate, entropy, kl, clip_fraction])
+    return loss, found
+
+
+class PPO:
+    """Updates an agent's hypernetworks; actor and critic have separate losses and optimizers.
+
+    The two share nothing, so on CUDA their updates run in parallel. A `single` hypernetwork shares
+    its features between both, and so has one optimizer for the sum of the losses.
+
+    Args:
+        agent: updated in place.
+        config: of the updates.
+        loss: `policy_loss`, or its fused kernel.
+    """
+
+    metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
+
+    def __init__(
+        self,
+        agent: Agent,
+        config: PPOConfig,
+        loss: Callable[..., tuple[Tensor, Tensor]] = policy_loss,
+    ):
+        self.agent, self.config, self._loss = agent, config, loss
+        actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
+        self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
+        norm = config.max_grad_norm
+        self.single = agent.actor.features is agent.critic.features
+        if self.single:
+            self.optimizers = [
+                ClippedAdam(list(dict.fromkeys(actor + critic)), self.rates[0], norm)
+            ]
+        else:
+            self.optimizers = [
+                ClippedAdam(group, rate, norm)
+                for group, rate in zip((actor, critic), self.rates, strict=True)
+            ]
+        self.entropy = actor[0].new_tensor(config.entropy)
+        self._branch = Branch(actor[0].device)
+
+    def state(self) -> list[Tensor]:
+        """Return every tensor of the optimizers, in a fixed order; all are updated in place."""
+        return [
+            *(value for optimizer in self.optimizers for value in optimizer.state()),
+            self.entropy,
+        ]
+
+    def restore(self, state: Sequence[Tensor]) -> None:
+        """Load what `state` returned, in place, also on another device."""
+        *moments, entropy = state
+        size = len(moments) // len(self.optimizers)
+        for i, optimizer in enumerate(self.optimizers):
+            optimizer.restore(moments[i * size : (i + 1) * size])
+        self.entropy.copy_(entropy)
+
+    def improve(self, parts: list[tuple[Tensor, Batch]], generator: torch.Generator) -> Tensor:
+        """Take an optimizer step on every minibatch; returns the means of `metrics`, (5,)."""
+        policies, values = [], []
+        if self.single:
+            for tradeoffs, batch in parts:
+                policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
+                value_loss = self.value_loss(tradeoffs, batch)
+                self.optimizers[0].step(policy_loss + value_loss)
+                policies.append(found)
+                values.append(value_loss.detach())
+        else:
+            actor, critic = self.optimizers
+            with self._branch:
+                for tradeoffs, batch in parts:
+                    value_loss = self.value_loss(tradeoffs, batch)
+                    critic.step(value_loss)
+                    values.append(value_loss.detach())
+            for tradeoffs, batch in parts:
+                policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
+                actor.step(policy_loss)
+                policies.append(found)
+            self._branch.join()
+        policy = torch.stack(policies).mean(0)
+        return torch.cat([policy[:1], torch.stack(values).mean(0, keepdim=True), policy[1:]])
+
+    def policy_loss(
+        self, tradeoffs: Tensor, batch: Batch, generator: torch.Generator
+    ) -> tuple[Tensor, Tensor]:
+        """Compute `policy_loss` of the current actors on a minibatch."""
+        policy = self.agent.policies(tradeoffs)(batch.observation)
+        return self._loss(
+            policy.output,
+            batch.action,
+            policy.noise(generator),
+            batch.log_prob,
+            batch.advantage,
+            self.config.clip,
+            self.config.mean_penalty,
+            self.entropy,
+        )
+
+    def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
+        """Compute the squared error of the vector value, summed over objectives."""
+        error = self.agent.values(tradeoffs)(batch.observation) - batch.target
+        return self.config.value_coefficient * error.square().sum(-1).mean()
+
+    def anneal(self, left: Tensor) -> None:
+        """Scale learning rates and the entropy bonus by the share of the run that is `left`."""
+        for optimizer, rate in zip(self.optimizers, self.rates, strict=False):
+            optimizer.rate.copy_(rate * left)
+        self.entropy.copy_(self.config.entropy * left)

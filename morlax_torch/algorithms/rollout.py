@@ -1,0 +1,121 @@
+"""Collect rollouts and estimate advantages."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..envs import Worlds
+from ..networks.agent import Actors
+
+# the actors' output and standard normal noise to samples and log-probabilities
+Sampler = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+
+
+class Rollout(NamedTuple):
+    """T steps of K clusters of G worlds. Each iteration overwrites the last."""
+
+    observation: Tensor  # (T, K, G, O + P) raw, as critics see it
+    action: Tensor  # (T, K, G, A) before the tanh
+    log_prob: Tensor  # (T, K, G)
+    reward: Tensor  # (T, K, G, m)
+    terminated: Tensor  # (T, K, G) bool
+    truncated: Tensor  # (T, K, G) bool
+    final_observation: Tensor  # (T, K, G, O + P) after the step, before any reset
+
+    @classmethod
+    def empty(cls, horizon: int, clusters: int, env: Worlds) -> "Rollout":
+        """Allocate the rollout of `env` with T = `horizon` and K = `clusters`."""
+
+        def zeros(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
+            sizes = horizon, clusters, env.num_worlds // clusters, *shape
+            return torch.zeros(sizes, dtype=dtype, device=env.device)
+
+        return cls(
+            observation=zeros(env.observation_size + env.privileged_size),
+            action=zeros(env.action_size),
+            log_prob=zeros(),
+            reward=zeros(len(env.objectives)),
+            terminated=zeros(dtype=torch.bool),
+            truncated=zeros(dtype=torch.bool),
+            final_observation=zeros(env.observation_size + env.privileged_size),
+        )
+
+
+@torch.no_grad()
+def collect(
+    env: Worlds,
+    actors: Actors,
+    observation: Tensor,
+    rollout: Rollout,
+    sample: Sampler,
+    generator: torch.Generator,
+) -> None:
+    """Fill `rollout`: each of the K actors acts in its own cluster of worlds.
+
+    Args:
+        env: N worlds, K clusters of G in a row.
+        actors: the K policies; they see the first O features.
+        observation: (N, O + P) what critics see now, updated in place to the end of the rollout.
+        rollout: written in place.
+        sample: draws actions before the tanh.
+        generator: draws the noise.
+    """
+    clusters = rollout.reward.shape[1]
+    for t in range(len(rollout.reward)):
+        seen = observation[:, : env.observation_size].unflatten(0, (clusters, -1))
+        policy = actors.distribution(seen)
+        action, log_prob = sample(policy.output, policy.noise(generator))
+        step = env.step(action.tanh().flatten(0, 1))
+        taken = Rollout(
+            observation,
+            action,
+            log_prob,
+            step.reward,
+            step.terminated,
+            step.truncated,
+            step.final_critic_observation,
+        )
+        slots = [column[t] for column in rollout]
+        values = [value.view_as(slot) for slot, value in zip(slots, taken, strict=True)]
+        torch._foreach_copy_(slots, values)  # one kernel for all tensors of a dtype
+        observation.copy_(step.critic_observation)
+
+
+def advantages(
+    rollout: Rollout,
+    value: Tensor,
+    final_value: Tensor,
+    discount: float,
+    gae_lambda: float,
+    bootstrap: bool = True,
+) -> Tensor:
+    """Estimate generalized advantages, one objective at a time: (T, K, G, m).
+
+    A_t = delta_t + discount * gae_lambda * (1 - done_t) * A_{t+1}, where
+    delta_t = r_t + discount * (1 - terminated_t) * V(s'_t) - V(s_t)
+    and s' is the next state before any reset. (Schulman et al., 2016, eq. 16.) After a failure
+    there is no value. After a time limit there is: the critic's value of the last state before the
+    reset. Without `bootstrap`, a truncated step instead contributes nothing, as in the paper's
+    released code.
+
+    Args:
+        rollout: T steps.
+        value: V(s_t), (T, K, G, m).
+        final_value: V(s'_t), (T, K, G, m).
+        discount: gamma.
+        gae_lambda: lambda.
+        bootstrap: whether a truncated episode has a value.
+    """
+    terminated, truncated = rollout.terminated.unsqueeze(-1), rollout.truncated.unsqueeze(-1)
+    surprise = rollout.reward + discount * torch.where(terminated, 0.0, final_value) - value
+    if not bootstrap:
+        surprise = torch.where(truncated, 0.0, surprise)
+    carry = torch.where(terminated | truncated, 0.0, discount * gae_lambda)
+    advantage = torch.empty_like(surprise)
+    running = torch.zeros_like(surprise[0])
+    for t in reversed(range(len(surprise))):
+        running = torch.addcmul(surprise[t], carry[t], running)
+        advantage[t] = running
+    return advantage

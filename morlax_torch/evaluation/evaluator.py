@@ -1,0 +1,111 @@
+"""Evaluate a family of policies: one episode for each of a fixed set of trade-offs."""
+
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..envs import MorlaxError, Worlds
+from ..envs.random import EVALUATION_SEEDS
+from ..gpu.graph import Graph
+from ..gpu.threads import one_thread
+from ..networks.agent import Agent
+from .front import Front
+
+Protocol = Literal["latched", "paper"]
+
+
+class Evaluator:
+    """Runs the deterministic policies of K trade-offs, one world each, for one episode.
+
+    Every evaluation repeats the same random draws, so that an unchanged policy gets an unchanged
+    front.
+
+    `latched`, the default protocol: a return is the sum of rewards up to and including the first
+    step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an
+    episode early; steps on which the robot counts as failed earn nothing, later ones may, and the
+    reward that the paper's `reset` returns is added.
+
+    Args:
+        agent: the policies, read anew at each evaluation.
+        env: K worlds without automatic reset.
+        tradeoffs: (K, m).
+        protocol: how returns are counted.
+        seed: random seed of the episodes. It selects draws that training never sees.
+    """
+
+    def __init__(
+        self,
+        agent: Agent,
+        env: Worlds,
+        tradeoffs: Tensor,
+        protocol: Protocol = "latched",
+        seed: int = 0,
+    ):
+        if env.auto_reset or env.num_worlds != len(tradeoffs):
+            raise ValueError("an evaluator needs one world per trade-off and auto_reset=False")
+        self.agent, self.env, self.protocol = agent, env, protocol
+        self.tradeoffs = tradeoffs.to(env.device)
+        self._seed = EVALUATION_SEEDS + seed
+        self._observation = env.reset().clone()
+        self._returns = torch.zeros_like(self.tradeoffs)
+        self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
+        self._fallen = torch.zeros_like(self._alive)
+        self._lengths = torch.zeros(len(tradeoffs), dtype=torch.int32, device=env.device)
+        with torch.no_grad():
+            actors = agent.actors(self.tradeoffs)
+        # a recorded graph reads parameters at fixed addresses
+        parameters = {name: value.clone() for name, value in actors.parameters.items()}
+        self._actors = actors._replace(parameters=parameters)
+        self._step = Graph(self._one_step, env.device, [env.generator])
+
+    def compile(self) -> None:
+        """Compile kernels and record the step; worlds that cannot be recorded run eagerly."""
+        if self.env.recordable:
+            self._step.record()
+
+    @torch.no_grad()
+    def evaluate(self) -> Front:
+        """Evaluate the agent as it is now.
+
+        Raises:
+            MorlaxError: contacts overflowed the simulator's buffers.
+        """
+        for name, values in self.agent.actor(self.tradeoffs).items():
+            self._actors.parameters[name].copy_(values)
+        self.env.reseed(self._seed)
+        self._observation.copy_(self.env.reset())
+        self._alive.fill_(True)
+        self._fallen.zero_()
+        self._lengths.zero_()
+        self._returns.zero_()
+        if self.protocol == "paper":
+            self._returns += self.env.paper_reset_reward()
+        with one_thread(self.env.device):
+            for _ in range(self.env.episode_length):
+                self._step()
+        overflow = int(self.env.overflow().max())
+        if overflow:
+            remedy = self.env.remedy(overflow)
+            raise MorlaxError(f"contacts overflowed their buffers in an evaluation: {remedy}.")
+        return Front(
+            self.env.objectives,
+            self.tradeoffs.cpu().numpy(),
+            self._returns.cpu().numpy().astype(np.float64),
+            self._lengths.cpu().numpy(),
+            np.array(self.env.reference_point),
+            self._fallen.cpu().numpy().astype(np.float64),
+        )
+
+    @torch.no_grad()
+    def _one_step(self) -> None:
+        step = self.env.step(self._actors.act(self._observation[:, None])[:, 0])
+        self._fallen |= step.terminated
+        if self.protocol == "paper":
+            self._alive.copy_(~step.terminated)
+        self._returns += torch.where(self._alive[:, None], step.reward, 0.0)
+        self._lengths += self._alive
+        if self.protocol == "latched":
+            self._alive &= ~step.terminated
+        self._observation.copy_(step.observation)

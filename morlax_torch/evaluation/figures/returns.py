@@ -1,0 +1,87 @@
+"""How the returns follow the trade-off that a family is asked for."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
+
+from ..front import Front
+from .style import COLOURS, DOMINATED, blank, lattice, legend_outside, returned, weight
+
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the drawn simplex
+
+
+def returns_figure(front: Front, title: str = "") -> Figure:
+    """The return of each objective along the simplex of trade-offs.
+
+    With two objectives both are drawn against the weight of the first. With three each is a map
+    of the simplex, whose corners ask for one objective alone. With more, each is drawn against its
+    own weight.
+    """
+    m = len(front.objectives)
+    if m == 2:
+        return _curves(front, title)
+    return _maps(front, title) if m == 3 else _own_weights(front, title)
+
+
+def _curves(front: Front, title: str) -> Figure:
+    figure = blank(5.4, 5.2, title)
+    order = front.tradeoffs[:, 0].argsort()
+    panels = figure.subplots(2, 1, sharex=True)
+    for k, (axes, name) in enumerate(zip(panels, front.objectives, strict=True)):
+        x, y = front.tradeoffs[order, 0], front.returns[order, k]
+        best = front.non_dominated[order]
+        axes.plot(x, y, color="0.6", lw=0.8)
+        if not best.all():
+            axes.scatter(x[~best], y[~best], **DOMINATED)
+        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLOURS, vmin=0, vmax=1)
+        axes.set_ylabel(returned(name))
+        lattice(axes)
+    panels[1].set_xlabel(weight(front.objectives[0]))
+    legend_outside(figure)
+    return figure
+
+
+def _maps(front: Front, title: str) -> Figure:
+    names = front.objectives
+    figure = blank(11.0, 4.0, title)
+    simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
+    for k, axes in enumerate(figure.subplots(1, 3)):
+        colours = axes.tripcolor(
+            simplex, front.returns[:, k], cmap=COLOURS, shading="flat", edgecolors="face", lw=0.2
+        )
+        for corner, name in enumerate(names):
+            x, y = CORNERS[corner]
+            axes.annotate(
+                f"{name} only",
+                (x, y),
+                xytext=(0, 4 if corner == 2 else -4),
+                textcoords="offset points",
+                ha="center",
+                va="bottom" if corner == 2 else "top",
+                fontweight="bold" if corner == k else "normal",
+            )
+        axes.plot(*CORNERS[[0, 1, 2, 0]].T, color="0.2", lw=0.8)
+        axes.set_aspect("equal")
+        axes.set_xlim(-0.15, 1.15)
+        axes.set_ylim(-0.08, 0.95)
+        axes.set_axis_off()
+        figure.colorbar(colours, ax=axes, label=returned(names[k]), location="bottom", shrink=0.7)
+    return figure
+
+
+def _own_weights(front: Front, title: str) -> Figure:
+    m = len(front.objectives)
+    columns = min(m, 4)
+    figure = blank(3.4 * columns, 3.5 * -(-m // columns), title)
+    for k, name in enumerate(front.objectives):
+        axes = figure.add_subplot(-(-m // columns), columns, k + 1)
+        best = front.non_dominated
+        x, y = front.tradeoffs[:, k], front.returns[:, k]
+        if not best.all():
+            axes.scatter(x[~best], y[~best], **DOMINATED)
+        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLOURS, vmin=0, vmax=1)
+        axes.set_xlabel(weight(name))
+        axes.set_ylabel(returned(name))
+        lattice(axes)
+    legend_outside(figure)
+    return figure

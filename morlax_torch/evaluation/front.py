@@ -1,0 +1,112 @@
+"""A front: the returns of many trade-offs, and its indicators."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..envs import MorlaxError
+from ..files import replacing
+from . import pareto
+
+EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
+
+
+class Front(NamedTuple):
+    """The returns of a family of policies, one point per trade-off."""
+
+    objectives: tuple[str, ...]
+    tradeoffs: np.ndarray  # (K, m)
+    returns: np.ndarray  # (K, m) undiscounted sums
+    lengths: np.ndarray  # (K,) control steps until the episode ended
+    reference_point: np.ndarray  # (m,)
+    falls: np.ndarray | None = None  # (K,) share of episodes that failed; None: unknown
+
+    @property
+    def non_dominated(self) -> np.ndarray:
+        """(K,) bool"""
+        return pareto.non_dominated(self.returns)
+
+    @property
+    def obeys(self) -> np.ndarray:
+        """(K,) bool"""
+        return pareto.obeys(self.returns, self.tradeoffs)
+
+    def indicators(self, reference_front: ArrayLike | None = None) -> dict[str, float]:
+        """Compute hypervolume, sparsity, expected utility, cardinality and obedience, by name.
+
+        Adds `fall_rate` if falls are known, and `igd_plus` if there is a reference front (n, m). A
+        hypervolume that is not exact is called `hypervolume_approximate`.
+        """
+        returns = self.returns
+        exact = pareto.is_exact(*returns.shape)
+        found = {
+            EXACT if exact else APPROXIMATE: self.hypervolume,
+            "sparsity": pareto.sparsity(returns),
+            "expected_utility": pareto.expected_utility(returns, self.tradeoffs),
+            "cardinality": pareto.cardinality(returns),
+            "obedience": pareto.obedience(returns, self.tradeoffs),
+        }
+        if self.falls is not None:
+            found["fall_rate"] = float(self.falls.mean())
+        if reference_front is not None:
+            found["igd_plus"] = pareto.igd_plus(returns, reference_front)
+        return found
+
+    @property
+    def hypervolume(self) -> float:
+        return pareto.hypervolume(self.returns, self.reference_point)
+
+    def averaged(self, episodes: int) -> Self:
+        """Average returns, lengths and falls over episodes, from (episodes * K, m) to (K, m).
+
+        The K trade-offs are repeated `episodes` times in a row.
+        """
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            return values.reshape(episodes, -1, *values.shape[1:]).mean(0)
+
+        return self._replace(
+            tradeoffs=self.tradeoffs[: len(self.tradeoffs) // episodes],
+            returns=mean(self.returns),
+            lengths=mean(self.lengths),
+            falls=None if self.falls is None else mean(self.falls),
+        )
+
+    def save(self, path: Path) -> None:
+        """Write an .npz with one array per field, and `non_dominated`.
+
+        Raises:
+            MorlaxError: the file cannot be written.
+        """
+        known = {name: value for name, value in self._asdict().items() if value is not None}
+        with replacing(path) as file:
+            np.savez_compressed(file, non_dominated=self.non_dominated, **known)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a file that `save` wrote.
+
+        Raises:
+            MorlaxError: there is no such file, or it is damaged.
+        """
+        try:
+            with path.open("rb") as file, np.load(file) as arrays:
+                needed = [f for f in cls._fields if f in arrays or f not in cls._field_defaults]
+                fields = {name: arrays[name] for name in needed}
+        except FileNotFoundError:
+            raise MorlaxError(f"there is no front {path}.") from None
+        except Exception as error:  # numpy, zip and zlib each fail in their own way
+            raise MorlaxError(f"{path} is damaged or not a front: {error}.") from None
+        return cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
+
+
+def hypervolume_in(names: Iterable[str]) -> str:
+    """Return the name of the hypervolume, exact or approximate, among names of indicators.
+
+    Raises:
+        StopIteration: it is not among them.
+    """
+    return next(name for name in names if name in (EXACT, APPROXIMATE))

@@ -1,0 +1,121 @@
+"""Pareto indicators, computed by moocore. Every objective is maximized; points are (n, m)."""
+
+import moocore
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..algorithms.scalarization import Linear
+
+# Exact hypervolume takes time exponential in m; above both limits it is approximated.
+EXACT_OBJECTIVES = 4
+EXACT_POINTS = 500
+OBEDIENCE_TOLERANCE = 0.01
+
+
+def non_dominated(points: ArrayLike) -> NDArray[np.bool_]:
+    """Return (n,) bool: True where no other point dominates.
+
+    A point dominates if it is at least as good in all objectives and better in one. Of equal
+    points only the first counts. A point that is not finite is dominated.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    mask = np.zeros(len(points), dtype=np.bool_)
+    finite = np.flatnonzero(np.isfinite(points).all(1))
+    if len(finite):
+        mask[finite] = moocore.is_nondominated(points[finite], maximise=True)
+    return mask
+
+
+def front(points: ArrayLike) -> NDArray[np.float64]:
+    """Return the non-dominated points."""
+    points = np.asarray(points, dtype=np.float64)
+    return points[non_dominated(points)]
+
+
+def hypervolume(points: ArrayLike, reference_point: ArrayLike) -> float:
+    """Compute the volume between the reference point and the front (Zitzler and Thiele, 1999).
+
+    Exact if `is_exact`, else moocore's deterministic approximation. A point that does not exceed
+    the reference point in every objective contributes nothing.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    exact = is_exact(len(points), points.shape[1])
+    reference = np.asarray(reference_point, dtype=np.float64)
+    points = front(points)
+    points = points[(points > reference).all(1)]
+    if not len(points):
+        return 0.0
+    volume = moocore.hypervolume if exact else moocore.hv_approx
+    return float(volume(points, ref=reference, maximise=True))
+
+
+def is_exact(num_points: int, num_objectives: int) -> bool:
+    """Return whether `hypervolume` is exact for so many points and objectives."""
+    return num_objectives <= EXACT_OBJECTIVES or num_points <= EXACT_POINTS
+
+
+def sparsity(points: ArrayLike) -> float:
+    """Compute the mean squared gap between neighbors on the front, summed over objectives.
+
+    Less is denser; the sparsity of one point is 0. (Xu et al., PG-MORL, 2020, eq. 4.)
+    """
+    points = np.sort(front(points), axis=0)
+    return float(np.square(np.diff(points, axis=0)).sum() / max(len(points) - 1, 1))
+
+
+def expected_utility(points: ArrayLike, tradeoffs: ArrayLike) -> float:
+    """Compute the mean over trade-offs (k, m) of the best w . r (Zintgraf et al., 2015)."""
+    points = front(points)
+    if not len(points):
+        return float("-inf")
+    return float(Linear().utility(tradeoffs, points).max(1).mean())
+
+
+def cardinality(points: ArrayLike) -> int:
+    """Count the non-dominated points."""
+    return int(non_dominated(points).sum())
+
+
+def igd_plus(points: ArrayLike, reference_front: ArrayLike) -> float:
+    """Compute the mean distance of a reference front Z from the front A (Ishibuchi, 2015).
+
+    1/|Z| sum over z in Z of min over a in A of sqrt(sum_k max(z_k - a_k, 0)^2), in the units of the
+    returns: 0 where every point of Z is reached or exceeded.
+    """
+    reference = np.asarray(reference_front, dtype=np.float64)
+    points = front(points)
+    return float(moocore.igd_plus(points, ref=reference, maximise=True)) if len(points) else np.inf
+
+
+def obeys(
+    points: ArrayLike, tradeoffs: ArrayLike, tolerance: float = OBEDIENCE_TOLERANCE
+) -> NDArray[np.bool_]:
+    """Return (n,) bool: True where a trade-off's own policy is about the best of all for it.
+
+    Point r_i is the return of the policy of trade-off w_i; both are (n, m). With u_ij = w_i . r_j,
+
+        i obeys where  max_j u_ij - u_ii <= tolerance * (max_j u_ij - min_j u_ij).
+
+    The left side is the utility that trade-off i loses by using its own policy (the utility loss of
+    Zintgraf et al., 2015, within the set), the bracket the range of utility that any choice of
+    policy spans. Policies that tie all obey. A point that is not finite does not obey, and the
+    others ignore it.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    finite = np.isfinite(points).all(1)
+    result = np.zeros(len(points), dtype=np.bool_)
+    if finite.any():
+        utility = Linear().utility(np.asarray(tradeoffs)[finite], points[finite])
+        most, least = utility.max(1), utility.min(1)
+        result[finite] = most - utility.diagonal() <= tolerance * (most - least)
+    return result
+
+
+def obedience(
+    points: ArrayLike, tradeoffs: ArrayLike, tolerance: float = OBEDIENCE_TOLERANCE
+) -> float:
+    """Compute the share of trade-offs that obey (see `obeys`).
+
+    A family of equal policies obeys trivially: read it beside the hypervolume.
+    """
+    return float(obeys(points, tradeoffs, tolerance).mean())

@@ -1,0 +1,1 @@
+"""GPU execution: recorded graphs, fused kernels, a flat optimizer."""

@@ -1,0 +1,89 @@
+"""Record a function's GPU work once as a CUDA graph, then replay it without Python."""
+
+import gc
+from collections.abc import Callable, Iterable
+
+import torch
+
+WARMUPS = 2  # for kernels to compile and load, and autograd and cuBLAS to initialize
+
+
+class Branch:
+    """GPU work that runs in parallel with later work until `join`; on the CPU it runs at once.
+
+    Inside a recording it becomes a branch of the graph. Tensors that it reads must stay alive and
+    unchanged until the `join`.
+    """
+
+    def __init__(self, device: torch.device):
+        self._stream = torch.cuda.Stream(device) if device.type == "cuda" else None
+
+    def __enter__(self) -> None:
+        if self._stream is not None:
+            self._stream.wait_stream(torch.cuda.current_stream(self._stream.device))
+            self._within = torch.cuda.stream(self._stream)
+            self._within.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        if self._stream is not None:
+            self._within.__exit__(*error)
+
+    def join(self) -> None:
+        """Make later work wait for this branch."""
+        if self._stream is not None:
+            torch.cuda.current_stream(self._stream.device).wait_stream(self._stream)
+
+
+class Graph:
+    """A function that, once recorded on CUDA, replays as one graph per call.
+
+    `run` takes and returns nothing. It reads and writes tensors that outlive it, in place, and
+    never reads a GPU value on the CPU: no `.item()`, no boolean indexing, no shape that depends on
+    data. Torch and Warp work are recorded alike. On the CPU each call simply calls `run`.
+    """
+
+    def __init__(
+        self,
+        run: Callable[[], None],
+        device: torch.device,
+        generators: Iterable[torch.Generator] = (),
+    ):
+        self.run, self.device, self.generators = run, device, list(generators)
+        self._graph: torch.cuda.CUDAGraph | None = None
+
+    def __call__(self) -> None:
+        if self._graph is None:
+            self.run()
+        else:
+            self._graph.replay()
+
+    def record(self) -> None:
+        """Run twice, then record. The effects of `run` remain; on the CPU, do nothing."""
+        if self.device.type != "cuda":
+            return
+        import warp as wp
+
+        stream = torch.cuda.Stream(self.device)
+        warp_stream = wp.stream_from_torch(stream)  # Warp knows the capture by this one object
+        graph = torch.cuda.CUDAGraph()
+        for generator in self.generators:
+            graph.register_generator_state(generator)
+        torch.cuda.synchronize(self.device)
+        with torch.cuda.device(self.device), wp.ScopedStream(warp_stream, sync_enter=False):
+            with torch.cuda.stream(stream):
+                for _ in range(WARMUPS):
+                    self.run()
+            torch.cuda.synchronize(self.device)
+            gc.collect()
+            collecting = gc.isenabled()
+            gc.disable()  # a finalizer that frees GPU memory would break the recording
+            try:
+                with torch.cuda.graph(graph, stream=stream, capture_error_mode="thread_local"):
+                    wp.capture_begin(stream=warp_stream, external=True)
+                    self.run()
+                    self._kernels = wp.capture_end(stream=warp_stream)  # keeps them loaded
+            finally:
+                if collecting:
+                    gc.enable()
+        torch.cuda.synchronize(self.device)
+        self._graph = graph

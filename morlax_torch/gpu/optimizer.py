@@ -1,0 +1,64 @@
+"""Adam with gradient clipping, over one flat vector of parameters."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.optim.adam import adam
+
+CHUNK = 4096  # parameters per block of the fused kernel
+
+
+class ClippedAdam:
+    """Adam (Kingma and Ba, 2015) on gradients scaled down to a norm of `max_norm`.
+
+    The parameters become views of one vector, so that a step is a handful of kernels. All state
+    lives in tensors that are updated in place, because a recorded graph knows them by address.
+    """
+
+    def __init__(self, parameters: Sequence[nn.Parameter], rate: float, max_norm: float):
+        self.parameters, self.max_norm = list(parameters), max_norm
+        self.vector = torch.cat([p.detach().flatten() for p in self.parameters])
+        parts = self.vector.split([p.numel() for p in self.parameters])
+        for parameter, part in zip(self.parameters, parts, strict=True):
+            parameter.data = part.view_as(parameter)
+        # torch's fused kernel gives one tensor only a few blocks, too few for the whole vector
+        self._chunk = CHUNK if self.vector.is_cuda else len(self.vector)
+        self.mean, self.square = torch.zeros_like(self.vector), torch.zeros_like(self.vector)
+        self.steps = self.vector.new_zeros(len(self.vector.split(self._chunk)))
+        self.rate = self.vector.new_tensor(rate)
+
+    def state(self) -> list[Tensor]:
+        """Return the moments, step counts and learning rate."""
+        return [self.mean, self.square, self.steps, self.rate]
+
+    def restore(self, state: Sequence[Tensor]) -> None:
+        """Load what `state` returned, in place, also on another device."""
+        for mine, stored in zip(self.state(), state, strict=True):
+            # step counts are equal in all chunks, whose number depends on the device
+            mine.copy_(stored if stored.shape == mine.shape else stored[0])
+
+    def step(self, loss: Tensor) -> None:
+        """Descend the gradient of `loss`."""
+        gradients = torch.autograd.grad(loss, self.parameters)
+        gradient = torch.cat([g.flatten() for g in gradients])
+        excess = (gradient.norm() / self.max_norm).clamp(min=1.0)
+        vectors = (self.vector, gradient, self.mean, self.square)
+        parameters, gradients, means, squares = (list(v.split(self._chunk)) for v in vectors)
+        adam(
+            parameters,
+            gradients,
+            means,
+            squares,
+            max_exp_avg_sqs=[],
+            state_steps=list(self.steps.unbind()),
+            fused=True,
+            grad_scale=excess,
+            amsgrad=False,
+            beta1=0.9,
+            beta2=0.999,
+            lr=self.rate,
+            weight_decay=0.0,
+            eps=1e-8,
+            maximize=False,
+        )

@@ -1,0 +1,1 @@
+"""Hypernetworks, the policies and critics they generate, and normalizers."""

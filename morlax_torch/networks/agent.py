@@ -1,0 +1,146 @@
+"""Actor and critic families, with their normalizers."""
+
+import copy
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ..config import MIN_STD, NetworkConfig
+from .family import Family
+from .gaussian import TanhNormal
+from .hypernetwork import Hypernetwork
+from .mlp import check_network, mlp
+from .normalizer import Normalizer
+
+
+class Actors(NamedTuple):
+    """The actors of K trade-offs: generated parameters, their family and the normalizer."""
+
+    parameters: dict[str, Tensor]  # (K, ...) each
+    family: Family
+    normalizer: Normalizer
+
+    def distribution(self, observation: Tensor) -> TanhNormal:
+        """Map raw observations (K, B, O) to action distributions."""
+        return TanhNormal(self.family.run(self.parameters, self.normalizer(observation)))
+
+    def act(self, observation: Tensor) -> Tensor:
+        """Map raw observations (K, B, O) to deterministic actions (K, B, A) in (-1, 1)."""
+        return self.distribution(observation).mode
+
+
+class SpecializedPolicy(nn.Module):
+    """The policy of one trade-off: raw observations (B, O) to actions (B, A) in (-1, 1)."""
+
+    def __init__(self, normalizer: nn.Module, actor: nn.Module):
+        super().__init__()
+        self.normalizer, self.actor = normalizer, actor
+
+    def forward(self, observation: Tensor) -> Tensor:
+        return TanhNormal(self.actor(self.normalizer(observation))).mode
+
+
+class Agent(nn.Module):
+    """Everything that training changes: an actor and a critic for every trade-off, and normalizers.
+
+    Critics see all O + P features of an observation, actors the first O: the last P are
+    privileged.
+
+    Args:
+        observation_size: O.
+        action_size: A.
+        num_objectives: m.
+        config: sizes of the networks.
+        generator: draws the initial parameters.
+        privileged_size: P.
+        actor: replaces the config's actor: a module from (B, O) to (B, 2A).
+        critic: replaces the config's critic: a module from (B, O + P) to (B, m).
+
+    Raises:
+        MorlaxError: an actor or critic has the wrong sizes.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_size: int,
+        num_objectives: int,
+        config: NetworkConfig,
+        generator: torch.Generator | None = None,
+        *,
+        privileged_size: int = 0,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+    ):
+        super().__init__()
+        self.observation_size, self.privileged_size = observation_size, privileged_size
+        self.action_size = action_size
+        given = {"actor": actor, "critic": critic}
+        self._own = [name for name, network in given.items() if network is not None]
+        whole = observation_size + privileged_size
+        if actor is None:
+            actor = mlp(observation_size, config.actor, 2 * action_size, generator)
+            spread = math.log(math.expm1(config.initial_std - MIN_STD))  # inverse softplus
+            last = actor.get_parameter(f"{2 * len(config.actor)}.bias")
+            nn.init.constant_(last[action_size:], spread)
+        else:
+            check_network("actor", actor, observation_size, 2 * action_size)
+        if critic is None:
+            critic = mlp(whole, config.critic, num_objectives, generator)
+        else:
+            check_network("critic", critic, whole, num_objectives)
+
+        def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
+            return Hypernetwork(
+                target,
+                num_objectives,
+                config.hidden,
+                config.features,
+                scale=config.scale,
+                features=features,
+                generator=generator,
+            )
+
+        self.actor = family(actor)
+        self.critic = family(critic, self.actor.features if config.type == "single" else None)
+        self.observation_normalizer = Normalizer(whole)
+        self.value_normalizer = Normalizer(num_objectives)
+
+    def own_networks(self) -> dict[str, dict[str, list[int]]]:
+        """Return the parameter shapes of user-made networks: network -> parameter -> shape."""
+        families = {name: getattr(self, name) for name in self._own}
+        return {
+            name: {parameter: list(shape) for parameter, shape in family.shapes.items()}
+            for name, family in families.items()
+        }
+
+    def actors(self, tradeoffs: Tensor) -> Actors:
+        """Generate the actors of K trade-offs (K, m)."""
+        return Actors(self.actor(tradeoffs), self.actor, self.observation_normalizer)
+
+    def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
+        """Generate the actors of K trade-offs (K, m).
+
+        Returns:
+            A function from *normalized* features (K, B, O + P) to action distributions.
+        """
+        parameters, size = self.actor(tradeoffs), self.observation_size
+        return lambda normalized: TanhNormal(self.actor.run(parameters, normalized[..., :size]))
+
+    def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
+        """Generate the critics of K trade-offs (K, m).
+
+        Returns:
+            A function from *normalized* features (K, B, O + P) to values (K, B, m), in the units of
+            `value_normalizer`.
+        """
+        parameters = self.critic(tradeoffs)
+        return lambda normalized: self.critic.run(parameters, normalized)
+
+    def specialize(self, tradeoff: Tensor) -> SpecializedPolicy:
+        """Return the policy of one trade-off (m,) as a plain module with its own parameters."""
+        normalizer = copy.deepcopy(self.observation_normalizer)
+        return SpecializedPolicy(normalizer, self.actor.specialize(tradeoff))

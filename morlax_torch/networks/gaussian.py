@@ -1,0 +1,74 @@
+"""A Gaussian squashed by tanh, the distribution of actions."""
+
+import math
+from functools import cached_property
+
+import torch
+from torch import Tensor
+from torch.nn.functional import softplus
+
+from ..config import MIN_STD
+
+
+class TanhNormal:
+    """A Gaussian squashed by tanh. Its samples stay unsquashed: `tanh` makes them actions.
+
+    Args:
+        output: of the actors, (..., 2A): means, then standard deviations before the softplus.
+    """
+
+    def __init__(self, output: Tensor):
+        self.output = output
+
+    @cached_property
+    def mean(self) -> Tensor:
+        """(..., A)"""
+        return self.output.chunk(2, dim=-1)[0]
+
+    @cached_property
+    def std(self) -> Tensor:
+        """(..., A)"""
+        return softplus(self.output.chunk(2, dim=-1)[1]) + MIN_STD
+
+    @property
+    def mode(self) -> Tensor:
+        """The deterministic action (..., A) in (-1, 1): tanh of the mean."""
+        return self.output.chunk(2, dim=-1)[0].tanh()
+
+    def noise(self, generator: torch.Generator | None = None) -> Tensor:
+        """Draw standard normal noise (..., A)."""
+        shape = *self.output.shape[:-1], self.output.shape[-1] // 2
+        return self.output.new_empty(shape).normal_(generator=generator)
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Return the log-density (...) of tanh(action), for unsquashed actions (..., A)."""
+        standard = (action - self.mean) / self.std
+        gaussian = -0.5 * standard.square() - self.std.log() - 0.5 * math.log(2 * math.pi)
+        return (gaussian - _log_slope(action)).sum(-1)
+
+    def entropy(self, noise: Tensor) -> Tensor:
+        """Estimate the entropy (...) from one sample: the Gaussian's plus the tanh's log-slope."""
+        gaussian = 0.5 + 0.5 * math.log(2 * math.pi) + self.std.log()
+        return (gaussian + _log_slope(self.mean + self.std * noise)).sum(-1)
+
+
+def sample(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """Sample actions before the tanh, with their log-probabilities.
+
+    On CUDA, `gpu.gaussian_kernels.sample` does the same in one kernel.
+
+    Args:
+        output: of the actors, (K, G, 2A).
+        noise: standard normal, (K, G, A).
+
+    Returns:
+        Actions (K, G, A) and log-probabilities (K, G).
+    """
+    policy = TanhNormal(output)
+    action = policy.mean + policy.std * noise
+    return action, policy.log_prob(action)
+
+
+def _log_slope(action: Tensor) -> Tensor:
+    """Return log(d tanh(u) / du), in a form that does not overflow."""
+    return 2 * (math.log(2) - action - softplus(-2 * action))

@@ -1,0 +1,57 @@
+"""Plain networks: MLPs, and checks of networks that users bring."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.func import vmap
+
+from ..envs import MorlaxError
+
+MEANINGS = {
+    "actor": "a mean and a spread per action dimension",
+    "critic": "one value per objective",
+}
+
+
+class Linear(nn.Linear):
+    """`nn.Linear` that takes two kernels instead of three when `vmap` batches its parameters."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        return input @ self.weight.mT + self.bias
+
+
+def mlp(
+    inputs: int, hidden: Sequence[int], outputs: int, generator: torch.Generator | None = None
+) -> nn.Sequential:
+    """Build SiLU layers and a linear output layer, with LeCun-uniform weights and zero biases."""
+    layers: list[nn.Module] = []
+    for before, after in pairwise([inputs, *hidden, outputs]):
+        linear = Linear(before, after)
+        bound = math.sqrt(3 / before)
+        nn.init.uniform_(linear.weight, -bound, bound, generator)
+        nn.init.zeros_(linear.bias)
+        layers += [linear, nn.SiLU()]
+    return nn.Sequential(*layers[:-1])
+
+
+def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> None:
+    """Raise MorlaxError unless a user's network maps (B, inputs) to (B, outputs)."""
+    first = next(network.parameters(), None)
+    if first is None:
+        raise MorlaxError(f"the {name} has no parameters, so there is nothing to generate.")
+    rows = torch.zeros(1, 2, inputs, device=first.device)
+    try:
+        with torch.no_grad():
+            found = vmap(network, randomness="different")(rows)  # as a family runs it
+    except RuntimeError as error:
+        reason = str(error).splitlines()[0]
+        raise MorlaxError(f"the {name} cannot take observations (2, {inputs}): {reason}") from None
+    shape = tuple(found.shape[1:]) if isinstance(found, Tensor) else type(found).__name__
+    if shape != (2, outputs):
+        raise MorlaxError(
+            f"the {name} maps observations (2, {inputs}) to {shape}, but it should return "
+            f"(2, {outputs}): {MEANINGS[name]}."
+        )

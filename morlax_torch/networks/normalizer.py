@@ -1,0 +1,49 @@
+"""Running mean and variance."""
+
+import torch
+from torch import Tensor, nn
+
+LIMIT = 10.0  # standard deviations; values further out are clipped
+
+
+class Normalizer(nn.Module):
+    """Standardizes features by the running mean and variance of all updates.
+
+    Accepts a prefix of the features, so policies can omit privileged ones.
+    """
+
+    mean: Tensor
+    variance: Tensor
+    count: Tensor
+    scale: Tensor  # one over the standard deviation
+
+    def __init__(self, size: int):
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("variance", torch.ones(size))
+        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("scale", torch.ones(size))
+
+    def forward(self, x: Tensor) -> Tensor:
+        size = x.shape[-1]
+        return ((x - self.mean[:size]) * self.scale[:size]).clamp(-LIMIT, LIMIT)
+
+    def inverse(self, x: Tensor) -> Tensor:
+        """Map normalized values back to natural units."""
+        size = x.shape[-1]
+        return x / self.scale[:size] + self.mean[:size]
+
+    @torch.no_grad()
+    def update(self, x: Tensor, weight: float | Tensor = 1.0) -> None:
+        """Merge a batch (..., size) into the statistics, in place (Chan et al., 1979).
+
+        A `weight` below 1 scales down the batch's share of all samples.
+        """
+        x = x.flatten(0, -2)
+        batch_variance, batch_mean = torch.var_mean(x, dim=0, correction=0)
+        self.count += len(x)
+        share = (len(x) / self.count).float() * weight
+        shift = batch_mean - self.mean
+        self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
+        self.mean.add_(shift * share)
+        self.scale.copy_((self.variance + 1e-8).rsqrt())

@@ -1,0 +1,166 @@
+"""A run's folder: config, checkpoints, metrics, TensorBoard events, the latest front."""
+
+import csv
+import io
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+import yaml
+from torch.utils.tensorboard import SummaryWriter
+
+from ..algorithms.learner import Learner
+from ..config import Config, load_config, read_yaml
+from ..envs import MorlaxError
+from ..envs.external import title
+from ..evaluation.figures import front_figure
+from ..files import replacing, unused
+from . import checkpoint
+from .progress import Evaluation, Progress
+
+
+class Run:
+    """`runs/<task>/<time>-<seed>/`, complete from the moment it exists.
+
+    config.yaml     every number of the run
+    metrics.csv     one row per evaluation
+    front.npz       the latest evaluation
+    checkpoints/    latest.pt, and best.pt by hypervolume
+    events.*        TensorBoard
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self._rows: list[dict[str, Any]] = []
+        self._events: SummaryWriter | None = None
+        self._purge_step: int | None = None  # TensorBoard drops events from this step on
+
+    @classmethod
+    def create(cls, learner: Learner, output: Path | None = None) -> Self:
+        """Create a folder that already holds the config and a first checkpoint.
+
+        The folder is prepared beside its final place and then moved there, so that a killed
+        program leaves either a run that can be resumed or none.
+
+        Args:
+            learner: whose config and initial state to write.
+            output: the folder (None: runs/<task>/<time>-<seed>).
+
+        Raises:
+            MorlaxError: the folder is in use, or cannot be written.
+        """
+        config = learner.config
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        folder = output or unused(Path("runs") / title(config.env) / f"{stamp}-{config.seed}")
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise MorlaxError(
+                f"{folder} exists already: choose another --output, or continue the run with "
+                f"--resume {folder}."
+            )
+        if folder.resolve() == Path.cwd():
+            raise MorlaxError("a run needs its own folder: choose another --output.")
+        draft = folder.with_name(f".{folder.name}.draft")
+        try:
+            shutil.rmtree(draft, ignore_errors=True)
+            (draft / "checkpoints").mkdir(parents=True)
+            checkpoint.save(draft / "checkpoints" / "latest.pt", learner, Progress().model_dump())
+            with replacing(draft / "config.yaml") as file:
+                file.write(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False).encode())
+            draft.replace(folder)
+        except OSError as error:
+            raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+        return cls(folder)
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Open an existing run.
+
+        Raises:
+            MorlaxError: there is none.
+        """
+        if not (folder / "config.yaml").is_file():
+            raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
+        return cls(folder)
+
+    def config(self) -> Config:
+        """Read the config that the run was started with."""
+        return load_config(read_yaml(self.folder / "config.yaml"))
+
+    def restore(self, learner: Learner) -> Progress:
+        """Load the latest checkpoint into `learner` and drop what was logged after it."""
+        path = self.checkpoints / "latest.pt"
+        contents = checkpoint.load(path, learner.env.device)
+        checkpoint.restore(contents, path, learner)
+        metrics = self.folder / "metrics.csv"
+        if metrics.is_file():
+            with metrics.open(newline="") as file:
+                rows = list(csv.DictReader(file))
+            self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
+        self._purge_step = learner.env_steps + 1
+        return Progress(**contents["progress"])
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.folder / "checkpoints"
+
+    def save(self, learner: Learner, progress: Progress, best: bool = False) -> None:
+        """Write the latest checkpoint, and best.pt too if it is the `best`."""
+        for name in ("best", "latest") if best else ("latest",):
+            checkpoint.save(self.checkpoints / f"{name}.pt", learner, progress.model_dump())
+
+    def has_evaluation(self, iteration: int) -> bool:
+        """Return whether metrics.csv has a row for this iteration."""
+        return any(int(row["iteration"]) == iteration for row in self._rows)
+
+    def log_metrics(
+        self, metrics: Mapping[str, float], env_steps: int, steps_per_second: float
+    ) -> None:
+        """Write the learner's metrics to TensorBoard."""
+        curves = {**metrics, "env_steps_per_second": steps_per_second}
+        with self._written() as events:
+            for name, value in curves.items():
+                events.add_scalar(f"train/{name}", value, env_steps)
+
+    def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
+        """Write an evaluation of a `task`: curves, a picture, front.npz, a row of metrics.csv."""
+        steps, front = evaluation.env_steps, evaluation.front
+        milliseconds = round(1000 * evaluation.train_seconds)
+        name = f"{title(task)} after {steps / 1e6:.1f} M environment steps"
+        with self._written() as events:
+            for indicator, value in evaluation.indicators.items():
+                events.add_scalar(f"front/{indicator}", value, steps)
+                events.add_scalar(f"front_by_train_ms/{indicator}", value, milliseconds)
+            events.add_figure("front", front_figure(front, name), steps)
+            events.flush()
+        front.save(self.folder / "front.npz")
+        row = evaluation.row()
+        self._rows.append(row)
+        table = io.StringIO()
+        writer = csv.DictWriter(table, row)
+        writer.writeheader()
+        writer.writerows(self._rows)
+        with replacing(self.folder / "metrics.csv") as file:
+            file.write(table.getvalue().encode())
+
+    @contextmanager
+    def _written(self) -> Iterator[SummaryWriter]:
+        """Open the TensorBoard events for writing."""
+        try:
+            if self._events is None:
+                self._events = SummaryWriter(str(self.folder), purge_step=self._purge_step)
+                config = (self.folder / "config.yaml").read_text()
+                self._events.add_text("config", "\n".join(f"    {x}" for x in config.splitlines()))
+            yield self._events
+        except OSError as error:
+            reason = error.strerror or error
+            raise MorlaxError(f"cannot write events in {self.folder}: {reason}.") from None
+
+    def close(self) -> None:
+        """Write and close the TensorBoard events."""
+        with self._written() as events:
+            events.close()

@@ -1,0 +1,1 @@
+"""The terminal: reading command lines, showing progress, handling Ctrl-C."""

@@ -1,0 +1,70 @@
+"""The command line of `train`: options over a file, a task's config or an earlier run."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import create_model
+
+from .. import envs
+from ..config import Config, Section, config_class, file_values, load_config, merged, task_values
+from ..envs import MorlaxError
+from ..runs.run import Run
+from . import cli
+
+ABOUT = "Train one hypernetwork to hold a whole Pareto front of policies."
+MAY_CHANGE_ON_RESUME = ("max_env_steps", "max_seconds", "device", "backend")
+
+
+class Command(Section):
+    config: Path | None = None
+    """A YAML file of changes to the task's config."""
+    output: Path | None = None
+    """Folder of the run (None: runs/<task>/<time>-<seed>)."""
+    resume: Path | None = None
+    """Continue the run in this folder; only limits, device and backend may change."""
+
+
+def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
+    """Read the command line over the config of the file, task or run that it names."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    for name in ("--env", "--config", "--resume", "--device"):
+        first.add_argument(name)
+    early = first.parse_known_args(arguments)[0]
+    run = Run.open(Path(early.resume)) if early.resume else None
+    below = run.config() if run else load_config(_values(early, arguments))
+    model = create_model("Train", __base__=(Command, config_class(below.env)))
+    about = f"{ABOUT} The defaults below are those of --env {below.env}, from configs/."
+    default = model.model_validate(below.model_dump())
+    values = cli.parse(default, arguments, "python -m morlax_torch.train", about)
+    own = {name: values.pop(name) for name in Command.model_fields}
+    place = envs.resolve_device(values["device"])
+    moved = run is not None and str(place) != below.device
+    if values["backend"] is None or (moved and values["backend"] == below.backend):
+        values["backend"] = "warp" if place.type == "cuda" else "mujoco"
+    config = load_config({**values, "device": str(place)})
+    if run is not None:
+        for name, value in below.model_dump().items():
+            if name not in MAY_CHANGE_ON_RESUME and config.model_dump()[name] != value:
+                raise MorlaxError(
+                    f"{name} cannot change when a run is resumed: leave it out, or start a new "
+                    f"run. Only {', '.join(MAY_CHANGE_ON_RESUME)} may."
+                )
+    return config, run, own["output"]
+
+
+def _values(early: argparse.Namespace, arguments: Sequence[str]) -> dict:
+    device_type = envs.resolve_device(early.device).type
+    if early.config is None:
+        if early.env is None and not {"-h", "--help"} & set(arguments):
+            names = ", ".join(envs.names())
+            raise MorlaxError(f"name a task: --env NAME, one of {names}, or FILE.py:CLASS.")
+        return task_values(early.env or "cheetah", device_type)
+    values = file_values(Path(early.config), device_type)
+    if early.env is None:
+        return values
+    if values.setdefault("env", early.env) != early.env:
+        raise MorlaxError(
+            f"{early.config} is for env {values['env']!r}, but --env says {early.env!r}."
+        )
+    return merged(task_values(early.env, device_type), values)

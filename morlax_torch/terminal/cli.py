@@ -1,0 +1,80 @@
+"""What the commands share: command-line parsing and error messages."""
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+import torch
+import tyro
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+from rich.console import Console
+from tyro.constructors import (
+    ConstructorRegistry,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
+
+from ..envs import MorlaxError
+
+console = Console(highlight=False, soft_wrap=True)
+_registry = ConstructorRegistry()
+
+
+@_registry.struct_rule
+def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Make tyro read a pydantic model as plain values, which `load_config` then checks."""
+    if not (isinstance(info.type, type) and issubclass(info.type, BaseModel)):
+        return None
+    fields = []
+    for name, field in info.type.model_fields.items():
+        default = getattr(info.default, name, field.default)
+        if default is PydanticUndefined:
+            default = tyro.MISSING
+        kind: Any = field.annotation
+        fields.append(StructFieldSpec(name, kind, default, field.description))
+    return StructConstructorSpec(dict, tuple(fields))
+
+
+def parse(default: BaseModel, arguments: Sequence[str], prog: str, about: str) -> Any:
+    """Parse the command line over `default`, into nested plain values."""
+    return tyro.cli(
+        type(default),
+        prog=prog,
+        default=default,
+        args=arguments,
+        description=about,
+        registry=_registry,
+    )
+
+
+def run(main: Callable[[Sequence[str]], None]) -> None:
+    """Run a command; a user's mistake prints one sentence and exits with status 2."""
+    usual = threading.excepthook
+    # if TensorBoard's writer thread fails, its next call raises the error here
+    threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
+    try:
+        main(sys.argv[1:])
+    except MorlaxError as error:
+        fail(str(error))
+    except BrokenPipeError:  # the reader closed the pipe, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (MemoryError, RuntimeError) as error:
+        # NumPy, torch and Warp each report a lack of memory in their own way
+        words = ("out of memory", "allocate")
+        if not isinstance(error, MemoryError) and not any(w in str(error) for w in words):
+            raise
+        free = "the memory is full"
+        if torch.cuda.is_available():
+            sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
+            free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
+        fail(f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold.")
+
+
+def fail(sentence: str) -> NoReturn:
+    """Print an error and exit."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"error: {sentence}", markup=False)
+    sys.exit(2)

@@ -1,0 +1,116 @@
+"""Live progress in the terminal."""
+
+from pathlib import Path
+from typing import Self
+
+from rich.progress import BarColumn, ProgressColumn, Task, TimeElapsedColumn
+from rich.progress import Progress as Bar
+from rich.text import Text
+
+from ..algorithms.learner import Learner
+from ..envs.external import title
+from ..evaluation.front import hypervolume_in
+from ..runs.progress import Evaluation, Progress
+from .cli import console
+
+
+class Display:
+    """A moving bar on a terminal; on a file or pipe only one line per evaluation.
+
+    Args:
+        learner: that trains.
+        folder: of its run.
+        progress: read live while training updates it.
+    """
+
+    def __init__(self, learner: Learner, folder: Path, progress: Progress):
+        self._learner, self._folder, self._progress = learner, folder, progress
+        status = _Status(learner.config.max_env_steps, learner.config.max_seconds, progress)
+        self._bar = Bar(
+            BarColumn(bar_width=24),
+            status,
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._bar.add_task("", total=1.0)
+
+    def __enter__(self) -> Self:
+        config, env = self._learner.config, self._learner.env
+        console.print(
+            f"{title(config.env)}: {', '.join(config.task.objectives)}; {config.worlds} worlds on "
+            f"{env.device} ({env.simulator}), {config.num_clusters} trade-offs at a time, "
+            f"seed {config.seed}"
+        )
+        console.print(f"{self._folder}  (tensorboard --logdir {self._folder.parent})")
+        if env.simulator == "MuJoCo Warp":
+            console.print("compiling kernels: most of a minute the first time on a machine")
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def evaluated(self, evaluation: Evaluation) -> None:
+        """Print a line for an evaluation."""
+        row = evaluation.row()
+        name = hypervolume_in(row)
+        console.print(
+            f"{_count(row['env_steps']):>8} steps {row['train_seconds']:7.1f} s  "
+            f"{name.replace('_', ' ')} {row[name]:.4e}  front of {row['cardinality']:3d}  "
+            f"{_count(row['steps_per_second']):>8} steps/s"
+        )
+
+    def finished(self, interrupted: bool) -> None:
+        """Print what was reached and what to do next."""
+        progress = self._progress
+        console.print(
+            f"{'interrupted' if interrupted else 'done'}: {_count(self._learner.env_steps)} steps "
+            f"in {progress.train_seconds:.1f} s of training ({progress.total_seconds:.1f} s in "
+            f"all), best hypervolume {progress.best_hypervolume:.4e}"
+        )
+        more = "train --resume" if interrupted and self._learner.env.resumable else "evaluate"
+        console.print(f"next: python -m morlax_torch.{more} {self._folder}")
+
+
+class _Status(ProgressColumn):
+    """How far training is, how fast, and how long it will still take, at each redraw."""
+
+    max_refresh = 0.5  # seconds
+
+    def __init__(self, max_env_steps: int | None, max_seconds: float | None, progress: Progress):
+        super().__init__()
+        self._max_env_steps, self._max_seconds = max_env_steps, max_seconds
+        self._progress = progress
+
+    def render(self, task: Task) -> Text:
+        progress = self._progress
+        if not progress.steps_per_second:
+            return Text("starting")
+        done, left = 0.0, float("inf")
+        limits = (
+            (progress.env_steps, self._max_env_steps, progress.steps_per_second),
+            (progress.train_seconds, self._max_seconds, 1.0),
+        )
+        for value, limit, speed in limits:
+            if limit is not None and (limit - value) / speed < left:
+                done, left = value / limit, max(0.0, (limit - value) / speed)
+        task.completed = done
+        until = f", {_duration(left)} left" if left < float("inf") else ""
+        return Text(
+            f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)} steps/s, "
+            f"hypervolume {progress.hypervolume:.3e} (best {progress.best_hypervolume:.3e}){until}"
+        )
+
+
+def _count(number: float) -> str:
+    for unit, size in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
+        if number >= size:
+            return f"{number / size:.2f} {unit}"
+    return f"{number:.0f}"
+
+
+def _duration(seconds: float) -> str:
+    minutes, seconds = divmod(round(seconds), 60)
+    return f"{minutes}:{seconds:02d}"

@@ -1,0 +1,76 @@
+"""The returns of two objectives against each other, as a plot that can be picked from."""
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from ...evaluation.front import Front
+from . import svg
+from .colours import GREY, INK, PALE, mix
+from .svg import Box
+from .weights import show
+
+LEFT, TOP, RIGHT, BOTTOM = 38, 8, 10, 32  # room around the axes for numbers and names
+
+
+class PairPlot:
+    """All that a front evaluated, in a box of a drawing.
+
+    Points of the front are coloured by their trade-off and can be picked; the others are grey.
+    """
+
+    def __init__(self, front: Front, x: int, y: int, box: Box):
+        self._front, self._objectives, self._outer = front, (x, y), box
+        width, height = box.width - LEFT - RIGHT, box.height - TOP - BOTTOM
+        self._axes = Box(box.left + LEFT, box.top + TOP, width, height)
+        returns = front.returns[:, [x, y]]
+        low, high = returns.min(0), returns.max(0)
+        margin = np.maximum(0.06 * (high - low), 1e-6 + 1e-6 * np.abs(high))
+        self._low, self._high = low - margin, high + margin
+        self.places = self._place(returns)  # (K, 2) in the drawing
+
+    def html(self) -> str:
+        """What does not change."""
+        front, best = self._front, self._front.non_dominated
+        x, y, width, height = self._outer
+        parts = [svg.element("rect", x=x, y=y, width=width, height=height, fill="transparent")]
+        parts += self._scales()
+        parts += [svg.circle(place, 1.5, GREY) for place in self.places[~best]]
+        for place, weights in zip(self.places[best], front.tradeoffs[best], strict=True):
+            parts.append(svg.circle(place, 2.5, mix(weights), data_w=show(weights)))
+        cell = "{} {}".format(*self._objectives)
+        return svg.element("g", "".join(parts), data_cell=cell)
+
+    def _place(self, returns: np.ndarray) -> np.ndarray:
+        share = (returns - self._low) / (self._high - self._low)
+        axes = self._axes
+        return [axes.left, axes.top + axes.height] + share * [axes.width, -axes.height]
+
+    def _scales(self) -> list[str]:
+        """Grid lines with their numbers, and the names of the axes."""
+        left, top, width, height = self._axes
+        right, bottom = left + width, top + height
+        locator = MaxNLocator(4 if width > 200 else 2)
+        parts = []
+        for x in locator.tick_values(self._low[0], self._high[0]):
+            at = self._place(np.array([x, self._low[1]]))[0]
+            if left <= at <= right:
+                parts.append(svg.element("line", x1=at, x2=at, y1=top, y2=bottom, stroke=PALE))
+                parts.append(svg.text(_short(x), at, bottom + 12, INK))
+        for y in locator.tick_values(self._low[1], self._high[1]):
+            at = self._place(np.array([self._low[0], y]))[1]
+            if top <= at <= bottom:
+                parts.append(svg.element("line", x1=left, x2=right, y1=at, y2=at, stroke=PALE))
+                parts.append(svg.text(_short(y), left - 4, at + 3, INK, "end"))
+        first, second = (f"{self._front.objectives[i]} (return)" for i in self._objectives)
+        turned = f"translate({left - 28:g} {top + height / 2:g}) rotate(-90)"
+        parts.append(svg.text(first, left + width / 2, bottom + 26, INK))
+        parts.append(svg.text(second, 0, 0, INK, transform=turned))
+        return parts
+
+
+def _short(value: float) -> str:
+    """A number for an axis: 2500 is 2.5k."""
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if abs(value) >= size:
+            return f"{value / size:.3g}{letter}"
+    return f"{value:.3g}"

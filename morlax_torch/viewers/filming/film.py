@@ -1,0 +1,153 @@
+"""A robot filmed under several trade-offs at once: the frames of a film, or a film strip."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from ...envs import MorlaxError
+from ...networks.policy import Policy
+from ..player import Player
+from . import panels
+from .rendering import Scene
+
+FASTEST = 30  # frames per second
+LINGER = 1.0  # seconds that a film goes on when every robot has failed
+
+
+class Film:
+    """One robot under each of P trade-offs, started alike.
+
+    A robot that fails stays as it is, dimmed; its returns are those of the episode. A film ends a
+    second after the last robot has failed. Time running out ends no episode: a robot goes on for
+    as many seconds, of its own time, as are asked for.
+
+    Args:
+        policy: as `morlax_torch.load` gives it.
+        tradeoffs: P times a number for each objective.
+        width: of one robot's panel, in pixels.
+        height: likewise.
+        seed: of what the world draws at random, the same for every trade-off.
+
+    Raises:
+        MorlaxError: a trade-off is none.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        tradeoffs: Iterable[Sequence[float]],
+        width: int = 480,
+        height: int = 360,
+        seed: int = 0,
+    ):
+        self._takes = [_Take(Player(policy, tradeoff, seed)) for tradeoff in tradeoffs]
+        self._size = width, height
+        self.dt = self._takes[0].player.env.dt
+
+    def steps(self, seconds: float) -> int:
+        """The control steps of so much time.
+
+        Raises:
+            MorlaxError: there is none, or no end of them.
+        """
+        if not self.dt <= seconds < math.inf:
+            raise MorlaxError(
+                f"a film lasts at least one control step ({self.dt:g} s), not {seconds:g} s."
+            )
+        return round(seconds / self.dt)
+
+    def pace(self, speed: float = 1.0) -> tuple[int, float]:
+        """Control steps from frame to frame, and frames per second: at most 30.
+
+        Raises:
+            MorlaxError: `speed` is not in (0, 100].
+        """
+        if not 0 < speed <= 100:
+            raise MorlaxError(f"the speed must be above 0 and at most 100, not {speed:g}.")
+        rate = speed / self.dt
+        every = max(1, math.ceil(rate / FASTEST - 1e-9))
+        return every, rate / every
+
+    def frames(self, seconds: float = 5.0, every: int = 1) -> Iterator[NDArray[np.uint8]]:
+        """All panels side by side, with trade-offs and running returns: (H, W, 3) RGB.
+
+        One frame for the start, then one for each `every` control steps.
+
+        Raises:
+            MorlaxError: an unusable time or size, or no OpenGL.
+        """
+        for pictures in self._pictures(range(0, self.steps(seconds) + 1, every)):
+            pairs = zip(self._takes, pictures, strict=True)
+            yield panels.side_by_side([take.captioned(picture) for take, picture in pairs])
+
+    def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
+        """A row of pictures for each trade-off, evenly spaced in time: (H, W, 3) RGB.
+
+        The first shows the start, the last the robot after so many seconds.
+
+        Raises:
+            MorlaxError: an unusable time, number or size, or no OpenGL.
+        """
+        if pictures < 2:
+            raise MorlaxError(f"a film strip takes at least 2 pictures, not {pictures}.")
+        steps = np.linspace(0, self.steps(seconds), pictures).round().astype(int).tolist()
+        columns = list(self._pictures(steps))
+        times = [f"{step * self.dt:.2f} s" for step in steps[: len(columns)]]
+        labels = ["\n".join(map(" ".join, take.weights())) for take in self._takes]
+        return panels.strip(columns, times, labels)
+
+    def _pictures(self, moments: Iterable[int]) -> Iterator[list[Image.Image]]:
+        """Every robot after so many control steps of a new episode, at each of the moments."""
+        for take in self._takes:
+            take.reset()
+        player = self._takes[0].player
+        with Scene(player.model, *self._size) as scene:
+            for step in moments:
+                yield [take.at(step, scene) for take in self._takes]
+                last = max(take.player.steps for take in self._takes)
+                over = all(take.failed for take in self._takes)
+                if over and (step - last) * self.dt >= LINGER:
+                    return
+
+
+class _Take:
+    """One robot, until it fails."""
+
+    def __init__(self, player: Player):
+        self.player = player
+        self.failed = False
+        self._last: Image.Image | None = None
+
+    def reset(self) -> None:
+        self.player.reset()
+        self.failed, self._last = False, None
+
+    def at(self, step: int, scene: Scene) -> Image.Image:
+        """The picture after so many steps; a robot that has failed is drawn once."""
+        if self.failed and self._last is not None:
+            return self._last
+        while self.player.steps < step and not self.failed:
+            self.failed = bool(self.player.step().terminated)
+        picture = Image.fromarray(scene.draw(self.player.data))
+        self._last = panels.dimmed(picture) if self.failed else picture
+        return self._last
+
+    def captioned(self, picture: Image.Image) -> Image.Image:
+        clock = f"{self.player.steps * self.player.env.dt:.2f} s"
+        return panels.captioned(
+            picture,
+            [
+                (*weight, f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}")
+                for weight, value in zip(self.weights(), self.player.returns.tolist(), strict=True)
+            ],
+            f"failed after {clock}" if self.failed else clock,
+        )
+
+    def weights(self) -> list[tuple[str, str]]:
+        """Name and share of each objective."""
+        shares = self.player.tradeoff / self.player.tradeoff.sum()
+        names = self.player.env.objectives
+        return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]

@@ -1,0 +1,67 @@
+"""One robot to look at, driven by the policy of a trade-off that may change at any time."""
+
+from collections.abc import Sequence
+
+import mujoco
+import torch
+
+from .. import envs
+from ..envs import TimeStep
+from ..networks.policy import Policy
+
+
+class Player:
+    """A world of a policy's own task on C MuJoCo, stepped by the deterministic policy.
+
+    Set `tradeoff` between steps, and `command` (C,), one number for each of the task's
+    `command_limits`; both last until set again. `data` holds the current state of every body and
+    geom for a renderer, and the forces of the motors; write to `env.physics` to move the robot.
+    `returns` (m,) and `steps` count from the last reset. The caller resets when the episode is
+    `over`.
+    """
+
+    def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
+        self.policy = policy
+        options = policy.config.task.for_evaluation().model_dump()
+        self.env = env = envs.make_robot(policy.config.env, seed, **options)
+        self.model = self.env.physics.model
+        self.data = mujoco.MjData(self.model)
+        self.tradeoff = tradeoff
+        self.command = env.command[0].tolist() if env.command_limits else []
+        self.reset()
+
+    @property
+    def tradeoff(self) -> torch.Tensor:
+        """(m,), not negative; it need not sum to one."""
+        return self._tradeoff
+
+    @tradeoff.setter
+    def tradeoff(self, tradeoff: Sequence[float]) -> None:
+        self._network = self.policy.specialize(tradeoff)
+        self._tradeoff = torch.as_tensor(tradeoff, dtype=torch.float32)
+
+    def reset(self) -> None:
+        """Start a new episode."""
+        self.observation = self.env.reset()
+        self.returns = torch.zeros(len(self.env.objectives))
+        self.steps, self.over = 0, False
+        self.place()
+
+    def step(self) -> TimeStep:
+        """One control step of `env.dt` seconds."""
+        if self.command:
+            self.env.command[0] = torch.tensor(self.command)
+        step = self.env.step(self._network(self.observation))
+        self.observation = step.observation
+        self.returns += step.reward[0]
+        self.steps += 1
+        self.over = bool(step.terminated | step.truncated)
+        self.place()
+        return step
+
+    def place(self) -> None:
+        """Update `data` from the state of `env.physics`."""
+        self.data.qpos[:] = self.env.physics.qpos[0].numpy()
+        self.data.qvel[:] = self.env.physics.qvel[0].numpy()
+        self.data.ctrl[:] = self.env.physics.ctrl[0].numpy()
+        mujoco.mj_forward(self.model, self.data)

@@ -1,0 +1,80 @@
+"""The fused kernels equal the torch definitions, in values and gradients."""
+
+import pytest
+import torch
+import warp as wp
+
+from morlax_torch.algorithms.ppo import Batch, policy_loss
+from morlax_torch.gpu import gaussian_kernels
+from morlax_torch.networks import gaussian
+from morlax_torch.networks.gaussian import TanhNormal
+
+DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
+
+
+@pytest.fixture(params=DEVICES)
+def device(request) -> str:
+    if request.param == "cuda" and not torch.cuda.is_available():
+        pytest.skip("there is no CUDA device")
+    wp.config.log_level = wp.LOG_ERROR
+    wp.init()
+    return request.param
+
+
+@pytest.fixture
+def samples(device) -> tuple[torch.Tensor, Batch, torch.Tensor]:
+    """The networks' output, a minibatch that is a strided view, and noise."""
+    K, S, A = 3, 200, 4
+    torch.manual_seed(0)
+    table = torch.randn(K, S, 5 + A + 1 + 1 + 2)
+    batch = Batch(*table.split([5, A, 1, 1, 2], -1))
+    output = torch.randn(K, S, 2 * A) * 0.7
+    near = TanhNormal(output).log_prob(batch.action) + 0.3 * torch.randn(K, S)
+    table[..., 5 + A] = near
+    table = table.to(device)
+    batch = Batch(*table.split([5, A, 1, 1, 2], -1))
+    return output.to(device).requires_grad_(), batch, torch.randn(K, S, A).to(device)
+
+
+def test_a_fused_action_is_the_sample_and_its_log_probability(samples):
+    output, _, noise = samples
+    expected, density = gaussian.sample(output.detach(), noise)
+    action, log_prob = gaussian_kernels.sample(output.detach(), noise)
+    torch.testing.assert_close(action, expected)
+    torch.testing.assert_close(log_prob, density, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("clip", [0.1, 0.3])
+@pytest.mark.parametrize(("bonus", "penalty"), [(0.0, 0.0), (0.05, 0.0), (0.02, 0.01)])
+def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, clip, bonus, penalty):
+    output, batch, noise = samples
+    given = (batch.action, noise, batch.log_prob, batch.advantage)
+    plain = output.detach().cpu().requires_grad_()
+    expected, metrics = policy_loss(
+        plain, *(x.cpu() for x in given), clip, penalty, torch.tensor(bonus)
+    )
+    weight = torch.tensor(bonus).to(output)
+    loss, found = gaussian_kernels.policy_loss(output, *given, clip, penalty, weight)
+    torch.testing.assert_close(loss.cpu(), expected, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(found.cpu(), metrics, rtol=1e-4, atol=1e-5)
+    (slope,) = torch.autograd.grad(loss, output)
+    (exact,) = torch.autograd.grad(expected, plain)
+    torch.testing.assert_close(slope.cpu(), exact, rtol=1e-3, atol=1e-6)
+
+
+def test_a_steeper_loss_has_a_steeper_gradient(samples):
+    output, batch, noise = samples
+    arguments = (
+        batch.action,
+        noise,
+        batch.log_prob,
+        batch.advantage,
+        0.2,
+        0.01,
+        torch.tensor(0.01).to(output),
+    )
+    once, _ = gaussian_kernels.policy_loss(output, *arguments)
+    (slope,) = torch.autograd.grad(once, output)
+    twice, _ = gaussian_kernels.policy_loss(output, *arguments)
+    (double,) = torch.autograd.grad(2 * twice, output)
+    torch.testing.assert_close(double, 2 * slope)
