@@ -10,9 +10,8 @@ import torch
 import tyro
 from rich.table import Table
 from torch.profiler import ProfilerActivity, profile
-from training_curve import configured
 
-from morlax_torch import MORLAX
+from morlax_torch import MORLAX, config_for
 from morlax_torch.envs import resolve_device
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
@@ -33,8 +32,7 @@ def main(
         output: A CSV file for every kernel: phase, kernel, calls and ms of one iteration.
     """
     place = resolve_device(None)
-    config = configured(env, {"worlds": worlds} if worlds else {}, 0, place)
-    torch.set_float32_matmul_precision("high")
+    config = config_for(env, **({"worlds": worlds} if worlds else {}))
     morlax = MORLAX(make_worlds(config, config.worlds), config)
     morlax.compile()
     physics = Graph(lambda: [morlax.env.physics.step() for _ in range(config.horizon)], place)

@@ -11,12 +11,11 @@ import csv
 import random
 from pathlib import Path
 
-import torch
 import tyro
 import yaml
-from training_curve import TARGETS, configured, reached, training_curve
+from training_curve import TARGETS, reached, training_curve
 
-from morlax_torch import MorlaxError
+from morlax_torch import MorlaxError, config_for
 from morlax_torch.envs import resolve_device
 from morlax_torch.terminal.cli import console
 
@@ -64,15 +63,14 @@ def main(
         output: Where the rows go, as they come.
     """
     place = resolve_device(None)
-    if place.type == "cuda":
-        torch.set_float32_matmul_precision("high")
     listed = yaml.safe_load(given.read_text()) if given else None
     for number in range(len(listed)) if listed else range(first, first + trials):
         change = listed[number] if listed else draw(number, changes)
         for seed in range(seeds):
             row = [env, number, seed, change]
             try:
-                points = training_curve(configured(env, change, seed, place), seconds, every)
+                config = config_for(env, seed=seed, device=str(place), **change)
+                points = training_curve(config, seconds, every)
                 row += [
                     round(points[-1].env_steps / points[-1].train_seconds),
                     [reached(points, target) for target in TARGETS.get(env, ())],

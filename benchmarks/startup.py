@@ -19,8 +19,8 @@ FIRST_ITERATION = """
 import os, sys, time
 import torch
 from morlax_torch import MORLAX
-from morlax_torch.arguments import read
-from morlax_torch.train import make_worlds
+from morlax_torch.runs.training import make_worlds
+from morlax_torch.terminal.arguments import read
 config, _, _ = read(sys.argv[1:])
 morlax = MORLAX(make_worlds(config, config.worlds), config)
 morlax.compile()

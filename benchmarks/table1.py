@@ -15,11 +15,11 @@ import itertools
 from pathlib import Path
 from statistics import median
 
-import torch
 import tyro
 from matplotlib.figure import Figure
-from training_curve import TARGETS, Point, configured, reached, training_curve
+from training_curve import TARGETS, Point, reached, training_curve
 
+from morlax_torch import config_for
 from morlax_torch.envs import resolve_device
 from morlax_torch.terminal.cli import console
 
@@ -62,14 +62,12 @@ def main(
     runs = read(given)
     if env:
         place = resolve_device(device)
-        if place.type == "cuda":
-            torch.set_float32_matmul_precision("high")
     with output.with_suffix(".csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(COLUMNS)
         rows.writerows(row(*key, p) for key, points in runs.items() for p in points)
         for task, seed in itertools.product(env, seeds):
-            config = configured(task, {}, seed, place)
+            config = config_for(task, seed=seed, device=str(place))
             runs[task, seed] = training_curve(config, seconds, every, PROTOCOLS)
             rows.writerows(row(task, seed, p) for p in runs[task, seed])
             file.flush()

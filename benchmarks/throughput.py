@@ -11,9 +11,8 @@ from pathlib import Path
 import torch
 import tyro
 from rich.table import Table
-from training_curve import configured
 
-from morlax_torch import MORLAX
+from morlax_torch import MORLAX, config_for
 from morlax_torch.envs import resolve_device
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
@@ -39,7 +38,7 @@ def main(
     place = resolve_device(device)
     rows = []
     for task in env:
-        for number in worlds or (configured(task, {}, 0, place).worlds,):
+        for number in worlds or (config_for(task, device=str(place)).worlds,):
             rows.append(measure(task, number, place, seconds))
     table = Table(title=str(place))
     for column in rows[0]:
@@ -58,9 +57,7 @@ def measure(
     task: str, worlds: int, device: torch.device, seconds: float
 ) -> dict[str, str | int | float]:
     """One row: milliseconds of an iteration's parts, and environment steps per second."""
-    config = configured(task, {"worlds": worlds}, 0, device)
-    if device.type == "cuda":
-        torch.set_float32_matmul_precision("high")
+    config = config_for(task, worlds=worlds, device=str(device))
     env = make_worlds(config, worlds)
     morlax = MORLAX(env, config)
     morlax.compile()

@@ -1,4 +1,4 @@
-"""Every task's id in Gymnasium's registry."""
+"""Task ids in Gymnasium's registry."""
 
 import re
 
@@ -8,20 +8,21 @@ NAMESPACE = "morlax_torch"
 
 
 def gymnasium_id(name: str) -> str:
-    """The id of the task `name`: "my_robot" is "morlax_torch/MyRobot-v0"."""
+    """Return the Gymnasium id of task `name`: "my_robot" becomes "morlax_torch/MyRobot-v0"."""
     words = re.split(r"[\W_]+", name)
     return f"{NAMESPACE}/{''.join(word[:1].upper() + word[1:] for word in words)}-v0"
 
 
 def announce(name: str) -> None:
-    """Let `gymnasium.make` and `gymnasium.make_vec` find the task `name`.
+    """Register task `name` for `gymnasium.make` and `gymnasium.make_vec`.
 
-    Both adapters are named, not imported. They check the order of calls themselves, and
-    Gymnasium's passive checker would warn of every reward that is a vector.
+    Adapters are registered by import path, so they are imported only when used. Gymnasium's
+    wrappers are disabled: the adapters check the order of calls themselves, and the passive checker
+    would warn about every vector reward.
     """
     known = gymnasium.registry.get(gymnasium_id(name))
     if known is not None and known.kwargs == {"task": name}:
-        return  # this module was loaded anew, and Gymnasium would warn of the same id twice
+        return  # after a module reload, Gymnasium would warn about a duplicate id
     gymnasium.register(
         gymnasium_id(name),
         entry_point="morlax_torch.adapters.gymnasium_single:GymnasiumEnv",

@@ -101,7 +101,7 @@ def make(
     )
 
 
-def make_robot(name: str, seed: int = 0, **task_options: object) -> Environment:
+def make_robot(name: str, seed: int = 0, **task_options: Any) -> Environment:
     """Make one world of a MuJoCo robot on C MuJoCo, without automatic reset, to look at.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Judge trained runs: their fronts, the indicators of the fronts, figures and a report."""
+"""Evaluate trained runs: fronts, indicators, figures and a report."""
 
 import shlex
 import time
@@ -25,10 +25,10 @@ from .runs.loading import SHIPPED, find_run, load
 from .terminal import cli
 
 PROTOCOLS = {
-    "latched": "a return ends with the first step that fails",
-    "paper": "steps that fail earn nothing, and the reward of the reset is added",
+    "latched": "a return ends with the first failed step",
+    "paper": "failed steps earn no reward, and the reward of the reset is added",
 }
-MOST_COLUMNS = 3  # runs in the terminal's table; the files have them all
+MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -47,27 +47,31 @@ def command(arguments: Sequence[str]) -> None:
         reference: str | None = None,
         output: Path | None = None,
     ) -> None:
-        """Run the policies of many trade-offs for an episode each and print the indicators.
+        """Evaluate the policies of many trade-offs, one episode each, and print the indicators.
 
-        Writes the front of each run (front.npz, front.csv), figures (png and pdf), indicators.csv
-        and report.html, one file that opens anywhere. Several runs are compared: their fronts
-        over each other, medians and quartiles of the indicators in summary.csv.
+        Writes each run's front (front.npz, front.csv), figures (png and pdf), indicators.csv and
+        report.html, a self-contained file. Several runs are compared: one figure overlays their
+        fronts, and summary.csv has the median and quartiles of each indicator.
 
         Args:
-            runs: Folders of runs, checkpoints, or policies that ship.
-            tradeoffs: How many, spread evenly.
-            protocol: latched: a return ends with the first step that fails. paper: as in its own
-                published tables (trade-offs drawn at random, there 1024): failed steps earn
-                nothing, and the reward of the reset is added.
-            device: cuda, cpu, ... (None: CUDA where there is one).
-            backend: warp or mujoco (None: by the device).
-            seed: Of what the worlds draw at random.
-            seeds: Episodes of each trade-off, to average over; for tasks with anything random.
-            reference: What IGD+ is measured to: a front.npz or a run (None: the best of all runs).
-            output: Where to write (None: the run's folder, or evaluations/<time>).
+            runs: Run folders, checkpoint files, or shipped policies.
+            tradeoffs: Number of trade-offs, spread evenly.
+            protocol: How returns are counted. latched: up to and including the first failed step.
+                paper: as in the paper's tables, which draw 1024 trade-offs at random;
+                failed steps earn no reward, and the reward of the reset is added.
+            device: Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU).
+            backend: Simulator: warp or mujoco (None: chosen by device).
+            seed: Random seed of the worlds.
+            seeds: Episodes per trade-off, to average over; for tasks with random starts or models.
+            reference: Reference front of IGD+: a front.npz or a run (None: the best points of all
+                runs, if there are several).
+            output: Output folder (None: the run's folder, or evaluations/<time> for several runs
+                or a shipped policy).
         """
         if not runs:
-            raise MorlaxError("name at least one run: its folder, such as runs/ant/..., or a .pt.")
+            raise MorlaxError(
+                "name at least one run: its folder, such as runs/ant/..., or a .pt file."
+            )
         place = resolve_device(device)
         named = dict(zip(comparison.names(runs), runs, strict=True))
         policies = {name: load(run, place) for name, run in named.items()}
@@ -95,11 +99,11 @@ def command(arguments: Sequence[str]) -> None:
         objectives = ", ".join(next(iter(fronts.values())).objectives)
         about = (
             f"Objectives: {objectives}. {tradeoffs} trade-offs on {place}, "
-            f"{f'{seeds} episodes' if seeds > 1 else 'an episode'} each. "
+            f"{f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
             f"Protocol {protocol}: {PROTOCOLS[protocol]}."
         )
         if target is not None:
-            source = reference or "what no other policy of all these runs dominates"
+            source = reference or "the non-dominated points of all runs"
             about += f" Reference of IGD+: {source}, {len(target)} points."
         typed = shlex.join(["python", "-m", "morlax_torch.evaluate", *arguments])
         write(found, folder, about, typed)
@@ -110,7 +114,7 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def history(run: str) -> History | None:
-    """How a run trained, if it is written down."""
+    """Load the training history of a run, if it has a metrics.csv."""
     path = find_run(run) / "metrics.csv"
     return History.load(path) if path.is_file() else None
 
@@ -118,7 +122,16 @@ def history(run: str) -> History | None:
 def reference_front(
     source: str, policies: Mapping[str, Policy], evaluated: Callable[[Policy], Front]
 ) -> np.ndarray:
-    """The points (n, m) of the front that `source` holds, or of the run that it names."""
+    """Return the non-dominated points (n, m) of a reference front.
+
+    Args:
+        source: an .npz file, or a run to evaluate.
+        policies: of the evaluated runs, by name.
+        evaluated: evaluates a policy.
+
+    Raises:
+        MorlaxError: the reference cannot be loaded or compared, or has no finite returns.
+    """
     if source.endswith(".npz"):
         front = Front.load(Path(source))
     else:
@@ -128,15 +141,16 @@ def reference_front(
     objectives = next(iter(policies.values())).objectives
     if front.objectives != objectives:
         raise MorlaxError(
-            f"the reference {source} is of {', '.join(front.objectives)}, but the runs trade off "
-            f"{', '.join(objectives)}: give a front of the same objectives."
+            f"the reference {source} has the objectives {', '.join(front.objectives)}, but the "
+            f"runs have {', '.join(objectives)}: choose a front with the same objectives."
         )
     if not front.non_dominated.any():
-        raise MorlaxError(f"the reference {source} holds no finite returns: give another front.")
+        raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
     return front.returns[front.non_dominated]
 
 
 def default_output(runs: Sequence[str]) -> Path:
+    """Return the run's folder; for several runs or a shipped policy, evaluations/<time>."""
     folder = find_run(runs[0])
     if len(runs) > 1 or folder.parent == SHIPPED:
         return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
@@ -144,7 +158,7 @@ def default_output(runs: Sequence[str]) -> Path:
 
 
 def table(found: Mapping[str, Evaluated]) -> Table:
-    """What the fronts are worth, for the terminal."""
+    """Return the indicators as a table for the terminal."""
     measured = {name: run.measures for name, run in found.items()}
     shown = measured if len(measured) <= MOST_COLUMNS else {}
     quartiles = comparison.quartiles(list(measured.values())) if len(measured) > 1 else {}

@@ -1,4 +1,4 @@
-"""See a robot live in the browser, and change what it cares about while it moves."""
+"""Show a robot live in the browser, and change its trade-off while it moves."""
 
 import socket
 from collections.abc import Sequence
@@ -17,10 +17,16 @@ from .viewers.explorer import library
 def explore(run: str, host: str, port: int) -> None:
     """Serve the page of a run until Ctrl-C.
 
+    Args:
+        run: a run's folder, a checkpoint file, or a shipped policy.
+        host: address to listen on.
+        port: TCP port to listen on; 0 selects a free one.
+
     Raises:
-        MorlaxError: no such run, it has no checkpoint, or nothing can listen there.
+        MorlaxError: there is no such run, it has no checkpoint, viser is not installed, or the
+            address cannot be listened on.
     """
-    library.choose(run)  # a wrong name is said before viser is waited for
+    library.choose(run)  # importing viser takes seconds: report a wrong name first
     _check_free(host, port)
     try:
         from .viewers.explorer.page import Page
@@ -28,12 +34,12 @@ def explore(run: str, host: str, port: int) -> None:
         if error.name not in ("viser", "trimesh"):
             raise
         raise MorlaxError(
-            "the page needs viser, which is not installed: pip install 'morlax-torch[explore]'"
+            "the page needs viser, which is not installed: pip install 'morlax-torch[explore]'."
         ) from None
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)
         place = {"0.0.0.0": "127.0.0.1"}.get(host, host)
-        cli.console.print(f"open http://{place}:{page.server.get_port()}  (Ctrl-C ends)")
+        cli.console.print(f"open http://{place}:{page.server.get_port()}  (Ctrl-C to stop)")
         page.serve(ended)
         page.stop()
 
@@ -46,13 +52,13 @@ def command(arguments: Sequence[str]) -> None:
         host: str = "127.0.0.1",
         port: int = 8080,
     ) -> None:
-        """Open a page for the browser: a robot live, and a slider for each objective.
+        """Serve a page that shows a robot live, with a slider for each objective.
 
         Args:
-            run: A run's folder, a checkpoint file, or a policy that ships (None: the first that
-                ships, else the latest run under ./runs).
-            host: The address to listen on; 0.0.0.0 lets everyone on the network in.
-            port: The port to listen on; 0 takes any that is free.
+            run: Run folder, checkpoint file, or shipped policy (None: the first shipped policy,
+                or the latest run under ./runs if there is none).
+            host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
+            port: TCP port to listen on; 0 selects a free one.
         """
         explore(run or library.first(), host, port)
 
@@ -60,9 +66,15 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _check_free(host: str, port: int) -> None:
-    """viser would silently take another port, or wait forever for an address that is none."""
+    """Check that the address is free.
+
+    viser would silently take another port, or wait forever for an invalid address.
+
+    Raises:
+        MorlaxError: the port is out of range, or the address cannot be listened on.
+    """
     if not 0 <= port < 2**16:
-        raise MorlaxError(f"--port is a number from 0 to 65535, not {port}.")
+        raise MorlaxError(f"--port must be from 0 to 65535, not {port}.")
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as trial:
@@ -70,7 +82,7 @@ def _check_free(host: str, port: int) -> None:
             trial.bind(address)
     except OSError as error:
         raise MorlaxError(
-            f"cannot listen on {host}, port {port} ({error.strerror}): choose another --port, or "
+            f"cannot listen on {host}, port {port} ({error.strerror}): choose another --port or "
             "--host."
         ) from None
 

@@ -23,29 +23,30 @@ def command(arguments: Sequence[str]) -> None:
     ) -> None:
         """Write the policy of a trade-off to a file that runs without this package.
 
-        Observations are normalised and actions squashed inside. The file says what it takes and
-        gives: task, trade-off, order of observations and joints, control rate. What was written
-        is read back and compared with the policy.
+        The file includes observation normalization and the tanh on actions. Its metadata describe
+        inputs and outputs: task, trade-off, order of observations and joints, control rate. The
+        file is read back and compared with the policy.
 
         Args:
-            run: A run's folder (its best checkpoint), a checkpoint file, or a shipped policy.
-            tradeoff: How much each objective matters; they need not sum to one (none: the
-                trade-off stays an input).
-            format: onnx needs an extra: pip install 'morlax-torch[onnx]'.
-            output: The file (None: policy.onnx, .ts or .pt2 in the run's folder, family.* where
-                the trade-off is an input; here for a shipped policy).
+            run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
+            tradeoff: Weight of each objective; weights need not sum to one (None: the trade-off
+                stays an input).
+            format: File format. onnx needs an extra: pip install 'morlax-torch[onnx]'.
+            output: Output file (None: policy.onnx, .ts or .pt2, or family.* if the trade-off
+                is an input; in the run's folder, or in the working directory for a shipped
+                policy).
         """
         policy = load(run)
         weights = None if tradeoff is None else parse_tradeoff(tradeoff, policy.objectives)
         name = ("family" if weights is None else "policy") + FORMATS[format].ending
-        place = output or _usual_folder(run) / name
+        place = output or _default_folder(run) / name
         largest = export(policy, place, format, weights, {"run": provenance(run)})
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
 
     tyro.cli(main, args=arguments, prog="python -m morlax_torch.export")
 
 
-def _usual_folder(run: Path) -> Path:
+def _default_folder(run: Path) -> Path:
     folder = find_run(run)
     return Path() if folder.parent == SHIPPED else folder
 

@@ -1,4 +1,4 @@
-"""Take from a run what it takes to use it: a small folder to share, or to ship."""
+"""Copy what is needed to use a run into a small folder, to share or to ship."""
 
 import shlex
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ def command(arguments: Sequence[str]) -> None:
         output: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")],
         device: str | None = None,
     ) -> None:
-        """Take the policies of a run, their front, config and curve into a small folder.
+        """Write a run's policies, front, config and training curve to a small folder.
 
-        Every command takes the folder for a run; only training cannot go on from it.
+        Every command accepts the folder as a run, but training cannot continue from it.
 
         Args:
-            run: A run's folder (its best checkpoint), or a checkpoint in it.
-            output: A new folder.
-            device: That evaluates the front: cuda, cpu, ... (None: CUDA where there is one).
+            run: Run folder (its best checkpoint), or a checkpoint in it.
+            output: New folder.
+            device: Device that evaluates the front: cuda, cpu, ... (None: CUDA if there is a GPU).
         """
         front = pack(run, output, device)
         size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6

@@ -1,4 +1,4 @@
-"""Film a trained policy under several trade-offs: MP4, GIF, or a film strip for a paper."""
+"""Record a trained policy under several trade-offs: MP4, GIF, or a film strip for a paper."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,25 +26,27 @@ def command(arguments: Sequence[str]) -> None:
         pictures: int = 8,
         seed: int = 0,
     ) -> None:
-        """Film the robot under several trade-offs side by side, with its returns as they grow.
+        """Record the robot under several trade-offs side by side, with its running returns.
 
-        A robot that fails stays as it is, dimmed, with what its episode paid. Needs no screen.
+        A robot that fails is frozen and dimmed, with the returns of its episode. No display is
+        needed.
 
         Args:
-            run: A run's folder (its best checkpoint), a checkpoint file, or a shipped policy.
-            tradeoff: How much each objective matters, once for each panel; they need not sum to
-                one (none: the corners, and the balanced one).
-            output: FILE.mp4, FILE.gif, or FILE.png for a film strip (None: film.mp4 in the run's
-                folder; here for a shipped policy).
-            seconds: Of the robot's time.
-            speed: Of the film: 0.5 is slow motion. A film strip has none.
-            width: Of a panel, in pixels.
-            height: Of a panel, in pixels.
-            pictures: Of a film strip, evenly spaced over the seconds.
-            seed: Of what the world draws at random.
+            run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
+            tradeoff: Weight of each objective, once per panel; weights need not sum to one
+                (None: each objective alone, and the balanced trade-off).
+            output: Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip
+                (None: film.mp4 in the run's folder, or NAME.mp4 in the working directory
+                for a shipped policy).
+            seconds: Duration, in seconds of simulated time.
+            speed: Playback speed; 0.5 is slow motion. Ignored for a film strip.
+            width: Width of a panel, in pixels.
+            height: Height of a panel, in pixels.
+            pictures: Number of pictures per row of a film strip, evenly spaced in time.
+            seed: Random seed of the world.
         """
         policy = load(run)
-        place = output or _usual_output(run)
+        place = output or _default_output(run)
         tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
         record(
             policy,
@@ -63,7 +65,7 @@ def command(arguments: Sequence[str]) -> None:
     tyro.cli(main, args=arguments, prog="python -m morlax_torch.record")
 
 
-def _usual_output(run: Path) -> Path:
+def _default_output(run: Path) -> Path:
     folder = find_run(run)
     return Path(f"{folder.name}.mp4") if folder.parent == SHIPPED else folder / "film.mp4"
 

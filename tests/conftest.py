@@ -1,4 +1,4 @@
-"""What tests share: generators, agents and rollouts of random numbers, untrained runs."""
+"""Shared fixtures: generators, random agents and rollouts, untrained policies and runs."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, Policy, envs
+from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.config import NetworkConfig, load_config, merged, task_values
 from morlax_torch.evaluation.front import Front
@@ -23,14 +23,14 @@ def generator() -> torch.Generator:
 
 @pytest.fixture
 def single_thread() -> Iterator[None]:
-    """torch on one thread, where many threads would only wait for each other."""
+    """Run torch on one thread, since many threads would only wait for each other here."""
     with one_thread(torch.device("cpu")):
         yield
 
 
 @pytest.fixture
 def make_agent() -> Callable[..., Agent]:
-    """Small agents whose policies and values differ between trade-offs from the start."""
+    """Return a factory of small agents whose policies and values depend on the trade-off."""
 
     def make(
         observation_size: int = 3,
@@ -49,7 +49,7 @@ def make_agent() -> Callable[..., Agent]:
 
 @pytest.fixture
 def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
-    """Rollouts of noise, in which some steps terminate and some others are truncated."""
+    """Return a factory of random rollouts in which some steps terminate and some truncate."""
 
     def make(
         horizon: int = 12,
@@ -78,7 +78,7 @@ def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
 
 @pytest.fixture
 def make_policy() -> Callable[..., Policy]:
-    """Untrained families of policies that move a task's robot, each trade-off in its own way."""
+    """Return a factory of untrained policies whose actions depend on the trade-off."""
 
     def make(name: str = "hopper", **changes: dict) -> Policy:
         config = load_config(merged(task_values(name, "cpu"), changes))
@@ -94,7 +94,7 @@ def make_policy() -> Callable[..., Policy]:
 
 @pytest.fixture
 def make_front() -> Callable[[tuple[str, ...]], Front]:
-    """Fronts of the corners, an even trade-off, and one more, which the even one dominates."""
+    """Return a factory of fronts: corners, an even trade-off, and one that the even dominates."""
 
     def make(objectives: tuple[str, ...]) -> Front:
         m = len(objectives)
@@ -109,7 +109,7 @@ def make_front() -> Callable[[tuple[str, ...]], Front]:
 
 @pytest.fixture
 def opengl() -> None:
-    """Something to draw with."""
+    """Choose an OpenGL backend; skip the test if there is none."""
     try:
         choose_opengl()
     except MorlaxError as error:
@@ -118,13 +118,13 @@ def opengl() -> None:
 
 @pytest.fixture
 def make_run(make_front, make_policy) -> Callable[..., Path]:
-    """Run folders of untrained policies, with a front."""
+    """Return a factory of run folders with untrained policies and a front."""
 
     def make(folder: Path, task: str, *checkpoints: str) -> Path:
         policy = make_policy(task, network={"actor": [8]}, task={"episode_length": 200})
         (folder / "checkpoints").mkdir(parents=True)
         for name in checkpoints:
-            policy.save(folder / "checkpoints" / f"{name}.pt")
+            save(policy, folder / "checkpoints" / f"{name}.pt")
         make_front(policy.objectives).save(folder / "front.npz")
         return folder
 

@@ -1,4 +1,4 @@
-"""The benchmarks run, and write what they say they write. How fast anything is, is not tested."""
+"""The benchmarks run and write their files; speed is not tested."""
 
 import csv
 import subprocess

@@ -1,4 +1,4 @@
-"""BRUCE has the published masses, joints and motors, and moves as mechanics says."""
+"""BRUCE has the published masses, joints and motors, and obeys Newton-Euler mechanics."""
 
 import csv
 from pathlib import Path
@@ -52,7 +52,7 @@ def skew(v: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def turn(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """Rodrigues' formula."""
+    """Return the rotation matrix of a turn about an axis (Rodrigues' formula)."""
     K = skew(axis)
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
@@ -71,7 +71,7 @@ def closed() -> mujoco.MjModel:
 def motions(
     facts: list[Fact], qpos: NDArray[np.float64]
 ) -> list[tuple[Fact, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Every body with its orientation, and Jacobians of its centre of mass and its rotation."""
+    """Return every body, its orientation, and the Jacobians of its center of mass and rotation."""
     nv = 6 + len(facts) - 1
     dof = {fact.body: 5 + i for i, fact in enumerate(facts)}
     frames, found = {}, []
@@ -95,10 +95,13 @@ def motions(
 def mechanics(
     facts: list[Fact], qpos: NDArray[np.float64], qvel: NDArray[np.float64], moved: list
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mass matrix and bias forces of the bodies, from Newton's and Euler's laws.
+    """Compute the mass matrix and bias forces from the Newton-Euler equations.
 
     Args:
-        moved: `qpos` a little before and after, along `qvel`.
+        facts: the published bodies.
+        qpos: positions (nq,).
+        qvel: velocities (nv,).
+        moved: `qpos` slightly before and after along `qvel`, and the time step in seconds.
     """
     (before, after), step = moved
     M = np.diag([0.0] * 6 + [fact.armature for fact in facts[1:]])
@@ -115,7 +118,7 @@ def mechanics(
     return M, bias
 
 
-def test_bodies_and_joints_are_the_published_ones(facts, closed):
+def test_bodies_and_joints_match_the_published_model(facts, closed):
     assert closed.nbody == len(facts) + 1
     for i, fact in enumerate(facts):
         body, joint = closed.body(i + 1), closed.joint(i)
@@ -136,11 +139,11 @@ def test_bodies_and_joints_are_the_published_ones(facts, closed):
             np.testing.assert_allclose(limits, [-fact.force_limit, fact.force_limit])
 
 
-def test_the_whole_weighs_4_86_kg(closed):
+def test_total_mass_is_4_86_kg(closed):
     assert closed.body_mass.sum() == pytest.approx(4.85547, abs=1e-5)
 
 
-def test_mass_matrix_and_bias_forces_follow_from_the_published_bodies(facts, closed):
+def test_mass_matrix_and_bias_forces_match_newton_euler(facts, closed):
     random = np.random.default_rng(0)
     data = mujoco.MjData(closed)
     for _ in range(3):
@@ -153,13 +156,13 @@ def test_mass_matrix_and_bias_forces_follow_from_the_published_bodies(facts, clo
             mujoco.mj_integratePos(closed, qpos, sign * data.qvel, step)
             moved.append(qpos)
         M, bias = mechanics(facts, data.qpos, data.qvel, (moved, step))
-        ours = np.zeros((closed.nv, closed.nv))
-        mujoco.mj_fullM(closed, data, ours)
-        np.testing.assert_allclose(ours, M, atol=1e-8)
+        found = np.zeros((closed.nv, closed.nv))
+        mujoco.mj_fullM(closed, data, found)
+        np.testing.assert_allclose(found, M, atol=1e-8)
         np.testing.assert_allclose(data.qfrc_bias, bias, atol=1e-6)
 
 
-def test_motors_hold_positions_and_damp_within_their_limits(closed):
+def test_motors_have_the_published_gains_and_force_limits(closed):
     assert [closed.actuator(i).name for i in range(16)] == list(bruce.MOTORS)
     for i, name in enumerate(bruce.MOTORS):
         stiffness, damping = (80, 2) if i < 10 else (5, 0.1)
@@ -173,7 +176,7 @@ def test_motors_hold_positions_and_damp_within_their_limits(closed):
         assert damper.forcerange.tolist() == ([0, 0] if legs else [-1, 1])
 
 
-def test_only_feet_and_floor_touch(closed):
+def test_only_feet_and_floor_collide(closed):
     touching = [closed.geom(i).name for i in range(closed.ngeom) if closed.geom_contype[i]]
     assert touching == ["floor", "right_foot", "left_foot"]
     for name in touching[1:]:
@@ -186,23 +189,23 @@ def test_only_feet_and_floor_touch(closed):
     np.testing.assert_allclose(published.geom("left_foot").size, [0.038, 0.014, 0.0035])
 
 
-def test_crank_coordinates_close_the_chains(closed):
+def test_crank_coordinates_satisfy_the_closed_chains(closed):
     data = mujoco.MjData(closed)
     data.qpos[7:] = bruce.joints_from_crank(closed) @ bruce.DEFAULT_POSE
     mujoco.mj_forward(closed, data)
     assert data.ne == 10  # two tendons and a point for each leg
-    assert np.abs(data.efc_pos[: data.ne]).max() < 1.5e-4  # metres, radians
+    assert np.abs(data.efc_pos[: data.ne]).max() < 1.5e-4  # m, rad
 
 
 @pytest.mark.parametrize("chains", CHAINS)
-def test_crank_coordinates_come_back_from_the_joints(chains):
+def test_crank_and_joint_coordinates_are_inverse(chains):
     model = bruce.load(chains)
     there, back = bruce.joints_from_crank(model), bruce.crank_from_joints(model)
     np.testing.assert_allclose(back @ there, np.eye(16), atol=1e-15)
 
 
 @pytest.mark.parametrize("chains", CHAINS)
-def test_motor_coordinates_are_what_the_servos_measure(chains):
+def test_motor_coordinates_match_actuator_lengths(chains):
     model = bruce.load(chains)
     data = mujoco.MjData(model)
     crank = np.random.default_rng(0).uniform(-0.3, 0.3, 16)
@@ -222,7 +225,7 @@ def test_soles_are_level_at_the_default_pose(closed):
 
 
 def standing(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions and control of a pose that stands: the default one, leaning back a little."""
+    """Return positions and control of a standing pose: the default one, leaning back slightly."""
     crank = bruce.DEFAULT_POSE.copy()
     crank[[4, 9]] -= 0.03
     qpos, ctrl = np.zeros(model.nq), np.zeros(model.nu)
@@ -233,12 +236,12 @@ def standing(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 @pytest.mark.parametrize("chains", CHAINS)
-def test_it_stands_with_little_torque_and_its_chains_stay_closed(chains):
+def test_it_stands_with_little_torque_and_closed_chains(chains):
     model = bruce.load(chains)
     data = mujoco.MjData(model)
     data.qpos[:], data.ctrl[:] = standing(model)
     mujoco.mj_step(model, data, nstep=1250)
-    assert data.qpos[2] == pytest.approx(0.4215, abs=1e-3)  # metres, after 5 s
+    assert data.qpos[2] == pytest.approx(0.4215, abs=1e-3)  # m, after 5 s
     torques = [data.sensor(f"{name}_torque").data[0] for name in bruce.MOTORS]
     assert 8 < np.square(torques).sum() < 11
     if chains == "closed":
@@ -246,7 +249,7 @@ def test_it_stands_with_little_torque_and_its_chains_stay_closed(chains):
 
 
 @pytest.mark.parametrize("chains", CHAINS)
-def test_warp_steps_as_c_mujoco_does(chains):
+def test_warp_and_c_mujoco_steps_agree(chains):
     model = bruce.load(chains)
     qpos, ctrl = standing(model)
     c = MujocoPhysics(model, 2, 5)

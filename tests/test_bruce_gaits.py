@@ -1,4 +1,4 @@
-"""The gaits that ship keep to their limits, are what the planner plans, and walk."""
+"""The shipped gaits respect their limits, match the planner, and walk."""
 
 import numpy as np
 import plan_gaits
@@ -31,14 +31,14 @@ def de_casteljau(points: NDArray[np.float64], s: float) -> NDArray[np.float64]:
 
 
 def mirrored(gait: Gait) -> Gait:
-    """As seen in a mirror that stands on the x axis: legs, arms and steps change sides."""
+    """Mirror a gait at the x-z plane: legs, arms and steps swap sides."""
     sides = [*range(5, 10), *range(5), *range(13, 16), *range(10, 13)]
     signs = np.array([-1, 1, -1, 1, 1] * 2 + [-1] * 6)
     y = np.array([1, -1, 1, -1, 1, -1])
     return Gait(gait.joints[::-1, :, sides] * signs, gait.base[::-1] * y)
 
 
-def test_every_gait_keeps_to_the_limits(library):
+def test_every_gait_respects_the_limits(library):
     assert library.joints.shape == (17, 9, 2, 8, 16)
     assert library.base.shape == (17, 9, 2, 8, 6)
     np.testing.assert_array_equal(library.vx, FORWARD)
@@ -50,7 +50,7 @@ def test_every_gait_keeps_to_the_limits(library):
         assert least <= values.min() <= values.max() <= most, name
 
 
-def test_going_straight_turns_little_on_the_floor(library):
+def test_straight_gaits_have_a_small_yaw_moment(library):
     assert library.measured["yaw_moment"][:, 4].max() < 1.4  # N m
 
 
@@ -59,7 +59,7 @@ def test_most_gaits_walk_in_simulation(library):
 
 
 @pytest.mark.parametrize("place", SOME)
-def test_planning_anew_gives_what_ships(library, planner, place):
+def test_planning_again_reproduces_the_shipped_gait(library, planner, place):
     vx, vy = library.vx[place[0]], library.vy[place[1]]
     gait = planner.plan(vx, vy)
     np.testing.assert_allclose(gait.joints, library.joints[place], rtol=0, atol=1e-6)
@@ -68,15 +68,15 @@ def test_planning_anew_gives_what_ships(library, planner, place):
         assert value == pytest.approx(library.measured[name][place], rel=1e-3, abs=1e-6), name
 
 
-def test_a_shipped_gait_walks_ahead(library, planner):
+def test_a_shipped_gait_walks_forward(library, planner):
     walker = Walker(planner)
     assert walker.walk(library.gait(10, 4), STEPS) == STEPS
     x, y, _ = walker.data.qpos[:3]
-    assert 0.25 < x < 0.6  # metres: 10 s at 0.05 m/s, less some slip
+    assert 0.25 < x < 0.6  # m: 10 s at 0.05 m/s, minus some slip
     assert abs(y) < 0.2
 
 
-def test_curves_and_their_derivatives_are_those_of_bezier(library):
+def test_curves_and_derivatives_match_de_casteljau(library):
     points = library.gait(13, 5).joints[0]
     s, h, T = np.array([0.0, 0.3, 0.77, 1.0]), 1e-5, 0.4
     position, velocity, acceleration = (matrix @ points for matrix in derivatives(s, T))
@@ -87,9 +87,9 @@ def test_curves_and_their_derivatives_are_those_of_bezier(library):
     np.testing.assert_allclose(acceleration, bend / (h * T) ** 2, atol=1e-3)
 
 
-def test_going_left_mirrors_going_right(library):
+def test_left_and_right_gaits_mirror_each_other(library):
     left, right = library.gait(12, 7), mirrored(library.gait(12, 1))
-    # the two sides of the robot do not weigh quite the same
+    # the two sides of the robot differ slightly in mass
     np.testing.assert_allclose(left.joints, right.joints, atol=3e-3)
     np.testing.assert_allclose(left.base, right.base, atol=1e-3)
 
@@ -105,7 +105,7 @@ def test_the_command_writes_a_library_and_its_table(tmp_path, monkeypatch, capsy
     assert all(name in printed for name in LIMITS)
 
 
-def test_the_command_says_where_it_cannot_write(tmp_path, monkeypatch):
+def test_an_unwritable_output_is_an_error(tmp_path, monkeypatch):
     monkeypatch.setattr(plan_gaits, "FORWARD", FORWARD[12:13])
     monkeypatch.setattr(plan_gaits, "SIDEWAYS", SIDEWAYS[4:5])
     with pytest.raises(MorlaxError, match="cannot write"):

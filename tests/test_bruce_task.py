@@ -1,4 +1,4 @@
-"""BRUCE's task is what a slow reference, one world and one number at a time, says it is."""
+"""BRUCE's task matches a slow reference that computes one world and one number at a time."""
 
 import math
 from itertools import pairwise
@@ -63,7 +63,7 @@ def curve(points: Array, s: float) -> Array:
 
 
 def behind(points: Array, s: float) -> Array:
-    """Control points of what lies behind s: those of the curve p(s + u (1 - s)), by fitting it."""
+    """Return the control points of the rest of the curve after s, p(s + u (1 - s)), by a fit."""
     u = np.linspace(0, 1, len(points))
     n = len(points) - 1
     B = np.array([[comb(n, k) * x**k * (1 - x) ** (n - k) for k in range(n + 1)] for x in u])
@@ -71,7 +71,7 @@ def behind(points: Array, s: float) -> Array:
 
 
 class World:
-    """What one world adds to its physics, in absolute time."""
+    """The task state of one world, in absolute time."""
 
     def __init__(self, library: Library, command: Array, leg: int, qpos: Array, sensors: Array):
         self.library, self.command, self.leg = library, command, leg
@@ -121,11 +121,11 @@ class World:
 
     def seen(self, qpos: Array) -> Array:
         attitude = times(quaternion(2, -self.anchor[2]), qpos[3:7])
-        upright = attitude if attitude[0] >= 0 else -attitude  # the same attitude, said one way
+        upright = attitude if attitude[0] >= 0 else -attitude  # q and -q are the same attitude
         return np.concatenate([upright, self.joints(qpos)])
 
     def control(self, action: Array) -> Array:
-        """Motor targets in the order of the motors."""
+        """Return motor targets in the order of the motors."""
         self.offset = self.offset + DT / 0.03 * (REACH * action[:16] - self.offset)
         self.shift = self.shift + DT / 0.03 * (0.05 * action[16:] - self.shift)
         target = np.clip(self.command + self.shift, [-0.2, -0.1], [0.2, 0.1])
@@ -148,7 +148,7 @@ class World:
         return motors
 
     def follow(self, qpos: Array, sensors: Array) -> None:
-        """Take in what the physics did in a control step."""
+        """Update the task state after a control step of the physics."""
         self.t += DT
         self.former_anchor = self.anchor
         if (self.t - self.start) / self.length >= 1:
@@ -172,7 +172,7 @@ class World:
         return np.concatenate([*parts, *(a[:16] for a in self.asked_history), *base])
 
     def rewards(self, qpos: Array, torques: Array) -> Array:
-        """(6,) of the objectives."""
+        """Return the reward (6,) per objective."""
         asked = self.asked_history[1]
         x, y, yaw = self.former_anchor
         position = np.array([x, y, asked[18]])
@@ -204,8 +204,8 @@ class World:
         )
 
 
-def test_every_world_is_what_the_slow_reference_says(library):
-    worlds, steps = 6, 272  # 13 exchanges of feet; whoever falls is followed on the floor
+def test_every_world_matches_the_slow_reference(library):
+    worlds, steps = 6, 272  # 13 foot exchanges; fallen robots keep going
     env = envs.make("bruce", worlds, "cpu", "mujoco", auto_reset=False, draw_commands=True)
     observation, physics = env.reset(), env.physics
     slow = [
@@ -238,7 +238,7 @@ def test_every_world_is_what_the_slow_reference_says(library):
     assert all(world.leg == int(leg) for world, leg in zip(slow, env.reference.leg, strict=True))
 
 
-def test_blending_towards_the_gait_that_one_walks_changes_nothing(library):
+def test_blending_toward_the_current_gait_changes_nothing(library):
     walk = Reference(library, torch.zeros(3, 1, dtype=torch.float64))
     untouched = Reference(library, torch.zeros(3, 1, dtype=torch.float64))
     velocity = torch.tensor([[0.1, 0.03], [-0.13, 0.0], [0.2, -0.1]], dtype=torch.float64)
@@ -252,7 +252,7 @@ def test_blending_towards_the_gait_that_one_walks_changes_nothing(library):
             torch.testing.assert_close(one, other, rtol=0, atol=1e-9, msg=f"{time}")
 
 
-def test_at_the_grid_s_points_the_gaits_are_the_library_s(library):
+def test_interpolated_gaits_match_the_library_at_grid_points(library):
     at = [(0, 0), (16, 8), (0, 8), (7, 3)]
     walk = Reference(library, torch.zeros(len(at), 1, dtype=torch.float64))
     velocity = torch.tensor([[library.vx[i], library.vy[j]] for i, j in at])
@@ -263,7 +263,7 @@ def test_at_the_grid_s_points_the_gaits_are_the_library_s(library):
             np.testing.assert_allclose(found[:, 16:], library.base[i, j, leg], atol=1e-9)
 
 
-def test_feet_change_every_twenty_steps():
+def test_the_leg_changes_every_twenty_steps():
     env = envs.make("bruce", 1, "cpu", auto_reset=False)
     legs = []
     for _ in range(45):
@@ -272,7 +272,7 @@ def test_feet_change_every_twenty_steps():
     assert legs == [0] * 19 + [1] * 20 + [0] * 6
 
 
-def test_angles_are_turns_about_z_then_y_then_x():
+def test_angles_rotate_about_z_then_y_then_x():
     angles = torch.tensor([[0.3, -0.7, 1.1], [-2.0, 0.4, 3.0]], dtype=torch.float64)
     for row, found in zip(angles, rotations.from_angles(angles), strict=True):
         expected = of_angles(*row.tolist())
@@ -280,7 +280,7 @@ def test_angles_are_turns_about_z_then_y_then_x():
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_noise_stays_within_its_width(backend):
+def test_noise_stays_within_its_bounds(backend):
     exact = envs.make("bruce", 256, "cpu", backend)
     noisy = envs.make("bruce", 256, "cpu", backend, noise=1.0)
     difference = (noisy.reset() - exact.reset()).abs()
@@ -289,11 +289,11 @@ def test_noise_stays_within_its_width(backend):
     for values, width in ((gyro, 0.03), (accelerometer, 0.1), (seen[:, 4:], 0.02)):
         assert 0.9 * width < values.max() <= width * 1.001
     assert 0.01 < seen[:, 1:4].max() < 0.05
-    assert (difference[:, 166:] == 0).sum() > 0  # the reference has none
+    assert (difference[:, 166:] == 0).sum() > 0  # the reference has no noise
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_worlds_get_commands_of_their_own_anew_each_episode(backend):
+def test_each_world_draws_a_new_command_each_episode(backend):
     env = envs.make("bruce", 64, "cpu", backend, draw_commands=True, episode_length=2)
     first = env.command.clone()
     assert (first.abs() <= first.new_tensor([0.2, 0.1])).all()
@@ -305,21 +305,21 @@ def test_worlds_get_commands_of_their_own_anew_each_episode(backend):
     torch.testing.assert_close(step.observation[:, 144:146], env.command.float())
 
 
-def test_velocities_are_drawn_within_limits_and_anew_when_asked():
+def test_commands_are_drawn_within_limits_and_redrawn_every_n_steps():
     options = {"draw_commands": True, "fastest": (0.1, 0.0), "redraw_every": 3, "standing": 0.0}
     env = envs.make("bruce", 32, "cpu", auto_reset=False, **options)
-    told = [env.command.clone()]
+    commanded = [env.command.clone()]
     for _ in range(7):
         step = env.step(torch.zeros(32, 18))
-        told.append(env.command.clone())
+        commanded.append(env.command.clone())
         torch.testing.assert_close(step.observation[:, 144:146], env.command.float())
-    changed = [bool((one != other).any()) for one, other in pairwise(told)]
+    changed = [bool((one != other).any()) for one, other in pairwise(commanded)]
     assert changed == [False, False, True, False, False, True, False]
-    for commands in told:
+    for commands in commanded:
         assert 0.08 < commands[:, 0].abs().max() <= 0.1 and not commands[:, 1].any()
 
 
-def test_both_backends_and_both_models_earn_nearly_alike():
+def test_both_backends_and_both_models_give_similar_returns():
     returns = {}
     for chains in ("closed", "tree"):
         for backend in BACKENDS:
@@ -354,10 +354,10 @@ def test_randomized_worlds_differ_within_the_published_bounds():
     others = field("body_mass")[:, np.arange(nominal.nbody) != torso]
     assert (others == others[0]).all()
     servo, damper = field("actuator_gainprm")[:, 0, 0], field("actuator_biasprm")[:, 0, 1]
-    np.testing.assert_allclose(damper, -servo)  # a servo is as stiff about another target
+    np.testing.assert_allclose(damper, -servo)  # gain and bias scale together
 
 
-def test_randomization_goes_on_top_of_what_any_task_may_draw():
+def test_own_randomization_multiplies_the_general_randomization():
     chance = {"mass": (2.0, 2.0)}
     env = envs.make("bruce", 16, "cpu", "mujoco", randomize=True, randomization=chance)
     factor = env.state_dict()["model.body_mass"][:, 1:].numpy() / env.physics.model.body_mass[1:]
@@ -367,7 +367,7 @@ def test_randomization_goes_on_top_of_what_any_task_may_draw():
 
 
 @pytest.mark.parametrize(("backend", "within"), (("mujoco", 1e-12), ("warp", 5e-5)))
-def test_a_randomized_world_moves_as_its_own_model_does(backend, within):
+def test_a_randomized_world_matches_its_own_model(backend, within):
     options = {"randomize": True, "solver_iterations": 20}  # enough for both to converge
     env = envs.make("bruce", 4, "cpu", backend, auto_reset=False, **options)
     models = []
@@ -393,14 +393,13 @@ def test_a_randomized_world_moves_as_its_own_model_does(backend, within):
     assert np.abs(ends[0] - ends[1]).max() > 5e-3
 
 
-def test_policies_are_judged_without_what_training_draws():
+def test_evaluation_turns_off_noise_and_randomization():
     options = envs.get("bruce").Options(draw_commands=True, noise=1.0, randomize=True, standing=0.2)
-    judged = options.for_evaluation()
-    assert (judged.draw_commands, judged.noise, judged.randomize) == (False, 0.0, False)
-    assert (judged.standing, judged.command) == (0.2, (0.12, 0.0))
+    evaluated = options.for_evaluation()
+    assert evaluated == envs.get("bruce").Options()
 
 
-def test_every_number_of_the_observation_has_one_name():
+def test_observation_parts_have_unique_names_and_match_the_observation():
     env = envs.make("bruce", 1, "cpu", command=(0.1, -0.05))
     parts = env.layout()
     assert len({part.name for part in parts}) == len(parts)
@@ -420,7 +419,7 @@ def test_a_command_beyond_the_gaits_is_refused():
         envs.make("bruce", 1, "cpu", command=(0.3, 0.0))
 
 
-def test_it_fails_when_its_base_is_below_a_fifth_of_a_metre():
+def test_it_fails_when_its_base_is_below_20_cm():
     env = envs.make("bruce", 2, "cpu")
     env.physics.qpos[:, 2] = torch.tensor([0.201, 0.199])
     assert env.failed().tolist() == [False, True]

@@ -1,4 +1,4 @@
-"""The command line: what it understands, and one plain sentence for each mistake."""
+"""The command line: options, and a plain error message for each mistake."""
 
 import csv
 import sys
@@ -48,7 +48,7 @@ def read(*arguments: str) -> Config:
     return train.read(arguments)[0]
 
 
-def test_a_run_goes_where_people_expect_it(workplace, monkeypatch, capsys):
+def test_the_default_run_folder_is_named_after_task_and_seed(workplace, monkeypatch, capsys):
     run(monkeypatch, train, "--env", "hopper", *TINY, "--max-env-steps", "320", "--seed", "7")
     (folder,) = (workplace / "runs" / "hopper").iterdir()
     assert folder.name.endswith("-7")
@@ -56,7 +56,7 @@ def test_a_run_goes_where_people_expect_it(workplace, monkeypatch, capsys):
     assert "hypervolume" in sentence(capsys)
 
 
-def test_dotted_overrides_win_over_a_file_which_wins_over_the_task(workplace):
+def test_options_override_the_config_file_which_overrides_task_defaults(workplace):
     Path("my.yaml").write_text("env: ant\nppo: {learning_rate: 0.01, clip: 0.3}\nhorizon: 7\n")
     config = read("--config", "my.yaml", "--device", "cpu", "--ppo.learning-rate", "1e-4")
     assert (config.env, config.horizon, config.ppo.clip) == ("ant", 7, 0.3)
@@ -73,7 +73,7 @@ def test_a_cpu_gets_fewer_worlds_than_a_gpu(monkeypatch):
     assert (on_gpu.device, on_gpu.backend) == ("cuda:0", "warp")
 
 
-def test_objectives_are_regrouped_without_touching_python(workplace):
+def test_a_config_file_can_regroup_objectives(workplace):
     Path("my.yaml").write_text(
         "env: hopper\n"
         "task:\n"
@@ -121,7 +121,7 @@ MISTAKES = {
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="one of the mistakes is to have no GPU")
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_gets_one_sentence_and_creates_nothing(name, workplace, monkeypatch, capsys):
+def test_a_mistake_prints_one_error_and_creates_nothing(name, workplace, monkeypatch, capsys):
     arguments, expected = MISTAKES[name]
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, train, *arguments)
@@ -147,7 +147,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_mistake_in_a_config_file_gets_one_sentence(name, workplace, monkeypatch, capsys):
+def test_a_mistake_in_a_config_file_prints_one_error(name, workplace, monkeypatch, capsys):
     text, expected = FILES[name]
     Path("my.yaml").write_text(text)
     with pytest.raises(SystemExit) as exit:
@@ -157,7 +157,7 @@ def test_a_mistake_in_a_config_file_gets_one_sentence(name, workplace, monkeypat
     assert [path.name for path in workplace.iterdir()] == ["my.yaml"]
 
 
-def test_a_task_of_another_name_than_the_file_s_is_refused(workplace, monkeypatch, capsys):
+def test_an_env_option_that_contradicts_the_config_file_is_refused(workplace, monkeypatch, capsys):
     Path("my.yaml").write_text("env: ant\n")
     with pytest.raises(SystemExit):
         run(monkeypatch, train, "--config", "my.yaml", "--env", "hopper", "--device", "cpu")
@@ -172,7 +172,7 @@ def test_a_folder_in_use_is_not_overwritten(trained, monkeypatch, capsys):
     assert before == {path: path.stat().st_mtime_ns for path in trained.rglob("*")}
 
 
-def test_an_output_that_cannot_be_written_is_one_sentence(workplace, monkeypatch, capsys):
+def test_an_unwritable_output_is_an_error(workplace, monkeypatch, capsys):
     Path("file").write_text("")
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, train, "--env", "hopper", *TINY, "--output", "file/run")
@@ -180,7 +180,7 @@ def test_an_output_that_cannot_be_written_is_one_sentence(workplace, monkeypatch
     assert "cannot make file/run" in sentence(capsys)
 
 
-def test_a_run_takes_a_folder_of_its_own(workplace, monkeypatch, capsys):
+def test_a_run_refuses_the_current_directory_as_output(workplace, monkeypatch, capsys):
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, train, "--env", "hopper", *TINY, "--output", ".")
     assert exit.value.code == 2
@@ -188,7 +188,7 @@ def test_a_run_takes_a_folder_of_its_own(workplace, monkeypatch, capsys):
     assert not list(workplace.iterdir())
 
 
-def test_a_damaged_config_of_a_run_is_one_sentence(trained, monkeypatch, capsys):
+def test_a_damaged_config_of_a_run_is_an_error(trained, monkeypatch, capsys):
     (trained / "config.yaml").write_bytes(b"\xff\xfe: [")
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, train, "--resume", "run")
@@ -196,14 +196,14 @@ def test_a_damaged_config_of_a_run_is_one_sentence(trained, monkeypatch, capsys)
     assert "is not YAML" in sentence(capsys)
 
 
-def test_too_few_tradeoffs_are_one_sentence(trained, monkeypatch, capsys):
+def test_too_few_tradeoffs_are_an_error(trained, monkeypatch, capsys):
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, evaluate, "run", "--device", "cpu", "--tradeoffs", "1")
     assert exit.value.code == 2
     assert "1 trade-offs are too few" in sentence(capsys)
 
 
-def test_a_resumed_run_keeps_its_numbers(trained, monkeypatch, capsys):
+def test_a_resumed_run_keeps_its_config(trained, monkeypatch, capsys):
     run(monkeypatch, train, "--resume", "run", "--max-env-steps", "640")
     assert "640 steps" in sentence(capsys)
     with pytest.raises(SystemExit):
@@ -212,7 +212,7 @@ def test_a_resumed_run_keeps_its_numbers(trained, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("damage", [b"", b"no checkpoint at all", None])
-def test_a_damaged_checkpoint_is_one_sentence(damage, trained, monkeypatch, capsys):
+def test_a_damaged_checkpoint_is_an_error(damage, trained, monkeypatch, capsys):
     latest = trained / "checkpoints" / "latest.pt"
     whole = latest.read_bytes()
     latest.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
@@ -257,7 +257,7 @@ def test_evaluate_prints_the_indicators_and_writes_the_front(trained, monkeypatc
         RuntimeError("Failed to allocate 900000000000 bytes on device 'cuda:0'"),
     ],
 )
-def test_what_runs_out_of_gpu_memory_says_what_to_do(error, monkeypatch, capsys):
+def test_running_out_of_gpu_memory_suggests_fewer_worlds(error, monkeypatch, capsys):
     def full(_: object) -> None:
         raise error
 
@@ -269,7 +269,7 @@ def test_what_runs_out_of_gpu_memory_says_what_to_do(error, monkeypatch, capsys)
     assert "memory is full (1.0 of 8.0 GiB free): use fewer --worlds" in sentence(capsys)
 
 
-def test_what_runs_out_of_memory_says_what_to_do(monkeypatch, capsys):
+def test_running_out_of_memory_suggests_fewer_worlds(monkeypatch, capsys):
     def full(_: object) -> None:
         raise MemoryError
 
@@ -279,7 +279,7 @@ def test_what_runs_out_of_memory_says_what_to_do(monkeypatch, capsys):
     assert "the memory is full: use fewer --worlds" in sentence(capsys)
 
 
-def test_a_mistake_of_ours_is_not_hidden():
+def test_an_internal_error_is_not_hidden():
     def wrong(_: object) -> None:
         raise RuntimeError("CUDA error: an illegal memory access was encountered")
 

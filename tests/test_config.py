@@ -1,4 +1,4 @@
-"""The configs that ship, and what is refused before anything is created."""
+"""The shipped configs load, and invalid configs are refused before a run is created."""
 
 from importlib import resources
 from pathlib import Path
@@ -11,19 +11,19 @@ from morlax_torch.config import file_values, load_config, task_values
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])
 @pytest.mark.parametrize("env", envs.names())
-def test_every_task_has_a_config_for_either_device(env, device):
+def test_every_task_has_a_config_for_cpu_and_gpu(env, device):
     config = load_config(task_values(env, device))
     assert config.env == env
     assert config.max_env_steps is not None
 
 
 @pytest.mark.parametrize("env", envs.names())
-def test_a_config_survives_being_written_and_read(env):
+def test_a_config_survives_saving_and_loading(env):
     config = load_config(task_values(env, "cpu"))
     assert load_config(config.model_dump(mode="json")) == config
 
 
-def test_the_paper_s_objectives_are_the_default():
+def test_default_objectives_are_those_of_the_paper():
     own = [env for env in envs.names() if "/" not in env]
     objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in own}
     assert objectives == {
@@ -48,14 +48,14 @@ def test_the_paper_s_objectives_are_the_default():
         ({"task": {"objectives": {"all": {"run": 1.0}}}}, "at least two objectives"),
     ],
 )
-def test_sizes_that_do_not_fit_are_refused(changes, expected):
+def test_incompatible_sizes_are_refused(changes, expected):
     with pytest.raises(MorlaxError, match=expected):
         load_config({"env": "cheetah", "worlds": 512, **changes})
 
 
 @pytest.mark.parametrize("env", ["ant", "cheetah", "hopper", "humanoid", "walker"])
 @pytest.mark.parametrize("device", ["cpu", "cuda"])
-def test_the_paper_s_own_values_are_the_same_on_either_device(env, device):
+def test_paper_configs_are_the_same_on_cpu_and_gpu(env, device):
     file = Path(str(resources.files("morlax_torch.configs") / "paper" / f"{env}.yaml"))
     config = load_config(file_values(file, device))
     assert config.env == env
@@ -65,6 +65,6 @@ def test_the_paper_s_own_values_are_the_same_on_either_device(env, device):
     assert config.ppo.minibatches * batch == config.worlds
 
 
-def test_annealing_needs_to_know_when_the_run_ends():
+def test_annealing_requires_max_env_steps():
     with pytest.raises(MorlaxError, match="anneal needs max_env_steps"):
         load_config({"env": "ant", "ppo": {"anneal": True}})

@@ -1,4 +1,4 @@
-"""What the README and the pages of docs/ show can be done as it stands there."""
+"""The code, configs and links of the README and docs/ work as printed."""
 
 import re
 import shlex
@@ -20,7 +20,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def blocks(language: str) -> list:
-    """Every block of code in a language, as a parameter that says which page it is from."""
+    """Return every code block of a language as a test parameter named after its page."""
     return [
         pytest.param(block, id=f"{page.stem}-{number}")
         for page in PAGES
@@ -32,7 +32,7 @@ def blocks(language: str) -> list:
 
 @pytest.fixture
 def workplace(tmp_path, monkeypatch) -> Path:
-    """A folder with the files that pages show, each of which begins with its name."""
+    """Return a folder with the files that pages show; each starts with a comment naming it."""
     file = re.compile(r"```\w+\n((?:# |<!-- )([\w.]+\.\w+)\b.*?)```", re.DOTALL)
     for page in PAGES:
         for text, name in file.findall(page.read_text()):
@@ -54,7 +54,7 @@ def run(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def exported(run, tmp_path_factory) -> Path:
-    """Where the page on exports has done what its command lines say."""
+    """Return a folder where the commands of the export page have run."""
     pytest.importorskip("onnxruntime")
     folder = tmp_path_factory.mktemp("exported")
     page = (ROOT / "docs" / "export.md").read_text()
@@ -71,7 +71,8 @@ def exported(run, tmp_path_factory) -> Path:
 def test_python_runs(code, run, workplace, monkeypatch, request):
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
         pytest.importorskip(module, reason=f"{module} is not installed")
-    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))  # what pages register stays here
+    # a task that one page registers must not exist on the next
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     exports = "export-" in request.node.callspec.id
     monkeypatch.chdir(request.getfixturevalue("exported") if exports else workplace)
     exec(A_RUN.sub(str(run), code), {})

@@ -1,4 +1,4 @@
-"""The command that judges runs: one, several, against a reference; its files and its report."""
+"""The evaluate command: single runs, comparisons, references, files and the report."""
 
 import base64
 import csv
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError, evaluate, load
-from morlax_torch.evaluate import evaluate as judge
+from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks import policy
@@ -30,7 +30,7 @@ THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Path:
-    """a/hopper, b/hopper, noisy, three (objectives), ant; made once and copied for each test."""
+    """Train a/hopper, b/hopper, noisy, three (objectives) and ant once; tests get copies."""
     place = tmp_path_factory.mktemp("runs")
     (place / "three.yaml").write_text(THREE)
     for folder, arguments in {
@@ -56,7 +56,7 @@ def rows(path: Path | str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_single_run_is_judged_in_its_own_folder(workplace, capsys):
+def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys):
     evaluate.command(["a/hopper", *FEW])
     folder = workplace / "a" / "hopper"
     for stem in ("front", "returns", "hypervolume"):
@@ -78,7 +78,7 @@ def test_a_single_run_is_judged_in_its_own_folder(workplace, capsys):
     assert {row["falls"] for row in marks} <= {"0", "1"}
 
 
-def test_several_runs_of_one_name_do_not_meet(workplace, capsys):
+def test_runs_with_the_same_name_get_separate_folders(workplace, capsys):
     evaluate.command(["a/hopper", "b/hopper", *FEW, "--output", "out"])
     fronts = {name: Front.load(Path("out", name, "front.npz")) for name in ("a/hopper", "b/hopper")}
     assert not np.array_equal(*(front.returns for front in fronts.values()))
@@ -98,7 +98,7 @@ def test_several_runs_of_one_name_do_not_meet(workplace, capsys):
     assert summary["runs"] == "2"
 
 
-def test_several_runs_leave_theirs_alone_and_earlier_results_too(workplace):
+def test_comparing_runs_changes_neither_runs_nor_earlier_results(workplace):
     before = {path: path.stat().st_mtime_ns for path in workplace.rglob("*") if path.is_file()}
     for _ in range(2):
         evaluate.command(["a/hopper", "b/hopper", *FEW])
@@ -106,13 +106,13 @@ def test_several_runs_leave_theirs_alone_and_earlier_results_too(workplace):
     assert before == {path: path.stat().st_mtime_ns for path in before}
 
 
-def test_checkpoints_of_one_run_are_compared(workplace):
+def test_checkpoints_of_one_run_can_be_compared(workplace):
     checkpoints = [f"a/hopper/checkpoints/{name}.pt" for name in ("best", "latest")]
     evaluate.command([*checkpoints, *FEW, "--output", "out"])
     assert {row["run"] for row in rows("out/indicators.csv")} == {"hopper-best", "hopper-latest"}
 
 
-def test_policies_that_ship_are_not_written_to(workplace, monkeypatch):
+def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
     shipped = workplace / "shipped"
     shutil.copytree(workplace / "a" / "hopper", shipped / "jumper")
     monkeypatch.setattr(policy, "SHIPPED", shipped)
@@ -124,7 +124,7 @@ def test_policies_that_ship_are_not_written_to(workplace, monkeypatch):
     assert (folder / "report.html").is_file()
 
 
-def test_a_reference_is_a_file_or_a_run(workplace):
+def test_a_reference_can_be_a_file_or_a_run(workplace):
     evaluate.command(["b/hopper", *FEW])
     found = []
     for reference in ("b/hopper/front.npz", "b/hopper"):
@@ -137,22 +137,22 @@ def test_a_reference_is_a_file_or_a_run(workplace):
     assert found[1] == pytest.approx(found[0])
 
 
-def test_episodes_with_starts_of_their_own_are_averaged(workplace):
-    several = judge("noisy", 6, device="cpu", seeds=40)
+def test_several_seeds_average_episodes_with_different_starts(workplace):
+    several = evaluate_run("noisy", 6, device="cpu", seeds=40)
     assert several.returns.shape == (6, 2)
-    other = judge("noisy", 6, device="cpu", seeds=40, seed=1)
-    single = [judge("noisy", 6, device="cpu", seed=seed).returns for seed in range(2)]
+    other = evaluate_run("noisy", 6, device="cpu", seeds=40, seed=1)
+    single = [evaluate_run("noisy", 6, device="cpu", seed=seed).returns for seed in range(2)]
     spread = np.abs(single[0] - single[1]).mean()
     assert 0 < np.abs(several.returns - other.returns).mean() < spread
 
 
-def test_a_policy_is_judged_as_its_run_is(workplace):
-    again = judge(load("a/hopper"), 6, device="cpu")
-    np.testing.assert_array_equal(again.returns, judge("a/hopper", 6, device="cpu").returns)
+def test_a_loaded_policy_and_its_run_give_the_same_returns(workplace):
+    again = evaluate_run(load("a/hopper"), 6, device="cpu")
+    np.testing.assert_array_equal(again.returns, evaluate_run("a/hopper", 6, device="cpu").returns)
 
 
 class Assets(HTMLParser):
-    """What a page would fetch."""
+    """The assets that a page would fetch."""
 
     def __init__(self, text: str):
         super().__init__()
@@ -172,7 +172,7 @@ class Assets(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_a_report_opens_without_a_network(workplace):
+def test_a_report_needs_no_network(workplace):
     evaluate.command(["a/hopper", "b/hopper", *FEW, "--output", "out"])
     text = (workplace / "out" / "report.html").read_text()
     page = Assets(text)
@@ -188,7 +188,7 @@ def test_a_report_opens_without_a_network(workplace):
     assert "prefers-color-scheme: dark" in text
 
 
-def test_names_in_a_report_are_text(workplace):
+def test_names_in_a_report_are_escaped(workplace):
     shutil.copytree(workplace / "a" / "hopper", workplace / "<b>&")
     evaluate.command(["<b>&", *FEW])
     text = (workplace / "<b>&" / "report.html").read_text()
@@ -196,7 +196,7 @@ def test_names_in_a_report_are_text(workplace):
     assert "&lt;b&gt;&amp;" in text
 
 
-def test_three_objectives_are_judged_alike(workplace):
+def test_three_objectives_can_be_evaluated(workplace):
     evaluate.command(["three", *FEW])
     (row,) = rows("three/indicators.csv")
     assert {"run_min", "jump_max", "up_max"} <= set(row)
@@ -208,11 +208,11 @@ MISTAKES = {
     "twice": (("a/hopper", "./a/hopper"), "./a/hopper is given twice: name each run once"),
     "another task": (
         ("a/hopper", "ant"),
-        "hopper is of task 'hopper' and ant of 'ant': only runs of one task can be compared",
+        "hopper is a run of 'hopper' and ant of 'ant': compare runs of one task only",
     ),
     "other objectives": (
         ("a/hopper", "three"),
-        "hopper trades off run, jump and three run, jump, up: only runs of the same objectives",
+        "hopper has the objectives run, jump and three has run, jump, up: compare runs with the",
     ),
     "other starts": (("a/hopper", "noisy"), "hopper and noisy differ in task.reset_noise"),
     "seeds of nothing": (
@@ -229,14 +229,14 @@ MISTAKES = {
     "reference of another run": (("a/hopper", "--reference", "ant"), "'hopper' and ant of 'ant'"),
     "reference of other objectives": (
         ("a/hopper", "--reference", "three/front.npz"),
-        "three/front.npz is of run, jump, up, but the runs trade off run, jump",
+        "three/front.npz has the objectives run, jump, up, but the runs have run, jump",
     ),
     "no folder": (("a/hopper", "--output", "bad.npz/x"), "cannot make bad.npz/x"),
 }
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_gets_one_sentence_and_writes_nothing(name, workplace, monkeypatch, capsys):
+def test_a_mistake_prints_one_error_and_writes_nothing(name, workplace, monkeypatch, capsys):
     arguments, expected = MISTAKES[name]
     (workplace / "bad.npz").write_text("no front")
     before = {path: path.stat().st_mtime_ns for path in workplace.rglob("*")}
@@ -249,7 +249,7 @@ def test_a_mistake_gets_one_sentence_and_writes_nothing(name, workplace, monkeyp
     assert before == {path: path.stat().st_mtime_ns for path in workplace.rglob("*")}
 
 
-def test_runs_are_called_by_as_much_of_their_path_as_tells_them_apart(tmp_path, monkeypatch):
+def test_runs_are_named_by_the_shortest_unique_end_of_their_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for folder in ("x/a/0", "x/a/1", "x/b/0", "y/a/0"):
         Path(folder).mkdir(parents=True)
@@ -258,13 +258,13 @@ def test_runs_are_called_by_as_much_of_their_path_as_tells_them_apart(tmp_path, 
     assert names(["x/a/0", "x/b/0"]) == ["a/0", "b/0"]
     assert names(["x/a/0", "x/a/1", "y/a/0"]) == ["x/a/0", "x/a/1", "y/a/0"]
     Path("a", *tmp_path.parts[1:]).mkdir(parents=True)
-    same = [str(tmp_path), str(Path("a", *tmp_path.parts[1:]))]  # one ends as all of the other is
+    same = [str(tmp_path), str(Path("a", *tmp_path.parts[1:]))]  # one path is a suffix of the other
     assert not any(Path(name).is_absolute() for name in names(same))
     with pytest.raises(MorlaxError, match=r"x/a/\.\./a/0 is given twice"):
         names(["x/a/0", "x/b/0", "x/a/../a/0"])
 
 
-def test_quartiles_are_those_of_the_runs():
+def test_quartiles_are_computed_over_runs():
     found = quartiles([{"a": 1.0, "b": 4}, {"a": 2.0, "b": 4}, {"a": 9.0, "b": 4}])
     assert found["a"] == (1.5, 2, 5.5)
     assert found["b"] == (4, 4, 4)

@@ -1,4 +1,4 @@
-"""The page of the explorer: what the command refuses, and what a real browser shows."""
+"""The explorer's page: errors of the command, and its behavior in a real browser."""
 
 import os
 import shutil
@@ -27,7 +27,7 @@ def workplace(tmp_path: Path, monkeypatch) -> Path:
 
 
 def refused(monkeypatch, capsys, *arguments: str) -> str:
-    """The sentence that the command ends with."""
+    """Run the command, which must fail, and return its error message."""
     monkeypatch.setattr(sys, "argv", ["explore", *arguments])
     with pytest.raises(SystemExit) as exit:
         cli.run(explore.command)
@@ -35,21 +35,21 @@ def refused(monkeypatch, capsys, *arguments: str) -> str:
     return " ".join(capsys.readouterr().err.split())
 
 
-def test_nothing_to_explore_is_one_sentence(workplace, monkeypatch, capsys):
+def test_nothing_to_explore_is_an_error(workplace, monkeypatch, capsys):
     monkeypatch.setattr(library, "SHIPPED", workplace)
     assert "there is nothing to explore yet" in refused(monkeypatch, capsys)
 
 
-def test_an_unknown_run_is_one_sentence(workplace, monkeypatch, capsys):
+def test_an_unknown_run_is_an_error(workplace, monkeypatch, capsys):
     assert "runs/none does not exist" in refused(monkeypatch, capsys, "runs/none")
 
 
-def test_a_run_without_checkpoints_is_one_sentence(workplace, monkeypatch, capsys):
+def test_a_run_without_checkpoints_is_an_error(workplace, monkeypatch, capsys):
     (workplace / "run").mkdir()
     assert "run has no checkpoints" in refused(monkeypatch, capsys, "run")
 
 
-def test_a_port_in_use_is_one_sentence(workplace, make_run, monkeypatch, capsys):
+def test_a_port_in_use_is_an_error(workplace, make_run, monkeypatch, capsys):
     make_run(workplace / "run", "hopper", "best")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
@@ -59,7 +59,7 @@ def test_a_port_in_use_is_one_sentence(workplace, make_run, monkeypatch, capsys)
     assert "cannot listen on" in refused(monkeypatch, capsys, "run", "--host", "192.0.2.1")
 
 
-def test_without_viser_it_says_how_to_get_it(workplace, make_run, monkeypatch, capsys):
+def test_without_viser_the_error_names_the_extra(workplace, make_run, monkeypatch, capsys):
     make_run(workplace / "run", "hopper", "best")
     for name in [name for name in sys.modules if name.startswith("morlax_torch.explorer.")]:
         monkeypatch.delitem(sys.modules, name)
@@ -80,7 +80,7 @@ FLAGS = (
 
 @pytest.fixture
 def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
-    """The address of a page that shows a run of three objectives, and the command behind it."""
+    """Serve a run with three objectives; yields the page's address and the process."""
     pytest.importorskip("viser", reason="the extra [explore] is not installed")
     make_run(workplace / "runs/cheetah3/a", "cheetah3", "best", "latest")
     make_run(workplace / "runs/hopper/b", "hopper", "best")
@@ -112,7 +112,7 @@ def browser() -> Iterator:
 
 
 class View:
-    """One tab, and what a user reads in it."""
+    """One browser tab and the values that a user reads in it."""
 
     def __init__(self, browser, address: str, width: int = 800, height: int = 780):
         self.tab = browser.new_page(viewport={"width": width, "height": height})
@@ -161,13 +161,13 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     view = View(browser, address)
     shots = Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path))
 
-    # the robot moves, and nothing was fetched from elsewhere
+    # the robot moves, and every request goes to the served address
     before = view.status()
     view.until(lambda: view.status() != before, "the robot stands still")
     assert view.elsewhere == []
     assert view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=1e-3)
 
-    # a slider is dragged: the others make room in proportion
+    # drag a slider: the other weights shrink in proportion
     track = view.tab.locator(".mantine-Slider-track").first.bounding_box()
     height = track["y"] + track["height"] / 2
     view.tab.mouse.move(track["x"] + track["width"] / 3, height)
@@ -175,35 +175,37 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     for share in (0.5, 0.7, 0.8):
         view.tab.mouse.move(track["x"] + track["width"] * share, height)
     view.tab.mouse.up()
-    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.03), "the slider is not felt")
+    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.03), "slider has no effect")
     first, *others = view.tradeoff()
     assert others == pytest.approx([(1 - first) / 2] * 2, abs=2e-3)
     view.until(lambda: view.sliders()[1] == pytest.approx(others[0], abs=6e-3), "sliders differ")
     assert weights.read(view.field(), 3) == pytest.approx(view.tradeoff(), abs=2e-3)
     view.tab.screenshot(path=shots / "slider.png")
 
-    # a click on the front goes to that policy, and the mark goes with it
+    # click the front: the policy changes and its mark moves
     corner = view.tab.locator('[data-cell="0 1"] [data-w="0.000, 1.000, 0.000"]')
     view.tab.mouse.click(*middle(corner))
-    view.until(lambda: view.tradeoff() == (0, 1, 0), "the click is not felt")
+    view.until(lambda: view.tradeoff() == (0, 1, 0), "the click has no effect")
     assert middle(view.tab.locator("[data-here]").first) == pytest.approx(middle(corner), abs=1)
     view.until(lambda: view.sliders() == [0, 1, 0], "the sliders do not follow")
 
-    # the point of the triangle is dragged, beyond an edge too
+    # drag the point of the triangle, also beyond an edge
     triangle = view.tab.locator("polygon").bounding_box()
     x, y = triangle["x"] + triangle["width"] / 2, triangle["y"] + triangle["height"]
     view.tab.mouse.move(x, y - triangle["height"] / 3)
     view.tab.mouse.down()
-    view.until(lambda: view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=0.04), "no drag begins")
+    view.until(lambda: view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=0.04), "no drag starts")
     view.tab.mouse.move(x, y + 60)
-    view.until(lambda: view.tradeoff() == pytest.approx((0, 0.5, 0.5), abs=0.03), "no drag")
+    view.until(
+        lambda: view.tradeoff() == pytest.approx((0, 0.5, 0.5), abs=0.03), "drag has no effect"
+    )
     view.tab.mouse.up()
 
-    # it can be typed, and copied
+    # type and copy a trade-off
     view.field_box().fill("2, 1, 1")
-    view.until(lambda: view.tradeoff() == (0.5, 0.25, 0.25), "typing is not felt")
+    view.until(lambda: view.tradeoff() == (0.5, 0.25, 0.25), "typing has no effect")
     view.tab.mouse.click(*middle(corner))
-    view.until(lambda: view.tradeoff() == (0, 1, 0), "the second click is not felt")
+    view.until(lambda: view.tradeoff() == (0, 1, 0), "the second click has no effect")
     view.tab.get_by_role("button", name="copy trade-off").click()
     view.field_box().fill("")
     view.field_box().press("Control+v")
@@ -211,17 +213,17 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     view.tab.screenshot(path=shots / "front.png")
 
 
-def test_a_browser_that_leaves_finds_the_robot_again(served, browser, tmp_path):
+def test_the_robot_keeps_running_when_browsers_leave(served, browser, tmp_path):
     address, process = served
     first, second = View(browser, address), View(browser, address, 390, 844)
     shots = Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path))
     second.tab.screenshot(path=shots / "phone.png")
 
-    # both see the same robot
+    # both tabs show the same robot
     first.field_box().fill("1, 3, 0")
     second.until(lambda: second.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
 
-    # one leaves in the middle of a drag
+    # one tab closes in the middle of a drag
     track = first.tab.locator(".mantine-Slider-track").first.bounding_box()
     first.tab.mouse.move(track["x"] + 10, track["y"] + track["height"] / 2)
     first.tab.mouse.down()
@@ -232,17 +234,17 @@ def test_a_browser_that_leaves_finds_the_robot_again(served, browser, tmp_path):
     before = third.status()
     third.until(lambda: third.status() != before, "the robot stands still")
 
-    # pause, and go on
+    # pause and resume
     third.tab.get_by_role("button", name="pause").click()
-    third.tab.get_by_role("button", name="go on").wait_for()
+    third.tab.get_by_role("button", name="resume").wait_for()
     third.tab.wait_for_timeout(300)
     before = third.status()
     third.tab.wait_for_timeout(500)
     assert third.status() == before
     third.tab.get_by_role("button", name="push").click()
     third.tab.get_by_role("button", name="reset").click()
-    third.until(lambda: "0.0 s" in third.status(), "it is not reset")
-    third.tab.get_by_role("button", name="go on").click()
+    third.until(lambda: "0.0 s" in third.status(), "the episode is not reset")
+    third.tab.get_by_role("button", name="resume").click()
 
     # another run, with other objectives
     third.tab.get_by_label("policy").first.click()
@@ -252,14 +254,14 @@ def test_a_browser_that_leaves_finds_the_robot_again(served, browser, tmp_path):
     third.tab.wait_for_timeout(500)
     third.tab.screenshot(path=shots / "another.png")
 
-    # one with six objectives, that is told a velocity
+    # a run with six objectives and a velocity command
     third.tab.get_by_label("policy").first.click()
     third.tab.get_by_role("option", name="runs/bruce/c").click()
     third.until(lambda: len(third.tradeoff()) == 6, "the third run is not shown")
-    third.until(lambda: third.sliders()[:2] == [0.12, 0.0], "it is not told a velocity")
+    third.until(lambda: third.sliders()[:2] == [0.12, 0.0], "the velocity command is not shown")
     assert third.sliders()[2:] == pytest.approx([1 / 6] * 6, abs=5e-3)
     third.tab.wait_for_timeout(500)
-    third.tab.screenshot(path=shots / "told.png")
+    third.tab.screenshot(path=shots / "command.png")
 
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=20)

@@ -1,4 +1,4 @@
-"""What the explorer does without a browser: a hand on a slider, a robot in real time."""
+"""The explorer without a browser: sliders, real-time simulation, runs and drawings."""
 
 import json
 import os
@@ -28,16 +28,16 @@ def session(tmp_path, make_run) -> Session:
     return Session(library.choose(str(make_run(tmp_path / "run", "hopper", "best"))))
 
 
-# a hand on a slider
+# sliders
 
 
-def test_whatever_hands_do_the_weights_keep_summing_to_one():
-    hands = np.random.default_rng(0)
+def test_weights_sum_to_one_after_any_slider_moves():
+    random = np.random.default_rng(0)
     for m in (2, 3, 5):
         current = weights.even(m)
         for _ in range(500):
-            value = hands.choice([0.0, 1.0, -3.0, 7.0, 1e-12, 1 - 1e-12, hands.random()])
-            index = int(hands.integers(m))
+            value = random.choice([0.0, 1.0, -3.0, 7.0, 1e-12, 1 - 1e-12, random.random()])
+            index = int(random.integers(m))
             current = weights.move_slider(current, index, float(value))
             assert sum(current) == pytest.approx(1, abs=1e-9)
             assert min(current) >= 0
@@ -48,14 +48,14 @@ def test_the_other_weights_keep_their_proportions():
     assert weights.move_slider((0.5, 0.3, 0.2), 0, 0.0) == pytest.approx((0, 0.6, 0.4))
 
 
-def test_out_of_a_corner_the_others_share_evenly():
+def test_leaving_a_corner_splits_the_rest_evenly():
     corner = weights.move_slider((0.5, 0.3, 0.2), 0, 1.0)
     assert corner == (1, 0, 0)
     assert weights.move_slider(corner, 0, 0.5) == pytest.approx((0.5, 0.25, 0.25))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
-def test_a_value_that_is_no_number_changes_nothing(value):
+def test_a_non_finite_value_changes_nothing(value):
     assert weights.move_slider((0.7, 0.3), 1, value) == (0.7, 0.3)
 
 
@@ -76,21 +76,21 @@ def test_a_value_that_is_no_number_changes_nothing(value):
         ("", None),
     ],
 )
-def test_a_typed_tradeoff_is_read_or_waited_for(text, expected):
+def test_a_typed_tradeoff_is_parsed_or_ignored(text, expected):
     found = weights.read(text, 2)
     assert found == (None if expected is None else pytest.approx(expected))
 
 
-def test_what_is_copied_can_be_typed_again():
+def test_a_shown_tradeoff_can_be_parsed_again():
     tradeoff = (0.125, 0.5, 0.375)
     assert weights.read(weights.show(tradeoff), 3) == pytest.approx(tradeoff)
 
 
-# a robot at the pace of the clock
+# simulation in real time
 
 
 def play(session: Session, seconds: float) -> int:
-    """Advance by a clock that shows every hundredth of a second."""
+    """Advance with a clock that ticks every 10 ms; returns the number of control steps."""
     ticks = [session.advance(tick / 100) for tick in range(round(seconds * 100) + 1)]
     return sum(ticks)
 
@@ -107,7 +107,7 @@ def test_slow_motion_and_pause(session):
     assert play(session, 1.0) == 0
 
 
-def test_time_that_the_computer_slept_is_not_caught_up_with(session):
+def test_a_long_pause_of_the_clock_is_not_caught_up(session):
     session.advance(0.0)
     assert session.advance(3600.0) * session.dt <= 0.1 + 1e-9
 
@@ -124,7 +124,7 @@ def test_a_new_tradeoff_acts_on_the_next_step(session):
     np.testing.assert_allclose(session.player.data.ctrl, env.physics.ctrl[0], rtol=1e-5)
 
 
-def test_an_episode_that_is_over_is_told_of_and_begins_anew(session):
+def test_a_finished_episode_is_reported_and_a_new_one_starts(session):
     while session.last_episode is None:
         session.step()
     assert session.seconds == pytest.approx(session.dt)
@@ -132,14 +132,14 @@ def test_an_episode_that_is_over_is_told_of_and_begins_anew(session):
     assert session.last_episode.fell == (session.last_episode.seconds < 200 * session.dt - 1e-9)
 
 
-def test_a_reset_begins_a_new_episode(session):
+def test_a_reset_starts_a_new_episode(session):
     play(session, 0.2)
     session.reset()
     assert session.seconds == 0
     assert not session.player.returns.any()
 
 
-def test_what_a_robot_is_told_lasts(tmp_path, make_run):
+def test_a_command_survives_resets(tmp_path, make_run):
     session = Session(library.choose(str(make_run(tmp_path / "run", "bruce", "best"))))
     session.step()
     assert session.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
@@ -151,7 +151,7 @@ def test_what_a_robot_is_told_lasts(tmp_path, make_run):
 
 
 @pytest.mark.parametrize(("task", "free"), [("hopper", 1), ("ant", 2)])
-def test_a_push_is_felt_where_the_robot_can_go(task, free, tmp_path, make_run):
+def test_a_push_changes_only_free_horizontal_velocities(task, free, tmp_path, make_run):
     session = Session(library.choose(str(make_run(tmp_path / "run", task, "best"))))
     before = session.player.env.physics.qvel[0].clone()
     session.push()
@@ -169,7 +169,7 @@ def test_power_is_force_times_velocity(session):
     assert session.power() == pytest.approx(np.abs(torque * data.qvel[joints]).sum())
 
 
-def test_history_holds_means_of_the_last_seconds():
+def test_history_keeps_interval_means_of_the_last_seconds():
     history = History(1)
     for step in range(1, 4001):
         history.add(step * 0.01, [float(step)])
@@ -179,17 +179,17 @@ def test_history_holds_means_of_the_last_seconds():
     assert value[-1] == pytest.approx(np.mean([3996, 3997, 3998, 3999, 4000]))
 
 
-# what can be explored
+# runs to explore
 
 
-def test_the_latest_run_is_found(workplace, make_run):
+def test_runs_are_listed_newest_first(workplace, make_run):
     for name, age in (("runs/hopper/old", 20), ("runs/new", 10)):
         file = make_run(workplace / name, "hopper", "best") / "checkpoints/best.pt"
         os.utime(file, (1e9 - age, 1e9 - age))
     assert library.trained() == ["runs/new", "runs/hopper/old"]
 
 
-def test_a_run_s_checkpoints_can_be_chosen_among(workplace, make_run):
+def test_any_checkpoint_of_a_run_can_be_chosen(workplace, make_run):
     make_run(workplace / "runs/a", "hopper", "best", "latest")
     choice = library.choose("runs/a")
     assert (choice.checkpoint, list(choice.files)) == ("best", ["best", "latest"])
@@ -198,13 +198,13 @@ def test_a_run_s_checkpoints_can_be_chosen_among(workplace, make_run):
         library.choose("runs/a", "lates")
 
 
-def test_a_front_of_other_objectives_is_not_shown(tmp_path, make_run, make_front):
+def test_a_front_with_other_objectives_is_not_shown(tmp_path, make_run, make_front):
     folder = make_run(tmp_path / "run", "hopper", "best")
     make_front(("run", "energy")).save(folder / "front.npz")
     assert Session(library.choose(str(folder))).front is None
 
 
-# what it draws
+# drawings
 
 
 def test_every_policy_of_the_front_can_be_picked(make_front):
@@ -217,7 +217,7 @@ def test_every_policy_of_the_front_can_be_picked(make_front):
     assert "<b>" not in html
 
 
-def test_a_place_in_the_triangle_is_a_tradeoff():
+def test_triangle_positions_map_to_tradeoffs():
     drawing = Drawing(("a", "b", "c"), None)
     rows = np.array(json.loads(re.findall(r'data-map="([^"]*)"', drawing.html())[0]))
     for tradeoff in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0.2, 0.3, 0.5)):
@@ -235,7 +235,7 @@ SHAPES = """
 """
 
 
-def test_every_geom_has_the_shape_that_mujoco_gives_it():
+def test_geom_meshes_match_mujoco_volumes_and_bounds():
     pytest.importorskip("viser", reason="the extra [explore] is not installed")
     from morlax_torch.viewers.explorer.scene import geom_mesh
 

@@ -1,4 +1,4 @@
-"""An exported policy acts as the policy, wherever it runs, and the file says what it is."""
+"""Exported policies act like the original in every format, and their files hold a manifest."""
 
 import io
 import json
@@ -14,7 +14,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from morlax_torch import MORLAX, MorlaxError, Policy, envs, export
+from morlax_torch import MORLAX, MorlaxError, Policy, envs, export, save
 from morlax_torch.config import load_config
 from morlax_torch.exports.formats import FORMATS, Format
 from morlax_torch.exports.manifest import control, manifest
@@ -30,7 +30,7 @@ TRADEOFF = {"hopper": (0.7, 0.3), "cheetah3": (0.5, 0.2, 0.3)}
 
 @pytest.fixture
 def trained(make_policy) -> Callable[..., Policy]:
-    """Policies whose normaliser has seen something."""
+    """Return a factory of policies whose observation normalizer has been updated."""
 
     def make(task: str = "hopper") -> Policy:
         found = make_policy(task)
@@ -66,7 +66,7 @@ RUNNERS = {
 
 
 def known(format: str, data: bytes) -> dict:
-    """What a file says of itself."""
+    """Return the manifest stored in an exported file."""
     if format == "onnx":
         props = onnx.load_from_string(data).metadata_props
         return {prop.key: json.loads(prop.value) for prop in props}
@@ -86,9 +86,7 @@ def inputs(found: Policy, rows: int, generator: torch.Generator) -> tuple[Tensor
 
 @pytest.mark.parametrize("format", RUNNERS)
 @pytest.mark.parametrize("task", TRADEOFF)
-def test_one_tradeoffs_policy_acts_alike_for_any_number_of_rows(
-    format, task, trained, generator, tmp_path
-):
+def test_a_single_policy_matches_for_any_number_of_rows(format, task, trained, generator, tmp_path):
     found, tradeoff = trained(task), TRADEOFF[task]
     largest = export.export(found, tmp_path / "it", format, tradeoff)
     assert 0 <= largest < 1e-5
@@ -102,7 +100,7 @@ def test_one_tradeoffs_policy_acts_alike_for_any_number_of_rows(
 
 @pytest.mark.parametrize("format", RUNNERS)
 @pytest.mark.parametrize("task", TRADEOFF)
-def test_the_tradeoff_may_be_another_one_in_every_call(format, task, trained, generator, tmp_path):
+def test_a_family_takes_the_tradeoff_as_an_input(format, task, trained, generator, tmp_path):
     found = trained(task)
     export.export(found, tmp_path / "it", format)
     data = (tmp_path / "it").read_bytes()
@@ -113,7 +111,7 @@ def test_the_tradeoff_may_be_another_one_in_every_call(format, task, trained, ge
     assert not torch.allclose(action, found(observation, tradeoff.flip(0)), atol=1e-3)
 
 
-def test_onnx_names_its_inputs_and_calls_the_rows_a_batch(trained, tmp_path):
+def test_onnx_inputs_are_named_with_a_batch_dimension(trained, tmp_path):
     export.export(trained(), tmp_path / "it.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "it.onnx")
     shapes = {x.name: x.shape for x in (*session.get_inputs(), *session.get_outputs())}
@@ -125,7 +123,7 @@ def test_onnx_names_its_inputs_and_calls_the_rows_a_batch(trained, tmp_path):
 
 
 @pytest.mark.parametrize("format", RUNNERS)
-def test_a_file_says_what_a_robot_needs_to_know(format, trained, tmp_path):
+def test_a_file_holds_the_manifest(format, trained, tmp_path):
     found = trained("hopper")
     export.export(found, tmp_path / "it", format, (0.7, 0.3), {"run": {"seed": 3}})
     about = known(format, (tmp_path / "it").read_bytes())
@@ -144,7 +142,7 @@ def test_a_file_says_what_a_robot_needs_to_know(format, trained, tmp_path):
     }
 
 
-def test_joints_are_in_the_order_of_actions(trained):
+def test_manifest_joints_are_in_the_order_of_actions(trained):
     env = envs.make("ant", 1, "cpu")
     found = manifest(trained("ant"))["actuators"]
     data = mujoco.MjData(env.physics.model)
@@ -159,7 +157,7 @@ def test_joints_are_in_the_order_of_actions(trained):
 
 
 @pytest.mark.parametrize("task", [name for name in envs.names() if name != "bruce"])
-def test_control_is_made_of_actions_as_the_file_says(task, generator):
+def test_the_manifest_s_mapping_from_action_to_control_is_correct(task, generator):
     env = envs.make(task, 50, "cpu")
     found = control(envs.make(task, 1, "cpu"))
     scale, offset, low, high = (np.array(found[n]) for n in ("scale", "offset", "low", "high"))
@@ -169,7 +167,7 @@ def test_control_is_made_of_actions_as_the_file_says(task, generator):
     np.testing.assert_allclose(env.physics.ctrl.numpy(), expected, atol=1e-6)
 
 
-def test_control_that_is_no_clipped_line_is_not_claimed(monkeypatch):
+def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
     assert control(envs.make("bruce", 1, "cpu")) is None  # actions pass a filter
     env = envs.make("hopper", 1, "cpu")
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(action.pow(3)))
@@ -184,7 +182,7 @@ def test_control_that_is_no_clipped_line_is_not_claimed(monkeypatch):
 
 
 @pytest.mark.parametrize("format", RUNNERS)
-def test_a_user_s_own_actor_is_exported_too(format, generator, tmp_path):
+def test_a_custom_actor_can_be_exported(format, generator, tmp_path):
     config = load_config({"env": "hopper", "worlds": 32, "ppo": {"minibatches": 4}})
     actor = nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8))
     morlax = MORLAX(envs.make("hopper", 32, "cpu"), config, actor)
@@ -198,7 +196,7 @@ def test_a_user_s_own_actor_is_exported_too(format, generator, tmp_path):
     torch.testing.assert_close(action, found(observation, tradeoff), atol=1e-5, rtol=0)
 
 
-def test_what_acts_otherwise_once_written_is_not_written(trained, tmp_path, monkeypatch):
+def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypatch):
     usual = FORMATS["torchscript"]
     wrong = Format(".ts", usual.write, lambda data: lambda *given: usual.read(data)(*given) + 2e-5)
     monkeypatch.setitem(FORMATS, "torchscript", wrong)
@@ -207,14 +205,14 @@ def test_what_acts_otherwise_once_written_is_not_written(trained, tmp_path, monk
     assert not list(tmp_path.iterdir())
 
 
-# The command
+# the command
 
 
 @pytest.fixture
 def saved(trained, tmp_path: Path, monkeypatch) -> Path:
-    """policy.pt in the working directory, and metrics of its run."""
+    """Save policy.pt and the metrics of its run in the working directory."""
     monkeypatch.chdir(tmp_path)
-    trained().save(tmp_path / "policy.pt")
+    save(trained(), tmp_path / "policy.pt")
     (tmp_path / "metrics.csv").write_text(
         "env_steps,train_seconds,hypervolume\n0,0,5\n10,1,7.5\n20,2,6\n"
     )
@@ -226,7 +224,7 @@ def run(monkeypatch, *arguments: str) -> None:
     export.main()
 
 
-def test_a_file_goes_beside_its_run_and_knows_it(saved, monkeypatch, capsys):
+def test_the_default_output_is_beside_the_policy_and_describes_its_run(saved, monkeypatch, capsys):
     run(monkeypatch, "policy.pt", "--tradeoff", "7,3")
     assert "written: policy.onnx (largest difference from the policy: " in capsys.readouterr().out
     about = known("onnx", (saved / "policy.onnx").read_bytes())
@@ -241,7 +239,7 @@ def test_a_file_goes_beside_its_run_and_knows_it(saved, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("format", "name"), [("torchscript", "family.ts"), ("torch-export", "family.pt2")]
 )
-def test_other_formats_have_other_endings(saved, format, name, monkeypatch):
+def test_each_format_has_its_own_file_ending(saved, format, name, monkeypatch):
     run(monkeypatch, "policy.pt", "--format", format)
     assert known(format, (saved / name).read_bytes())["task"] == "hopper"
 
@@ -251,7 +249,7 @@ def test_a_shipped_policy_is_exported_into_the_working_directory(saved, monkeypa
     monkeypatch.setattr(export, "SHIPPED", saved / "shipped")
     folder = saved / "shipped" / "hopper"
     (folder / "checkpoints").mkdir(parents=True)
-    trained().save(folder / "checkpoints" / "best.pt")
+    save(trained(), folder / "checkpoints" / "best.pt")
     run(monkeypatch, "hopper", "--format", "torch-export")
     assert (saved / "family.pt2").is_file()
     assert not (folder / "family.pt2").exists()
@@ -267,7 +265,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_gets_one_sentence_and_leaves_no_file(name, saved, monkeypatch, capsys):
+def test_a_mistake_prints_one_error_and_writes_nothing(name, saved, monkeypatch, capsys):
     arguments, expected = MISTAKES[name]
     before = set(saved.iterdir())
     with pytest.raises(SystemExit) as exit:
@@ -280,7 +278,7 @@ def test_a_mistake_gets_one_sentence_and_leaves_no_file(name, saved, monkeypatch
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxscript", "onnxruntime"])
-def test_a_missing_extra_is_named(saved, package, monkeypatch, capsys):
+def test_a_missing_package_names_the_extra(saved, package, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(SystemExit):
         run(monkeypatch, "policy.pt")
@@ -298,7 +296,7 @@ def test_help_is_complete(monkeypatch, capsys):
         assert name in text
 
 
-def test_a_run_with_an_actor_of_its_own_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+def test_a_run_with_a_custom_actor_explains_how_to_export(tmp_path, monkeypatch, capsys):
     config = load_config({"env": "hopper", "worlds": 32, "ppo": {"minibatches": 4}})
     actor = nn.Sequential(nn.Linear(13, 8))
     checkpoint.save(tmp_path / "own.pt", MORLAX(envs.make("hopper", 32, "cpu"), config, actor), {})

@@ -1,4 +1,4 @@
-"""Figures name their axes, for every number of objectives, and write files that open."""
+"""Figures label their axes for any number of objectives, and save valid files."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ NAMES = ("run", "energy", "height", "jump")
 
 
 def front(m: int, seed: int = 0) -> Front:
-    """A family on a sphere, of which some policies are dominated."""
+    """Return a front on a sphere, with some dominated policies."""
     tradeoffs = evaluation_tradeoffs(30, m).numpy()
     random = np.random.default_rng(seed)
     returns = tradeoffs / np.linalg.norm(tradeoffs, axis=1, keepdims=True)
@@ -26,13 +26,13 @@ def front(m: int, seed: int = 0) -> Front:
 
 
 def drawn(figure: Figure) -> set[str]:
-    """Every word of a figure that takes part in its picture."""
+    """Draw a figure and return all its text."""
     figure.draw_without_rendering()
     return {text.get_text() for text in figure.findobj(lambda a: hasattr(a, "get_text"))}
 
 
 def labels(figure: Figure) -> list[tuple[str, ...]]:
-    """The axes' names: x, y and, in space, z."""
+    """Return the axis labels of each plot: x, y and, in 3D, z."""
     return [
         tuple(getattr(axes, f"get_{axis}label")() for axis in "xyz" if hasattr(axes, f"{axis}axis"))
         for axes in figure.axes
@@ -47,15 +47,15 @@ def test_a_front_has_a_plot_for_each_pair_of_objectives(m):
     ]
     assert set(pairs) <= set(labels(figure))
     assert {"a title", "dominated"} <= drawn(figure)
-    assert any(y.startswith("trade-off") for _, y, *_ in labels(figure))  # the colours' meaning
+    assert any(y.startswith("trade-off") for _, y, *_ in labels(figure))  # the colorbar
 
 
-def test_three_objectives_are_seen_in_space_too():
+def test_three_objectives_get_a_3d_plot():
     space = ("run (return)", "energy (return)", "height (return)")
     assert space in labels(figures.front_figure(front(3)))
 
 
-def test_nothing_is_called_dominated_where_nothing_is():
+def test_the_legend_omits_dominated_if_no_policy_is():
     whole = front(2)
     whole = whole._replace(returns=100 * whole.tradeoffs)
     assert whole.non_dominated.all()
@@ -63,7 +63,7 @@ def test_nothing_is_called_dominated_where_nothing_is():
     assert "dominated" not in drawn(figures.returns_figure(whole))
 
 
-def test_returns_of_two_objectives_are_drawn_against_the_first_weight():
+def test_returns_of_two_objectives_are_plotted_over_the_first_weight():
     first, second = labels(figures.returns_figure(front(2)))
     assert first[1] == "run (return)"
     assert second == ("trade-off: weight of run", "energy (return)")
@@ -75,13 +75,13 @@ def test_returns_of_three_objectives_are_maps_of_the_simplex():
     assert {x for x, *_ in labels(figure)} >= {f"{name} (return)" for name in NAMES[:3]}
 
 
-def test_returns_of_more_objectives_are_drawn_against_their_own_weights():
+def test_returns_of_more_objectives_are_plotted_over_their_own_weights():
     expected = [(f"trade-off: weight of {name}", f"{name} (return)") for name in NAMES]
     assert labels(figures.returns_figure(front(4))) == expected
 
 
 @pytest.mark.parametrize("m", (2, 3, 4))
-def test_parallel_coordinates_have_an_axis_for_each_objective_from_least_to_most(m):
+def test_parallel_coordinates_have_one_scaled_axis_per_objective(m):
     some = front(m)
     figure = figures.parallel_figure(some)
     (axes,) = figure.axes
@@ -94,7 +94,7 @@ def test_parallel_coordinates_have_an_axis_for_each_objective_from_least_to_most
 
 
 @pytest.mark.parametrize("m", (2, 3, 4))
-def test_fronts_over_each_other_can_be_told_apart_without_colour(m):
+def test_overlaid_fronts_have_different_markers(m):
     runs = {f"seed {seed}": front(m, seed) for seed in range(3)}
     figure = figures.fronts_figure(runs)
     assert set(runs) <= drawn(figure)
@@ -105,24 +105,24 @@ def test_fronts_over_each_other_can_be_told_apart_without_colour(m):
 
 
 def history(*points: tuple[float, float]) -> History:
-    """(seconds, hypervolume) at 10 steps a second."""
+    """Return a history of (seconds, hypervolume) points at 10 steps per second."""
     seconds, volume = np.array(points, dtype=float).T
     return History(10 * seconds, seconds, volume)
 
 
 @pytest.mark.parametrize("number", (1, 3))
-def test_hypervolume_is_drawn_against_steps_and_seconds(number):
+def test_hypervolume_is_plotted_over_steps_and_seconds(number):
     runs = [history((0, 0), (10, 100 * k), (20, 200)) for k in range(number)]
     figure = figures.hypervolume_figure(runs)
     assert labels(figure) == [
         ("environment steps", "hypervolume"),
-        ("training time (s)", ""),  # beside it, with the same axis
+        ("training time (s)", ""),  # shares its y axis
     ]
     words = drawn(figure)
     assert ({"median of 3 runs", "interquartile range"} <= words) == (number == 3)
 
 
-def test_a_band_holds_the_quartiles_while_all_runs_last():
+def test_a_band_shows_quartiles_where_all_runs_have_data():
     runs = [[0, 4, 8], [0, 40, 80], [0, 400, 800]]
     band = Band.over([(np.array([0.0, 1, 2]), np.array(y, dtype=float)) for y in runs])
     assert band.x.tolist() == [0, 1, 2]
@@ -131,12 +131,12 @@ def test_a_band_holds_the_quartiles_while_all_runs_last():
     assert band.high.tolist() == [0, (40 + 400) / 2, (80 + 800) / 2]
     late = (np.array([0.5, 1.5]), np.array([10.0, 30.0]))
     band = Band.over([(np.array([0.0, 1, 2]), np.array([0.0, 10, 20])), late])
-    assert band.x.tolist() == [0.5, 1, 1.5]  # nobody is guessed at where they were not running
+    assert band.x.tolist() == [0.5, 1, 1.5]  # no extrapolation beyond a run's own range
     assert band.middle.tolist() == [7.5, 15, 22.5]
 
 
 @pytest.mark.parametrize("m", (2, 3, 4))
-def test_a_single_policy_can_be_drawn(m):
+def test_identical_policies_can_be_plotted(m):
     one = front(m)
     one = one._replace(returns=np.ones_like(one.returns))
     for draw in (figures.front_figure, figures.returns_figure, figures.parallel_figure):
@@ -144,7 +144,7 @@ def test_a_single_policy_can_be_drawn(m):
     figures.fronts_figure({"one": one}).draw_without_rendering()
 
 
-def test_figures_are_written_as_pictures_and_vectors(tmp_path: Path):
+def test_figures_are_saved_as_png_pdf_and_svg(tmp_path: Path):
     figure = figures.front_figure(front(2))
     figures.save(figure, tmp_path / "a.front", ("png", "pdf", "svg"))
     starts = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -155,7 +155,7 @@ def test_figures_are_written_as_pictures_and_vectors(tmp_path: Path):
         figures.save(figure, tmp_path / "nowhere" / "front")
 
 
-def test_the_history_of_a_run_is_read_from_its_metrics(tmp_path: Path):
+def test_a_run_s_history_is_read_from_its_metrics(tmp_path: Path):
     path = tmp_path / "metrics.csv"
     path.write_text(
         "iteration,env_steps,train_seconds,hypervolume_approximate\n0,0,0.0,5.5\n3,90,1.5,7\n"
@@ -165,7 +165,7 @@ def test_the_history_of_a_run_is_read_from_its_metrics(tmp_path: Path):
 
 
 @pytest.mark.parametrize("text", ("", "env_steps\n", "a,b\n1,2\n", "hypervolume\nmany\n"))
-def test_damaged_metrics_are_one_sentence(tmp_path: Path, text):
+def test_damaged_metrics_are_an_error(tmp_path: Path, text):
     path = tmp_path / "metrics.csv"
     with pytest.raises(MorlaxError, match=r"cannot read .*metrics\.csv"):
         History.load(path)

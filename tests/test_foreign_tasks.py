@@ -1,4 +1,4 @@
-"""The tasks of PG-MORL and MO-Gymnasium are theirs: robots, rewards, observations, failures."""
+"""Ported PG-MORL and MO-Gymnasium tasks match the originals: robots, rewards, observations."""
 
 import copy
 import math
@@ -18,7 +18,7 @@ from morlax_torch.envs.robots import mo_gymnasium as mo_tasks
 from morlax_torch.envs.robots import pgmorl
 
 TOLERANCE = 1e-9
-SINGLE = 2e-6  # what MO-Gymnasium's own rewards, in single precision, allow
+SINGLE = 2e-6  # MO-Gymnasium's rewards are single precision
 EPISODE = 80  # control steps: most robots have failed by then
 
 
@@ -31,11 +31,11 @@ def random_actions(env: envs.Environment, steps: int = EPISODE) -> Tensor:
     return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
 
 
-# MO-Gymnasium, by its own environments
+# MO-Gymnasium, compared with its own environments
 
 
 class Origin(NamedTuple):
-    """The environment that a task of ours is a copy of."""
+    """The original environment of a ported task."""
 
     name: str
     flags: dict[str, bool]
@@ -58,19 +58,19 @@ ORIGINS = {
 
 
 def open_original(origin: Origin, env: envs.Environment, world: int = 0) -> gymnasium.Env:
-    """MO-Gymnasium's environment in the state of one of our worlds."""
+    """Make MO-Gymnasium's environment and put it into the state of one world."""
     original = mo_gymnasium.make(origin.name, **origin.flags).unwrapped
     original.reset()
-    original.model.opt.solver = env.physics.model.opt.solver  # its humanoid's is another
+    original.model.opt.solver = env.physics.model.opt.solver  # its humanoid uses another solver
     original.set_state(env.physics.qpos[world].numpy(), env.physics.qvel[world].numpy())
     original.data.qacc_warmstart[:] = 0.0
     return original
 
 
 def look_as_sensors_do(original: gymnasium.Env) -> None:
-    """Let derived quantities be those of the state that enters the last physics step.
+    """Compute derived quantities from the state before the last physics step, as sensors do.
 
-    Gymnasium itself reads what the RK4 integrator's last stage left in them.
+    Gymnasium itself reads them after the RK4 integrator's last stage.
     """
     model, data = original.model, original.data
 
@@ -83,14 +83,14 @@ def look_as_sensors_do(original: gymnasium.Env) -> None:
         mujoco.mj_step(model, data)
         for name in ("xipos", "cinert", "cvel", "qfrc_actuator", "cfrc_ext"):
             getattr(data, name)[:] = getattr(entering, name)
-        if model.nq > model.nv:  # the ant's velocity is that of its position
+        if model.nq > model.nv:  # the ant's velocity is the difference of its positions
             data.xpos[1] = data.qpos[:3]
 
     original._step_mujoco_simulation = step
 
 
 @pytest.mark.parametrize("name", ORIGINS)
-def test_mo_gymnasium_s_own_environments_agree_step_by_step(name):
+def test_mo_gymnasium_tasks_match_the_originals_step_by_step(name):
     origin = ORIGINS[name]
     env = make(f"mo-gymnasium/{name.split()[0]}", **origin.flags)
     originals = [open_original(origin, env, world) for world in range(2)]
@@ -117,7 +117,7 @@ def test_mo_gymnasium_s_own_environments_agree_step_by_step(name):
 
 
 @pytest.mark.parametrize("name", ("ant", "humanoid"))
-def test_where_sensors_lag_returns_are_those_of_mo_gymnasium_to_a_centimetre(name):
+def test_lagging_sensors_give_the_same_distance_within_1_cm(name):
     env = make(f"mo-gymnasium/{name}", reset_noise=0.0)
     original = open_original(ORIGINS[name], env)
     ours = theirs = 0.0
@@ -128,7 +128,7 @@ def test_where_sensors_lag_returns_are_those_of_mo_gymnasium_to_a_centimetre(nam
 
 
 @pytest.mark.parametrize("name", ("ant", "hopper", "humanoid", "walker2d"))
-def test_robots_fail_where_mo_gymnasium_calls_them_unhealthy(name):
+def test_robots_fail_where_mo_gymnasium_is_unhealthy(name):
     env = make(f"mo-gymnasium/{name}", 200, reset_noise=0.2)
     original = open_original(ORIGINS[name], env)
     generator = torch.Generator().manual_seed(0)
@@ -143,7 +143,7 @@ def test_robots_fail_where_mo_gymnasium_calls_them_unhealthy(name):
     assert env.failed().tolist() == unhealthy
 
 
-def test_mo_gymnasium_s_lengths_and_noise_are_the_default():
+def test_default_episode_length_and_noise_match_mo_gymnasium():
     for name, origin in ORIGINS.items():
         env = make(f"mo-gymnasium/{name.split()[0]}", 1)
         original = mo_gymnasium.make(origin.name)
@@ -152,7 +152,7 @@ def test_mo_gymnasium_s_lengths_and_noise_are_the_default():
 
 
 @pytest.mark.parametrize("task", mo_tasks.TASKS)
-def test_no_episode_of_mo_gymnasium_s_can_cost_more_control_than_the_reference_point(task):
+def test_reference_points_bound_the_control_cost_of_an_episode(task):
     env = make(task, 1)
     most = np.square(env.physics.model.actuator_ctrlrange).max(1).sum() * env.episode_length
     point = dict(zip(env.objectives, env.reference_point, strict=True))
@@ -160,7 +160,7 @@ def test_no_episode_of_mo_gymnasium_s_can_cost_more_control_than_the_reference_p
     assert set(point.values()) == {-100.0}
 
 
-def test_every_continuous_mujoco_task_of_mo_gymnasium_is_here():
+def test_every_continuous_mujoco_task_of_mo_gymnasium_is_ported():
     theirs = {
         name.removeprefix("mo-").removesuffix("-v5")
         for name, spec in gymnasium.registry.items()
@@ -170,7 +170,7 @@ def test_every_continuous_mujoco_task_of_mo_gymnasium_is_here():
     assert theirs - ours == {"reacher"}  # its actions are discrete
 
 
-# PG-MORL, by its published formulas
+# PG-MORL, compared with its published formulas
 
 
 class Moment(NamedTuple):
@@ -239,7 +239,7 @@ FORMULAS: dict[str, Callable[[Moment], tuple[list[float], bool]]] = {
 
 
 @pytest.mark.parametrize("name", FORMULAS)
-def test_pg_morl_pays_and_ends_episodes_by_its_formulas(name):
+def test_pg_morl_rewards_and_failures_match_the_formulas(name):
     env = make(f"pgmorl/{name}")
     unobserved = 2 if name in ("ant", "humanoid", "swimmer") else 1
     clipped = 10.0 if name in ("hopper", "hopper3", "walker2d") else math.inf
@@ -251,7 +251,7 @@ def test_pg_morl_pays_and_ends_episodes_by_its_formulas(name):
             qpos, qvel = env.physics.qpos[world].numpy(), env.physics.qvel[world].numpy()
             control = env.physics.ctrl[world].numpy()
             now = Moment(np.asarray(before[world]), qpos, qvel, control, env.dt)
-            if name == "humanoid":  # the place that counts is that of its centre of mass
+            if name == "humanoid":  # its reward uses the center of mass
                 now = now._replace(qpos=np.concatenate([env.place()[world].numpy(), qpos[2:]]))
             expected, done = FORMULAS[name](now)
             np.testing.assert_allclose(reward[world], expected, rtol=0, atol=TOLERANCE)
@@ -261,15 +261,15 @@ def test_pg_morl_pays_and_ends_episodes_by_its_formulas(name):
 
 
 class Robot(NamedTuple):
-    """What PG-MORL's own MJCF and code say of a robot."""
+    """The constants of a robot in PG-MORL's MJCF and code."""
 
-    like: str  # the task of MO-Gymnasium that has gymnasium's robot
+    like: str  # MO-Gymnasium task with Gymnasium's version of the robot
     substeps: int
     timestep: float
-    reach: tuple[float, ...]  # of the controls
+    reach: tuple[float, ...]  # control limits
     gear: tuple[float, ...]
-    damping: float | None  # of the joints that have motors; None: as in gymnasium
-    weight: float  # times that of gymnasium's
+    damping: float | None  # of actuated joints; None: as in Gymnasium
+    weight: float  # total mass relative to Gymnasium's robot
 
 
 ROBOTS = {
@@ -291,7 +291,7 @@ ROBOTS = {
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_pg_morl_s_robots_are_the_published_ones(name):
+def test_pg_morl_robots_match_the_published_constants(name):
     robot, task = ROBOTS[name], pgmorl.TASKS[f"pgmorl/{name}"]
     model = task.load_model()
     plain = mo_tasks.TASKS[f"mo-gymnasium/{robot.like}"].load_model()
@@ -308,13 +308,13 @@ def test_pg_morl_s_robots_are_the_published_ones(name):
     np.testing.assert_array_equal(model.jnt_limited, limited)
 
 
-def test_pg_morl_s_walker_has_one_foot_that_slips_more():
+def test_pg_morl_walker_has_different_foot_frictions():
     model = pgmorl.TASKS["pgmorl/walker2d"].load_model()
     assert model.geom("foot_geom").friction[0] == 0.9
     assert model.geom("foot_left_geom").friction[0] == 1.9
 
 
-def test_pg_morl_s_halfcheetah_runs_as_mo_gymnasium_s():
+def test_pg_morl_halfcheetah_matches_mo_gymnasium():
     env = make("pgmorl/halfcheetah")
     original = open_original(ORIGINS["halfcheetah"], env)
     for action in random_actions(env):
@@ -324,7 +324,7 @@ def test_pg_morl_s_halfcheetah_runs_as_mo_gymnasium_s():
         assert step.terms["energy"][0].item() == pytest.approx(4 + cost, rel=SINGLE)
 
 
-def test_pg_morl_s_episodes_are_as_long_as_published_and_start_alike():
+def test_pg_morl_episode_length_and_noise_are_as_published():
     for name, task in pgmorl.TASKS.items():
         options = task.Options()
         noisy = name == "pgmorl/humanoid"
@@ -333,7 +333,7 @@ def test_pg_morl_s_episodes_are_as_long_as_published_and_start_alike():
         assert options.reference_point is None
 
 
-# Both
+# both
 
 
 FOREIGN = (*pgmorl.TASKS, *mo_tasks.TASKS)
@@ -341,34 +341,34 @@ FOREIGN = (*pgmorl.TASKS, *mo_tasks.TASKS)
 
 @pytest.mark.parametrize("task", FOREIGN)
 def test_both_simulators_agree_on_the_first_steps(task):
-    ours, warp = make(task), make(task, backend="warp")
-    np.testing.assert_allclose(ours.reset(), warp.reset(), rtol=1e-5, atol=1e-5)
-    for action in random_actions(ours, 3):
-        one, other = ours.step(action), warp.step(action)
+    c_mujoco, warp = make(task), make(task, backend="warp")
+    np.testing.assert_allclose(c_mujoco.reset(), warp.reset(), rtol=1e-5, atol=1e-5)
+    for action in random_actions(c_mujoco, 3):
+        one, other = c_mujoco.step(action), warp.step(action)
         np.testing.assert_allclose(one.observation, other.observation, rtol=1e-4, atol=2e-4)
         np.testing.assert_allclose(one.reward, other.reward, rtol=1e-5, atol=1e-5)
         assert torch.equal(one.terminated, other.terminated)
 
 
-def test_both_simulators_feel_the_same_contacts():
-    ours, warp = make("mo-gymnasium/humanoid"), make("mo-gymnasium/humanoid", backend="warp")
-    for action in random_actions(ours, 60):
-        ours.step(action)
-    fallen = ours.physics.qpos.clone(), ours.physics.qvel.clone()
-    for env in (ours, warp):
+def test_both_simulators_measure_the_same_contact_forces():
+    c_mujoco, warp = make("mo-gymnasium/humanoid"), make("mo-gymnasium/humanoid", backend="warp")
+    for action in random_actions(c_mujoco, 60):
+        c_mujoco.step(action)
+    fallen = c_mujoco.physics.qpos.clone(), c_mujoco.physics.qvel.clone()
+    for env in (c_mujoco, warp):
         for into, value in zip((env.physics.qpos, env.physics.qvel), fallen, strict=True):
             into.copy_(value)
         env.physics.warmstart.zero_()
         env.physics.ctrl.zero_()
-        env.physics.substeps = 1  # of the state just set
+        env.physics.substeps = 1  # so that the sensors belong to the state just set
         env.physics.step()
-    expected = ours.bodies.contact_forces()
+    expected = c_mujoco.bodies.contact_forces()
     assert expected.abs().max() > 100  # N
     np.testing.assert_allclose(warp.bodies.contact_forces(), expected, rtol=1e-3, atol=0.05)
 
 
 @pytest.mark.parametrize("task", FOREIGN)
-def test_there_is_room_enough_for_flailing(task):
+def test_random_motion_fits_contact_and_constraint_buffers(task):
     env = make(task, 1)
     model, options = env.physics.model, env.options
     data, random = mujoco.MjData(model), np.random.default_rng(0)
@@ -384,7 +384,7 @@ def test_there_is_room_enough_for_flailing(task):
 
 
 @pytest.mark.parametrize("task", FOREIGN)
-def test_an_action_beyond_the_box_counts_as_its_edge(task):
+def test_actions_out_of_bounds_are_clipped(task):
     env = make(task, reset_noise=0.0)
     action = torch.ones(2, env.action_size)
     action[1] *= 7.0
@@ -395,7 +395,7 @@ def test_an_action_beyond_the_box_counts_as_its_edge(task):
 
 
 @pytest.mark.parametrize("task", ("pgmorl/humanoid", "mo-gymnasium/ant"))
-def test_sensors_of_an_episode_do_not_reach_the_next(task):
+def test_sensors_do_not_carry_over_between_episodes(task):
     env = envs.make(task, 2, "cpu", episode_length=10, reset_noise=0.0)
     first, actions = env.reset(), random_actions(env, 10)
     episodes = [[env.step(action) for action in actions] for _ in range(2)]
@@ -405,8 +405,8 @@ def test_sensors_of_an_episode_do_not_reach_the_next(task):
         assert torch.equal(one.reward, other.reward)
 
 
-def test_compiling_gymnasium_s_robots_warns_of_nothing(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where MuJoCo would log its warnings
+def test_compiling_foreign_robots_logs_no_warnings(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo logs its warnings here
     for task in FOREIGN:
         envs.get(task).load_model()
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -78,7 +78,7 @@ def test_recorded_graphs_equal_the_eager_program(task: str):
 
 
 def test_own_networks_and_what_is_privileged_are_recorded_too(monkeypatch):
-    monkeypatch.setattr(envs, "_REGISTRY", {**envs._REGISTRY, "blind": Blind})
+    monkeypatch.setattr(envs.registry, "_REGISTRY", {**envs.registry._REGISTRY, "blind": Blind})
     actor = nn.Sequential(nn.Linear(6, 32), nn.LayerNorm(32), nn.ELU(), nn.Linear(32, 8))
     critic = nn.Sequential(nn.Linear(13, 32), nn.ELU(), nn.Linear(32, 2))
     check_they_do_the_same(

@@ -75,7 +75,7 @@ def test_a_task_of_ones_own_gets_an_id(monkeypatch):
         class Options(Cheetah.Options):
             objectives: dict[str, dict[str, float]] = {"fast": {"run": 2.0}, "up": {"height": 1.0}}
 
-    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("my_sprinter", Sprinter)
     envs.register("my_sprinter", Sprinter)
     assert vector("morlax_torch/MySprinter-v0").objectives == ("fast", "up")
@@ -332,8 +332,8 @@ MISTAKES = {
     ),
     "backend": (lambda: vector(backend="bullet"), "unknown backend 'bullet'"),
     "trade-off": (lambda: vector(tradeoff=(1.0,)), "needs 2 numbers (run, jump)"),
-    "no trade-off": (lambda: vector(tradeoff="0.3,0.7"), "made of numbers, not '0.3,0.7'"),
-    "trade-offs": (lambda: vector(tradeoff=[(1.0, 0.0)] * 3), "takes one trade-off"),
+    "no trade-off": (lambda: vector(tradeoff="0.3,0.7"), "consists of numbers, not '0.3,0.7'"),
+    "trade-offs": (lambda: vector(tradeoff=[(1.0, 0.0)] * 3), "one trade-off is needed"),
     "single trade-off": (lambda: gymnasium.make(HOPPER, tradeoff=(-1, 2)), "not negative"),
     "no reset": (lambda: gymnasium.make(HOPPER).step(np.zeros(4)), "call reset first"),
     "no vector reset": (lambda: vector().step(torch.zeros(3, 4)), "call reset first"),
@@ -346,7 +346,7 @@ MISTAKES = {
     "vector shape": (lambda: vector_step(torch.zeros(3, 5)), "the shape (3, 4)"),
     "vector device": (lambda: vector_step(torch.zeros(3, 4, device="meta")), "on meta, but"),
     "numpy": (lambda: vector_step(np.zeros((3, 4))), "not ndarray: use torch.as_tensor"),
-    "statistics": (lambda: EpisodeStatistics(EpisodeStatistics(vector())), "not around Episode"),
+    "statistics": (lambda: EpisodeStatistics(EpisodeStatistics(vector())), ", not EpisodeStatistics"),
 }
 
 

@@ -48,8 +48,8 @@ class Point(gymnasium.Env):
 @pytest.fixture
 def point(monkeypatch: pytest.MonkeyPatch) -> Callable[..., envs.Worlds]:
     def make(worlds: int = 3, broken: bool = False, **options) -> envs.Worlds:
-        monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
-        envs._REGISTRY.pop("point", None)
+        monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+        envs.registry._REGISTRY.pop("point", None)
         envs.register("point", envs.from_gymnasium(lambda: Point(broken)))
         return envs.make("point", worlds, "cpu", **options)
 

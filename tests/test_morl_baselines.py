@@ -25,7 +25,7 @@ def test_an_action_is_what_the_policy_does(make_policy):
 
 @pytest.mark.parametrize(
     ("seen", "tradeoff", "expected"),
-    [(np.zeros(17), (0.7, 0.3), "is 13 numbers"), (np.zeros(13), (1.0,), "needs 2 numbers")],
+    [(np.zeros(17), (0.7, 0.3), "of 13 numbers"), (np.zeros(13), (1.0,), "needs 2 numbers")],
 )
 def test_a_mistake_is_one_sentence(seen, tradeoff, expected, make_policy):
     with pytest.raises(MorlaxError, match=expected):

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from morlax_torch import MORLAX, MorlaxError, Policy, evaluate, load, train
+from morlax_torch import MORLAX, MorlaxError, Policy, evaluate, load, save, train
 from morlax_torch.config import Config, load_config, merged
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.run import Run
@@ -142,7 +142,7 @@ def test_a_loaded_policy_with_an_own_actor_acts_as_it_did(saved, generator, tmp_
     observation = torch.randn(5, O, generator=generator)
     before = Policy(morlax.agent, morlax.config, morlax.env.objectives)
     after = load(path, actor=tanh())
-    after.save(tmp_path / "alone.pt")
+    save(after, tmp_path / "alone.pt")
     alone = load(tmp_path / "alone.pt", actor=tanh())
     for tradeoff in ((1.0, 0.0), (0.3, 0.7)):
         expected = before(observation, tradeoff)
@@ -156,7 +156,7 @@ def test_an_own_actor_is_never_taken_for_the_configs(saved, tmp_path):
     words = "own actor, which no config describes: .* give a module like it, actor="
     with pytest.raises(MorlaxError, match=words):
         load(path)
-    load(path, actor=tanh()).save(tmp_path / "alone.pt")
+    save(load(path, actor=tanh()), tmp_path / "alone.pt")
     with pytest.raises(MorlaxError, match=words):
         load(tmp_path / "alone.pt")
     with pytest.raises(MorlaxError, match=words):
@@ -175,7 +175,7 @@ def test_an_own_critic_is_needed_to_train_on_but_not_to_act(tmp_path, generator)
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.5, 0.5))
     assert torch.equal(load(path)(observation, (0.5, 0.5)), expected)
-    load(path).save(tmp_path / "alone.pt")
+    save(load(path), tmp_path / "alone.pt")
     assert torch.equal(load(tmp_path / "alone.pt")(observation, (0.5, 0.5)), expected)
     with pytest.raises(MorlaxError, match="own critic, which no config describes"):
         checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
@@ -195,6 +195,6 @@ def test_a_run_with_own_networks_goes_on_from_python_alone(tmp_path, monkeypatch
         assert "own actor, which no config describes" in capsys.readouterr().err
     longer = train.train(tiny(max_env_steps=640), Run.open(run.folder), **networks)
     contents = checkpoint.load(longer.checkpoints / "latest.pt")
-    assert contents["morlax"]["iteration"] == 4
+    assert contents["learner"]["iteration"] == 4
     policy = load(run.folder, actor=normed())
     assert evaluate.evaluate(policy, tradeoffs=4, device="cpu").returns.shape == (4, 2)

@@ -33,7 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("crawler.xml", "crawler.py"):
         (tmp_path / name).write_text(shown(name))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     return tmp_path
 
 

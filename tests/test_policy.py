@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import morlax_torch
-from morlax_torch import MORLAX, MorlaxError, Policy, envs
+from morlax_torch import MORLAX, MorlaxError, Policy, envs, save
 from morlax_torch.config import load_config, merged
 from morlax_torch.files import replacing
 from morlax_torch.runs import checkpoint
@@ -317,7 +317,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(saved, tmp_path,
 
 
 def test_saved_policies_are_small_and_act_alike(policy, observation, tmp_path):
-    policy.save(tmp_path / "family.pt")
+    save(policy, tmp_path / "family.pt")
     again = morlax_torch.load(tmp_path / "family.pt")
     for tradeoff in TRADEOFFS:
         assert torch.equal(again(observation, tradeoff), policy(observation, tradeoff))
@@ -327,6 +327,6 @@ def test_saved_policies_are_small_and_act_alike(policy, observation, tmp_path):
 
 def test_saved_policies_cannot_be_trained_on(policy, tmp_path):
     path = tmp_path / "family.pt"
-    policy.save(path)
+    save(policy, path)
     with pytest.raises(MorlaxError, match="policies alone"):
         checkpoint.restore(checkpoint.load(path), path, tiny())

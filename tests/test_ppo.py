@@ -8,8 +8,9 @@ from torch import Tensor
 from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.nn.functional import softplus
 
-from morlax_torch.algorithms.ppo import PPO, Batch, judge, minibatches
+from morlax_torch.algorithms.ppo import PPO, Batch, make_batch, minibatches
 from morlax_torch.algorithms.rollout import advantages
+from morlax_torch.algorithms.scalarization import Linear
 from morlax_torch.config import PPOConfig
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
@@ -137,7 +138,7 @@ def test_a_rollout_is_judged_by_each_clusters_own_critic(
     scalar = torch.einsum("tkgm,km->tkg", vector, TRADEOFFS)
     scalar = (scalar - scalar.mean()) / scalar.std()
 
-    batch, explained = judge(agent, TRADEOFFS, rollout, config)
+    batch, explained = make_batch(agent, TRADEOFFS, rollout, config, Linear())
 
     def by_world(column: Tensor) -> Tensor:  # (T, K, G, ...) -> (K, G, T, ...)
         return column.movedim(0, 2)
@@ -158,7 +159,9 @@ def test_judging_updates_the_values_scale_and_nothing_else(learner, make_rollout
     agent, rollout = learner(), make_rollout()
     before = copy.deepcopy(agent)
     stored = [column.clone() for column in rollout]
-    batch, _ = judge(agent, TRADEOFFS, rollout, PPOConfig(normalize_values=normalize))
+    batch, _ = make_batch(
+        agent, TRADEOFFS, rollout, PPOConfig(normalize_values=normalize), Linear()
+    )
     assert all(torch.equal(a, b) for a, b in zip(rollout, stored, strict=True))
     if normalize:
         targets = agent.value_normalizer.inverse(batch.target)
@@ -173,7 +176,7 @@ def test_a_perfect_critic_explains_all_variance(learner, make_rollout):
     seen = agent.observation_normalizer(rollout.observation)
     value = torch.stack([agent.values(TRADEOFFS)(step) for step in seen]).detach()
     perfect = rollout._replace(reward=agent.value_normalizer.inverse(value))
-    _, explained = judge(agent, TRADEOFFS, perfect, PPOConfig(discount=0.0))
+    _, explained = make_batch(agent, TRADEOFFS, perfect, PPOConfig(discount=0.0), Linear())
     torch.testing.assert_close(explained, torch.ones(2), rtol=0, atol=1e-5)
 
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from morlax_torch import MORLAX, Policy, envs, export, load
+from morlax_torch import MORLAX, Policy, envs, export, load, save
 from morlax_torch.config import Config, load_config, merged
 from morlax_torch.envs.worlds.layout import positions
 from morlax_torch.evaluate import evaluate
@@ -52,7 +52,7 @@ class Sighted(Blind):
 
 @pytest.fixture(autouse=True)
 def tasks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("blind", Blind)
     envs.register("sighted", Sighted)
 
@@ -154,7 +154,7 @@ def test_ten_iterations_equal_five_and_a_resumed_five(tmp_path):
 def test_what_is_loaded_or_exported_needs_only_observations(tmp_path, generator):
     morlax = trainer(tiny(), 3)
     checkpoint.save(tmp_path / "whole.pt", morlax, {})
-    load(tmp_path / "whole.pt").save(tmp_path / "alone.pt")
+    save(load(tmp_path / "whole.pt"), tmp_path / "alone.pt")
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.2, 0.8))
     for name in ("whole.pt", "alone.pt"):

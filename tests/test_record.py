@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from morlax_torch import MorlaxError, record
+from morlax_torch import MorlaxError, record, save
 from morlax_torch.networks import policy
 from morlax_torch.viewers.filming import video
 from morlax_torch.viewers.filming.film import Film
@@ -24,7 +24,7 @@ GAP = 4  # pixels between panels
 def saved(make_policy, tmp_path: Path, monkeypatch) -> Path:
     """policy.pt in the working directory."""
     monkeypatch.chdir(tmp_path)
-    make_policy().save(tmp_path / "policy.pt")
+    save(make_policy(), tmp_path / "policy.pt")
     return tmp_path
 
 
@@ -208,7 +208,7 @@ def test_without_opengl_a_sentence_says_what_to_do(saved):
         text=True,
     )
     assert done.returncode == 2
-    assert done.stderr.startswith("error: there is no OpenGL") and done.stderr.count("\n") == 1
+    assert done.stderr.startswith("error: OpenGL is not available") and done.stderr.count("\n") == 1
     assert os.listdir() == ["policy.pt"]
 
 

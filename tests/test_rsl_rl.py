@@ -106,7 +106,7 @@ def test_critics_see_what_is_privileged(monkeypatch):
         def layout(self):
             return [envs.Part("joints", 6, "rad")]
 
-    monkeypatch.setattr(envs, "_REGISTRY", {**envs._REGISTRY, "blind": Blind})
+    monkeypatch.setattr(envs.registry, "_REGISTRY", {**envs.registry._REGISTRY, "blind": Blind})
     env = worlds("blind")
     runner = OnPolicyRunner(env, settings(critic=["critic"]), device="cpu")
     runner.learn(1)

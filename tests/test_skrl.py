@@ -128,7 +128,7 @@ def test_critics_see_what_is_privileged(monkeypatch, tmp_path):
         def layout(self):
             return [envs.Part("joints", 6, "rad")]
 
-    monkeypatch.setattr(envs, "_REGISTRY", {**envs._REGISTRY, "blind": Blind})
+    monkeypatch.setattr(envs.registry, "_REGISTRY", {**envs.registry._REGISTRY, "blind": Blind})
     env = worlds("blind")
     assert env.state_space is not None and env.state_space.shape == (13,)
     train(env, 100, str(tmp_path))

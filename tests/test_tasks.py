@@ -415,7 +415,7 @@ class Cart(envs.Environment):
 
 @pytest.fixture
 def cart(monkeypatch: pytest.MonkeyPatch) -> type[envs.Environment]:
-    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))  # other tests see no carts
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("cart", Cart)
     return Cart
 

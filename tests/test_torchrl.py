@@ -72,7 +72,7 @@ def test_a_part_of_the_worlds_is_reset_and_no_other():
 
 def test_environments_of_others_are_reset_in_part_too(monkeypatch):
     pytest.importorskip("mo_gymnasium")
-    monkeypatch.setattr(envs, "_REGISTRY", dict(envs._REGISTRY))
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     env = worlds("gymnasium:mo-hopper-2obj-v5", 2, episode_length=5)
     check_env_specs(env)
     assert env.rollout(12, break_when_any_done=False)["next", "done"].sum() == 4

@@ -129,7 +129,7 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path):
     run = Run.open(tmp_path / "halves")
     halves = train(tiny(max_env_steps=1600), run)
     one, other = (checkpoint.load(r.checkpoints / "latest.pt") for r in (whole, halves))
-    assert_same(one["morlax"], other["morlax"])
+    assert_same(one["learner"], other["learner"])
     rows = [metrics(r) for r in (whole, halves)]
     for name in ("iteration", "env_steps", "hypervolume", "sparsity", "cardinality"):
         assert [row[name] for row in rows[0]] == [row[name] for row in rows[1]]
@@ -202,7 +202,7 @@ def wait_for(condition, process: subprocess.Popen) -> None:
 
 
 def iterations(folder: Path) -> int:
-    return checkpoint.load(folder / "checkpoints" / "latest.pt")["morlax"]["iteration"]
+    return checkpoint.load(folder / "checkpoints" / "latest.pt")["learner"]["iteration"]
 
 
 def test_a_killed_run_can_always_be_resumed(tmp_path):
@@ -238,7 +238,7 @@ def test_a_loss_that_is_no_number_stops_the_run_and_spares_the_checkpoint(tmp_pa
     with pytest.raises(MorlaxError, match=r"loss became (nan|inf) in iterations 1 to 5.*latest.pt"):
         train(tiny(ppo={"learning_rate": 1e30}, max_env_steps=8000), output=tmp_path / "run")
     kept = checkpoint.load(tmp_path / "run" / "checkpoints" / "latest.pt")
-    assert all(v.isfinite().all() for v in kept["morlax"]["agent"].values())
+    assert all(v.isfinite().all() for v in kept["learner"]["agent"].values())
 
 
 def test_contacts_that_do_not_fit_stop_the_run_with_the_number_to_raise(tmp_path):

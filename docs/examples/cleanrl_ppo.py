@@ -1,4 +1,4 @@
-"""PPO in one file, in the manner of CleanRL: robots and learner on one device, in torch tensors.
+"""PPO in one file, in the style of CleanRL; worlds and learner share one device.
 
 python docs/examples/cleanrl_ppo.py --env-id morlax_torch/Cheetah-v0 --tradeoff 0.7 0.3
 """
@@ -12,48 +12,48 @@ import tyro
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-import morlax_torch  # noqa: F401  makes the ids known
+import morlax_torch  # noqa: F401  registers the environment ids
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
 
 
 @dataclass
 class Settings:
-    """What can be changed."""
+    """Command-line options."""
 
     env_id: str = "morlax_torch/Cheetah-v0"
-    """one of our ids"""
+    """Gymnasium id of a morlax_torch task."""
     tradeoff: tuple[float, ...] = (0.7, 0.3)
-    """how much each objective matters"""
+    """Weight of each objective."""
     device: str = "cuda" if torch.cuda.is_available() else "cpu"
-    """of robots and learner"""
+    """Device of worlds and learner."""
     total_timesteps: int = 2_000_000
-    """control steps, over all worlds"""
+    """Control steps to train for, summed over all worlds."""
     num_envs: int = 256
-    """worlds"""
+    """Number of parallel worlds."""
     episode_length: int = 1000
-    """control steps after which time is up"""
+    """Control steps after which an episode is truncated."""
     num_steps: int = 32
-    """control steps of a rollout, in each world"""
+    """Control steps per rollout in each world."""
     epochs: int = 4
-    """passes over a rollout"""
+    """Passes over each rollout."""
     minibatches: int = 8
-    """parts of a pass"""
+    """Minibatches per pass."""
     learning_rate: float = 1e-3
-    """of Adam, falling to zero"""
+    """Initial learning rate of Adam, annealed linearly to zero."""
     gamma: float = 0.97
-    """discount of a control step"""
+    """Discount factor per control step."""
     gae_lambda: float = 0.95
-    """how far advantages look ahead"""
+    """Lambda of generalized advantage estimation."""
     clip: float = 0.2
-    """how far the ratio of probabilities may leave one"""
+    """Largest change of the probability ratio that counts."""
     entropy_weight: float = 0.0
-    """reward for being undecided"""
+    """Weight of the entropy bonus."""
     value_weight: float = 0.5
-    """of the critic's loss"""
+    """Weight of the value loss."""
     max_grad_norm: float = 0.5
-    """longest gradient"""
+    """Maximum gradient norm."""
     seed: int = 1
-    """of networks, actions and worlds"""
+    """Random seed of networks, actions and worlds."""
 
 
 def network(inputs: int, outputs: int, last_gain: float) -> nn.Sequential:
@@ -79,7 +79,11 @@ class Agent(nn.Module):
 
 
 def train(args: Settings) -> list[float]:
-    """Train, and print how it goes; the mean return of the episodes that ended, by iteration."""
+    """Train a policy and print its progress.
+
+    Returns:
+        The mean scalarized return of finished episodes, one entry per iteration with any.
+    """
     torch.manual_seed(args.seed)
     device = torch.device(args.device)
     envs = EpisodeStatistics(
@@ -99,9 +103,10 @@ def train(args: Settings) -> list[float]:
     def storage(*shape: int) -> Tensor:
         return torch.zeros(args.num_steps, args.num_envs, *shape, device=device)
 
-    seen, final, actions = storage(sizes[0]), storage(sizes[0]), storage(sizes[1])
+    observations, actions = storage(sizes[0]), storage(sizes[1])
+    final_observations = storage(sizes[0])
     log_probs, rewards, dones, failures = storage(), storage(), storage(), storage()
-    ended, paid = storage(), storage()
+    episode_ended, episode_return = storage(), storage()
 
     observation, _ = envs.reset(seed=args.seed)
     iterations = args.total_timesteps // (args.num_steps * args.num_envs)
@@ -114,43 +119,45 @@ def train(args: Settings) -> list[float]:
                 policy = agent.policy(observation)
                 actions[t] = policy.sample()
                 log_probs[t] = policy.log_prob(actions[t]).sum(-1)
-            seen[t] = observation
+            observations[t] = observation
             observation, rewards[t], terminated, truncated, info = envs.step(
                 actions[t].clamp(-1, 1)
             )
-            # worlds reset in the same step: the state that an action led to is final_obs
-            final[t], failures[t], dones[t] = info["final_obs"], terminated, terminated | truncated
-            ended[t], paid[t] = info["_episode"], info["episode"]["r"] @ weights
+            # worlds reset within the step, so the state after the action is final_obs
+            final_observations[t] = info["final_obs"]
+            failures[t], dones[t] = terminated, terminated | truncated
+            episode_ended[t], episode_return[t] = info["_episode"], info["episode"]["r"] @ weights
 
-        with torch.no_grad():  # a failure has no future, a time limit has
-            values, future = agent.value(seen), agent.value(final) * (1 - failures)
-            surprise = rewards + args.gamma * future - values
-            advantages, running = torch.empty_like(surprise), torch.zeros_like(surprise[0])
+        with torch.no_grad():  # bootstrap after a time limit, not after a failure
+            values = agent.value(observations)
+            next_value = agent.value(final_observations) * (1 - failures)
+            td_error = rewards + args.gamma * next_value - values
+            advantages, running = torch.empty_like(td_error), torch.zeros_like(td_error[0])
             for t in reversed(range(args.num_steps)):
-                carry = args.gamma * args.gae_lambda * (1 - dones[t])
-                running = advantages[t] = surprise[t] + carry * running
+                decay = args.gamma * args.gae_lambda * (1 - dones[t])
+                running = advantages[t] = td_error[t] + decay * running
             targets = advantages + values
 
-        columns = [seen, actions, log_probs, advantages, targets]
+        columns = [observations, actions, log_probs, advantages, targets]
         batch = [column.flatten(0, 1) for column in columns]
         for _ in range(args.epochs):
             order = torch.randperm(len(batch[0]), device=device)
             for rows in order.chunk(args.minibatches):
-                observations, action, log_prob, advantage, target = (x[rows] for x in batch)
-                policy = agent.policy(observations)
+                observation_rows, action, log_prob, advantage, target = (x[rows] for x in batch)
+                policy = agent.policy(observation_rows)
                 ratio = (policy.log_prob(action).sum(-1) - log_prob).exp()
                 advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
                 clipped = ratio.clamp(1 - args.clip, 1 + args.clip)
                 loss = -torch.min(ratio * advantage, clipped * advantage).mean()
-                loss += args.value_weight * (agent.value(observations) - target).square().mean()
+                loss += args.value_weight * (agent.value(observation_rows) - target).square().mean()
                 loss -= args.entropy_weight * policy.entropy().sum(-1).mean()
                 optimizer.zero_grad()
                 loss.backward()
                 nn.utils.clip_grad_norm_(agent.parameters(), args.max_grad_norm)
                 optimizer.step()
 
-        if ended.any():
-            returns.append((paid.sum() / ended.sum()).item())
+        if episode_ended.any():
+            returns.append((episode_return.sum() / episode_ended.sum()).item())
             steps = (iteration + 1) * args.num_steps * args.num_envs
             rate = steps / (time.perf_counter() - start)
             print(f"{steps:>10,} steps   return {returns[-1]:8.1f}   {rate:8,.0f} steps/s")

@@ -1,4 +1,4 @@
-"""Four-legged ant: go along x, go along y."""
+"""Quadruped ant: move along x, move along y."""
 
 from functools import cached_property
 
@@ -10,7 +10,7 @@ from ..worlds.environment import Environment
 from ..worlds.layout import Part, positions, velocities
 from ..worlds.options import TaskOptions
 
-MIN_UPRIGHT = 0.45  # world-z of the torso's up axis: a tilt of 63 degrees
+MIN_UPRIGHT = 0.45  # world-z of the torso's up axis, a tilt of 63 degrees
 
 
 class Ant(Environment):

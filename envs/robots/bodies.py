@@ -1,4 +1,4 @@
-"""What MuJoCo knows of each body, rebuilt from sensors, so that both simulators can tell it."""
+"""Per-body quantities of mjData, rebuilt from sensors so that both simulators provide them."""
 
 from functools import cached_property
 
@@ -18,7 +18,7 @@ WRENCH = sum(
         mujoco.mjtConDataField.mjCONDATA_POS,
     )
 )
-NET = 3  # all contacts of a body reduced to one wrench
+NET = 3  # reduces all contacts of a body to one wrench
 
 
 def sense_contacts(spec: mujoco.MjSpec) -> None:
@@ -32,7 +32,7 @@ def sense_contacts(spec: mujoco.MjSpec) -> None:
 
 
 def sense_motion(spec: mujoco.MjSpec) -> None:
-    """Add the sensors that the rest of `Bodies` reads, beside those of `sense_contacts`."""
+    """Add the sensors that the other methods of `Bodies` need in addition to `sense_contacts`."""
     for name, kind in {
         POSITION: mujoco.mjtSensor.mjSENS_FRAMEPOS,
         ORIENTATION: mujoco.mjtSensor.mjSENS_FRAMEQUAT,
@@ -46,11 +46,15 @@ def sense_motion(spec: mujoco.MjSpec) -> None:
 
 
 class Bodies:
-    """The quantities that `mjData` calls cinert, cvel, cfrc_ext and qfrc_actuator.
+    """The mjData fields cinert, cvel, cfrc_ext and qfrc_actuator, computed from sensors.
 
-    They are taken about the robot's centre of mass, in the axes of the world, and like every
-    sensor they describe the state that entered the last physics step. The world itself and the
-    joint that carries the robot, which have only zeros there, are left out.
+    Quantities are about the robot's center of mass, in world axes. Like every sensor, they
+    describe the state before the last physics step. The world body and the robot's root joint are
+    omitted, since their entries are always zero.
+
+    Args:
+        physics: a simulation of a model with the sensors of `sense_contacts`, and of `sense_motion`
+            for every quantity but `center` and `contact_forces`.
     """
 
     def __init__(self, physics: Physics):
@@ -58,17 +62,21 @@ class Bodies:
 
     @cached_property
     def center(self) -> Tensor:
-        """A view (N, 3) of the robot's centre of mass."""
+        """Return the robot's center of mass (N, 3) in m, as a view."""
         return self._sensors(CENTER)[:, 0]
 
     def contact_forces(self) -> Tensor:
-        """(N, B, 6) torque and force of all contacts on each body: cfrc_ext."""
+        """Return cfrc_ext (N, B, 6): torque (N m) and force (N) of all contacts on each body."""
         force, torque, place = self._contact
         arm = place - self.center[:, None]
         return -torch.cat([torque + torch.linalg.cross(arm, force), force], -1)
 
     def inertias(self) -> Tensor:
-        """(N, B, 10) moments xx, yy, zz, xy, xz, yz; mass times place; mass: cinert."""
+        """Return cinert (N, B, 10), the inertia of each body.
+
+        The numbers are the moments xx, yy, zz, xy, xz, yz (kg m^2), mass times position (kg m), and
+        mass (kg).
+        """
         arm = self._position - self.center[:, None]
         axes = _rotation(self._orientation)
         square = arm.square().sum(-1)[..., None, None]
@@ -80,14 +88,17 @@ class Bodies:
         )
 
     def velocities(self) -> Tensor:
-        """(N, B, 6) angular, and linear of the point that is at the centre of mass: cvel."""
+        """Return cvel (N, B, 6): angular (rad/s) and linear velocity (m/s) of each body.
+
+        The linear velocity is that of the body's point at the robot's center of mass.
+        """
         angular = self._angular
         arm = self.center[:, None] - self._position
         return torch.cat([angular, self._linear + torch.linalg.cross(angular, arm)], -1)
 
     @cached_property
     def joint_forces(self) -> Tensor:
-        """A view (N, J) of what the motors do to each hinge, in N m: qfrc_actuator."""
+        """Return qfrc_actuator (N, J): the motor torque on each hinge in N m, as a view."""
         return self._sensors(JOINT_FORCE)[..., 0]
 
     @cached_property
@@ -123,7 +134,7 @@ class Bodies:
         return torch.eye(3).to(self.physics.qpos)
 
     def _sensors(self, name: str) -> Tensor:
-        """A view (N, objects, dim) of what the sensors that `_add` gave one name read."""
+        """Return the readings (N, objects, dim) of the sensors added as `name`, as a view."""
         model = self.physics.model
         mine = [i for i in range(model.nsensor) if model.sensor(i).name.startswith(f"{name}/")]
         begin = model.sensor_adr[mine[0]]
@@ -132,7 +143,7 @@ class Bodies:
 
 
 def _bodies(spec: mujoco.MjSpec) -> list[str]:
-    """The names of all but the world; those without one are given one."""
+    """Return the names of all bodies except the world, naming the unnamed ones."""
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"body_{number}"
     return [body.name for body in spec.bodies[1:]]
@@ -145,7 +156,7 @@ def _add(
     objects_kind: mujoco.mjtObj,
     objects: list[str],
 ) -> list[mujoco.MjsSensor]:
-    """A sensor for each object, side by side."""
+    """Add one sensor per object, next to each other in `sensordata`."""
     return [
         spec.add_sensor(name=f"{name}/{each}", type=kind, objtype=objects_kind, objname=each)
         for each in objects
@@ -153,7 +164,7 @@ def _add(
 
 
 def _rotation(quaternion: Tensor) -> Tensor:
-    """(..., 3, 3) of unit quaternions (..., 4), w first."""
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4), w first."""
     w, x, y, z = quaternion.unbind(-1)
     rows = [
         *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -1,4 +1,4 @@
-"""Half-cheetah: run fast, spend little energy and, with three objectives, stay high."""
+"""Half-cheetah: run fast, use little energy and, with three objectives, keep the torso high."""
 
 import math
 
@@ -9,7 +9,7 @@ from torch import Tensor
 from ..worlds.options import TaskOptions
 from .planar import Planar
 
-MAX_SPEED = 4.0  # m/s; no reward for more
+MAX_SPEED = 4.0  # m/s; higher speeds earn no more reward
 MAX_PITCH = math.radians(50)
 
 

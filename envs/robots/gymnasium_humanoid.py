@@ -1,4 +1,4 @@
-"""Gymnasium's humanoid, whose observation holds what MuJoCo knows of each body."""
+"""Gymnasium's humanoid, whose observation includes per-body quantities of mjData."""
 
 from functools import cached_property
 
@@ -13,14 +13,14 @@ from .gymnasium_robot import GymnasiumRobot
 
 
 class HumanoidOptions(TaskOptions):
-    """The options of gymnasium's humanoid, by gymnasium's own names."""
+    """The options of gymnasium's humanoid, under gymnasium's names."""
 
     include_cinert_in_observation: bool = True
     """Observe the inertia of each body (130 numbers)."""
     include_cvel_in_observation: bool = True
     """Observe the velocity of each body (78 numbers)."""
     include_qfrc_actuator_in_observation: bool = True
-    """Observe the forces of the motors (17 numbers)."""
+    """Observe the motor torques (17 numbers)."""
     include_cfrc_ext_in_observation: bool = True
     """Observe the contact forces on each body (78 numbers)."""
     nconmax: int = 48
@@ -28,10 +28,10 @@ class HumanoidOptions(TaskOptions):
 
 
 class GymnasiumHumanoid(GymnasiumRobot):
-    """Its velocity is that of the centre of mass.
+    """Gymnasium's humanoid; its velocity is that of the center of mass.
 
-    That, and what is observed of the bodies, lags one physics step (3 ms) behind positions and
-    velocities. In gymnasium it is what the RK4 integrator left: of its last stage.
+    The center of mass and the per-body observations lag one physics step (3 ms) behind positions
+    and velocities. In gymnasium they come from the last stage of the RK4 integrator.
     """
 
     model_file = "humanoid.xml"
@@ -60,7 +60,7 @@ class GymnasiumHumanoid(GymnasiumRobot):
         return [*super().layout(), *own]
 
     def _of_bodies(self) -> dict[str, Tensor]:
-        """What is observed of the bodies, in gymnasium's order."""
+        """Return the observed per-body quantities (N, ...) by name, in gymnasium's order."""
         options, bodies, seen = self.options, self.bodies, {}
         if options.include_cinert_in_observation:
             seen["inertias"] = bodies.inertias().flatten(1)

@@ -1,4 +1,4 @@
-"""What the robots of other benchmarks share: MJCF that gymnasium ships, read where it lies."""
+"""Base class for robots of other benchmarks, loaded from the MJCF in the gymnasium package."""
 
 import math
 from functools import cached_property
@@ -15,14 +15,14 @@ from ..worlds.layout import Part, positions, velocities
 
 
 class GymnasiumRobot(Environment):
-    """A robot of gymnasium's; an action of -1 or 1 is an end of its motor's range.
+    """A gymnasium robot whose actions in [-1, 1] span the control range of each motor.
 
-    An action outside [-1, 1] counts as its edge. The constraint solver is Newton's for every
-    robot: MuJoCo Warp lacks the PGS that gymnasium's humanoid asks for.
+    Actions outside [-1, 1] are clipped. Every robot uses the Newton constraint solver, because
+    MuJoCo Warp lacks PGS, the solver that gymnasium's humanoid selects.
     """
 
-    unobserved: ClassVar[int] = 1  # leading positions: where on the floor it is
-    fastest_seen: ClassVar[float] = math.inf  # observed velocities are clipped here
+    unobserved: ClassVar[int] = 1  # leading entries of qpos: position on the floor
+    fastest_seen: ClassVar[float] = math.inf  # clipping limit of observed velocities
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -30,24 +30,28 @@ class GymnasiumRobot(Environment):
         with resources.as_file(assets / cls.model_file) as path:
             spec = mujoco.MjSpec.from_file(str(path))
         floor = spec.geom("floor")
-        floor.size = [0.0, 0.0, 1.0]  # drawn without end, in squares of a metre
+        floor.size = [0.0, 0.0, 1.0]  # rendered infinite, with a 1 m grid
         spec.material(floor.material).texrepeat = [1.0, 1.0]
         spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
         cls.edit(spec)
         total, spec.compiler.settotalmass = spec.compiler.settotalmass, -1.0
         model = spec.compile()
-        if total > 0:  # kilograms: MuJoCo means to drop the compiler's own option, and warns
+        if total > 0:  # kg; MuJoCo warns that it will drop the compiler's option
             mujoco.mj_setTotalmass(model, total)
             mujoco.mj_setConst(model, mujoco.MjData(model))
         return model
 
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
-        """Change what a benchmark changes in gymnasium's robot, and add sensors."""
+        """Apply the benchmark's changes to gymnasium's robot and add sensors, in place.
+
+        Args:
+            spec: the robot before compilation.
+        """
 
     @cached_property
     def control_range(self) -> tuple[Tensor, Tensor]:
-        """(A,) the control that an action of zero means, and how far one of 1 is from there."""
+        """Return the center and half width (A,) of each motor's control range."""
         low, high = torch.from_numpy(self.physics.model.actuator_ctrlrange).to(self.physics.ctrl).T
         return (low + high) / 2, (high - low) / 2
 
@@ -68,18 +72,18 @@ class GymnasiumRobot(Environment):
         self.physics.ctrl.copy_(middle + reach * action.clamp(-1, 1))
 
     def place(self) -> Tensor:
-        """(N, 2) where it is, in metres; its velocity is measured by this."""
+        """Return the horizontal position (N, 2) in m, from which `velocity` is computed."""
         return self.physics.qpos[:, :2]
 
     def remember(self) -> dict[str, Tensor]:
         return {"place": self.place()}
 
     def velocity(self) -> Tensor:
-        """(N, 2) the mean over the control step, in m/s."""
+        """Return the mean velocity (N, 2) over the control step in m/s."""
         return (self.place() - self.memory["place"]) / self.dt
 
     def effort(self) -> Tensor:
-        """(N,) the sum of squared controls, in the units of the motors' ranges."""
+        """Return the sum of squared controls (N,), in units of the motors' control ranges."""
         return self.physics.ctrl.square().sum(-1)
 
     def failed(self) -> Tensor:

@@ -9,7 +9,7 @@ from torch import Tensor
 from ..worlds.options import TaskOptions
 from .planar import Planar
 
-ACTION_SCALE = 3.0  # neither clipped here nor clamped by the motors
+ACTION_SCALE = 3.0  # neither actions nor motors clip the result
 
 
 class Hopper(Planar):
@@ -25,7 +25,7 @@ class Hopper(Planar):
 
     def initial_qpos(self) -> np.ndarray:
         qpos = np.zeros(self.physics.model.nq)
-        qpos[1] = 1.0  # metres: the foot hangs 0.06 above the floor
+        qpos[1] = 1.0  # m; the foot is 0.06 m above the floor
         return qpos
 
     def apply(self, action: Tensor) -> None:

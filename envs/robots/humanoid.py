@@ -1,4 +1,4 @@
-"""Humanoid: run as fast as you can, spend little energy."""
+"""Humanoid: run as fast as possible, use little energy."""
 
 from functools import cached_property
 
@@ -10,12 +10,16 @@ from ..worlds.environment import Environment
 from ..worlds.layout import Part, positions, velocities
 from ..worlds.options import TaskOptions
 
-ACTION_SCALE = 3.0  # the motors clamp control to [-1, 1]; the energy term sees the action itself
+ACTION_SCALE = 3.0  # the motors clip control to [-1, 1]; the energy term uses the unclipped action
 EXTREMITIES = ("right_hand", "left_hand", "right_foot", "left_foot")
 
 
 class Humanoid(Environment):
-    """Head, axes, centre of mass and its velocity are sensors: they lag one physics step."""
+    """The paper's humanoid.
+
+    Sensors measure the head, the torso axes, the center of mass and its velocity, so these lag one
+    physics step.
+    """
 
     model_file = "assets/humanoid.xml"
     substeps = 2
@@ -27,7 +31,7 @@ class Humanoid(Environment):
         nconmax: int = 8
         njmax: int = 53
         extremities: bool = False
-        """Observe where hands and feet are (12 numbers) instead of the paper's three zeros."""
+        """Observe positions of hands and feet (12 numbers) instead of the paper's three zeros."""
 
     @cached_property
     def head(self) -> Tensor:
@@ -53,7 +57,7 @@ class Humanoid(Environment):
 
     def initial_qpos(self) -> np.ndarray:
         qpos = np.zeros(self.physics.model.nq)
-        qpos[2:4] = 1.4, 1.0  # metres above the floor, upright
+        qpos[2:4] = 1.4, 1.0  # height in m; upright (quaternion w)
         return qpos
 
     def observe(self) -> Tensor:
@@ -82,7 +86,7 @@ class Humanoid(Environment):
             Part("position.head.z", 1, "m"),
             *extremities,
             *(Part(f"torso.{axis}.z", 1, "world-z of the torso's own axis") for axis in "xyz"),
-            Part("velocity.center", 3, "m/s, of the centre of mass, in the world"),
+            Part("velocity.center", 3, "m/s, of the center of mass, in the world"),
             *velocities(model),
         ]
 

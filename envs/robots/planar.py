@@ -1,4 +1,4 @@
-"""What robots that cannot leave the x-z plane have in common."""
+"""Base class for robots that move in the x-z plane."""
 
 import torch
 from torch import Tensor
@@ -6,13 +6,13 @@ from torch import Tensor
 from ..worlds.environment import Environment
 from ..worlds.layout import Part, positions, velocities
 
-MAX_VELOCITY = 10.0  # m/s, rad/s; what is faster looks like this
+MAX_VELOCITY = 10.0  # m/s, rad/s; clipping limit of observed velocities
 
 
 class Planar(Environment):
-    """It sees its joints, how high it is and how it leans, but not how far it has come.
+    """A planar robot that observes its joints, height and pitch, but not its distance x.
 
-    The first positions are x, z and the pitch of its torso, in metres and radians.
+    The first entries of qpos are x and z (m) and the pitch (rad) of the torso.
     """
 
     def observe(self) -> Tensor:
@@ -27,5 +27,5 @@ class Planar(Environment):
         return {"x": self.physics.qpos[:, 0]}
 
     def speed(self) -> Tensor:
-        """(N,) along x, the mean over the control step, in m/s."""
+        """Return the mean velocity (N,) along x over the control step in m/s."""
         return (self.physics.qpos[:, 0] - self.memory["x"]) / self.dt

@@ -1,4 +1,4 @@
-"""Planar biped: run as fast as you can, spend little energy."""
+"""Planar biped: run as fast as possible, use little energy."""
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ class Walker(Planar):
 
     def initial_qpos(self) -> np.ndarray:
         qpos = np.zeros(self.physics.model.nq)
-        qpos[1] = 1.5  # metres: the feet hang 0.2 above the floor
+        qpos[1] = 1.5  # m; the feet are 0.2 m above the floor
         return qpos
 
     def apply(self, action: Tensor) -> None:

@@ -1,6 +1,9 @@
-"""Check a task's model and the shapes that its methods return."""
+"""Check a task's model and the shapes that its methods return.
 
-from typing import TYPE_CHECKING
+`env` is an `Environment` that is being built.
+"""
+
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -8,11 +11,8 @@ import torch
 
 from ..errors import MorlaxError
 
-if TYPE_CHECKING:
-    from .environment import Environment
 
-
-def model(task: type["Environment"], compiled: mujoco.MjModel) -> None:
+def model(task: type, compiled: mujoco.MjModel) -> None:
     """Refuse models with state that a reset does not restore."""
     for name, kind in (("nhistory", "delayed actuators or sensors"), ("npluginstate", "plugins")):
         if getattr(compiled, name):
@@ -22,7 +22,7 @@ def model(task: type["Environment"], compiled: mujoco.MjModel) -> None:
             )
 
 
-def start(env: "Environment") -> np.ndarray:
+def start(env: Any) -> np.ndarray:
     """Return `initial_qpos()` if it has the shape (nq,)."""
     qpos, nq = np.asarray(env.initial_qpos()), env.physics.model.nq
     if qpos.shape != (nq,):
@@ -30,7 +30,7 @@ def start(env: "Environment") -> np.ndarray:
     return qpos
 
 
-def rows(env: "Environment", method: str, letter: str) -> int:
+def rows(env: Any, method: str, letter: str) -> int:
     """Return the width of the rows (N, width) that `method` returns, or 0 for None."""
     given, N = getattr(env, method)(), env.num_worlds
     if given is None:
@@ -41,7 +41,7 @@ def rows(env: "Environment", method: str, letter: str) -> int:
     return given.shape[1]
 
 
-def layout(env: "Environment") -> None:
+def layout(env: Any) -> None:
     """Check that `layout()` names as many numbers as `observe()` returns."""
     named = sum(part.size for part in env.layout())
     if named != env.observation_size:
@@ -51,7 +51,7 @@ def layout(env: "Environment") -> None:
         )
 
 
-def rewards(env: "Environment") -> None:
+def rewards(env: Any) -> None:
     """Check that `terms()` returns (N,) by name and `failed()` (N,) bool."""
     expected = f"({env.num_worlds},), one number per world"
     for name, term in env.terms().items():
@@ -64,7 +64,7 @@ def rewards(env: "Environment") -> None:
         raise _wrong(env, "failed()", f"{_shape(failed)} of {kind}", expected)
 
 
-def control(env: "Environment") -> None:
+def control(env: Any) -> None:
     """Check that `apply()` writes actions (N, A) into `physics.ctrl`, then restore it."""
     ctrl, N, A = env.physics.ctrl, env.num_worlds, env.action_size
     before = ctrl.clone()
@@ -87,5 +87,5 @@ def _shape(given: object) -> tuple[int, ...]:
     return tuple(getattr(given, "shape", ()))
 
 
-def _wrong(env: "Environment", what: str, given: object, expected: str) -> MorlaxError:
+def _wrong(env: Any, what: str, given: object, expected: str) -> MorlaxError:
     return MorlaxError(f"{type(env).__name__}.{what} has shape {given}: it must be {expected}.")

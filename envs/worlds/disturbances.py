@@ -1,7 +1,7 @@
-"""What happens to worlds beside their tasks: noise in what they observe, late actions, pushes.
+"""Disturbances of the worlds: observation noise, action delay and pushes.
 
-Each part draws from the worlds' own generator, writes tensors in place and never waits for the
-GPU. What it remembers from one step to the next is its `state`.
+Each class draws from the worlds' generator, updates tensors in place and never forces a GPU sync.
+`state` holds the tensors that persist between control steps.
 """
 
 import mujoco
@@ -14,14 +14,17 @@ from .layout import Part
 
 
 class Noise:
-    """Gaussian noise on observations, drawn once for each control step.
+    """Gaussian observation noise, drawn once per control step.
 
     Args:
-        deviations: by the name of a part of the observation, or by the beginning of several
-            ("position" is also that of "position.knee"; the longest counts), in their units.
-        parts: of the observation, O numbers in all.
-        physics: whose N worlds observe.
-        generator: to draw from.
+        deviations: standard deviations in the units of the observation, by the name of a part
+            ("position.knee") or a prefix of several ("position"). The longest match applies.
+        parts: the parts of the observation, O numbers in total.
+        physics: the simulation of the N worlds.
+        generator: draws the noise.
+
+    Raises:
+        MorlaxError: the observation has no part of a given name.
     """
 
     def __init__(
@@ -45,18 +48,19 @@ class Noise:
         self.state = {"noise": self.now}
 
     def draw(self) -> None:
-        """Let `now` be that of a new step."""
+        """Draw the noise of a new control step into `now` (N, O)."""
         self.now.normal_(generator=self.generator).mul_(self._deviations)
 
 
 class Delay:
-    """Actions that take effect some control steps late; until the first does, those of zero do.
+    """Delays actions by some control steps; zero actions apply until the first one arrives.
 
     Args:
-        steps: the fewest and the most, drawn for each world when an episode starts.
+        steps: smallest and largest delay in control steps, drawn per world at the start of each
+            episode.
         action_size: A.
-        physics: whose N worlds act.
-        generator: to draw from.
+        physics: the simulation of the N worlds.
+        generator: draws the delays.
     """
 
     def __init__(
@@ -64,19 +68,19 @@ class Delay:
     ):
         self.steps, self.generator = steps, generator
         N, A, device = physics.num_worlds, action_size, physics.device
-        self._past = torch.zeros(steps[1] + 1, N, A, device=device)  # the latest first
+        self._past = torch.zeros(steps[1] + 1, N, A, device=device)  # newest first
         self._late = torch.full((N,), steps[0], device=device)
         self._worlds = torch.arange(N, device=device)
         self.state = {"late": self._late, "past_actions": self._past}
 
     def __call__(self, action: Tensor) -> Tensor:
-        """The actions (N, A) that now take effect, when `action` (N, A) is chosen."""
+        """Store `action` (N, A) and return the delayed actions (N, A) to apply now."""
         self._past.copy_(self._past.roll(1, 0))
         self._past[0] = action
         return self._past[self._late, self._worlds]
 
     def begin(self, over: Tensor) -> None:
-        """Start new episodes in the worlds that are `over` (N,)."""
+        """Start new episodes in the worlds `over` (N,) bool."""
         self._past.masked_fill_(over[:, None], 0.0)
         fewest, most = self.steps
         if most > fewest:
@@ -85,13 +89,13 @@ class Delay:
 
 
 class Pushes:
-    """Sudden changes of the robot's horizontal velocity, each in a direction drawn at random.
+    """Sudden changes of the robot's horizontal velocity, each in a random direction.
 
     Args:
-        speed: of the change, in m/s.
-        every: control steps between two of them, on average; any step may bring one.
-        physics: whose N worlds are pushed.
-        generator: to draw from.
+        speed: size of the change in m/s.
+        every: mean number of control steps between pushes; every step has the same probability.
+        physics: the simulation of the N worlds.
+        generator: draws directions and times.
 
     Raises:
         MorlaxError: the robot cannot move along the floor.
@@ -103,13 +107,13 @@ class Pushes:
         dofs = horizontal(physics.model)
         if not dofs:
             raise MorlaxError(
-                "task.randomization.push: this robot cannot be pushed, as its first body neither "
-                "floats (a free joint) nor slides along the floor: leave it out."
+                "task.randomization.push: this robot cannot be pushed, because its first body has "
+                "neither a free joint nor a slide joint along the floor: remove the option."
             )
         self._dofs = torch.tensor(dofs, device=physics.device)
 
     def __call__(self) -> None:
-        """Push where it is due."""
+        """Push a random subset of the worlds."""
         shape = self.physics.num_worlds, len(self._dofs)
         direction = self.physics.qvel.new_empty(shape).normal_(generator=self.generator)
         direction /= direction.norm(dim=-1, keepdim=True)
@@ -119,7 +123,7 @@ class Pushes:
 
 
 def horizontal(model: mujoco.MjModel) -> list[int]:
-    """The degrees of freedom that move the first jointed body along the floor."""
+    """Return the degrees of freedom that move the first jointed body along the floor."""
     data, found = mujoco.MjData(model), []
     mujoco.mj_forward(model, data)
     for joint in range(model.njnt):

@@ -1,1 +1,1 @@
-"""Our worlds behind the interfaces of other libraries, a file for each."""
+"""Interfaces to other RL libraries, one file per library."""

@@ -1,4 +1,4 @@
-"""Returns of whole episodes, objective by objective, in a vector environment."""
+"""Episode statistics of a vector environment: returns per objective, lengths and times."""
 
 import time
 from typing import Any
@@ -12,30 +12,32 @@ from .gymnasium_vector import GymnasiumVectorEnv
 
 
 class EpisodeStatistics(VectorWrapper):
-    """Adds what each episode that ended paid to `info`, on the device, without waiting for it.
+    """Adds the statistics of finished episodes to `info`, on the device and without a GPU sync.
 
-    `info["episode"]` holds "r" (N, m) the return of each objective, "dr" (N, m) the discounted
-    one, "l" (N,) control steps and "t" (N,) seconds of the clock; they are zero but where the mask
-    `info["_episode"]` (N,) says that an episode ended in this step. A `tradeoff` changes nothing
-    here. For numpy, put `ArrayConversion` around this wrapper.
+    `info["episode"]` holds "r" (N, m), the return per objective; "dr" (N, m), the discounted
+    return; "l" (N,), the length in control steps; and "t" (N,), the wall-clock time in seconds.
+    The mask `info["_episode"]` (N,) marks the worlds whose episode ended in this step; all other
+    entries are zero. Returns are not weighted, even if the environment has a `tradeoff`. For
+    numpy, put `ArrayConversion` around this wrapper.
 
-    The keys are those of `MORecordEpisodeStatistics`, which takes a world to spend a step on its
-    reset. Ours do not: there (MO-Gymnasium 1.3.2) each episode of a world but its first loses
-    its first step, and discounted returns go on from one episode to the next.
+    The keys are those of `MORecordEpisodeStatistics` (MO-Gymnasium 1.3.2), which assumes that a
+    world spends one step on its reset. These worlds reset within the step, so with that wrapper
+    every episode except a world's first would lose its first step, and discounted returns would
+    continue from one episode into the next.
 
     Args:
-        env: as `gymnasium.make_vec` gives it.
-        gamma: the discount of "dr", for a control step.
+        env: the unwrapped environment from `gymnasium.make_vec`.
+        gamma: discount factor per control step, for "dr".
 
     Raises:
-        MorlaxError: something is around the environment already, or it is none of ours.
+        MorlaxError: `env` is already wrapped, or is not a `GymnasiumVectorEnv`.
     """
 
     def __init__(self, env: GymnasiumVectorEnv, gamma: float = 1.0):
         if not isinstance(env, GymnasiumVectorEnv):
             raise MorlaxError(
-                "EpisodeStatistics goes directly around gymnasium.make_vec('morlax_torch/...'), "
-                f"not around {type(env).__name__}: put other wrappers around it."
+                "EpisodeStatistics must directly wrap gymnasium.make_vec('morlax_torch/...'), "
+                f"not {type(env).__name__}: apply other wrappers after it."
             )
         super().__init__(env)
         self._gamma = gamma
@@ -47,13 +49,13 @@ class EpisodeStatistics(VectorWrapper):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Tensor, dict[str, Any]]:
-        """Start every world, and every sum, anew."""
+        """Reset all worlds and statistics; returns the observation (N, O) and an empty info."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(torch.ones_like(self._lengths, dtype=torch.bool))
         return observation, info
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """One control step under actions (N, A)."""
+        """Advance by one control step under actions (N, A), and add the statistics to `info`."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         objectives = info.get("vector_reward", reward)
         self._returns += objectives

@@ -1,4 +1,4 @@
-"""One world as an environment of Gymnasium, in numpy, that can be looked at."""
+"""One world as a Gymnasium environment in numpy, with rendering."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,26 +20,26 @@ from .window import Window
 
 
 class GymnasiumEnv(gymnasium.Env, EzPickle):
-    """What `gymnasium.make("morlax_torch/Ant-v0")` makes: one world on C MuJoCo.
+    """One world on C MuJoCo, as made by `gymnasium.make("morlax_torch/Ant-v0")`.
 
-    Rewards are (m,), which follows MO-Gymnasium's conventions. With a `tradeoff` a reward is one
-    number, the sum of the objectives weighted by it, which follows Gymnasium's, and
-    `info["vector_reward"]` (m,) holds the objectives.
+    The reward is a vector (m,), as in MO-Gymnasium. With a `tradeoff`, the reward is the weighted
+    sum of the objectives, one number as in Gymnasium, and `info["vector_reward"]` (m,) holds the
+    objectives.
 
-    Episodes end by themselves after `episode_length` control steps (a task option). `worlds` is
-    our own environment underneath. A copy by pickle starts anew.
+    The world truncates its own episodes after `episode_length` control steps (a task option).
+    `worlds` is the underlying morlax_torch environment. An unpickled copy starts from scratch.
 
     Args:
-        task: a name of `envs.names()`; an id already says which.
-        tradeoff: (m,) not negative; used as it is, so it need not sum to one.
-        render_mode: "rgb_array" for pictures from `render`, "human" for a window that follows
-            by itself in real time, or None.
-        width: of the pictures, in pixels.
-        height: likewise.
+        task: one of `envs.names()`; a Gymnasium id sets it already.
+        tradeoff: (m,), not negative; used as given, so it need not sum to one.
+        render_mode: "rgb_array" for images from `render`, "human" for a window that updates
+            itself in real time, or None.
+        width: image width in pixels.
+        height: image height in pixels.
         task_options: as for `envs.make`, for example `reset_noise=0.01`.
 
     Raises:
-        MorlaxError: an unknown option or render mode, or a trade-off that is none.
+        MorlaxError: an unknown option or render mode, or an invalid trade-off.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"]}
@@ -68,24 +68,24 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
         self._data = mujoco.MjData(worlds.physics.model)
         self._scene: Scene | None = None
         self._window: Window | None = None
-        self._begun = False
+        self._was_reset = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start an episode: the observation (O,), and no info.
+        """Start a new episode; returns the observation (O,) and an empty info.
 
         Args:
-            seed: of whatever the world draws from here on; without one in the first reset it
-                draws by chance.
-            options: none are known.
+            seed: random seed of the world from here on. Without one, the first reset picks a
+                random seed and later resets continue its random draws.
+            options: not supported; must be empty or None.
 
         Raises:
-            MorlaxError: there are options.
+            MorlaxError: `options` is not empty.
         """
         super().reset(seed=seed)
-        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._begun)
-        self._begun = True
+        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._was_reset)
+        self._was_reset = True
         observation = self.worlds.reset()[0].numpy()
         if self.render_mode == "human":
             self.render()
@@ -94,10 +94,10 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
     def step(
         self, action: ArrayLike
     ) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
-        """One control step under an action (A,) in [-1, 1].
+        """Advance the world by one control step under an action (A,) in [-1, 1].
 
         Raises:
-            MorlaxError: an action that is none, or no reset before.
+            MorlaxError: an invalid action, or `reset` was never called.
         """
         step = self.worlds.step(self._checked(action)[None])
         reward, info = step.reward[0], {}
@@ -112,18 +112,20 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
         return observation, reward, bool(step.terminated), bool(step.truncated), info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The robot as it stands, (height, width, 3) RGB; in "human" mode the window shows it.
+        """Return an image of the robot, (height, width, 3) RGB, or update the window.
+
+        In "human" mode the window shows the robot, and the result is None.
 
         Raises:
-            MorlaxError: no render mode was asked for, no reset was before, or there is no OpenGL
-                or no screen.
+            MorlaxError: the environment has no render mode, `reset` was never called, or there is
+                no OpenGL or no screen.
         """
         if self.render_mode is None:
             raise MorlaxError(
-                "nothing is drawn without a render mode: make the environment with "
-                "render_mode='rgb_array', or 'human' for a window."
+                "this environment has no render mode: make it with render_mode='rgb_array', or "
+                "'human' for a window."
             )
-        self._check_begun("render")
+        self._check_reset("render")
         physics = self.worlds.physics
         self._data.qpos[:] = physics.qpos[0].numpy()
         self._data.qvel[:] = physics.qvel[0].numpy()
@@ -135,28 +137,28 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
         return self._scene.draw(self._data)
 
     def close(self) -> None:
-        """Close the window, or free what draws pictures."""
-        for open_one in (self._scene, self._window):
-            if open_one is not None:
-                open_one.close()
+        """Close the window and free the renderer."""
+        for viewer in (self._scene, self._window):
+            if viewer is not None:
+                viewer.close()
         self._scene = self._window = None
 
-    def _check_begun(self, call: str) -> None:
-        if not self._begun:
+    def _check_reset(self, call: str) -> None:
+        if not self._was_reset:
             raise MorlaxError(f"{call} was called before reset: call reset first.")
 
     def _checked(self, action: ArrayLike) -> torch.Tensor:
-        self._check_begun("step")
+        self._check_reset("step")
         size = self.worlds.action_size
         try:
             numbers = np.asarray(action, dtype=np.float32)
-        except (TypeError, ValueError):  # a GPU's tensor, rows of unequal length, words
+        except (TypeError, ValueError):  # a tensor on the GPU, ragged rows, strings
             raise MorlaxError(
-                f"an action is a numpy array of {size} numbers, but this is a "
-                f"{type(action).__name__} that numpy cannot read."
+                f"an action must be a numpy array of {size} numbers, but numpy cannot convert "
+                f"this {type(action).__name__}."
             ) from None
         if numbers.shape != (size,):
             raise MorlaxError(f"an action needs the shape {(size,)}, but has {numbers.shape}.")
         if not np.isfinite(numbers).all():
-            raise MorlaxError("an action must be finite, but this one holds a NaN or an infinity.")
+            raise MorlaxError("an action must be finite, but it contains a NaN or an infinity.")
         return torch.tensor(numbers)

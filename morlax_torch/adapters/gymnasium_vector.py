@@ -1,4 +1,4 @@
-"""N worlds as a vector environment of Gymnasium, in torch tensors."""
+"""N worlds as a Gymnasium vector environment, in torch tensors."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,28 +19,30 @@ from .resetting import prepare
 
 
 class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
-    """What `gymnasium.make_vec("morlax_torch/Ant-v0", num_envs=4096)` makes.
+    """N worlds, as made by `gymnasium.make_vec("morlax_torch/Ant-v0", num_envs=4096)`.
 
-    Everything is a torch tensor on `device`, and nothing waits for a GPU. A world whose episode
-    ends begins the next one in the same step (`AutoresetMode.SAME_STEP`). `info` has the layout
-    of Gymnasium's own `SyncVectorEnv`, but in every step: `final_obs` (N, O) is what was seen
-    before any reset and the mask `_final_obs` (N,) says whose episode ended.
+    Everything is a torch tensor on `device`, and no method forces a GPU sync. A world whose
+    episode ends starts the next one in the same step (`AutoresetMode.SAME_STEP`). `info` has the
+    layout of Gymnasium's `SyncVectorEnv`, but is complete in every step: `final_obs` (N, O) holds
+    the observations before any reset, and the mask `_final_obs` (N,) marks the worlds whose
+    episode ended.
 
-    Rewards are (N, m). With a `tradeoff` they are (N,), the sum of the objectives weighted by it,
-    and `info["vector_reward"]` (N, m) holds the objectives.
+    Rewards are (N, m). With a `tradeoff` they are (N,), the weighted sum of the objectives, and
+    `info["vector_reward"]` (N, m) holds the objectives.
 
-    `reward_space` is what one world pays; `worlds` is our own environment underneath.
+    `reward_space` is the reward space of one world. `worlds` is the underlying morlax_torch
+    environment.
 
     Args:
-        task: a name of `envs.names()`; an id already says which.
+        task: one of `envs.names()`; a Gymnasium id sets it already.
         num_envs: N.
         device: as for `envs.make`.
-        backend: likewise.
-        tradeoff: (m,) not negative; used as it is, so it need not sum to one.
-        task_options: likewise, for example `episode_length=200`.
+        backend: as for `envs.make`.
+        tradeoff: (m,), not negative; used as given, so it need not sum to one.
+        task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown option, no such device, or a trade-off that is none.
+        MorlaxError: an unknown option, a missing device, or an invalid trade-off.
     """
 
     def __init__(
@@ -63,47 +65,52 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
         self._weights = None
         if tradeoff is not None:
             self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
-        self._begun = False
+        self._was_reset = False
         self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
-        self._made: TimeStep | None = None
+        self._time_step: TimeStep | None = None
         self._advance = Graph(self._one_step, worlds.device, [worlds.generator])
-        self._advance.record()
+        if worlds.recordable:
+            self._advance.record()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Tensor, dict[str, Any]]:
-        """Start every world anew: the observation (N, O), and no info.
+        """Reset every world; returns the observation (N, O) and an empty info.
 
         Args:
-            seed: of whatever the worlds draw from here on; without one in the first reset they
-                draw by chance.
-            options: none are known.
+            seed: random seed of the worlds from here on. Without one, the first reset picks a
+                random seed and later resets continue its random draws.
+            options: not supported; must be empty or None.
 
         Raises:
-            MorlaxError: there are options.
+            MorlaxError: `options` is not empty.
         """
         super().reset(seed=seed)
-        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._begun)
-        self._begun = True
+        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._was_reset)
+        self._was_reset = True
         return self.worlds.reset(), {}
 
     @torch.no_grad()
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """One control step under actions (N, A) in [-1, 1], which lie on the device.
+        """Advance every world by one control step.
 
-        Whether they are finite is not looked at, because that would wait for the GPU: a world
-        that is given a NaN pays NaN, or ends its episode; the others do not notice.
+        Values are not checked for being finite, since the check would force a GPU sync. A world
+        that receives a NaN returns a NaN reward or ends its episode; the other worlds are
+        unaffected.
+
+        Args:
+            actions: (N, A) in [-1, 1], on the device of the worlds.
 
         Raises:
-            MorlaxError: actions of another shape or device, or no reset before.
+            MorlaxError: actions of another shape or device, or `reset` was never called.
         """
         self._check(actions)
         self._action.copy_(actions)
         with one_thread(self.device):
             self._advance()
-        assert self._made is not None
-        # a replayed graph writes the same memory in every step
-        observation, reward, terminated, truncated, final = (x.clone() for x in self._made[:5])
+        assert self._time_step is not None
+        # a replayed graph overwrites the same memory in every step
+        observation, reward, terminated, truncated, final = (x.clone() for x in self._time_step[:5])
         done = terminated | truncated
         info: dict[str, Any] = {"final_obs": final, "_final_obs": done}
         info |= {"final_info": {}, "_final_info": done}
@@ -114,9 +121,9 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
         return observation, reward, terminated, truncated, info
 
     def _one_step(self) -> None:
-        self._made = self.worlds.step(self._action)
+        self._time_step = self.worlds.step(self._action)
 
     def _check(self, actions: Tensor) -> None:
-        if not self._begun:
+        if not self._was_reset:
             raise MorlaxError("step was called before reset: call reset first.")
         check_actions(actions, self._action.shape, self.device)

@@ -1,4 +1,4 @@
-"""Whether a library that one of our interfaces serves is there."""
+"""Check that the library an adapter needs is installed."""
 
 import re
 from importlib import metadata
@@ -7,16 +7,16 @@ from ..envs import MorlaxError
 
 
 def require(name: str, package: str, least: str, extra: str) -> None:
-    """Say what to install, where a library is missing or too old.
+    """Check that a library is installed and recent enough.
 
     Args:
-        name: the library's, in prose.
-        package: as pip calls it.
-        least: the first version that can be served.
-        extra: of morlax-torch, that brings it along.
+        name: name of the library in messages.
+        package: name of its package on PyPI.
+        least: oldest supported version.
+        extra: extra of morlax-torch that installs it.
 
     Raises:
-        MorlaxError: it is not installed, or older than `least`.
+        MorlaxError: the library is missing, or older than `least`.
     """
     install = f"pip install 'morlax-torch[{extra}]'"
     try:

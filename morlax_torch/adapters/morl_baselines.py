@@ -1,4 +1,4 @@
-"""Our policies where morl-baselines evaluates its own; of it, nothing is needed here."""
+"""Policies in the form that morl-baselines evaluates; does not import morl-baselines."""
 
 import numpy as np
 import torch
@@ -9,30 +9,30 @@ from ..networks.policy import Policy
 
 
 class MorlBaselinesAgent:
-    """What `policy_evaluation_mo` and `eval_mo` of morl-baselines take for an agent.
+    """An agent for `policy_evaluation_mo` and `eval_mo` of morl-baselines.
 
-    Its environments are our single ones, `gymnasium.make("morlax_torch/Hopper-v0")`.
+    Evaluate it in a single environment, such as `gymnasium.make("morlax_torch/Hopper-v0")`.
 
     Args:
-        policy: as `morlax_torch.load` gives it, on any device.
-        gamma: the discount of what is called a discounted return, for a control step.
+        policy: from `morlax_torch.load`, on any device.
+        gamma: discount factor per control step, for the discounted returns.
     """
 
     def __init__(self, policy: Policy, gamma: float = 0.99):
         self.policy, self.gamma = policy, gamma
 
     def eval(self, obs: ArrayLike, w: ArrayLike) -> NDArray[np.float32]:
-        """The action (A,) in (-1, 1) for an observation (O,) under a trade-off w (m,).
+        """Return the action (A,) in (-1, 1) for an observation (O,) under a trade-off w (m,).
 
         Raises:
-            MorlaxError: it is no observation of the policy's task, or no trade-off.
+            MorlaxError: `obs` does not fit the policy's task, or `w` is not a trade-off.
         """
         agent = self.policy.agent
         place = agent.observation_normalizer.mean.device
-        seen = torch.as_tensor(np.asarray(obs, dtype=np.float32), device=place)
-        if seen.shape != (agent.observation_size,):
+        observation = torch.as_tensor(np.asarray(obs, dtype=np.float32), device=place)
+        if observation.shape != (agent.observation_size,):
             raise MorlaxError(
-                f"an observation of this policy is {agent.observation_size} numbers, but this "
-                f"has the shape {tuple(seen.shape)}: is it from another task?"
+                f"this policy needs an observation of {agent.observation_size} numbers, but got "
+                f"the shape {tuple(observation.shape)}: use an environment of the policy's task."
             )
-        return self.policy(seen[None], np.asarray(w, dtype=np.float32))[0].cpu().numpy()
+        return self.policy(observation[None], np.asarray(w, dtype=np.float32))[0].cpu().numpy()

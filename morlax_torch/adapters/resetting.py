@@ -1,4 +1,4 @@
-"""What reset means to every environment of Gymnasium's that is made of our worlds."""
+"""Handle the arguments of `reset` for the Gymnasium environments."""
 
 from typing import Any
 
@@ -13,12 +13,20 @@ def prepare(
     options: dict[str, Any] | None,
     draw: bool,
 ) -> None:
-    """Refuse options, of which none are known, and let the worlds `draw` from a new seed.
+    """Reject options, and reseed the worlds if `draw`.
+
+    Args:
+        worlds: reseeded in place.
+        random: the environment's generator, which draws the seed of the worlds.
+        options: as passed to `reset`; none are supported.
+        draw: whether to reseed.
 
     Raises:
-        MorlaxError: there are options.
+        MorlaxError: `options` is not empty.
     """
     if options:
-        raise MorlaxError(f"reset knows no options, but got {', '.join(map(repr, options))}.")
+        raise MorlaxError(
+            f"reset takes no options, but got {', '.join(map(repr, options))}: leave them out."
+        )
     if draw:
         worlds.reseed(int(random.integers(2**63)))

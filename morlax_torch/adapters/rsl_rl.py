@@ -1,4 +1,4 @@
-"""N worlds under one trade-off as a VecEnv of rsl_rl, in tensors on the device."""
+"""N worlds under one trade-off as an rsl_rl VecEnv, in tensors on the device."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,28 +17,28 @@ from tensordict import TensorDict
 
 
 class RslRlVecEnv(VecEnv):
-    """The task's worlds, whose reward (N,) is the objectives weighted by `tradeoff`.
+    """N worlds of a task, whose reward (N,) is the objectives weighted by `tradeoff`.
 
-    The observation group "policy" is (N, O). Where the task has more for critics, "critic" is
-    (N, O + P). Actions are clipped to [-1, 1], since rsl_rl's policies know no bounds.
+    The observation group "policy" is (N, O). If the task has privileged features, the group
+    "critic" is (N, O + P). Actions are clipped to [-1, 1], since rsl_rl's policies are unbounded.
 
-    A step's extras hold "time_outs" (N,), by which rsl_rl tells a time limit from a failure,
-    "objectives" (N, m), what each objective paid, and after an episode's end "log": the return of
-    each objective over the episodes that ended.
+    The extras of a step hold "time_outs" (N,), which lets rsl_rl tell a time limit from a failure;
+    "objectives" (N, m), the reward of each objective; and, if episodes ended, "log", the returns
+    of these episodes per objective.
 
-    `cfg` says how the worlds were made, for rsl_rl to log.
+    `cfg` holds the arguments of the environment, for rsl_rl to log.
 
     Args:
-        task: a name of `envs.names()`.
-        tradeoff: (m,) not negative; used as it is, so it need not sum to one.
+        task: one of `envs.names()`.
+        tradeoff: (m,), not negative; used as given, so it need not sum to one.
         num_envs: N.
-        device: as for `envs.make`; give the runner the same.
-        backend: likewise.
-        seed: of whatever the worlds draw; without one they draw by chance.
-        task_options: likewise, for example `episode_length=200`.
+        device: as for `envs.make`; pass the same one to the runner.
+        backend: as for `envs.make`.
+        seed: random seed of the worlds; None picks one at random.
+        task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown task or option, no such device, or a trade-off that is none.
+        MorlaxError: an unknown task or option, a missing device, or an invalid trade-off.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def episode_length_buf(self) -> Tensor:
-        """(N,) control steps of each world's episode so far; writing it moves their time limits."""
+        """Control steps of each world's current episode, (N,); writable, to shift time limits."""
         return torch.as_tensor(self._worlds.age).long()
 
     @episode_length_buf.setter
@@ -69,26 +69,29 @@ class RslRlVecEnv(VecEnv):
         self._worlds.age[:] = steps.to(torch.int32)
 
     def get_observations(self) -> TensorDict:
-        """What the worlds show now, by group."""
+        """Return the current observations by group."""
         groups = {"policy": self._observation}
         if self._worlds.privileged_size:
             groups["critic"] = self._worlds.critic_observation()
         return TensorDict(groups, batch_size=[self.num_envs], device=self.device)
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
-        """One control step under actions (N, A): what is seen, rewards (N,), dones (N,), extras.
+        """Advance every world by one control step under actions (N, A).
+
+        Returns:
+            Observations by group, rewards (N,), dones (N,) and extras.
 
         Raises:
             MorlaxError: actions of another shape or device.
         """
-        made = self._statistics.step(actions.clamp(-1, 1))
-        self._observation, reward, terminated, truncated, info = made
+        result = self._statistics.step(actions.clamp(-1, 1))
+        self._observation, reward, terminated, truncated, info = result
         done = terminated | truncated
         extras: dict[str, Any] = {
             "time_outs": truncated & ~terminated,
             "objectives": info["vector_reward"],
         }
-        if done.any():  # rsl_rl itself waits for the GPU here, to sum up episodes
+        if done.any():  # a GPU sync, but rsl_rl syncs here anyway to sum up episodes
             returns = info["episode"]["r"][done].unbind(-1)
             names = (f"Return/{name}" for name in self.vector.objectives)
             extras["log"] = dict(zip(names, returns, strict=True))

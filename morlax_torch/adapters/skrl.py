@@ -1,4 +1,4 @@
-"""N worlds under one trade-off as a wrapped environment of skrl, in tensors on the device."""
+"""N worlds under one trade-off as a wrapped skrl environment, in tensors on the device."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,25 +18,25 @@ from skrl.envs.wrappers.torch import Wrapper
 
 
 class SkrlEnv(Wrapper):
-    """The task's worlds, whose reward (N, 1) is the objectives weighted by `tradeoff`.
+    """N worlds of a task, whose reward (N, 1) is the objectives weighted by `tradeoff`.
 
-    Actions are clipped to [-1, 1]. What the task has for critics alone is the state (N, O + P).
-    In `info`, "vector_reward" (N, m) is what each objective paid, and after an episode's end
-    "episode" the mean return of each objective, which skrl's trainers log.
+    Actions are clipped to [-1, 1]. If the task has privileged features, the state is (N, O + P).
+    `info` holds "vector_reward" (N, m), the reward of each objective, and, if episodes ended,
+    "episode", their mean return per objective, which skrl's trainers log.
 
-    `vector` is the environment of Gymnasium underneath.
+    `vector` is the underlying Gymnasium vector environment.
 
     Args:
-        task: a name of `envs.names()`.
-        tradeoff: (m,) not negative; used as it is, so it need not sum to one.
+        task: one of `envs.names()`.
+        tradeoff: (m,), not negative; used as given, so it need not sum to one.
         num_envs: N.
         device: as for `envs.make`.
-        backend: likewise.
-        seed: of whatever the worlds draw; without one they draw by chance.
-        task_options: likewise, for example `episode_length=200`.
+        backend: as for `envs.make`.
+        seed: random seed of the worlds; None picks one at random.
+        task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown task or option, no such device, or a trade-off that is none.
+        MorlaxError: an unknown task or option, a missing device, or an invalid trade-off.
     """
 
     def __init__(
@@ -56,17 +56,17 @@ class SkrlEnv(Wrapper):
 
     @property
     def observation_space(self) -> gymnasium.Space:
-        """What one world shows."""
+        """The observation space of one world."""
         return self.vector.single_observation_space
 
     @property
     def action_space(self) -> gymnasium.Space:
-        """What one world takes."""
+        """The action space of one world."""
         return self.vector.single_action_space
 
     @property
     def state_space(self) -> gymnasium.Space | None:
-        """What one world shows critics, where that is more."""
+        """The state space of one world, (O + P,); None without privileged features."""
         worlds = self.vector.worlds
         if not worlds.privileged_size:
             return None
@@ -74,17 +74,23 @@ class SkrlEnv(Wrapper):
         return gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
 
     def reset(self) -> tuple[Tensor, dict[str, Any]]:
-        """What the worlds show now, (N, O); they start anew by themselves, each in its time."""
+        """Return the current observation (N, O) and an empty info, without resetting any world.
+
+        Each world resets itself when its episode ends.
+        """
         return self._observation, {}
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """One control step under actions (N, A): (N, O), three times (N, 1), and info.
+        """Advance every world by one control step under actions (N, A).
+
+        Returns:
+            The observation (N, O), reward (N, 1), terminated (N, 1), truncated (N, 1) and info.
 
         Raises:
             MorlaxError: actions of another shape or device.
         """
-        made = self._statistics.step(actions.clamp(-1, 1))
-        self._observation, reward, terminated, truncated, info = made
+        result = self._statistics.step(actions.clamp(-1, 1))
+        self._observation, reward, terminated, truncated, info = result
         returns, done = info.pop("episode")["r"], info.pop("_episode")
         if done.any():
             means = returns[done].mean(0)
@@ -94,13 +100,13 @@ class SkrlEnv(Wrapper):
         return self._observation, *columns, info
 
     def state(self) -> Tensor | None:
-        """What critics see now, (N, O + P), where that is more."""
+        """Return the current state (N, O + P) for critics; None without privileged features."""
         worlds = self.vector.worlds
         return worlds.critic_observation() if worlds.privileged_size else None
 
     def render(self, *_: Any, **__: Any) -> None:
-        """Nothing is drawn."""
+        """Do nothing: rendering is not supported."""
 
     def close(self) -> None:
-        """Nothing is left open."""
+        """Close the underlying environment."""
         self.vector.close()

@@ -1,4 +1,4 @@
-"""N worlds under one trade-off as a VecEnv of Stable-Baselines3."""
+"""N worlds under one trade-off as a Stable-Baselines3 VecEnv, in numpy."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,25 +19,26 @@ from stable_baselines3.common.vec_env import VecEnv
 
 
 class StableBaselines3VecEnv(VecEnv):
-    """The task's worlds, in numpy, whose reward (N,) is the objectives weighted by `tradeoff`.
+    """N worlds of a task, whose reward (N,) is the objectives weighted by `tradeoff`.
 
-    Each world's info holds "vector_reward" (m,), and "TimeLimit.truncated"; where an episode has
-    ended also "terminal_observation" (O,) and "episode": return "r", steps "l", seconds "t" and
-    "returns" (m,) of the objectives. No Monitor is needed for Stable-Baselines3 to log episodes.
+    The info of each world holds "vector_reward" (m,) and "TimeLimit.truncated". If its episode
+    ended, it also holds "terminal_observation" (O,) and "episode": the return "r", length "l" in
+    control steps, wall-clock time "t" in seconds and "returns" (m,) of the objectives.
+    Stable-Baselines3 logs episodes from it without a Monitor.
 
-    The worlds are one batch: an attribute is the same for all of them and cannot be set, and no
-    wrapper is around a single one.
+    The worlds are one batch: they share their attributes, which cannot be set, and single worlds
+    cannot be wrapped.
 
     Args:
-        task: a name of `envs.names()`.
-        tradeoff: (m,) not negative; used as it is, so it need not sum to one.
+        task: one of `envs.names()`.
+        tradeoff: (m,), not negative; used as given, so it need not sum to one.
         num_envs: N.
         device: as for `envs.make`.
-        backend: likewise.
-        task_options: likewise, for example `episode_length=200`.
+        backend: as for `envs.make`.
+        task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown task or option, no such device, or a trade-off that is none.
+        MorlaxError: an unknown task or option, a missing device, or an invalid trade-off.
     """
 
     def __init__(
@@ -58,27 +59,33 @@ class StableBaselines3VecEnv(VecEnv):
         )
 
     def reset(self) -> NDArray[np.float32]:
-        """Start every world anew: (N, O). The first of the seeds that `seed` made is used."""
+        """Reset every world; returns the observation (N, O).
+
+        The first seed set by `seed` seeds all worlds.
+        """
         observation, _ = self._statistics.reset(seed=self._seeds[0], options=self._options[0])
         self._reset_seeds()
         self._reset_options()
         return observation.cpu().numpy()
 
     def step_async(self, actions: NDArray) -> None:
-        """Take note of actions (N, A) in [-1, 1].
+        """Store actions (N, A) in [-1, 1] for `step_wait`.
 
         Raises:
-            MorlaxError: they are not finite.
+            MorlaxError: an action is not finite.
         """
         if not np.isfinite(actions).all():
-            raise MorlaxError("actions must be finite, but these hold a NaN or an infinity.")
+            raise MorlaxError("actions must be finite, but these contain a NaN or an infinity.")
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray, NDArray, NDArray, list[dict[str, Any]]]:
-        """Make the step: observation (N, O), reward (N,), done (N,) and N infos.
+        """Advance every world by one control step under the stored actions.
+
+        Returns:
+            The observation (N, O), reward (N,), done (N,) and N infos.
 
         Raises:
-            MorlaxError: actions of another shape, or no reset before.
+            MorlaxError: actions of another shape, or `reset` was never called.
         """
         actions = torch.as_tensor(self._actions, device=self.vector.device)
         observation, reward, terminated, truncated, info = self._statistics.step(actions)
@@ -86,8 +93,8 @@ class StableBaselines3VecEnv(VecEnv):
         timed_out = (truncated & ~terminated).cpu().numpy()
         objectives = info["vector_reward"].cpu().numpy()
         infos: list[dict[str, Any]] = [
-            {"TimeLimit.truncated": over, "vector_reward": paid}
-            for over, paid in zip(timed_out.tolist(), objectives, strict=True)
+            {"TimeLimit.truncated": over, "vector_reward": vector_reward}
+            for over, vector_reward in zip(timed_out.tolist(), objectives, strict=True)
         ]
         if done.any():
             final = info["final_obs"].cpu().numpy()
@@ -103,39 +110,39 @@ class StableBaselines3VecEnv(VecEnv):
         return observation.cpu().numpy(), reward.cpu().numpy(), done, infos
 
     def close(self) -> None:
-        """Nothing is left open."""
+        """Close the underlying environment."""
         self.vector.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The batch's attribute, once for each of the worlds asked for."""
+        """Return the attribute of the batch, once per requested world."""
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused.
+        """Refuse to set an attribute.
 
         Raises:
             MorlaxError: always.
         """
         raise MorlaxError(
-            f"{attr_name} cannot be set: the worlds are one batch, whose options are given when "
-            "it is made."
+            f"{attr_name} cannot be set, since the worlds are one batch: pass options to the "
+            "constructor."
         )
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Refused.
+        """Refuse to call a method of single worlds.
 
         Raises:
             MorlaxError: always.
         """
         raise MorlaxError(
-            f"{method_name} cannot be called for single worlds: they are one batch. Call it on "
-            "`env.vector`."
+            f"{method_name} cannot be called on single worlds, since they are one batch: call it "
+            "on `env.vector`."
         )
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None
     ) -> list[bool]:
-        """False for each of the worlds asked for."""
+        """Return False for each requested world."""
         return [False for _ in self._get_indices(indices)]

@@ -1,4 +1,4 @@
-"""N worlds as an environment of TorchRL, a reward for each objective."""
+"""N worlds as a TorchRL environment, with one reward per objective."""
 
 from typing import Any
 
@@ -19,27 +19,27 @@ from torchrl.envs import EnvBase
 
 
 class TorchRLEnv(EnvBase):
-    """The task's worlds, of batch size (N,), on the device.
+    """N worlds of a task on the device, with batch size (N,).
 
     "observation" is (N, O), "action" (N, A) in [-1, 1], "reward" (N, m), and "done", "terminated"
-    and "truncated" are (N, 1). `LineariseRewards` makes one number of the objectives.
+    and "truncated" are (N, 1). TorchRL's `LineariseRewards` scalarizes the objectives.
 
-    A world whose episode is over waits for a reset, which may be of a part of the worlds
-    ("_reset"), so ("next", "observation") is always what the step led to. `rollout` and
-    collectors reset it in time.
+    A world whose episode ended waits for a reset, and "_reset" can select some of the worlds. So
+    ("next", "observation") is always the observation after the step. `rollout` and collectors
+    reset worlds where needed.
 
-    `set_seed` decides what the worlds draw; without it they draw the same each time. `worlds` is
-    our own environment underneath.
+    `set_seed` sets the random seed of the worlds, which is otherwise the same each time. `worlds`
+    is the underlying morlax_torch environment.
 
     Args:
-        task: a name of `envs.names()`.
+        task: one of `envs.names()`.
         num_envs: N.
         device: as for `envs.make`.
-        backend: likewise.
-        task_options: likewise, for example `episode_length=200`.
+        backend: as for `envs.make`.
+        task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown task or option, or no such device.
+        MorlaxError: an unknown task or option, or a missing device.
     """
 
     def __init__(
@@ -54,26 +54,27 @@ class TorchRLEnv(EnvBase):
         super().__init__(device=worlds.device, batch_size=torch.Size([num_envs]))
         self.worlds, self.objectives = worlds, worlds.objectives
         self._declare()
-        self._begun = False
+        self._was_reset = False
         self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
         self._which = torch.zeros(num_envs, dtype=torch.bool, device=worlds.device)
-        self._made: TimeStep | None = None
+        self._time_step: TimeStep | None = None
         self._observation = torch.zeros(num_envs, worlds.observation_size, device=worlds.device)
         self._advance = Graph(self._one_step, worlds.device, [worlds.generator])
         self._restart = Graph(self._some_restart, worlds.device, [worlds.generator])
-        self._advance.record()
-        self._restart.record()
+        if worlds.recordable:
+            self._advance.record()
+            self._restart.record()
 
     def to(self, device: str | torch.device) -> "TorchRLEnv":
-        """Itself, if it is there already.
+        """Return the environment itself if it is already on the device.
 
         Raises:
-            MorlaxError: it is not.
+            MorlaxError: it is on another device; worlds cannot move.
         """
         if envs.resolve_device(device) != self.worlds.device:
             raise MorlaxError(
-                f"the worlds are on {self.worlds.device} and cannot move to {device}: give "
-                "device= when they are made."
+                f"the worlds are on {self.worlds.device} and cannot move to {device}: pass "
+                "device= to the constructor."
             )
         return self
 
@@ -98,7 +99,7 @@ class TorchRLEnv(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDict:
         which = None if tensordict is None else tensordict.get("_reset", None)
-        self._begun = True
+        self._was_reset = True
         if which is None:
             observation = self.worlds.reset()
         else:
@@ -110,25 +111,25 @@ class TorchRLEnv(EnvBase):
 
     @torch.no_grad()
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        if not self._begun:
+        if not self._was_reset:
             raise MorlaxError("step was called before reset: call reset first.")
         actions = tensordict["action"]
         check_actions(actions, self._action.shape, self.worlds.device)
         self._action.copy_(actions)
         with one_thread(self.worlds.device):
             self._advance()
-        assert self._made is not None
-        # a replayed graph writes the same memory in every step
-        observation, reward, terminated, truncated = (x.clone() for x in self._made[:4])
-        made = self._packed(observation, terminated[:, None], truncated[:, None])
-        return made.set("reward", reward)
+        assert self._time_step is not None
+        # a replayed graph overwrites the same memory in every step
+        observation, reward, terminated, truncated = (x.clone() for x in self._time_step[:4])
+        result = self._packed(observation, terminated[:, None], truncated[:, None])
+        return result.set("reward", reward)
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
             self.worlds.generator.manual_seed(seed)
 
     def _one_step(self) -> None:
-        self._made = self.worlds.step(self._action)
+        self._time_step = self.worlds.step(self._action)
 
     def _some_restart(self) -> None:
         self._observation.copy_(self.worlds.restart(self._which))

@@ -1,4 +1,4 @@
-"""The evaluations that a run made while it trained."""
+"""The evaluations of a run during training."""
 
 import csv
 from pathlib import Path
@@ -11,18 +11,18 @@ from .front import hypervolume_in
 
 
 class History(NamedTuple):
-    """A row for each evaluation."""
+    """Training curves with one value per evaluation, E in all."""
 
     env_steps: np.ndarray  # (E,)
-    train_seconds: np.ndarray  # (E,)
+    train_seconds: np.ndarray  # (E,) wall-clock time of rollouts and updates only
     hypervolume: np.ndarray  # (E,)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """The curves of a metrics.csv, exact or approximate hypervolume.
+        """Read a run's metrics.csv; the hypervolume is exact or approximate, as in the file.
 
         Raises:
-            MorlaxError: it cannot be read, or holds something else.
+            MorlaxError: the file cannot be read, or is damaged.
         """
         try:
             with path.open(newline="") as file:
@@ -34,6 +34,6 @@ class History(NamedTuple):
             raise MorlaxError(f"cannot read {path}: {error.strerror}.") from None
         except (IndexError, KeyError, StopIteration, TypeError, ValueError):
             raise MorlaxError(
-                f"{path} is damaged: it should have a row for each evaluation of a run, with "
-                "env_steps, train_seconds and hypervolume."
+                f"{path} is damaged: it needs a row for each evaluation of a run, with env_steps, "
+                "train_seconds and hypervolume."
             ) from None

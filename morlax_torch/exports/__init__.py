@@ -1,1 +1,1 @@
-"""Policies as files of other formats."""
+"""Export policies to ONNX, TorchScript and torch.export files."""

@@ -1,4 +1,4 @@
-"""Write policies to files, and check what was written."""
+"""Write policies to files, and check the files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ BATCHES = (3, 1, 8)  # batch sizes to check; the first is also traced
 class FamilyPolicy(nn.Module):
     """A policy with the trade-off as an input: observations (B, O) and (m,) to actions (B, A).
 
-    It checks nothing: the trade-off must not be negative or all zero.
+    It checks no input: the trade-off must not be negative or all zero.
     """
 
     def __init__(self, policy: Policy):
@@ -49,16 +49,16 @@ def export(
     Args:
         policy: on the CPU.
         output: the file; an existing one is overwritten.
-        format: of the file.
+        format: file format.
         tradeoff: (m,) for a policy (B, O) to (B, A); None keeps the trade-off as an input.
-        about: plain values to write into the file, added to the policy's `manifest`.
+        about: plain values for the file's metadata, added to the policy's `manifest`.
 
     Returns:
         The largest difference between actions of the file and of the policy.
 
     Raises:
-        MorlaxError: a wrong trade-off, a network that this format cannot hold, a missing extra,
-            or a file that cannot be written.
+        MorlaxError: a wrong trade-off, a network that this format cannot represent, a missing
+            extra, or a file that cannot be written.
     """
     chosen = FORMATS[format]
     module = FamilyPolicy(policy) if tradeoff is None else policy.specialize(tradeoff)
@@ -72,7 +72,7 @@ def export(
     if not largest < TOLERANCE:
         raise MorlaxError(
             f"as {format}, actions differ from the policy's by up to {largest:.1e}, more than "
-            f"{TOLERANCE:.0e}: this format cannot hold the network, try another --format."
+            f"{TOLERANCE:.0e}: this format cannot represent the network, try another --format."
         )
     with replacing(output) as file:
         file.write(data)

@@ -1,4 +1,4 @@
-"""The files that a policy can be exported to: how each is written, and read back."""
+"""The export formats: how to write each, and how to read it back."""
 
 import io
 import json
@@ -19,7 +19,11 @@ OUTPUT = "action"
 
 
 class Format(NamedTuple):
-    """`write` takes a program and what is to be known of it; `read` gives what then runs."""
+    """A file format.
+
+    `write` maps a program and its metadata to the file's bytes; `read` maps these to a callable
+    that takes the program's inputs and returns actions.
+    """
 
     ending: str
     write: Callable[[ExportedProgram, dict[str, Any]], bytes]
@@ -27,7 +31,7 @@ class Format(NamedTuple):
 
 
 def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
-    """A model whose metadata_props hold each entry of `about` as JSON."""
+    """Return an ONNX model with each entry of `about` as JSON in its metadata_props."""
     _onnx()
     exported = torch.onnx.export(program, dynamo=True, output_names=[OUTPUT], verbose=False)
     assert exported is not None
@@ -36,7 +40,7 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
         rows = value.type.tensor_type.shape.dim[0]
         if rows.dim_param:
             rows.dim_param = "batch"
-    del model.graph.value_info[:]  # they call the batch size something else
+    del model.graph.value_info[:]  # they have another name for the batch size
     del model.metadata_props[:]
     for name, value in about.items():
         model.metadata_props.add(key=name, value=json.dumps(value))
@@ -55,11 +59,11 @@ def read_onnx(data: bytes) -> Callable[..., Tensor]:
 
 
 def write_torchscript(program: ExportedProgram, about: dict[str, Any]) -> bytes:
-    """A traced module with an extra file of JSON."""
+    """Return a traced module with `about` in an extra JSON file."""
     module = program.module(check_guards=False)
     assert isinstance(module, fx.GraphModule) and program.example_inputs is not None
     for node in list(module.graph.nodes):
-        if node.target is torch.ops.aten.sym_size.int:  # tracing would write down this one's size
+        if node.target is torch.ops.aten.sym_size.int:  # tracing would fix the batch size
             for user in list(node.users):
                 user.args = fx.node.map_arg(user.args, lambda x, own=node: -1 if x is own else x)
             module.graph.erase_node(node)
@@ -75,7 +79,7 @@ def read_torchscript(data: bytes) -> Callable[..., Tensor]:
 
 
 def write_torch_export(program: ExportedProgram, about: dict[str, Any]) -> bytes:
-    """An exported program with an extra file of JSON."""
+    """Return an exported program with `about` in an extra JSON file."""
     file = io.BytesIO()
     torch.export.save(program, file, extra_files={EXTRA_FILE: json.dumps(about)})
     return file.getvalue()
@@ -93,21 +97,21 @@ FORMATS = {
 
 
 def _onnx():
-    """onnxruntime, where the whole of the extra is there."""
+    """Return onnxruntime, after checking that the whole extra is installed."""
     try:
         import onnx  # noqa: F401
         import onnxruntime
         import onnxscript  # noqa: F401
     except ImportError as error:
         raise MorlaxError(
-            f"ONNX needs {error.name}, which is not there: pip install 'morlax-torch[onnx]'."
+            f"ONNX needs {error.name}, which is not installed: pip install 'morlax-torch[onnx]'."
         ) from None
     return onnxruntime
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Without what torch has to say about its own exporters."""
+    """Suppress the warnings that torch's exporters log about themselves."""
     usual = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

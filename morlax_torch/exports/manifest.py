@@ -1,4 +1,4 @@
-"""What somebody must know to run an exported policy on a robot, as plain values for JSON."""
+"""What is needed to run an exported policy on a robot, as plain values for JSON."""
 
 import hashlib
 import os
@@ -16,13 +16,15 @@ from ..evaluation.history import History
 from ..networks.policy import Policy
 from ..runs.loading import find_checkpoint, find_run
 
-STEP = 2**-6  # of an action, to find what control it makes; exact in binary
+STEP = 2**-6  # of an action, to measure the slope of its control; exact in binary
 
 
 def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[str, Any]:
-    """The task, what goes in and comes out, in which order and units, and how often.
+    """Return the task, the order and units of inputs and outputs, and the control rate.
 
-    `tradeoff` (m,) is the one inside; None: it is an input.
+    Args:
+        policy: to export.
+        tradeoff: (m,) of the exported policy; None if it is an input.
     """
     config = policy.config
     env = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
@@ -41,7 +43,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
 
 
 def provenance(run: str | os.PathLike[str]) -> dict[str, Any]:
-    """Which checkpoint it is, and the best hypervolume that its run reached, where known."""
+    """Return the checkpoint's SHA-256, and the best hypervolume of its run if known."""
     checkpoint, metrics = find_checkpoint(run), find_run(run) / "metrics.csv"
     known: dict[str, Any] = {"sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
     if metrics.is_file():
@@ -50,7 +52,7 @@ def provenance(run: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def observation(env: Environment) -> list[dict[str, Any]]:
-    """The parts of an observation, each with its slice."""
+    """Return the name, slice and unit of each part of an observation."""
     parts = env.layout()
     stops = accumulate(part.size for part in parts)
     return [
@@ -60,7 +62,7 @@ def observation(env: Environment) -> list[dict[str, Any]]:
 
 
 def actuators(model: mujoco.MjModel) -> list[dict[str, Any]]:
-    """In the order of an action's numbers: their joints, gears and what limits their control."""
+    """Return joint, gear and control range of each actuator, in the order of actions."""
     found = []
     for index in range(model.nu):
         driven, limits = model.actuator_trnid[index, 0], model.actuator_ctrlrange[index]
@@ -77,9 +79,9 @@ def actuators(model: mujoco.MjModel) -> list[dict[str, Any]]:
 
 
 def control(env: Environment) -> dict[str, list[float]] | None:
-    """How the task makes control of an action: clip(offset + scale * action, low, high).
+    """Return how the task maps an action to control: clip(offset + scale * action, low, high).
 
-    None, if it does so in another way.
+    None if the mapping has another form.
     """
     if env.action_size != env.physics.model.nu:
         return None
@@ -101,5 +103,5 @@ def control(env: Environment) -> dict[str, list[float]] | None:
 def _version() -> str | None:
     try:
         return metadata.version("morlax-torch")
-    except metadata.PackageNotFoundError:  # a checkout that is not installed
+    except metadata.PackageNotFoundError:  # running from a checkout that is not installed
         return None

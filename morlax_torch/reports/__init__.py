@@ -1,1 +1,1 @@
-"""What evaluations come to: comparisons, tables, and a report."""
+"""Compare and report evaluations: tables and an HTML report."""

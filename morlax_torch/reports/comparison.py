@@ -1,4 +1,4 @@
-"""Several evaluated runs beside each other: their names, whether they compare, their quartiles."""
+"""Compare evaluated runs: short names, comparability, quartiles."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -13,11 +13,11 @@ from ..evaluation.front import Front
 from ..networks.policy import Policy
 from ..runs.loading import find_run
 
-SAME = ("objectives", "shared", "episode_length", "reference_point", "reset_noise")
+BUFFERS = {"nconmax", "njmax"}  # task options that do not change returns
 
 
 class Quartiles(NamedTuple):
-    """Of one indicator over runs."""
+    """Quartiles of one indicator over runs."""
 
     low: float
     median: float
@@ -25,12 +25,12 @@ class Quartiles(NamedTuple):
 
 
 def names(runs: Sequence[str | os.PathLike[str]]) -> list[str]:
-    """A name for each run: the end of its path, as much as tells it from the others.
+    """Return a short name for each run: the shortest end of its path that is unique.
 
-    A checkpoint is called by its run and itself, as in `20261120-054533-0-latest`.
+    A checkpoint is named after its run and its file, such as `20261120-054533-0-latest`.
 
     Raises:
-        MorlaxError: one is given twice.
+        MorlaxError: a run is given twice.
     """
     paths = []
     for run in runs:
@@ -38,7 +38,7 @@ def names(runs: Sequence[str | os.PathLike[str]]) -> list[str]:
         paths.append(folder.with_name(f"{folder.name}-{file.stem}") if file.is_file() else folder)
         if paths.index(paths[-1]) < len(paths) - 1:
             raise MorlaxError(f"{run} is given twice: name each run once.")
-    parts = [path.parts[1:] for path in paths]  # what is called "/" could lead anywhere
+    parts = [path.parts[1:] for path in paths]  # an absolute name would leave the output folder
     for depth in range(1, 2 + max(map(len, parts))):
         found = ["/".join(some[-depth:]) for some in parts]
         if len(set(found)) == len(found):
@@ -47,35 +47,45 @@ def names(runs: Sequence[str | os.PathLike[str]]) -> list[str]:
 
 
 def check_comparable(policies: Mapping[str, Policy]) -> None:
-    """Raise MorlaxError if the returns of some policies, by name, cannot be compared."""
+    """Check that the returns of policies, given by name, can be compared.
+
+    Raises:
+        MorlaxError: task, objectives or an option that changes returns differ.
+    """
     (first, one), *others = policies.items()
     for name, other in others:
         if one.config.env != other.config.env:
             raise MorlaxError(
-                f"{first} is of task {one.config.env!r} and {name} of {other.config.env!r}: only "
-                "runs of one task can be compared."
+                f"{first} is a run of {one.config.env!r} and {name} of {other.config.env!r}: "
+                "compare runs of one task only."
             )
         if one.objectives != other.objectives:
             raise MorlaxError(
-                f"{first} trades off {', '.join(one.objectives)} and {name} "
-                f"{', '.join(other.objectives)}: only runs of the same objectives can be compared."
+                f"{first} has the objectives {', '.join(one.objectives)} and {name} has "
+                f"{', '.join(other.objectives)}: compare runs with the same objectives only."
             )
-        mine, theirs = one.config.task.model_dump(), other.config.task.model_dump()
-        for option in SAME:
-            if mine[option] != theirs[option]:
+        mine, theirs = (p.config.task.for_evaluation().model_dump() for p in (one, other))
+        for option in mine:
+            if option not in BUFFERS and mine[option] != theirs[option]:
                 raise MorlaxError(
                     f"{first} and {name} differ in task.{option} ({mine[option]} and "
-                    f"{theirs[option]}), so their returns cannot be compared: evaluate them apart."
+                    f"{theirs[option]}), so their returns cannot be compared: evaluate them "
+                    "separately."
                 )
 
 
 def union(fronts: Sequence[Front]) -> np.ndarray:
-    """The non-dominated points (n, m) of all fronts together."""
+    """Return the non-dominated points (n, m) of all fronts together."""
     return pareto.front(np.concatenate([front.returns for front in fronts]))
 
 
 def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, float]:
-    """Indicators, the mean episode length, and the range of every objective's returns, by name."""
+    """Return the indicators, mean episode length in control steps, and ranges of returns, by name.
+
+    Args:
+        front: to measure.
+        reference_front: (n, m) for IGD+ (None: IGD+ is left out).
+    """
     found = front.indicators(reference_front)
     found["episode_length"] = float(front.lengths.mean())
     for name, returns in zip(front.objectives, front.returns.T, strict=True):
@@ -85,7 +95,7 @@ def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, floa
 
 
 def quartiles(measured: Sequence[Mapping[str, float]]) -> dict[str, Quartiles]:
-    """Of every measure, over runs; between runs they are interpolated linearly."""
+    """Return the quartiles of every measure over runs, interpolated linearly between runs."""
     return {
         name: Quartiles(*np.quantile([m[name] for m in measured], (0.25, 0.5, 0.75)).tolist())
         for name in measured[0]

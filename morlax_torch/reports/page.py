@@ -1,4 +1,4 @@
-"""One HTML file that tells of an evaluation and needs nothing beside it."""
+"""The report of an evaluation: one self-contained HTML file."""
 
 import base64
 import io
@@ -14,15 +14,15 @@ from ..evaluation.figures.style import FILES
 from .comparison import Quartiles
 
 MEANINGS = {
-    "hypervolume": "volume between the reference point and the front; more is better",
-    "hypervolume_approximate": "the same, approximated by moocore; more is better",
-    "sparsity": "mean squared gap between neighbours on the front; less is denser",
-    "expected_utility": "mean over trade-offs of the best w · r on the front; more is better",
-    "cardinality": "how many policies no other one dominates",
+    "hypervolume": "volume between the reference point and the front; higher is better",
+    "hypervolume_approximate": "hypervolume, approximated by moocore; higher is better",
+    "sparsity": "mean squared gap between neighbors on the front; lower is denser",
+    "expected_utility": "mean over trade-offs of the best w · r on the front; higher is better",
+    "cardinality": "number of non-dominated policies",
     "obedience": "share of trade-offs for which no other policy is clearly better than their own",
     "fall_rate": "share of episodes in which the robot failed",
-    "igd_plus": "mean distance by which the front falls short of the reference; 0 is best",
-    "episode_length": "control steps, on average",
+    "igd_plus": "mean distance by which the front falls short of the reference front; 0 is best",
+    "episode_length": "mean episode length in control steps",
 }
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c2024; --paper: #fdfdfc; --faint: #6b737b;
@@ -55,16 +55,16 @@ def report(
     figures: Sequence[tuple[str, Figure]],
     configs: Mapping[str, Config],
 ) -> str:
-    """The file's text.
+    """Return the report as HTML.
 
     Args:
-        title: What was evaluated.
-        about: How, in a sentence or two.
-        command: What was typed.
-        measured: By run, each measure by name.
-        summary: Quartiles of each measure over runs; empty for a single run.
-        figures: With a caption each.
-        configs: What each run was trained with.
+        title: the task and its runs.
+        about: how they were evaluated, in a sentence or two.
+        command: the command line of the evaluation.
+        measured: run -> measure -> value.
+        summary: measure -> quartiles over runs; empty for a single run.
+        figures: captions and figures.
+        configs: run -> training config.
     """
     parts = [
         f"<h1>{escape(title)}</h1>",
@@ -74,7 +74,7 @@ def report(
         _table(measured, summary),
         "<h2>Figures</h2>",
         *(_picture(caption, figure) for caption, figure in figures),
-        "<h2>Trained with</h2>",
+        "<h2>Training configs</h2>",
         *(_config(name, config) for name, config in configs.items()),
     ]
     return (
@@ -87,17 +87,18 @@ def report(
 
 
 def words(measure: str) -> str:
-    """A measure's name as people read it."""
+    """Return the display name of a measure."""
     return "IGD+" if measure == "igd_plus" else measure.replace("_", " ")
 
 
 def meaning(measure: str) -> str:
-    """What it says, in a few words."""
-    ends = {"_min": "the least return of any policy", "_max": "the most return of any policy"}
+    """Return a short explanation of a measure, empty if there is none."""
+    ends = {"_min": "lowest return of any policy", "_max": "highest return of any policy"}
     return MEANINGS.get(measure) or ends.get(measure[-4:], "")
 
 
 def number(value: float) -> str:
+    """Format a value with four digits."""
     return f"{value:,.4g}"
 
 
@@ -123,7 +124,7 @@ def _picture(caption: str, figure: Figure) -> str:
     drawn = io.BytesIO()
     with mpl.rc_context(FILES):
         figure.savefig(drawn, format="svg", metadata={"Date": None})
-    # as an image, so that the names inside one drawing cannot meet those of another
+    # an <img> keeps the ids of one SVG apart from those of the others
     data = base64.b64encode(drawn.getvalue()).decode()
     image = f'<img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
     return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"

@@ -1,4 +1,4 @@
-"""What an evaluation leaves on disk: fronts, figures, tables and a report."""
+"""Write the results of an evaluation: fronts, figures, tables and a report."""
 
 import csv
 import io
@@ -23,17 +23,27 @@ MOST_NAMES = 4  # in a title
 
 
 class Evaluated(NamedTuple):
-    """A run, and what it was found to be worth."""
+    """A run and its evaluation."""
 
-    path: str  # as it was given
+    path: str  # as given on the command line
     policy: Policy
     front: Front
-    history: History | None  # None: not written down
+    history: History | None  # of training; None: unknown
     measures: dict[str, float]
 
 
 def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) -> None:
-    """Fronts, figures, tables and the report; several runs have a folder inside for each."""
+    """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
+
+    Args:
+        found: evaluations by run name.
+        folder: of the output.
+        about: how the runs were evaluated, in a sentence or two.
+        typed: the command line of the evaluation.
+
+    Raises:
+        MorlaxError: a file or folder cannot be written.
+    """
     drawn: list[tuple[str, Figure]] = []
     several = len(found) > 1
     task = title(next(iter(found.values())).policy.config.env)
@@ -42,11 +52,13 @@ def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) 
     if several:
         fronts = figures.fronts_figure({name: run.front for name, run in found.items()}, task)
         figures.save(fronts, folder / "fronts")
-        drawn.append(("The fronts of all runs, without what each dominates itself.", fronts))
+        drawn.append(
+            ("Fronts of all runs, without policies dominated within their own run.", fronts)
+        )
     if histories:
         curves = figures.hypervolume_figure(histories, task)
         figures.save(curves, folder / "hypervolume")
-        drawn.append(("Hypervolume of the evaluations made while training.", curves))
+        drawn.append(("Hypervolume during training.", curves))
     for name, run in found.items():
         place = folder / name if several else folder
         make_folder(place)
@@ -70,21 +82,21 @@ def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) 
 
 
 def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
-    """File name, caption and figure of all that one front shows."""
-    reached = "what every trade-off reached, coloured by it."
-    asked = "the return of each objective, by what was asked for."
+    """Return file name, caption and figure of every picture of one front."""
+    reached = "returns of every trade-off, colored by trade-off."
+    asked = "return of each objective against the trade-off."
     found = [
         ("front", reached, figures.front_figure(front, title)),
         ("returns", asked, figures.returns_figure(front, title)),
     ]
     if len(front.objectives) > 3:
-        caption = "the front, a line for each policy."
+        caption = "the front, one line per policy."
         found.append(("parallel", caption, figures.parallel_figure(front, title)))
     return found
 
 
 def front_rows(front: Front) -> list[list]:
-    """A header, and a row for each trade-off."""
+    """Return a header and a row for each trade-off."""
     assert front.falls is not None
     heads = [
         *(f"tradeoff_{name}" for name in front.objectives),
@@ -103,7 +115,7 @@ def front_rows(front: Front) -> list[list]:
 
 
 def indicator_rows(found: Mapping[str, Evaluated]) -> list[list]:
-    """A header, and a row for each run."""
+    """Return a header and a row for each run."""
     rows = [
         [name, run.path, run.policy.config.env, run.policy.config.seed, *run.measures.values()]
         for name, run in found.items()
@@ -112,6 +124,7 @@ def indicator_rows(found: Mapping[str, Evaluated]) -> list[list]:
 
 
 def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
+    """Write a CSV file."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     with replacing(path) as file:
@@ -119,6 +132,11 @@ def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
 
 
 def make_folder(folder: Path) -> None:
+    """Create a folder and its parents, if they do not exist.
+
+    Raises:
+        MorlaxError: the folder cannot be created.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,1 +1,1 @@
-"""Ways to look at a robot: live in the browser, or in a film."""
+"""Viewers: a live page in the browser, and films."""

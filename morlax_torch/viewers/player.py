@@ -1,4 +1,4 @@
-"""One robot to look at, driven by the policy of a trade-off that may change at any time."""
+"""One robot for viewers, driven by the policy of a trade-off that can change at any time."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,21 @@ from ..networks.policy import Policy
 
 
 class Player:
-    """A world of a policy's own task on C MuJoCo, stepped by the deterministic policy.
+    """One world of the policy's task on C MuJoCo, driven by the deterministic policy.
 
-    Set `tradeoff` between steps, and `command` (C,), one number for each of the task's
-    `command_limits`; both last until set again. `data` holds the current state of every body and
-    geom for a renderer, and the forces of the motors; write to `env.physics` to move the robot.
+    Set `tradeoff` and `command` (C,) between steps; both last until set again. `command` has one
+    number for each of the task's `command_limits`. `data` holds the current state of every body
+    and geom for a renderer, and the motor forces; write to `env.physics` to move the robot.
     `returns` (m,) and `steps` count from the last reset. The caller resets when the episode is
     `over`.
+
+    Args:
+        policy: as `morlax_torch.load` returns it.
+        tradeoff: (m,), not negative; it need not sum to one.
+        seed: random seed of the world.
+
+    Raises:
+        MorlaxError: the trade-off is invalid, or the task has no MuJoCo robot.
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
@@ -48,7 +56,7 @@ class Player:
         self.place()
 
     def step(self) -> TimeStep:
-        """One control step of `env.dt` seconds."""
+        """Take one control step of `env.dt` seconds."""
         if self.command:
             self.env.command[0] = torch.tensor(self.command)
         step = self.env.step(self._network(self.observation))

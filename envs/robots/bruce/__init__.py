@@ -1,4 +1,4 @@
-"""BRUCE: a humanoid with closed-chain legs that walks as it is told, in many manners."""
+"""BRUCE: a humanoid with closed-chain legs, six objectives and a velocity command."""
 
 from .task import Bruce
 

@@ -1,4 +1,4 @@
-"""What a gait must keep to before it may ship."""
+"""Acceptance limits for the gaits of the library."""
 
 import mujoco
 import numpy as np
@@ -7,35 +7,42 @@ from numpy.typing import NDArray
 from . import model as bruce
 from .planner import STANCE, Gait, Motion, Planner
 
-INSTANTS = 81  # of each step
-STEPS = 25  # to survive in simulation: 10 s
-KNEE, CRANK = 3, 4  # in a leg's five joints
+INSTANTS = 81  # samples per step
+STEPS = 25  # to walk in simulation without falling: 10 s
+KNEE, CRANK = 3, 4  # indices in the five joints of a leg
 
 LIMITS: dict[str, tuple[float, float]] = {
-    "joint_jump": (0.0, 1e-6),  # rad, from step to step
+    "joint_jump": (0.0, 1e-6),  # rad, between steps
     "base_jump": (0.0, 1e-6),  # m
     "joint_speed_jump": (0.0, 0.5),  # rad/s
     "stance_drift": (0.0, 1e-3),  # m
-    "apex": (0.03, 0.05),  # m, of the swinging sole
-    "clearance": (0.012, 0.05),  # m, its lowest from 0.2 to 0.8 of a step
+    "apex": (0.03, 0.05),  # m, highest point of the swing sole
+    "clearance": (0.012, 0.05),  # m, lowest point of the swing sole from 0.2 to 0.8 of a step
     "touchdown_speed": (0.0, 0.1),  # m/s
-    "pivot_sagittal": (0.0, 0.025),  # m between where the ground should push and where it does
+    "pivot_sagittal": (0.0, 0.025),  # m, error of the center of pressure
     "pivot_lateral": (0.0, 0.01),  # m
-    "friction": (0.0, 0.5),  # horizontal over vertical force
-    "yaw_moment": (0.0, 1.8),  # N m about the sole; more would turn it on the floor
-    "torque": (0.0, 5.0),  # N m of a leg's motor
+    "friction": (0.0, 0.5),  # ratio of horizontal to vertical force
+    "yaw_moment": (0.0, 1.8),  # N m about the sole; a larger moment would turn it on the floor
+    "torque": (0.0, 5.0),  # N m, of a leg motor
     "knee_min": (-1.6, 0.0),  # rad
     "knee_max": (-1.6, -0.2),
-    "crank": (0.0, 1.3),  # rad from its middle
-    "reach": (0.0, 0.5),  # rad from the default pose: actions reach 0.6
+    "crank": (0.0, 1.3),  # rad from the middle of its range
+    "reach": (0.0, 0.5),  # rad from the default pose; actions reach 0.6
     "joint_speed": (0.0, 5.0),  # rad/s
-    "velocity_error": (0.0, 1e-3),  # m/s, of the mean over two steps
+    "velocity_error": (0.0, 1e-3),  # m/s, mean over two steps
 }
-MIN_WALKED = 140  # of the library's 153 gaits, in simulation
+MIN_WALKED = 140  # of the library's 153 gaits must walk STEPS steps in simulation
 
 
 def measure(planner: Planner, gait: Gait, vx: float, vy: float) -> dict[str, float]:
-    """A gait for a velocity (m/s) in numbers, by the names of `LIMITS`."""
+    """Measure a gait by the names of `LIMITS`, in their units.
+
+    Args:
+        planner: planned the gait.
+        gait: the gait to measure.
+        vx: commanded velocity forward in m/s.
+        vy: commanded velocity to the left in m/s.
+    """
     c = planner.constants
     s = np.linspace(0, 1, INSTANTS)
     motion = planner.motion(gait, s)
@@ -44,7 +51,7 @@ def measure(planner: Planner, gait: Gait, vx: float, vy: float) -> dict[str, flo
     speeds = motion.qvel[..., 6:] @ bruce.crank_from_joints(planner.model).T
     legs = joints[..., : bruce.NUM_LEG_JOINTS].reshape(2, INSTANTS, 2, 5)
     stance, swing, swing_velocity = _feet(planner, motion)
-    # from the frame of one stance foot to that of the next
+    # base displacement from the frame of one stance foot to that of the next
     moved = motion.qpos[:, -1, :3] - motion.qpos[::-1, 0, :3]
     landed = swing[:, -1] - stance[:, -1]
     middle = (s > 0.2 - 1e-9) & (s < 0.8 + 1e-9)
@@ -75,7 +82,7 @@ def measure(planner: Planner, gait: Gait, vx: float, vy: float) -> dict[str, flo
 def _feet(
     planner: Planner, motion: Motion
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Where the stance and the swinging sole are, and how fast the latter is: (2, S, 3) each."""
+    """Return the stance and swing sole positions and the swing sole velocity, (2, S, 3) each."""
     model, data = planner.model, mujoco.MjData(planner.model)
     feet = np.zeros((3, *motion.qpos.shape[:2], 3))
     jacobian = np.zeros((3, model.nv))

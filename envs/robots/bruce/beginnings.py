@@ -1,4 +1,4 @@
-"""What BRUCE's episodes begin with: a command, a leg to swing first, and a state that fits both."""
+"""Initial conditions of BRUCE's episodes: a command, the first swing leg, a matching state."""
 
 from typing import NamedTuple, Self
 
@@ -13,27 +13,33 @@ from . import model as bruce
 from .library import Library
 from .reference import Reference
 
-FASTEST = (0.2, 0.1)  # m/s, forward and sideways
-COMMANDS = 2048  # that episodes choose from
-POSITION, ANGLES = slice(16, 19), slice(19, 22)  # of the reference's base, behind 16 joints
+FASTEST = (0.2, 0.1)  # largest commands, m/s, forward and sideways
+COMMANDS = 2048  # number of commands that episodes draw from
+POSITION, ANGLES = slice(16, 19), slice(19, 22)  # of the reference's base, after 16 joints
 
 
 class Beginnings(NamedTuple):
-    """B of them."""
+    """B initial conditions."""
 
     commands: Tensor  # (B, 2) m/s, forward and to the left
-    legs: Tensor  # (B,) that swing first: 0 left, 1 right
-    heights: NDArray[np.float64]  # (B,) how many times as high as at rest to stand
+    legs: Tensor  # (B,) first swing leg: 0 left, 1 right
+    heights: NDArray[np.float64]  # (B,) initial height of a standing robot, relative to rest
 
     @classmethod
     def only(cls, command: tuple[float, float]) -> Self:
-        """The one at `command`."""
+        """Return one initial condition, with `command` (m/s) and the left leg swinging first."""
         first = torch.zeros(1, dtype=torch.int64)
         return cls(torch.tensor([command], dtype=torch.float64), first, np.ones(1))
 
     @classmethod
     def drawn(cls, fastest: tuple[float, float], standing: float, seed: int) -> Self:
-        """Many within the limits `fastest`, of which a share is `standing`."""
+        """Draw COMMANDS initial conditions.
+
+        Args:
+            fastest: limits of the commands in m/s, forward and sideways.
+            standing: probability of a zero command.
+            seed: random seed.
+        """
         random = np.random.default_rng(seed)
         commands = random.uniform(-1, 1, (COMMANDS, 2)) * fastest
         commands[random.random(COMMANDS) < standing] = 0.0
@@ -44,10 +50,18 @@ class Beginnings(NamedTuple):
     def states(
         self, library: Library, rest: NDArray[np.float64], model: mujoco.MjModel
     ) -> tuple[list[Start], Tensor]:
-        """The states, and x, y and yaw (B, 3) of the reference in them.
+        """Return the initial states.
 
-        A walking robot starts as the gait of its command does, a standing one in the default
-        pose; `rest` (nq,) is the state of one that stands.
+        A walking robot starts in the first state of its command's gait, a standing robot in the
+        default pose.
+
+        Args:
+            library: the gaits.
+            rest: (nq,) positions of a standing robot.
+            model: the robot.
+
+        Returns:
+            B states, and the pose of the reference in each: x, y (m) and yaw (rad), (B, 3).
         """
         walk = Reference(library, torch.zeros(len(self.commands), 1, dtype=torch.float64))
         walk.begin(torch.ones(len(self.commands), dtype=torch.bool), self.commands, self.legs)

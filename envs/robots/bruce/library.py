@@ -1,4 +1,4 @@
-"""The gaits that ship, as one small file."""
+"""The library of gaits, stored in one small file."""
 
 from dataclasses import asdict, dataclass, fields
 from importlib import resources
@@ -21,16 +21,16 @@ class Library:
     vy: NDArray[np.float64]  # (Y,) m/s
     joints: NDArray[np.float32]  # (X, Y, 2, 8, 16) control points, as in `Gait`
     base: NDArray[np.float32]  # (X, Y, 2, 8, 6)
-    walked: NDArray[np.int64]  # (X, Y) steps that each survives in simulation, of at most 25
-    measured: dict[str, NDArray[np.float64]]  # (X, Y) each, by the names of `acceptance.LIMITS`
-    constants: Constants  # that shaped them
+    walked: NDArray[np.int64]  # (X, Y) steps walked in simulation before falling, at most 25
+    measured: dict[str, NDArray[np.float64]]  # (X, Y) each, named as in `acceptance.LIMITS`
+    constants: Constants  # of the planner
 
     def gait(self, i: int, j: int) -> Gait:
-        """The one for `vx[i]`, `vy[j]`."""
+        """Return the gait for `vx[i]`, `vy[j]`."""
         return Gait(self.joints[i, j].astype(float), self.base[i, j].astype(float))
 
     def save(self, file: IO[bytes]) -> None:
-        """Write everything as an .npz."""
+        """Write the library as .npz."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         measured = {f"measured.{name}": values for name, values in self.measured.items()}
         constants = {f"constants.{name}": value for name, value in asdict(self.constants).items()}
@@ -38,7 +38,7 @@ class Library:
 
     @classmethod
     def load(cls) -> Self:
-        """The library that ships."""
+        """Load the library of the package."""
         with (resources.files(str(__package__)) / "gaits.npz").open("rb") as file:
             contents = dict(np.load(file))
 

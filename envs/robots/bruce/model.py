@@ -1,10 +1,11 @@
-"""The model of BRUCE, and the coordinates in which its joints are spoken of.
+"""BRUCE's model and its joint coordinates.
 
-Crank coordinates (16) are the ones to think in: for the right and the left leg hip yaw, hip pitch,
-hip roll, knee and ankle crank, then for the right and the left arm shoulder pitch, shoulder roll
-and elbow. Actions, observations, gaits and rewards use them. Motor coordinates (16) differ in the
-hips, where two motors turn pitch and roll together. All joints of a model, its `qpos` behind the
-root, are linear in crank coordinates: the four-bar of the ankle is a parallelogram up to 0.12 mm.
+Crank coordinates (16) are the main ones; actions, observations, gaits and rewards use them. Their
+order is hip yaw, hip pitch, hip roll, knee and ankle crank for the right and the left leg, then
+shoulder pitch, shoulder roll and elbow for the right and the left arm. Motor coordinates (16)
+differ in the hips, where two motors turn pitch and roll together. All joints of a model (its `qpos`
+after the root) are linear in crank coordinates, because the four-bar of the ankle is a
+parallelogram to within 0.12 mm.
 """
 
 from importlib import resources
@@ -31,8 +32,9 @@ MOTORS = tuple(
     name.replace("hip_pitch", "hip_motor_a").replace("hip_roll", "hip_motor_b")
     for name in CRANK_JOINTS
 )
-_COUPLED = ("hip_pitch", "hip_roll", "knee", "ankle_crank")  # in full coordinates
-NUM_LEG_JOINTS = 10  # of the 16, the first
+# The joints of each leg that differentials and four-bars couple to other hinges.
+_COUPLED = ("hip_pitch", "hip_roll", "knee", "ankle_crank")
+NUM_LEG_JOINTS = 10  # the first of the 16
 
 DEFAULT_POSE = np.array(
     [
@@ -42,20 +44,20 @@ DEFAULT_POSE = np.array(
         *(0.0, -1.0, 0.0),
     ]
 )
-DEFAULT_HEIGHT = 0.455  # metres: the soles hang 30 mm above the floor
+DEFAULT_HEIGHT = 0.455  # m; the soles are 30 mm above the floor
 
-SHORT_FOOT = 0.038  # metres: half the length of the left foot as it was published, 10 mm less
+SHORT_FOOT = 0.038  # m; half length of the published left foot, 10 mm less than the right
 
 
 def load(chains: Chains = "closed", feet: Feet = "equal") -> mujoco.MjModel:
     """Compile the robot.
 
     Args:
-        chains: "closed" has the differentials of the hips and the four-bars of the ankles. "tree"
-            puts the motors on tendons instead, and leaves out rods, cranks and rotors (32 g): it is
-            faster, and walks nearly alike.
-        feet: "equal", or "published": there the left foot is 20 mm shorter than the right one, and
-            the robot drifts sideways.
+        chains: "closed" models the differentials of the hips and the four-bars of the ankles.
+            "tree" replaces them by motors on tendons and omits rods, cranks and rotors (32 g); it
+            is faster and walks nearly the same.
+        feet: "equal", or "published" with the left foot 20 mm shorter than the right one, which
+            makes the robot drift sideways.
     """
     path = resources.files(str(__package__)) / "bruce.xml"
     spec = mujoco.MjSpec.from_string(path.read_text())
@@ -67,7 +69,7 @@ def load(chains: Chains = "closed", feet: Feet = "equal") -> mujoco.MjModel:
 
 
 def joints_from_crank(model: mujoco.MjModel) -> NDArray[np.float64]:
-    """(nq - 7, 16): crank coordinates to the hinges of `model`, in the order of `qpos`."""
+    """Return the map (nq - 7, 16) from crank coordinates to the hinges of `model`, as in `qpos`."""
     rules = {name: {name: 1.0} for name in CRANK_JOINTS}
     for side in SIDES:
         pitch, roll, knee, crank = (f"{side}_{j}" for j in _COUPLED)
@@ -80,17 +82,17 @@ def joints_from_crank(model: mujoco.MjModel) -> NDArray[np.float64]:
 
 
 def motors_from_crank() -> NDArray[np.float64]:
-    """(16, 16): crank coordinates to those of the motors, in the order of `ctrl`."""
+    """Return the map (16, 16) from crank to motor coordinates, in the order of `ctrl`."""
     matrix = np.eye(len(CRANK_JOINTS))
-    for first in (0, 5):  # of each leg
+    for first in (0, 5):  # first joint of each leg
         matrix[first + 1 : first + 3, first + 1 : first + 3] = [[-1.0, -1.0], [1.0, -1.0]]
     return matrix
 
 
 def crank_from_joints(model: mujoco.MjModel) -> NDArray[np.float64]:
-    """(16, nq - 7): the hinges of `model` to crank coordinates.
+    """Return the map (16, nq - 7) from the hinges of `model` to crank coordinates.
 
-    With closed chains the hips are read where they are driven: from the motors.
+    With closed chains, hip angles are read from the motors that drive them.
     """
     names = [model.joint(i).name for i in range(1, model.njnt)]
     rules = {name: {name: 1.0} for name in CRANK_JOINTS}
@@ -105,7 +107,7 @@ def crank_from_joints(model: mujoco.MjModel) -> NDArray[np.float64]:
 
 
 def _open_chains(spec: mujoco.MjSpec) -> None:
-    """Replace what closes the chains of a leg by tendons that pull as its motors would."""
+    """Replace the closed chains of the legs by tendons that transmit the same motor forces."""
     motor = spec.find_default("motor").joint
     gains = {a.name: (a.gainprm[0], a.forcerange[1]) for a in spec.actuators}
     for elements in (spec.sensors[2:], spec.actuators, spec.equalities, spec.tendons):

@@ -1,4 +1,4 @@
-"""What a user may change about BRUCE's task."""
+"""Options of BRUCE's task."""
 
 from typing import Self
 
@@ -10,7 +10,7 @@ from .beginnings import FASTEST
 
 
 class BruceOptions(TaskOptions):
-    """By default nothing is drawn at random."""
+    """The options of BRUCE; by default nothing is random."""
 
     objectives: dict[str, dict[str, float]] = {
         "joints": {"gait": 1.0},
@@ -24,31 +24,40 @@ class BruceOptions(TaskOptions):
     nconmax: int = 24
     njmax: int = 96
     chains: bruce.Chains = "closed"
-    """closed: the robot as it is; tree: motors on tendons instead, faster and nearly alike."""
+    """closed: as on the robot; tree: motors on tendons instead, faster and nearly the same."""
     feet: bruce.Feet = "equal"
-    """equal, or published: there the left foot is 20 mm shorter, and it drifts sideways."""
+    """equal, or published: the left foot is 20 mm shorter, and the robot drifts sideways."""
     command: tuple[float, float] = (0.12, 0.0)
-    """The velocity to walk at, m/s: forward (at most 0.2) and to the left (at most 0.1)."""
+    """Commanded velocity in m/s, forward (at most 0.2) and to the left (at most 0.1)."""
     draw_commands: bool = False
-    """Tell each episode another velocity, and either foot to begin with."""
+    """Draw a velocity for each episode, starting with either foot."""
     standing: float = Field(default=0.4, ge=0, le=1)
-    """How many of the drawn velocities are zero."""
+    """Share of drawn velocities that are zero."""
     fastest: tuple[float, float] = FASTEST
-    """The limits of drawn velocities, m/s: forward or backward, and to either side."""
+    """Limits of drawn velocities in m/s, forward or backward, and to either side."""
     redraw_every: PositiveInt | None = None
-    """Control steps after which a drawn velocity is drawn anew within an episode."""
+    """Control steps after which a new velocity is drawn within an episode (None: never)."""
     noise: NonNegativeFloat = 0.0
-    """Scale of the sensors' noise (1: as published; 0: they are exact)."""
+    """Scale of the uniform sensor noise (1: as published; 0: exact sensors)."""
     randomize: bool = False
-    """Give each world a torso, centres of mass, a floor and motors of its own, as published."""
+    """Randomize torso mass, centers of mass, friction and motor gains per world, as published."""
 
     def for_evaluation(self) -> Self:
-        changes = {"draw_commands": False, "noise": 0.0, "randomize": False}
+        fields = type(self).model_fields
+        training_only = (
+            "draw_commands",
+            "standing",
+            "fastest",
+            "redraw_every",
+            "noise",
+            "randomize",
+        )
+        changes = {name: fields[name].default for name in training_only}
         return super().for_evaluation().model_copy(update=changes)
 
     @field_validator("command", "fastest")
     @classmethod
     def _within_reach(cls, velocity: tuple[float, float]) -> tuple[float, float]:
         if any(abs(v) > most for v, most in zip(velocity, FASTEST, strict=True)):
-            raise ValueError("the gaits go at most 0.2 m/s forward and 0.1 m/s sideways")
+            raise ValueError("use at most 0.2 m/s forward and 0.1 m/s sideways: no gait is faster")
         return velocity

@@ -1,4 +1,4 @@
-"""Coordinate maps in full precision: a product of matrices may be rounded to TF32."""
+"""Coordinate maps in full precision, where a matrix product could be rounded to TF32."""
 
 import numpy as np
 import torch
@@ -7,15 +7,15 @@ from torch import Tensor
 
 
 class PairSums:
-    """A linear map of which each result has one or two terms: (N, C) to (N, R).
+    """A linear map from (N, C) to (N, R) in which every output has one or two terms.
 
     Args:
-        matrix: (R, C), with at most two entries in a row that are not zero.
-        like: whose dtype and device to take.
+        matrix: (R, C), with at most two nonzero entries per row.
+        like: tensor that sets dtype and device.
     """
 
     def __init__(self, matrix: NDArray[np.float64], like: Tensor):
-        # the two largest entries of a row; one of them may be a zero
+        # The second largest entry of a row may be zero; it then adds nothing.
         columns = np.argsort(-np.abs(matrix), axis=1, kind="stable")[:, :2]
         self._columns = torch.from_numpy(columns.T.copy()).to(like.device)
         self._factors = torch.from_numpy(np.take_along_axis(matrix, columns, 1).T.copy()).to(like)

@@ -1,9 +1,10 @@
-"""Walking at a given velocity, planned from the model alone: no data, no chance, 0.1 s a gait.
+"""Gait planning from the model alone: deterministic, without data, 0.1 s per gait.
 
-The centre of mass rides a linear inverted pendulum whose pivot is the stance foot; the legs follow
-by inverse kinematics. A robot whose legs are 61 % of its mass is no pendulum, so the plan is then
-played through inverse dynamics, and the centre of mass is moved until the ground pushes back where
-it should. Frames are those of the stance sole: x forward, y left, z up, its centre the origin.
+The center of mass follows a linear inverted pendulum whose pivot is the stance foot; the legs
+follow by inverse kinematics. The legs are 61 % of the robot's mass, so the pendulum is inaccurate.
+Inverse dynamics therefore computes the center of pressure, and the center of mass is moved until
+the center of pressure is at the desired pivot. Frames are those of the stance sole, with the origin
+at its center: x forward, y left, z up.
 """
 
 from dataclasses import dataclass
@@ -16,31 +17,31 @@ from numpy.typing import NDArray
 from . import model as bruce
 
 DEGREE = 7
-STANCE = ("right", "left")  # of the two phases of a gait: first the left foot swings
-SAMPLES = 41  # of a phase, in planning
-GRAVITY = 9.81
+STANCE = ("right", "left")  # stance foot of the two steps: the left foot swings first
+SAMPLES = 41  # per step, in planning
+GRAVITY = 9.81  # m/s^2
 
 
 @dataclass(frozen=True)
 class Constants:
-    """What shapes the gaits, in metres and seconds."""
+    """Parameters of the gaits, in meters and seconds."""
 
     step_time: float = 0.4
     width: float = 0.2
-    """Between the feet, while going straight."""
+    """Lateral distance between the feet when walking straight."""
     com_height: float = 0.385
-    """Of the centre of mass above the soles."""
+    """Height of the center of mass above the soles."""
     apex: float = 0.035
-    """Of the swinging sole above the floor."""
+    """Largest height of the swing sole above the floor."""
     pivot: float = -0.005
-    """Where the ground should push, ahead of the centre of the sole: 10 mm behind the box's."""
+    """Desired center of pressure, forward of the sole's center: 10 mm behind the box's center."""
     rounds: int = 4
-    """How often the centre of mass is corrected."""
+    """Number of corrections of the center of mass."""
 
 
 @dataclass(frozen=True)
 class Gait:
-    """Two steps that repeat, as Bezier curves over each step."""
+    """Two steps that repeat, each a Bezier curve."""
 
     joints: NDArray[np.float64]  # (2, 8, 16) control points in crank coordinates
     base: NDArray[np.float64]  # (2, 8, 6) position and roll, pitch, yaw, in the stance sole's frame
@@ -57,23 +58,28 @@ class Motion:
 
 @dataclass(frozen=True)
 class Loads:
-    """What a motion asks of the ground and the motors."""
+    """Ground reactions and motor torques of a motion."""
 
-    force: NDArray[np.float64]  # (2, S, 3) N, of the ground
-    pivot: NDArray[np.float64]  # (2, S, 2) m, where it pushes
-    yaw_moment: NDArray[np.float64]  # (2, S) N m, about the centre of the sole
+    force: NDArray[np.float64]  # (2, S, 3) N, ground reaction
+    pivot: NDArray[np.float64]  # (2, S, 2) m, center of pressure
+    yaw_moment: NDArray[np.float64]  # (2, S) N m, about the center of the sole
     torque: NDArray[np.float64]  # (2, S, 16) N m, in motor coordinates
 
 
 def bernstein(s: NDArray[np.float64], degree: int = DEGREE) -> NDArray[np.float64]:
-    """(S, degree + 1): the weights of a Bezier curve's control points at s (S,) in [0, 1]."""
+    """Return the Bernstein weights (S, degree + 1) of a Bezier curve at s (S,) in [0, 1]."""
     k = np.arange(degree + 1)
     choose = np.array([comb(degree, i) for i in k])
     return choose * s[:, None] ** k * (1 - s[:, None]) ** (degree - k)
 
 
 def derivatives(s: NDArray[np.float64], period: float) -> list[NDArray[np.float64]]:
-    """Matrices (S, 8) from control points to a curve, its velocity and its acceleration at s."""
+    """Return matrices (S, 8) from control points to a curve, its velocity and its acceleration.
+
+    Args:
+        s: (S,) curve parameters in [0, 1].
+        period: duration of the curve in s.
+    """
     difference = np.diff(np.eye(DEGREE + 1), axis=0)
     first = DEGREE / period * difference
     second = (DEGREE - 1) / period * difference[:-1, :-1] @ first
@@ -85,7 +91,11 @@ def derivatives(s: NDArray[np.float64], period: float) -> list[NDArray[np.float6
 
 
 class Planner:
-    """Plans gaits, and plays them through inverse dynamics."""
+    """Plans gaits and computes their loads by inverse dynamics.
+
+    Args:
+        constants: parameters of the gaits (None: the defaults).
+    """
 
     def __init__(self, constants: Constants | None = None):
         self.constants = constants or Constants()
@@ -97,10 +107,14 @@ class Planner:
         self._fit = _smooth_fit(self._phase)
 
     def plan(self, vx: float, vy: float) -> Gait:
-        """The gait that goes at a velocity (m/s) on average.
+        """Plan the gait with a given mean velocity.
+
+        Args:
+            vx: velocity forward in m/s.
+            vy: velocity to the left in m/s.
 
         Raises:
-            ArithmeticError: no pose of the legs gets there.
+            ArithmeticError: the legs cannot reach a planned foot position.
         """
         constants = self.constants
         com, swing = self._pendulum(vx, vy), self._swing_foot(vx, vy)
@@ -113,7 +127,7 @@ class Planner:
         return gait
 
     def motion(self, gait: Gait, s: NDArray[np.float64]) -> Motion:
-        """Positions, velocities and accelerations at s (S,) of each step."""
+        """Return positions, velocities and accelerations at s (S,) in [0, 1] of each step."""
         curves = []
         for weights in derivatives(s, self.constants.step_time):
             base, joints = weights @ gait.base[..., :3], weights @ gait.joints
@@ -124,7 +138,7 @@ class Planner:
         return Motion(qpos, *rates)
 
     def loads(self, motion: Motion) -> Loads:
-        """What one foot on the ground and the motors must do for a motion."""
+        """Compute the ground reactions on the stance foot and the motor torques of a motion."""
         model, data = self.model, self._data
         steps, samples = motion.qpos.shape[:2]
         force, pivot = np.zeros((steps, samples, 3)), np.zeros((steps, samples, 2))
@@ -149,7 +163,7 @@ class Planner:
         return Loads(force, pivot, yaw_moment, torque)
 
     def _pendulum(self, vx: float, vy: float) -> NDArray[np.float64]:
-        """(2, S, 3): the centre of mass over two steps, each about its own stance foot."""
+        """Return the center of mass (2, S, 3) over two steps, each relative to its stance foot."""
         c = self.constants
         T, omega = c.step_time, np.sqrt(GRAVITY / c.com_height)
         length, (to_left, to_right) = vx * T, self._widths(vy)
@@ -163,20 +177,20 @@ class Planner:
         return np.stack([np.stack([x, flow @ lateral, height], -1) for lateral in (first, second)])
 
     def _swing_foot(self, vx: float, vy: float) -> NDArray[np.float64]:
-        """(2, S, 3): the swinging sole."""
+        """Return the position (2, S, 3) of the swing sole over two steps."""
         c, s = self.constants, self._phase
         to_left, to_right = self._widths(vy)
         length = vx * c.step_time
         ease = s**3 * (10 - 15 * s + 6 * s**2)  # minimum jerk, from 0 to 1
         x = length * (2 * ease - 1)
         z = c.apex * 16 * (s * (1 - s)) ** 2
-        # a foot comes from where the other one's last step had left it
+        # Each swing starts at the foot's position after the other foot's step.
         first = to_right + (to_left - to_right) * ease
         second = -to_left + (to_left - to_right) * ease
         return np.stack([np.stack([x, y, z], -1) for y in (first, second)])
 
     def _widths(self, vy: float) -> tuple[float, float]:
-        """How far apart the feet are after the left one's step, and after the right one's."""
+        """Return the lateral distances of the feet in m after the left and after the right step."""
         sideways = 2 * self.constants.step_time * vy
         return (
             self.constants.width + max(sideways, 0.0),
@@ -184,7 +198,7 @@ class Planner:
         )
 
     def _follow(self, com: NDArray[np.float64], swing: NDArray[np.float64]) -> Gait:
-        """The gait whose centre of mass and swinging foot (2, S, 3) go along the given paths."""
+        """Return the gait whose center of mass and swing foot follow the given paths (2, S, 3)."""
         joints = np.zeros((2, SAMPLES, 16))
         base = np.zeros((2, SAMPLES, 6))
         crank = bruce.DEFAULT_POSE.copy()
@@ -203,10 +217,23 @@ class Planner:
         com: NDArray[np.float64],
         swing: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Base position and joints that put all where it should be, by Newton's method.
+        """Solve inverse kinematics for one instant by Newton's method.
 
-        The torso is upright, soles point ahead and are level in pitch; their roll is that of the
-        leg, which has no joint for it.
+        The torso is upright; the soles point forward and are level in pitch. Their roll follows the
+        leg, which has no ankle roll joint.
+
+        Args:
+            position: (3,) initial guess of the base position in m.
+            crank: (16,) initial guess of the joints in rad.
+            stance: side of the stance foot.
+            com: (3,) desired center of mass in m.
+            swing: (3,) desired position of the swing sole in m.
+
+        Returns:
+            The base position (3,) in m and the joints (16,) in rad.
+
+        Raises:
+            ArithmeticError: no solution was found.
         """
         model, data, legs = self.model, self._data, bruce.NUM_LEG_JOINTS
         crank, position = crank.copy(), position.copy()
@@ -228,7 +255,7 @@ class Planner:
             change = np.linalg.solve(J, error)
             position -= change[:3]
             crank[:legs] -= change[3:]
-        raise ArithmeticError("the legs do not reach where the gait wants the feet")
+        raise ArithmeticError("the legs cannot reach the planned feet: plan a slower gait.")
 
     def _place(self, qpos: NDArray[np.float64]) -> None:
         self._data.qpos[:] = qpos
@@ -236,19 +263,19 @@ class Planner:
         mujoco.mj_comPos(self.model, self._data)
 
     def _sole(self, side: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where a sole is, and its Jacobian (6, nv): linear, then angular."""
+        """Return the position (3,) of a sole and its Jacobian (6, nv): linear, then angular."""
         jacobian = np.zeros((6, self.model.nv))
         sole = self._soles[side]
         mujoco.mj_jacSite(self.model, self._data, jacobian[:3], jacobian[3:], sole)
         return self._data.site_xpos[sole].copy(), jacobian
 
     def _fitted(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(2, S, C) samples to (2, 8, C) control points."""
+        """Fit control points (2, 8, C) to samples (2, S, C)."""
         fitted = self._fit @ samples.reshape(2 * SAMPLES, -1)
         return fitted.reshape(2, DEGREE + 1, -1)
 
     def _correction(self, error: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Periodic d (2, S, 2) with d - d''/omega^2 = error: how far a pendulum is out of place."""
+        """Solve d - d''/omega^2 = error for a periodic pendulum displacement d (2, S, 2) in m."""
         c = self.constants
         around = error[:, :-1].reshape(-1, 2)
         waves = np.fft.rfftfreq(len(around), 2 * c.step_time / len(around)) * 2 * np.pi
@@ -258,16 +285,16 @@ class Planner:
 
 
 def _flow(omega: float, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(S, 2, 2): how position and velocity of a pendulum's top evolve over t (S,)."""
+    """Return transition matrices (S, 2, 2) of a pendulum's position and velocity over t (S,)."""
     cosh, sinh = np.cosh(omega * t), np.sinh(omega * t)
     rows = [np.stack([cosh, sinh / omega], -1), np.stack([omega * sinh, cosh], -1)]
     return np.stack(rows, -2)
 
 
 def _smooth_fit(s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(16, 2 S): from samples of two steps to control points of both.
+    """Return the matrix (16, 2 S) from samples of two steps to the control points of both.
 
-    Least squares, through the ends exactly, and without a jump of velocity from step to step.
+    It solves least squares with exact end points and continuous velocity between steps.
     """
     n, S = DEGREE + 1, len(s)
     weights = np.kron(np.eye(2), bernstein(s))

@@ -1,12 +1,13 @@
-"""Robots that differ: each world has masses, friction and motors of its own."""
+"""BRUCE's domain randomization: masses, friction and motor gains of each world."""
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 FIELDS = ("geom_friction", "body_mass", "body_ipos", "actuator_gainprm", "actuator_biasprm")
-FRICTION, TORSO_MASS, GAIN = 0.4, 0.3, 0.2  # at most so much more, or less, of each
-TORSO_SHIFT, SHIFT = 0.05, 0.01  # metres along each axis, of the torso's and every centre of mass
+FRICTION, TORSO_MASS, GAIN = 0.4, 0.3, 0.2  # largest relative change, up or down
+# Shifts of centers of mass along each axis, in m; the torso gets both.
+TORSO_SHIFT, SHIFT = 0.05, 0.01
 
 Array = NDArray[np.float64]
 
@@ -14,11 +15,18 @@ Array = NDArray[np.float64]
 def randomized(
     model: mujoco.MjModel, given: dict[str, Array], num_worlds: int, seed: int
 ) -> dict[str, Array]:
-    """The fields (N, ...) that differ between worlds, over those that are `given`."""
-    random = np.random.default_rng([seed, 1])  # not what `given` was drawn from
+    """Draw the model fields (N, ...) that differ between worlds, by name.
 
-    def around(centre: float, width: float, *shape: int) -> Array:
-        return random.uniform(centre - width, centre + width, (num_worlds, *shape))
+    Args:
+        model: the nominal robot.
+        given: fields (N, ...) that already differ; they replace the nominal ones.
+        num_worlds: N.
+        seed: random seed.
+    """
+    random = np.random.default_rng([seed, 1])  # a stream independent of the one that drew `given`
+
+    def around(center: float, width: float, *shape: int) -> Array:
+        return random.uniform(center - width, center + width, (num_worlds, *shape))
 
     nominal = {name: [getattr(model, name)] * num_worlds for name in FIELDS}
     drawn = {name: np.array(values) for name, values in {**nominal, **given}.items()}

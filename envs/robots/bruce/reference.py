@@ -1,7 +1,7 @@
-"""The walk that N worlds are to follow: gaits of the library, blended as velocities change.
+"""Reference walk of N worlds: gaits of the library, blended when the velocity changes.
 
-Each world follows a segment: what is left of its step, re-parametrised to [0, 1]. All of it is
-arithmetic on whole tensors, written in place, so that a CUDA graph can record it.
+Each world follows a segment: the rest of its current step, reparametrized to [0, 1]. All updates
+are in-place arithmetic on whole tensors, so that a CUDA graph can record them.
 """
 
 from math import comb
@@ -12,17 +12,17 @@ from torch import Tensor
 from .library import Library
 from .planner import DEGREE
 
-BLENDING = 0.7  # of a step: later ones are not changed
-LATE = 0.005  # seconds that a step has run when it begins, half the lag of noticing it
-EARLY = 0.01  # and when an episode begins
+BLENDING = 0.7  # phase after which a step is no longer changed
+LATE = 0.005  # s already elapsed when a step begins: half the lag in detecting its start
+EARLY = 0.01  # s already elapsed when an episode begins
 
 
 class Reference:
-    """State of the walk of N worlds; every tensor is a world's row.
+    """State of the reference walk; each tensor has one row per world.
 
     Args:
-        library: of gaits, all with the same duration of a step.
-        like: (N, ...) whose number of worlds, dtype and device to take.
+        library: gaits with one common step duration.
+        like: (N, ...) tensor that sets the number of worlds, dtype and device.
     """
 
     def __init__(self, library: Library, like: Tensor):
@@ -40,23 +40,25 @@ class Reference:
         self.duration = like.new_full((N,), self.step_time)  # s, of the segment
         self.elapsed = like.new_zeros(N)  # s, of the segment
         self.step_elapsed = like.new_zeros(N)  # s, of the step
-        self.leg = torch.zeros(N, dtype=torch.int64, device=like.device)  # 0: the left one swings
-        self.velocity = like.new_zeros(N, 2)  # m/s, that the segment was blended for
+        self.leg = torch.zeros(N, dtype=torch.int64, device=like.device)  # 0: left swings
+        self.velocity = like.new_zeros(N, 2)  # m/s, of the segment
 
     @property
     def phase(self) -> Tensor:
-        """(N,) how much of the step is over, from 0 to 1."""
+        """Return the elapsed share (N,) of the step, from 0 to 1."""
         return self.step_elapsed / self.step_time
 
     def state(self) -> dict[str, Tensor]:
-        """Every tensor that the future depends on."""
+        """Return every tensor that persists between steps, by name."""
         names = ("points", "duration", "elapsed", "step_elapsed", "leg", "velocity")
         return {name: getattr(self, name) for name in names}
 
     def gaits(self, velocity: Tensor, leg: Tensor) -> Tensor:
-        """(N, 8, 22): control points of a step with the legs (N,) at velocities (N, 2).
+        """Interpolate the control points (N, 8, 22) of a step bilinearly in the library's grid.
 
-        They are bilinear in the library's grid.
+        Args:
+            velocity: (N, 2) in m/s, forward and to the left.
+            leg: (N,) swing leg, 0 left and 1 right.
         """
         i, u = _cell(self._vx, velocity[:, 0])
         j, v = _cell(self._vy, velocity[:, 1])
@@ -65,17 +67,17 @@ class Reference:
         return torch.lerp(near, far, v[:, None]).unflatten(1, self._shape)
 
     def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor) -> None:
-        """Start walking anew where `fresh` (N,), for velocities (N, 2), on legs (N,)."""
+        """Restart the walk where `fresh` (N,) bool, with velocities (N, 2) and swing legs (N,)."""
         self._start_segment(fresh, velocity, leg, EARLY)
         self.velocity.copy_(torch.where(fresh[:, None], velocity, self.velocity))
 
     def blend(self, velocity: Tensor) -> None:
-        """Turn towards the gaits for velocities (N, 2), where the step is not too far gone.
+        """Blend toward the gaits for velocities (N, 2) where the phase is below BLENDING.
 
-        What is left of the segment and what the new gait has left are split off; the new segment
-        starts as the one and ends as the other.
+        The rests of the current segment and of the new gait are split off; the new segment starts
+        like the former and ends like the latter.
         """
-        open_ = self.phase < BLENDING
+        blendable = self.phase < BLENDING
         done = self.elapsed / self.duration
         rest = self.duration - self.elapsed
         target = self.gaits(velocity, self.leg)
@@ -83,13 +85,13 @@ class Reference:
         blended = torch.cat(
             [old[..., :3, :], (old[..., 3:5, :] + new[..., 3:5, :]) / 2, new[..., 5:, :]], -2
         )
-        self.points.copy_(torch.where(open_[:, None, None], blended, self.points))
-        self.duration.copy_(torch.where(open_, rest, self.duration))
-        self.elapsed.masked_fill_(open_, 0.0)
-        self.velocity.copy_(torch.where(open_[:, None], velocity, self.velocity))
+        self.points.copy_(torch.where(blendable[:, None, None], blended, self.points))
+        self.duration.copy_(torch.where(blendable, rest, self.duration))
+        self.elapsed.masked_fill_(blendable, 0.0)
+        self.velocity.copy_(torch.where(blendable[:, None], velocity, self.velocity))
 
     def advance(self, dt: float) -> Tensor:
-        """Let time pass; returns where feet changed (N,) bool."""
+        """Advance time by `dt` (s); returns where feet changed (N,) bool."""
         self.elapsed += dt
         self.step_elapsed += dt
         changed = self.elapsed >= self.duration
@@ -97,15 +99,15 @@ class Reference:
         return changed
 
     def now(self) -> tuple[Tensor, Tensor]:
-        """Joints and base now, and their rates: (N, 22) each."""
+        """Return the current joints and base, and their rates, (N, 22) each."""
         s = (self.elapsed / self.duration).clamp(0, 1)
         slopes = DEGREE * self.points.diff(dim=1) / self.duration[:, None, None]
-        # products of matrices would be rounded to TF32 where training allows that
+        # Sums of products, because training may allow TF32 in matrix products.
         value = (self._bernstein(s, DEGREE) * self.points).sum(1)
         return value, (self._bernstein(s, DEGREE - 1) * slopes).sum(1)
 
     def _bernstein(self, s: Tensor, degree: int) -> Tensor:
-        """(N, degree + 1, 1): the weights of a Bezier curve's control points at s (N,)."""
+        """Return the Bernstein weights (N, degree + 1, 1) of a Bezier curve at s (N,)."""
         choose, k = self._binomial[degree]
         s = s[:, None, None]
         return choose * s**k * (1 - s) ** (degree - k)
@@ -120,7 +122,7 @@ class Reference:
 
     @staticmethod
     def _rest(points: Tensor, s: Tensor) -> Tensor:
-        """Control points of the part of the curves (N, 8, C) that lies behind s (N,)."""
+        """Return the control points of the curves (N, 8, C) restricted to [s, 1], s (N,)."""
         s = s[:, None, None]
         lasts = []
         for _ in range(DEGREE):  # de Casteljau
@@ -130,8 +132,8 @@ class Reference:
 
 
 def _cell(grid: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
-    """The cell of an even grid that each value (N,) is in, and how far in: from 0 to 1."""
+    """Return each value's (N,) cell in an even grid and its position in the cell, 0 to 1."""
     spacing = (grid[-1] - grid[0]) / (len(grid) - 1)
     at = ((value - grid[0]) / spacing).clamp(0, len(grid) - 1)
-    i = at.long().clamp(0, len(grid) - 2)  # even of what is not a number
+    i = at.long().clamp(0, len(grid) - 2)  # keeps the index valid if the value is NaN
     return i, at - i

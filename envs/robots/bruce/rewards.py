@@ -1,4 +1,4 @@
-"""What BRUCE's reward terms are made of."""
+"""Building blocks of BRUCE's reward terms."""
 
 import math
 
@@ -7,22 +7,26 @@ from torch import Tensor
 
 
 def closeness(difference: Tensor, width: float) -> Tensor:
-    """(N,): 1 where nothing differs, less with the squares of (N, C)."""
+    """Return exp(-|difference|^2 / width) (N,) of differences (N, C): 1 where they are zero."""
     return torch.exp(-difference.square().sum(-1) / width)
 
 
 def roughness(history: Tensor) -> Tensor:
-    """(N,): how much the newest of (N, K, C) differs from the last, and from going on alike."""
+    """Return the summed norms of the first and second difference (N,) of the newest value.
+
+    Args:
+        history: (N, K, C), newest first.
+    """
     now, last, before = history[:, 0], history[:, 1], history[:, 2]
     return (now - last).norm(dim=-1) + (now - 2 * last + before).norm(dim=-1)
 
 
 def swinging_arms(phase: Tensor, leg: Tensor) -> Tensor:
-    """(N, 6) rad: where swinging arms would be, each with the leg of the other side.
+    """Return arm joints (N, 6) in rad that swing with the opposite legs.
 
     Args:
-        phase: of the step, from 0 to 1, (N,).
-        leg: that swings, 0 the left and 1 the right, (N,).
+        phase: (N,) elapsed share of the step, 0 to 1.
+        leg: (N,) swing leg, 0 left and 1 right.
     """
     c = torch.cos(math.pi * (phase + leg))
     one = torch.ones_like(c)

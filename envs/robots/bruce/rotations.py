@@ -1,11 +1,11 @@
-"""Quaternions (..., 4), w first."""
+"""Rotations as quaternions (..., 4), w first."""
 
 import torch
 from torch import Tensor
 
 
 def multiply(a: Tensor, b: Tensor) -> Tensor:
-    """First `b`, then `a`."""
+    """Return the product of `a` and `b`: the rotation `b` followed by `a`."""
     (aw, av), (bw, bv) = a.split([1, 3], -1), b.split([1, 3], -1)
     w = aw * bw - (av * bv).sum(-1, keepdim=True)
     v = torch.addcmul(torch.addcmul(torch.linalg.cross(av, bv), aw, bv), bw, av)
@@ -13,29 +13,29 @@ def multiply(a: Tensor, b: Tensor) -> Tensor:
 
 
 def conjugate(q: Tensor) -> Tensor:
-    """The opposite turn."""
+    """Return the inverse rotation."""
     return torch.cat([q[..., :1], -q[..., 1:]], -1)
 
 
 def positive(q: Tensor) -> Tensor:
-    """The same turn with w >= 0."""
+    """Return the same rotation with w >= 0."""
     return torch.where(q[..., :1] < 0, -q, q)
 
 
 def yaw_of(q: Tensor) -> Tensor:
-    """(...,): the angle of a turn about z."""
+    """Return the yaw angle (...,) in rad."""
     w, x, y, z = q.unbind(-1)
     return torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def from_yaw(yaw: Tensor) -> Tensor:
-    """The turn about z by an angle (...,)."""
+    """Return the rotation about z by an angle (...,) in rad."""
     zero = torch.zeros_like(yaw)
     return torch.stack([(yaw / 2).cos(), zero, zero, (yaw / 2).sin()], -1)
 
 
 def from_angles(angles: Tensor) -> Tensor:
-    """Roll, pitch and yaw (..., 3): the turn about z, then about y, then about x."""
+    """Return the rotation of roll, pitch and yaw (..., 3) in rad: about z, then y, then x."""
     half = torch.stack([(angles / 2).cos(), (angles / 2).sin()], -1)
     roll, pitch, yaw = half.unbind(-2)
     pairs = roll[..., :, None] * pitch[..., None, :]
@@ -45,6 +45,6 @@ def from_angles(angles: Tensor) -> Tensor:
 
 
 def turned(xy: Tensor, yaw: Tensor) -> Tensor:
-    """(..., 2) turned by an angle (...,)."""
+    """Rotate vectors (..., 2) by an angle (...,) in rad."""
     (x, y), cos, sin = xy.unbind(-1), yaw.cos(), yaw.sin()
     return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)

@@ -1,4 +1,4 @@
-"""BRUCE walks at a commanded velocity after gaits of a library: six objectives."""
+"""BRUCE's task: walk at a commanded velocity, following a gait library, with six objectives."""
 
 from typing import Any
 
@@ -23,24 +23,24 @@ from .randomization import randomized
 from .reference import Reference
 from .rewards import closeness, roughness, swinging_arms
 
-SEEN = 5  # of each history, in the observation
-LAG = 0.03  # seconds, of the filter that actions pass
-LEG_REACH, ARM_REACH, VELOCITY_REACH = 0.6, 0.4, 0.05  # rad, rad and m/s: what an action moves
-RESTING_HEIGHT = 0.427  # metres: the soles hang 2 mm above the floor in the default pose
-FALLEN = 0.2  # metres: a lower base has fallen
+SEEN = 5  # values of each history in the observation
+LAG = 0.03  # s, time constant of the action filter
+LEG_REACH, ARM_REACH, VELOCITY_REACH = 0.6, 0.4, 0.05  # rad, rad and m/s, of an action of 1
+RESTING_HEIGHT = 0.427  # m; the soles are 2 mm above the floor in the default pose
+FALLEN = 0.2  # m; a robot with a lower base has fallen
 
-# Half the width of uniform noise, and what the energy term is measured from: 0.9 of the squared
-# force limits of the arms' motors.
+# Half the width of uniform noise: rad/s, m/s^2, rad, rad.
 GYRO_NOISE, ACCELEROMETER_NOISE, JOINT_NOISE, ATTITUDE_NOISE = 0.03, 0.1, 0.02, 0.05
-MOST_ENERGY = 54.0
+MOST_ENERGY = 54.0  # (N m)^2: 0.9 of the squared force limits of the arm motors
 
 
 class Bruce(Environment):
-    """The robot is free to leave the reference: actions move the joints about the default pose.
+    """BRUCE, rewarded for following a reference walk.
 
-    Two more numbers of the action shift the velocity that the reference walks at. The reference's
-    base is anchored to the world anew at each step, so drift is forgiven. Rewards compare with the
-    reference of one control step ago, as observations do.
+    Actions move the joints about the default pose, independently of the reference. Two more numbers
+    of the action shift the velocity of the reference. At each change of feet, the reference is
+    moved to the robot, so drift is not penalized. Rewards compare with the reference of the
+    previous control step, as observations do.
     """
 
     substeps = 5
@@ -65,16 +65,17 @@ class Bruce(Environment):
         legs = bruce.NUM_LEG_JOINTS
         self._reach = like.new_tensor([LEG_REACH] * legs + [ARM_REACH] * (16 - legs))
         self._fastest = like.new_tensor(FASTEST)
-        self._offset = like.new_zeros(len(like), 16)  # rad, filtered, from the default pose
-        self._shift = like.new_zeros(len(like), 2)  # m/s, filtered
+        self._offset = like.new_zeros(len(like), 16)  # rad, filtered offset from the default pose
+        self._shift = like.new_zeros(len(like), 2)  # m/s, filtered velocity shift
         self._anchor = Anchor(like)
         self._rates = like.new_zeros(len(like), 22)  # of the reference
+        # The names of these attributes are keys of saved states.
         self._actions = History(like, SEEN, 18)
         self._gyro, self._accelerometer = History(like, SEEN, 3), History(like, SEEN, 3)
-        self._measured = History(like, SEEN, 20)  # attitude and joints, as seen
-        self._joints = History(like, 3, 16)  # as they were
-        self._asked_joints = History(like, SEEN, 16)
-        self._asked_base = History(like, SEEN, 7)
+        self._measured = History(like, SEEN, 20)  # attitude and joints, with noise
+        self._joints = History(like, 3, 16)  # without noise
+        self._asked_joints = History(like, SEEN, 16)  # of the reference
+        self._asked_base = History(like, SEEN, 7)  # of the reference
         super().__init__(physics, options, seed, auto_reset)
 
     @classmethod
@@ -118,9 +119,9 @@ class Bruce(Environment):
         for filtered in (self._offset, self._shift):
             filtered.masked_fill_(here, 0.0)
         self.reference.begin(fresh, self.command, self._legs[rows])
-        asked, rates = self.reference.now()
+        target, rates = self.reference.now()
         self._rates.copy_(torch.where(here, rates, self._rates))
-        for history, value in self._readings(asked):
+        for history, value in self._readings(target):
             history.refill(fresh, value)
         self._actions.refill(fresh, torch.zeros_like(self._actions.values[:, 0]))
 
@@ -135,30 +136,30 @@ class Bruce(Environment):
 
     def advance(self) -> None:
         changed = self.reference.advance(self.dt)
-        asked, rates = self.reference.now()
+        target, rates = self.reference.now()
         self._rates.copy_(rates)
-        self._anchor.advance(changed, asked, self.physics.qpos[:, :7])
-        for history, value in self._readings(asked):
+        self._anchor.advance(changed, target, self.physics.qpos[:, :7])
+        for history, value in self._readings(target):
             history.push(value)
         if self.options.draw_commands and self.options.redraw_every:
             self._redraw(self.options.redraw_every)
 
     def _redraw(self, every: int) -> None:
-        """Tell another velocity where so many control steps of the episode are over again."""
-        due = (self.age + 1) % every == 0  # this step is not counted yet
+        """Draw new commands in the worlds whose episode age reaches a multiple of `every` steps."""
+        due = (self.age + 1) % every == 0  # age does not count this step yet
         rows = torch.empty_like(self.starts.rows)
         rows.random_(0, len(self._commands), generator=self.generator)
         self.command.copy_(torch.where(due[:, None], self._commands[rows], self.command))
 
-    def _readings(self, asked: Tensor) -> list[tuple[History, Tensor]]:
-        """What each history is to take in, sensors with their noise."""
+    def _readings(self, target: Tensor) -> list[tuple[History, Tensor]]:
+        """Return each history with its next value (N, C); sensors include noise."""
         qpos = self.physics.qpos
         joints = self._from_joints(qpos[:, 7:])
         attitude = self._anchor.seen_from(qpos[:, 3:7])
         tilt = rotations.from_angles(self._noisy(qpos[:, :3], ATTITUDE_NOISE))
         seen = rotations.positive(rotations.multiply(tilt, attitude))
         gyro, accelerometer = self.physics.sensors[:, :3], self.physics.sensors[:, 3:6]
-        base = [asked[:, POSITION], rotations.from_angles(asked[:, ANGLES])]
+        base = [target[:, POSITION], rotations.from_angles(target[:, ANGLES])]
         return [
             (self._gyro, gyro + self._noisy(gyro, GYRO_NOISE)),
             (
@@ -167,12 +168,12 @@ class Bruce(Environment):
             ),
             (self._measured, torch.cat([seen, joints + self._noisy(joints, JOINT_NOISE)], -1)),
             (self._joints, joints),
-            (self._asked_joints, asked[:, :16]),
+            (self._asked_joints, target[:, :16]),
             (self._asked_base, torch.cat(base, -1)),
         ]
 
     def _noisy(self, like: Tensor, width: float) -> Tensor:
-        """Uniform within `width` of zero, or nothing where sensors are exact."""
+        """Draw uniform noise in [-width, width] times the option `noise`, shaped like `like`."""
         scale = self.options.noise * width
         if not scale:
             return torch.zeros_like(like)
@@ -229,15 +230,15 @@ class Bruce(Environment):
     def terms(self) -> dict[str, Tensor]:
         legs = bruce.NUM_LEG_JOINTS
         joints = self._joints.values[:, 0]
-        asked_joints, asked_base = self._asked_joints.values[:, 1], self._asked_base.values[:, 1]
-        position, attitude = self._anchor.placed(asked_base)
+        target_joints, target_base = self._asked_joints.values[:, 1], self._asked_base.values[:, 1]
+        position, attitude = self._anchor.placed(target_base)
         overlap = (self.physics.qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
         arms = joints[:, legs:]
         swing = swinging_arms(self.reference.phase, self.reference.leg)
         torques = self.physics.sensors[:, 6:]
         shift, former_shift = (VELOCITY_REACH * self._actions.values[:, k, 16:] for k in (0, 1))
         return {
-            "gait": closeness(joints[:, :legs] - asked_joints[:, :legs], 0.15),
+            "gait": closeness(joints[:, :legs] - target_joints[:, :legs], 0.15),
             "base_position": closeness(self.physics.qpos[:, :3] - position, 0.004),
             "base_attitude": closeness(2 * torch.acos(overlap)[:, None], 0.02),
             "arm_swing": closeness(arms - swing, 0.15),

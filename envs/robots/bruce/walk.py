@@ -1,4 +1,4 @@
-"""A planned gait, walked in simulation by servos and as little balance as that takes."""
+"""Simulation of planned gaits with joint servos and a minimal balance controller."""
 
 import mujoco
 import numpy as np
@@ -7,17 +7,21 @@ from numpy.typing import NDArray
 from . import model as bruce
 from .planner import GRAVITY, STANCE, Gait, Motion, Planner
 
-CONTROL_STEPS = 20  # of 20 ms, in each step of a gait
-FALLEN = 0.2  # metres: a lower base has fallen
-ANKLE = 2.4  # rad of the stance ankle for each metre that the capture point is ahead
-PLACEMENT = 0.5  # rad of the swinging hip, likewise
+CONTROL_STEPS = 20  # per step of a gait, 20 ms each
+FALLEN = 0.2  # m; a robot with a lower base has fallen
+ANKLE = 2.4  # rad/m: gain from the capture point's error to the stance ankle
+PLACEMENT = 0.5  # rad/m: gain from the capture point's error to the swing hip
 
 
 class Walker:
-    """Walks gaits: it holds the joints of a gait by their servos and catches its own errors.
+    """Walks gaits: servos track the joints, and a balance controller corrects errors.
 
-    The capture point (where a pendulum would come to rest) is compared with the gait's, seen from
-    the stance foot. The stance ankle pushes it back, and the swinging foot lands nearer to it.
+    The controller compares the capture point (where a pendulum would come to rest), relative to the
+    stance foot, with that of the gait. The stance ankle pushes it back, and the swing foot lands
+    closer to it.
+
+    Args:
+        planner: planned the gaits.
     """
 
     def __init__(self, planner: Planner):
@@ -31,7 +35,7 @@ class Walker:
         self._substeps = round(duration / self.model.opt.timestep)
 
     def walk(self, gait: Gait, steps: int) -> int:
-        """How many steps of a gait it makes before it falls, at most `steps`."""
+        """Return the number of steps walked before falling, at most `steps`."""
         data = self.data
         motion = self.planner.motion(gait, np.arange(CONTROL_STEPS) / CONTROL_STEPS)
         joints = motion.qpos[..., 7:] @ self._from_joints.T
@@ -50,7 +54,7 @@ class Walker:
                 balance[stance + 4] = -ANKLE * ahead
                 balance[swing + 1] = reach * ahead
                 balance[swing + 2] = reach * aside
-                balance[swing + 4] = -reach * ahead  # the sole stays level
+                balance[swing + 4] = -reach * ahead  # keeps the sole level
                 data.ctrl[:16] = servo[phase, k] + self._to_motors @ balance
                 mujoco.mj_step(self.model, data, nstep=self._substeps)
                 if data.qpos[2] < FALLEN:
@@ -58,7 +62,7 @@ class Walker:
         return steps
 
     def _expected(self, motion: Motion) -> NDArray[np.float64]:
-        """(2, S, 2): the capture points of a gait."""
+        """Return the capture points (2, S, 2) of a gait in m."""
         expected = np.zeros((*motion.qpos.shape[:2], 2))
         for phase, k in np.ndindex(*expected.shape[:2]):
             self.data.qpos[:], self.data.qvel[:] = motion.qpos[phase, k], motion.qvel[phase, k]
@@ -69,7 +73,10 @@ class Walker:
         return expected
 
     def _capture_point(self, stance: str) -> NDArray[np.float64]:
-        """(2,) ahead and to the left of the stance sole, as the torso is heading."""
+        """Return the capture point (2,) in m, forward and to the left of the stance sole.
+
+        Directions are relative to the torso's heading.
+        """
         data = self.data
         mujoco.mj_subtreeVel(self.model, data)
         point = data.subtree_com[1] + data.subtree_linvel[1] / self._omega

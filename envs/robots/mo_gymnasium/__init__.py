@@ -1,9 +1,9 @@
 """The MuJoCo tasks of MO-Gymnasium, version 5: "A Toolkit for Reliable Benchmarking and Research
 in Multi-Objective Reinforcement Learning", Felten et al., NeurIPS 2023.
 
-Rewards, observations, ends of episodes, frame skips, lengths and the spread of starts are theirs.
-Reference points are ours: below zero by 100, and for control what an episode can cost at most.
-mo-reacher-v5 is missing: its actions are discrete.
+Rewards, observations, terminations, frame skips, episode lengths and reset noise match the
+originals. The reference points are our choice: -100 per objective, and for control minus the
+largest possible cost of an episode. mo-reacher-v5 is missing because its actions are discrete.
 """
 
 from .ant import Ant, Ant2

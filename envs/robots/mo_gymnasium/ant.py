@@ -1,4 +1,4 @@
-"""Four-legged ant: go along x, go along y and, with three objectives, spare the motors."""
+"""Quadruped ant: move along x, along y and, with three objectives, use little control."""
 
 from functools import cached_property
 
@@ -16,9 +16,9 @@ from ..gymnasium_robot import GymnasiumRobot
 class Ant(GymnasiumRobot):
     """mo-ant-v5.
 
-    Its velocity is that of its position; the original's is that of the torso's place, which the
-    RK4 integrator leaves where its last stage was. Contact forces are of the state that entered
-    the last physics step; the original's, again, of that last stage.
+    Velocity is computed from `qpos`. The original uses the torso's body position, which the RK4
+    integrator leaves at its last stage. Contact forces describe the state before the last physics
+    step; the original's describe that last RK4 stage.
     """
 
     model_file = "ant.xml"
@@ -49,7 +49,7 @@ class Ant(GymnasiumRobot):
         return Bodies(self.physics)
 
     def contact_forces(self) -> Tensor:
-        """(N, 78) torques and forces, each clipped to one unit."""
+        """Return contact torques (N m) and forces (N), (N, 78), each clipped to [-1, 1]."""
         return self.bodies.contact_forces().flatten(1).clamp(-1, 1)
 
     def observe(self) -> Tensor:
@@ -78,7 +78,7 @@ class Ant(GymnasiumRobot):
 
 
 class Ant2(Ant):
-    """mo-ant-2obj-v5: the motors are a cost, not an objective."""
+    """mo-ant-2obj-v5: control is a cost instead of an objective."""
 
     class Options(Ant.Options):
         objectives: dict[str, dict[str, float]] = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}

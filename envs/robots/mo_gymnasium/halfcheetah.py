@@ -1,4 +1,4 @@
-"""Half-cheetah: run fast, spare the motors."""
+"""Half-cheetah: run fast, use little control."""
 
 from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
@@ -8,7 +8,7 @@ from ..gymnasium_robot import GymnasiumRobot
 
 
 class HalfCheetah(GymnasiumRobot):
-    """mo-halfcheetah-v5. It never fails."""
+    """mo-halfcheetah-v5. The robot never fails."""
 
     model_file = "half_cheetah.xml"
     substeps = 5

@@ -1,4 +1,4 @@
-"""Planar one-legged hopper: run, jump high and, with three objectives, spare the motors."""
+"""Planar one-legged hopper: run, jump high and, with three objectives, use little control."""
 
 from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
@@ -6,7 +6,7 @@ from torch import Tensor
 from ...worlds.options import TaskOptions
 from ..gymnasium_robot import GymnasiumRobot
 
-STANDING = 1.25  # metres
+STANDING = 1.25  # m
 
 
 class Hopper(GymnasiumRobot):
@@ -45,7 +45,7 @@ class Hopper(GymnasiumRobot):
 
 
 class Hopper2(Hopper):
-    """mo-hopper-2obj-v5: the motors are a small cost, not an objective."""
+    """mo-hopper-2obj-v5: control is a small cost instead of an objective."""
 
     class Options(Hopper.Options):
         objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "jump": {"jump": 10.0}}

@@ -1,4 +1,4 @@
-"""Humanoid: run fast, spare the motors."""
+"""Humanoid: run fast, use little control."""
 
 from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""Three links in a viscous fluid: swim fast, spare the motors."""
+"""Three links in a viscous fluid: swim fast, use little control."""
 
 from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor
@@ -8,7 +8,7 @@ from ..gymnasium_robot import GymnasiumRobot
 
 
 class Swimmer(GymnasiumRobot):
-    """mo-swimmer-v5. It never fails."""
+    """mo-swimmer-v5. The robot never fails."""
 
     model_file = "swimmer.xml"
     substeps = 4

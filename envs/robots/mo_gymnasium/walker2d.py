@@ -1,4 +1,4 @@
-"""Planar biped: run fast, spare the motors."""
+"""Planar biped: run fast, use little control."""
 
 from pydantic import NonNegativeFloat, PositiveInt
 from torch import Tensor

@@ -1,9 +1,9 @@
 """The seven tasks of PG-MORL: "Prediction-Guided Multi-Objective Reinforcement Learning for
 Continuous Robot Control", Xu et al., ICML 2020.
 
-Rewards, observations, ends of episodes, frame skips and lengths are those of its released code,
-and so are the robots: gymnasium's, changed at load where that benchmark's own MJCF differs. Its
-code drives an older MuJoCo, in which equal actions move a robot alike, but not equally.
+Rewards, observations, terminations, frame skips and episode lengths follow the released code. The
+robots are gymnasium's, edited at load where the benchmark's MJCF differs. The released code runs an
+older MuJoCo, in which the same actions give similar but not identical motions.
 """
 
 from .ant import Ant

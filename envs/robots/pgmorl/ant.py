@@ -1,4 +1,4 @@
-"""Four-legged ant: go along x, go along y."""
+"""Quadruped ant: move along x, move along y."""
 
 import mujoco
 import torch
@@ -9,10 +9,10 @@ from ..gymnasium_robot import GymnasiumRobot
 
 
 class Ant(GymnasiumRobot):
-    """MO-Ant-v2. It never fails, not even on its back.
+    """MO-Ant-v2. The robot never fails, not even on its back.
 
-    Its velocity is that of its position. The original asks for the torso's place, which the RK4
-    integrator leaves where its last stage was.
+    Velocity is computed from `qpos`. The original uses the torso's body position, which the RK4
+    integrator leaves at its last stage.
     """
 
     model_file = "ant.xml"

@@ -1,4 +1,4 @@
-"""Half-cheetah: run fast, spend little energy."""
+"""Half-cheetah: run fast, use little energy."""
 
 import math
 
@@ -8,7 +8,7 @@ from torch import Tensor
 from ...worlds.options import TaskOptions
 from ..gymnasium_robot import GymnasiumRobot
 
-MAX_SPEED = 4.0  # m/s; no reward for more
+MAX_SPEED = 4.0  # m/s; higher speeds earn no more reward
 MAX_PITCH = math.radians(50)
 
 

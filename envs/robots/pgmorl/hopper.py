@@ -1,4 +1,4 @@
-"""Planar one-legged hopper: run, jump high and, with three objectives, spend little energy."""
+"""Planar one-legged hopper: run, jump high and, with three objectives, use little energy."""
 
 import math
 
@@ -9,12 +9,12 @@ from torch import Tensor
 from ...worlds.options import TaskOptions
 from ..gymnasium_robot import GymnasiumRobot
 
-STANDING = 1.25  # metres
+STANDING = 1.25  # m
 MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))  # control range and gear: thigh, leg, foot
 
 
 class Hopper(GymnasiumRobot):
-    """MO-Hopper-v2. Its joints have no limits, and its motors two to six times the torque."""
+    """MO-Hopper-v2: without joint limits, and with two to six times gymnasium's motor torque."""
 
     model_file = "hopper.xml"
     substeps = 5
@@ -49,7 +49,7 @@ class Hopper(GymnasiumRobot):
 
 
 class Hopper3(Hopper):
-    """MO-Hopper-v3: energy is an objective, not a small cost."""
+    """MO-Hopper-v3: energy is an objective instead of a small cost."""
 
     class Options(Hopper.Options):
         objectives: dict[str, dict[str, float]] = {

@@ -1,4 +1,4 @@
-"""Humanoid: run fast, spend little energy."""
+"""Humanoid: run fast, use little energy."""
 
 import torch
 from pydantic import NonNegativeFloat, PositiveInt
@@ -8,10 +8,10 @@ from ..gymnasium_humanoid import GymnasiumHumanoid, HumanoidOptions
 
 
 class Humanoid(GymnasiumHumanoid):
-    """MO-Humanoid-v2, which alone of the seven has episodes of 1000 steps and noisy starts.
+    """MO-Humanoid-v2, the only one of the seven with 1000-step episodes and noisy starts.
 
-    The observation leaves out what was always zero: the rows of the world itself, and the motors
-    of the floating base. An action counts as clipped to the motors' range for its energy, too.
+    The observation omits entries that are always zero: those of the world body and the motor forces
+    on the floating base. The energy term uses the action clipped to the motors' control range.
     """
 
     class Options(HumanoidOptions):

@@ -1,4 +1,4 @@
-"""Three links in a viscous fluid: swim fast, spend little energy."""
+"""Three links in a viscous fluid: swim fast, use little energy."""
 
 import mujoco
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""Planar biped: run fast, spend little energy."""
+"""Planar biped: run fast, use little energy."""
 
 import mujoco
 import torch

@@ -1,4 +1,4 @@
-"""What people look at. Every function returns a matplotlib figure, which `save` writes."""
+"""Figures of fronts and training. Each function returns a matplotlib figure; `save` writes it."""
 
 from .front import front_figure, fronts_figure, parallel_figure
 from .hypervolume import hypervolume_figure

@@ -1,4 +1,4 @@
-"""Fronts: the returns that the policies of a family reached."""
+"""Figures of fronts: the returns of the policies of a family."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from ..front import Front
 from .style import COLOURS, DOMINATED, blank, distinct, lattice, legend_outside, returned, weight
 
-MARKS = 25  # on a line, so that its colour can be told in grey too
+MARKS = 25  # markers per line; they tell lines apart in grayscale
 
 
 def front_figure(front: Front, title: str = "") -> Figure:
-    """The returns of every trade-off, coloured by it; those that are dominated are grey.
+    """Plot the returns of every trade-off, colored by trade-off; dominated returns are gray.
 
-    Two objectives make one plot. Three make the front in space and its three projections, more a
-    projection for each pair of objectives.
+    Two objectives give one plot. Three give the front in 3D and its three projections; more give
+    one projection per pair of objectives.
     """
     m = len(front.objectives)
     if m == 2:
@@ -37,7 +37,7 @@ def front_figure(front: Front, title: str = "") -> Figure:
         _space(figure, front, rows, columns)
     for cell, (x, y) in enumerate(pairs, start=cells - len(pairs) + 1):
         points = _pair(figure.add_subplot(rows, columns, cell), front, x, y)
-    label = "trade-off within a pair: share of the objective on the x axis"
+    label = "trade-off: weight of the x-axis objective relative to the pair"
     figure.colorbar(points, ax=figure.axes, label=label, aspect=40)
     legend_outside(figure)
     return figure
@@ -69,13 +69,14 @@ def _space(figure: Figure, front: Front, rows: int, columns: int) -> None:
     axes.locator_params(nbins=4)
     axes.tick_params(labelsize="small")
     axes.view_init(elev=25, azim=45)
-    axes.set_box_aspect(None, zoom=0.82)  # else the name of the last axis is cut off
+    axes.set_box_aspect(None, zoom=0.82)  # else the label of the z axis is cut off
 
 
 def parallel_figure(front: Front, title: str = "") -> Figure:
-    """A line for each policy of the front across one axis for each objective, least to most.
+    """Plot each policy of the front as a line across one axis per objective.
 
-    It is coloured by the objective that weighs most in its trade-off.
+    Each axis spans the front's lowest to highest return. A line has the color of the objective
+    with the largest weight in its trade-off.
     """
     names, best = front.objectives, front.non_dominated
     returns, chief = front.returns[best], front.tradeoffs[best].argmax(1)
@@ -103,19 +104,23 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
             )
     axes.set_xticks(at, [returned(name) for name in names])
     axes.tick_params(axis="x", length=0, pad=16)
-    axes.set_yticks([0, 1], ["least", "most"])
-    axes.set_ylabel("return, from the least to the most on the front")
+    axes.set_yticks([0, 1], ["min", "max"])
+    axes.set_ylabel("return, scaled to the range of the front")
     axes.set_ylim(-0.02, 1.02)
     axes.spines[:].set_visible(False)
-    legend_outside(figure, "right center", title="most weight on")
+    legend_outside(figure, "right center", title="largest weight")
     return figure
 
 
 def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
-    """The fronts of several families, by name, over each other: a plot for each two objectives.
+    """Overlay the fronts of several families, with one plot per pair of objectives.
 
-    They share their objectives. What a family itself dominates is left out. Of two objectives a
-    line goes through the whole front, with marks on some of it.
+    Policies dominated within their own family are left out. With two objectives, a line connects
+    the front, with markers on some of its points.
+
+    Args:
+        fronts: by name, all with the same objectives.
+        title: of the figure.
     """
     names = next(iter(fronts.values())).objectives
     pairs = list(combinations(range(len(names)), 2))

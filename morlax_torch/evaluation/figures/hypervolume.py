@@ -1,4 +1,4 @@
-"""How fast runs came to their hypervolume."""
+"""Figure of the hypervolume during training."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,7 +13,7 @@ SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (
 
 
 class Band(NamedTuple):
-    """Quartiles over runs, wherever one of them was evaluated and all were running."""
+    """Quartiles over runs, at every evaluation of a run while all runs were training."""
 
     x: np.ndarray  # (E,)
     low: np.ndarray  # (E,) lower quartile
@@ -22,7 +22,7 @@ class Band(NamedTuple):
 
     @classmethod
     def over(cls, curves: Sequence[tuple[np.ndarray, np.ndarray]]) -> "Band":
-        """Of curves (x, y), each straight between its evaluations."""
+        """Compute the quartiles of curves (x, y), interpolated linearly between evaluations."""
         start, end = max(x[0] for x, _ in curves), min(x[-1] for x, _ in curves)
         grid = np.unique(np.concatenate([x for x, _ in curves]))
         grid = grid[(grid >= start) & (grid <= end)]
@@ -31,9 +31,9 @@ class Band(NamedTuple):
 
 
 def hypervolume_figure(histories: Sequence[History], title: str = "") -> Figure:
-    """Hypervolume against environment steps and against training seconds.
+    """Plot hypervolume against environment steps and against training seconds.
 
-    Several runs are thin lines, with their median and interquartile range over them.
+    Several runs are thin lines, overlaid with their median and interquartile range.
     """
     figure = blank(9.0, 3.7, title)
     panels = figure.subplots(1, 2, sharey=True)
@@ -42,7 +42,7 @@ def hypervolume_figure(histories: Sequence[History], title: str = "") -> Figure:
         several = len(curves) > 1
         for k, (x, y) in enumerate(curves):
             look = {"color": "0.55", "lw": 0.7} if several else {"color": "C0", "marker": "o"}
-            axes.plot(x, y, ms=3.5, **look, label="a run" if several and k == 0 else None)
+            axes.plot(x, y, ms=3.5, **look, label="single run" if several and k == 0 else None)
         if several:
             band = Band.over(curves)
             axes.fill_between(

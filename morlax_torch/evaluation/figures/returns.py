@@ -1,4 +1,4 @@
-"""How the returns follow the trade-off that a family is asked for."""
+"""Figures of the return of each objective against the trade-off."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -7,15 +7,15 @@ from matplotlib.tri import Triangulation
 from ..front import Front
 from .style import COLOURS, DOMINATED, blank, lattice, legend_outside, returned, weight
 
-CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the drawn simplex
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
 
 
 def returns_figure(front: Front, title: str = "") -> Figure:
-    """The return of each objective along the simplex of trade-offs.
+    """Plot the return of each objective over the simplex of trade-offs.
 
-    With two objectives both are drawn against the weight of the first. With three each is a map
-    of the simplex, whose corners ask for one objective alone. With more, each is drawn against its
-    own weight.
+    With two objectives, both are plotted against the weight of the first. With three, each is a
+    map of the simplex, whose corners put all weight on one objective. With more, each is plotted
+    against its own weight.
     """
     m = len(front.objectives)
     if m == 2:
@@ -46,7 +46,7 @@ def _maps(front: Front, title: str) -> Figure:
     figure = blank(11.0, 4.0, title)
     simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
     for k, axes in enumerate(figure.subplots(1, 3)):
-        colours = axes.tripcolor(
+        colors = axes.tripcolor(
             simplex, front.returns[:, k], cmap=COLOURS, shading="flat", edgecolors="face", lw=0.2
         )
         for corner, name in enumerate(names):
@@ -65,7 +65,7 @@ def _maps(front: Front, title: str) -> Figure:
         axes.set_xlim(-0.15, 1.15)
         axes.set_ylim(-0.08, 0.95)
         axes.set_axis_off()
-        figure.colorbar(colours, ax=axes, label=returned(names[k]), location="bottom", shrink=0.7)
+        figure.colorbar(colors, ax=axes, label=returned(names[k]), location="bottom", shrink=0.7)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""What the figures share: colours that survive grey print, names of axes, files."""
+"""Shared style of figures: colors that work in grayscale, axis labels, files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,30 +10,30 @@ from matplotlib.figure import Figure
 
 from ...files import replacing
 
-COLOURS = "viridis"  # even in lightness: readable in grey and by the colour-blind
+COLOURS = "viridis"  # perceptually uniform: readable in grayscale and by color-blind readers
 DOMINATED = {"s": 9, "color": "0.65", "marker": "x", "lw": 0.7, "label": "dominated"}
 MARKERS = "osD^vPX*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
-# what journals ask for: fonts that stay text, and the same file from the same numbers
+# journals require embedded TrueType fonts (type 42); the salt makes SVG files reproducible
 FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
 
 
 def blank(width: float, height: float, title: str) -> Figure:
-    """A figure of so many inches."""
+    """Create an empty figure; width and height are in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(title, fontsize="large")
     return figure
 
 
 def lattice(axes: Axes) -> None:
-    """Thin lines to read values by, behind everything else."""
+    """Draw a thin grid behind everything else."""
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
 
 
 def distinct(number: int) -> list[dict[str, Any]]:
-    """Colour, marker and line style for each of so many things."""
+    """Return a color, marker and line style for each of `number` items."""
     shades = mpl.colormaps[COLOURS]([0.85 * k / max(number - 1, 1) for k in range(number)])
     return [
         {"color": shade, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
@@ -42,7 +42,13 @@ def distinct(number: int) -> list[dict[str, Any]]:
 
 
 def legend_outside(figure: Figure, side: str = "lower center", title: str | None = None) -> None:
-    """One legend for all plots, where it hides no point; none where nothing has a name."""
+    """Draw one legend for all plots outside them; none if nothing has a label.
+
+    Args:
+        figure: with its plots.
+        side: location, as matplotlib names it after "outside".
+        title: of the legend.
+    """
     names: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -53,17 +59,22 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
 
 
 def returned(objective: str) -> str:
-    """The name of an axis of returns, which have no unit but reward."""
+    """Return the label of an axis of returns, which have the unit of the reward."""
     return f"{objective} (return)"
 
 
 def weight(objective: str) -> str:
-    """The name of an axis of trade-offs."""
+    """Return the label of an axis of trade-offs."""
     return f"trade-off: weight of {objective}"
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = FORMATS) -> None:
-    """Write stem.png, stem.pdf, stem.svg, ...: each is as it was or complete.
+    """Write stem.png, stem.pdf, stem.svg, ...; a failed write leaves the previous file intact.
+
+    Args:
+        figure: to write.
+        stem: path without a suffix.
+        formats: suffixes of the files.
 
     Raises:
         MorlaxError: a file cannot be written.

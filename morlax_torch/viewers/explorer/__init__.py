@@ -1,1 +1,1 @@
-"""The page of `morlax_torch.explore`: a session that needs no browser, and what shows it."""
+"""The page of `morlax_torch.explore`: a session that needs no browser, and its widgets."""

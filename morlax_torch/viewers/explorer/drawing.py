@@ -1,7 +1,7 @@
-"""The front, and the triangle of trade-offs, as one drawing that a pointer can pick from.
+"""The front and the trade-off triangle as one SVG drawing that users can pick from.
 
-It is an SVG that is sent once; the marks of the current trade-off are a second one laid over it,
-so that a browser has little to redraw while somebody drags.
+The drawing is sent once. The marks of the current trade-off are a second SVG on top, so that the
+browser redraws little while a user drags.
 """
 
 from collections.abc import Sequence
@@ -10,20 +10,22 @@ from typing import Any
 
 from ...evaluation.front import Front
 from . import picking, svg
-from .colours import mix
+from .colors import mix
 from .pair import PairPlot
 from .svg import Box
 from .triangle import Triangle
 from .weights import Weights, show
 
 WIDTH = 320.0
-TALL, LOW = 225.0, 150.0  # heights of a plot that stands alone, and of one among others
+TALL, LOW = 225.0, 150.0  # height of a single plot, and of each of several plots
 
 
 class Drawing:
-    """A plot for every pair of objectives and, for three objectives, the triangle before them.
+    """A plot for every pair of objectives; with three objectives, the triangle comes first.
 
-    Without a front there are no plots.
+    Args:
+        objectives: their names.
+        front: the evaluated front, None if there is none: then there are no plots.
     """
 
     def __init__(self, objectives: Sequence[str], front: Front | None):
@@ -41,13 +43,19 @@ class Drawing:
         ]
 
     def html(self) -> str:
-        """What is sent once."""
+        """Return the static part of the drawing, to send once."""
         shapes = [self._triangle, *self._plots] if self._triangle else self._plots
         style = "touch-action:none;user-select:none;cursor:pointer"
         return self._svg("".join(shape.html() for shape in shapes), style, **picking.handlers())
 
     def marks(self, weights: Weights, nearest: int | None) -> str:
-        """What is laid over it: the trade-off, and the evaluated one nearest to it by index."""
+        """Return the overlay that marks the current trade-off.
+
+        Args:
+            weights: the current trade-off, marked in the triangle.
+            nearest: index of the nearest evaluated trade-off, marked in the plots; None without a
+                front.
+        """
         line: dict[str, Any] = {"stroke": "#111", "stroke_width": 2}
         parts = []
         if self._triangle is not None:

@@ -1,11 +1,11 @@
-"""The last seconds of a robot's life, for strip charts."""
+"""The last seconds of a robot's signals, for strip charts."""
 
 from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 
-SECONDS = 15.0  # that are kept
+SECONDS = 15.0  # length of the kept history
 INTERVAL = 0.05  # s between samples
 
 
@@ -19,7 +19,12 @@ class History:
         self._begun = 0.0
 
     def add(self, time: float, values: Sequence[float]) -> None:
-        """Note the signals at a simulated time in seconds, later than the last."""
+        """Add one sample.
+
+        Args:
+            time: simulated seconds, later than those of the previous sample.
+            values: one per signal.
+        """
         self._pending.append(values)
         if time - self._begun >= INTERVAL - 1e-9:
             self._rows.append(np.array([time, *np.mean(self._pending, axis=0)]))
@@ -27,5 +32,5 @@ class History:
             self._begun = time
 
     def columns(self) -> np.ndarray:
-        """(1 + signals, T) the times, and each signal at them."""
+        """Return the times and, below them, each signal (1 + signals, T)."""
         return np.array(self._rows).reshape(-1, 1 + self._signals).T.copy()

@@ -1,4 +1,4 @@
-"""Which policies there are to explore: those that ship, and the runs under ./runs."""
+"""Policies that can be explored: shipped ones, and the runs under ./runs."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -12,23 +12,23 @@ RUNS = Path("runs")
 
 
 def shipped() -> list[str]:
-    """The names of the policies that ship."""
+    """Return the names of the shipped policies."""
     return sorted(folder.parent.name for folder in SHIPPED.glob("*/checkpoints"))
 
 
 def trained() -> list[str]:
-    """The folders of runs under ./runs that hold a checkpoint, the latest first."""
+    """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
     times: dict[str, float] = {}
     for depth in ("*", "*/*"):
         for file in RUNS.glob(f"{depth}/checkpoints/*.pt"):
             run = str(file.parent.parent)
-            with suppress(FileNotFoundError):  # somebody tidies up
+            with suppress(FileNotFoundError):  # deleted meanwhile
                 times[run] = max(times.get(run, 0.0), file.stat().st_mtime)
     return sorted(times, key=times.__getitem__, reverse=True)
 
 
 def first() -> str:
-    """What to show when nobody said: the first policy that ships, else the latest run.
+    """Return the default choice: the first shipped policy, or the latest run if there is none.
 
     Raises:
         MorlaxError: there is neither.
@@ -36,15 +36,15 @@ def first() -> str:
     for run in [*shipped(), *trained()]:
         return run
     raise MorlaxError(
-        "there is nothing to explore yet: name the folder of a run, or train one here "
+        "there is nothing to explore yet: name the folder of a run, or train one "
         "(python -m morlax_torch.train --env cheetah --max-seconds 60)."
     )
 
 
 class Choice(NamedTuple):
-    """A checkpoint to show, and what may be shown instead."""
+    """A checkpoint to show, and the other checkpoints of its run."""
 
-    run: str  # a folder, a shipped name, or a checkpoint file that lies in no run
+    run: str  # a folder, a shipped name, or a checkpoint file outside any run
     checkpoint: str  # its name: "best"
     files: dict[str, Path]  # the checkpoints of the run by name
 
@@ -54,10 +54,15 @@ class Choice(NamedTuple):
 
 
 def choose(run: str, checkpoint: str | None = None) -> Choice:
-    """A checkpoint of a run by name, by default the best; `run` may be one's file instead.
+    """Find a checkpoint to show.
+
+    Args:
+        run: a run's folder, a shipped policy, or a checkpoint file.
+        checkpoint: name of a checkpoint of the run, such as "latest" (None: the best one, or the
+            file that `run` names).
 
     Raises:
-        MorlaxError: no such run, or no such checkpoint.
+        MorlaxError: there is no such run or checkpoint.
     """
     file = find_checkpoint(run)
     if Path(run).is_file() and file.parent.name != "checkpoints":

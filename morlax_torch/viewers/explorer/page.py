@@ -1,4 +1,4 @@
-"""The page: widgets that ask a session for something, and show what it does."""
+"""The page: widgets that control a session and show its state."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,8 @@ from queue import Empty, SimpleQueue
 import rich
 import viser
 
-from ...envs import MorlaxError, title
+from ...envs import MorlaxError
+from ...envs.external import title
 from . import library
 from .charts import Charts
 from .drawing import Drawing
@@ -17,28 +18,33 @@ from .session import PUSH, Session
 from .status import NO_FRONT, status
 from .weights import Weights, move_slider, read, show
 
-FRAME = 1 / 40  # s between drawings of the robot
-CHART = 1 / 5  # s between drawings of the charts
-LOOK = 3.0  # s between looks for new runs
-USUAL_SIZE = 1.6  # m; the camera comes nearer to smaller robots
-PAUSE, GO_ON = "pause", "go on"
+FRAME = 1 / 40  # s between updates of the robot
+CHART = 1 / 5  # s between updates of the charts
+SCAN = 3.0  # s between searches for new runs
+USUAL_SIZE = 1.6  # m; the camera moves closer to smaller robots
+PAUSE, RESUME = "pause", "resume"
 
 
 class Page:
     """A viser server and the session that it shows; `serve` runs both.
 
-    A callback only puts a wish into a queue, which the loop of `serve` grants between two steps:
-    the session knows one thread, and browsers that come and go do not touch it.
+    Callbacks run on viser's event loop, so they only queue requests; the loop of `serve` executes
+    them between two steps. Only its thread uses the session, so no browser can interrupt a step.
+
+    Args:
+        run: a run's folder, a checkpoint file, or a shipped policy.
+        host: address to listen on.
+        port: TCP port to listen on; 0 selects a free one.
 
     Raises:
-        MorlaxError: the run is none, or has no checkpoint.
+        MorlaxError: there is no such run, or it has no checkpoint.
     """
 
     def __init__(self, run: str, host: str, port: int):
         self._choice = library.choose(run)
         self._session = Session(self._choice)
-        self._wishes: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        rich.get_console().quiet = True  # viser's own banner: the command prints the address
+        self._requests: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        rich.get_console().quiet = True  # hides viser's banner; the command prints the address
         self.server = viser.ViserServer(host, port, verbose=False)
         self.server.scene.world_axes.visible = False
         self.server.scene.configure_fog(10.0, 30.0)
@@ -49,8 +55,8 @@ class Page:
         self._add_session()
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Play in real time and serve browsers until `ended` says so."""
-        frame = chart = look = 0.0
+        """Run the session in real time and serve browsers until `ended` returns true."""
+        frame = chart = scan = 0.0
         while not ended():
             now = time.perf_counter()
             self._session.advance(now)
@@ -61,26 +67,26 @@ class Page:
                 chart = now + CHART
                 self._charts.draw()
                 self._status.content = status(self._session)
-            if now >= look:
-                look = now + LOOK
-                self._look_for_runs()
+            if now >= scan:
+                scan = now + SCAN
+                self._update_runs()
             wait = min(self._session.until_next(), frame - time.perf_counter())
-            self._grant_wishes(max(wait, 0.0))
+            self._execute_requests(max(wait, 0.0))
 
     def stop(self) -> None:
-        """Send the browsers away."""
+        """Stop the server and disconnect the browsers."""
         self.server.stop()
 
-    def _grant_wishes(self, seconds: float) -> None:
-        """Wait so long for a wish, and grant all there are."""
+    def _execute_requests(self, seconds: float) -> None:
+        """Wait up to `seconds` for a request, then execute all that are queued."""
         try:
-            self._wishes.get(timeout=seconds)()
+            self._requests.get(timeout=seconds)()
             while True:
-                self._wishes.get_nowait()()
+                self._requests.get_nowait()()
         except Empty:
             return
 
-    def _look_for_runs(self) -> None:
+    def _update_runs(self) -> None:
         runs = tuple(self._runs())
         if runs != self._run_choice.options:
             self._run_choice.options = runs
@@ -90,14 +96,14 @@ class Page:
         return runs if self._choice.run in runs else [self._choice.run, *runs]
 
     def _add_widgets(self) -> None:
-        """What stays whatever is shown."""
+        """Add the widgets that every session shares."""
         gui = self.server.gui
         self._run_choice = gui.add_dropdown(
             "policy",
             self._runs(),
             initial_value=self._choice.run,
             order=0,
-            hint="those that ship, and the runs in ./runs",
+            hint="Shipped policies, and the runs in ./runs.",
         )
         self._checkpoint_choice = gui.add_dropdown(
             "checkpoint",
@@ -106,9 +112,13 @@ class Page:
             order=1,
         )
         self._actions = gui.add_button_group(
-            "robot", (PAUSE, "reset", "push"), order=3, hint=f"a push adds {PUSH:g} m/s"
+            "robot",
+            (PAUSE, "reset", "push"),
+            order=3,
+            hint=f"A push adds {PUSH:g} m/s in a random horizontal direction.",
         )
-        pace = gui.add_slider("pace", 0.05, 1.0, 0.05, 1.0, order=4, hint="1 is real time")
+        hint = "Playback speed; 1 is real time."
+        pace = gui.add_slider("pace", 0.05, 1.0, 0.05, 1.0, order=4, hint=hint)
         self._status = gui.add_html("", order=5)
         panel = gui.add_panel()
         self._chart_tab = panel.add_tab("charts")
@@ -118,26 +128,26 @@ class Page:
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 run = event.target.value
-                self._wishes.put(lambda: self._change(run, None))
+                self._requests.put(lambda: self._change(run, None))
 
         @self._checkpoint_choice.on_update
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 name = event.target.value
-                self._wishes.put(lambda: self._change(self._choice.run, name))
+                self._requests.put(lambda: self._change(self._choice.run, name))
 
         @self._actions.on_click
         async def _(event: viser.GuiEvent) -> None:
             action = event.target.value
-            self._wishes.put(lambda: self._act(action))
+            self._requests.put(lambda: self._act(action))
 
         @pace.on_update
         async def _(event: viser.GuiEvent) -> None:
             value = event.target.value
-            self._wishes.put(lambda: self._keep_pace(value))
+            self._requests.put(lambda: self._set_pace(value))
 
     def _add_session(self) -> None:
-        """What depends on the session: the robot, its objectives and its front."""
+        """Add what depends on the session: the robot, its objectives, commands and front."""
         session, gui = self._session, self.server.gui
         gui.set_panel_label(title(session.player.policy.config.env))
         camera, size = self.server.initial_camera, self._size
@@ -145,14 +155,16 @@ class Page:
         self._scene = RobotScene(self.server, session.player.model)
         self._drawing = Drawing(session.objectives, session.front)
         self._shown: Weights | None = None
-        self._folder = gui.add_folder("how much each objective matters", order=2)
+        self._folder = gui.add_folder("objective weights", order=2)
         with self._folder:
             self._sliders = [
                 gui.add_slider(name, 0.0, 1.0, 0.01, round(weight, 2))
                 for name, weight in zip(session.objectives, session.tradeoff, strict=True)
             ]
             self._field = gui.add_text(
-                FIELD, show(session.tradeoff), hint="or type one: it is made to sum to one"
+                FIELD,
+                show(session.tradeoff),
+                hint="Type a trade-off; it is rescaled to sum to one.",
             )
             gui.add_html(copy_button())
             if session.front is None:
@@ -160,48 +172,51 @@ class Page:
             gui.add_html(self._drawing.html())
             self._marks = gui.add_html("")
         limits = session.player.env.command_limits
-        self._commands = gui.add_folder("what the robot is told", order=1.5, visible=bool(limits))
+        self._commands = gui.add_folder("command", order=1.5, visible=bool(limits))
         with self._commands:
             for index, (name, ends) in enumerate(limits.items()):
-                told = session.player.command[index]
-                self._tell(gui.add_slider(name, *ends, 0.01, round(told, 2)), session, index)
+                commanded = session.player.command[index]
+                slider = gui.add_slider(name, *ends, 0.01, round(commanded, 2))
+                self._send_commands(slider, session, index)
         with self._chart_tab:
             self._charts = Charts(self.server, session)
         for slider in self._sliders:
-            self._listen(slider)
+            self._send_weights(slider)
 
         @self._field.on_update
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 text = event.target.value
-                self._wishes.put(lambda: self._type(text))
+                self._requests.put(lambda: self._type(text))
 
-    def _listen(self, slider: viser.GuiSliderHandle[float]) -> None:
+    def _send_weights(self, slider: viser.GuiSliderHandle[float]) -> None:
         @slider.on_update
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 value = event.target.value
-                self._wishes.put(lambda: self._slide(slider, value))
+                self._requests.put(lambda: self._slide(slider, value))
 
     def _slide(self, slider: viser.GuiSliderHandle[float], value: float) -> None:
         if slider not in self._sliders:
-            return  # it went with another session before its wish was granted
+            return  # its session was replaced before this request was executed
         index = self._sliders.index(slider)
         self._session.tradeoff = move_slider(self._session.tradeoff, index, value)
         self._field.value = show(self._session.tradeoff)
 
-    def _tell(self, slider: viser.GuiSliderHandle[float], session: Session, index: int) -> None:
+    def _send_commands(
+        self, slider: viser.GuiSliderHandle[float], session: Session, index: int
+    ) -> None:
         @slider.on_update
         async def _(event: viser.GuiEvent) -> None:
             value = event.target.value
-            self._wishes.put(lambda: session.tell(index, value))
+            self._requests.put(lambda: session.tell(index, value))
 
     def _type(self, text: str) -> None:
-        # the field itself is left to whoever types in it
+        # writing to the field here would disturb the user who is typing
         weights = read(text, len(self._session.objectives))
         self._session.tradeoff = weights or self._session.tradeoff
 
-    def _keep_pace(self, pace: float) -> None:
+    def _set_pace(self, pace: float) -> None:
         self._session.pace = pace
 
     def _act(self, action: str) -> None:
@@ -212,16 +227,16 @@ class Page:
             session.push()
         else:
             session.paused = action == PAUSE
-            self._actions.options = (GO_ON if session.paused else PAUSE, "reset", "push")
+            self._actions.options = (RESUME if session.paused else PAUSE, "reset", "push")
 
     def _change(self, run: str, checkpoint: str | None) -> None:
-        """Show another run or checkpoint; if it cannot be shown, say why and stay."""
+        """Show another run or checkpoint; if that fails, notify the user and keep this one."""
         try:
             choice = library.choose(run, checkpoint)
             session = Session(choice)
         except MorlaxError as error:
             for client in self.server.get_clients().values():
-                client.add_notification("It cannot be shown", str(error), color="red")
+                client.add_notification("Cannot show this run", str(error), color="red")
             choice = self._choice
         else:
             self._replace_session(session)
@@ -254,11 +269,11 @@ class Page:
 
     @property
     def _size(self) -> float:
-        """Of the robot, relative to a usual one."""
+        """Size of the robot relative to `USUAL_SIZE`."""
         return self._session.player.model.stat.extent / USUAL_SIZE
 
     def _fit_camera(self, client: viser.ClientHandle) -> None:
-        """On a phone the panel covers the lower half: show the robot above it."""
+        """Show the robot in the upper half on a phone, where the panel covers the lower half."""
         camera, size = client.camera, self._size
         if camera.image_height > camera.image_width:
             camera.position = (0.0, -6.0 * size, 2.6 * size)

@@ -1,21 +1,27 @@
-"""The returns of two objectives against each other, as a plot that can be picked from."""
+"""The returns of two objectives against each other, as a plot that users can pick from."""
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from ...evaluation.front import Front
 from . import svg
-from .colours import GREY, INK, PALE, mix
+from .colors import GRAY, INK, PALE, mix
 from .svg import Box
 from .weights import show
 
-LEFT, TOP, RIGHT, BOTTOM = 38, 8, 10, 32  # room around the axes for numbers and names
+LEFT, TOP, RIGHT, BOTTOM = 38, 8, 10, 32  # margins of the axes, for tick labels and names
 
 
 class PairPlot:
-    """All that a front evaluated, in a box of a drawing.
+    """All evaluated returns of a front.
 
-    Points of the front are coloured by their trade-off and can be picked; the others are grey.
+    Non-dominated points are colored by their trade-off and can be picked; dominated ones are gray.
+
+    Args:
+        front: the evaluated trade-offs.
+        x: index of the objective on the x axis.
+        y: index of the objective on the y axis.
+        box: the plot's area, in units of the drawing.
     """
 
     def __init__(self, front: Front, x: int, y: int, box: Box):
@@ -26,15 +32,15 @@ class PairPlot:
         low, high = returns.min(0), returns.max(0)
         margin = np.maximum(0.06 * (high - low), 1e-6 + 1e-6 * np.abs(high))
         self._low, self._high = low - margin, high + margin
-        self.places = self._place(returns)  # (K, 2) in the drawing
+        self.places = self._place(returns)  # (K, 2) in units of the drawing
 
     def html(self) -> str:
-        """What does not change."""
+        """Return the static part of the plot."""
         front, best = self._front, self._front.non_dominated
         x, y, width, height = self._outer
         parts = [svg.element("rect", x=x, y=y, width=width, height=height, fill="transparent")]
         parts += self._scales()
-        parts += [svg.circle(place, 1.5, GREY) for place in self.places[~best]]
+        parts += [svg.circle(place, 1.5, GRAY) for place in self.places[~best]]
         for place, weights in zip(self.places[best], front.tradeoffs[best], strict=True):
             parts.append(svg.circle(place, 2.5, mix(weights), data_w=show(weights)))
         cell = "{} {}".format(*self._objectives)
@@ -46,7 +52,7 @@ class PairPlot:
         return [axes.left, axes.top + axes.height] + share * [axes.width, -axes.height]
 
     def _scales(self) -> list[str]:
-        """Grid lines with their numbers, and the names of the axes."""
+        """Draw grid lines, tick labels and axis names."""
         left, top, width, height = self._axes
         right, bottom = left + width, top + height
         locator = MaxNLocator(4 if width > 200 else 2)
@@ -69,7 +75,7 @@ class PairPlot:
 
 
 def _short(value: float) -> str:
-    """A number for an axis: 2500 is 2.5k."""
+    """Format a tick label: 2500 is 2.5k."""
     for size, letter in ((1e6, "M"), (1e3, "k")):
         if abs(value) >= size:
             return f"{value / size:.3g}{letter}"

@@ -1,8 +1,8 @@
-"""What the browser does when a pointer picks a trade-off from a drawing, or copies one.
+"""Browser scripts that pick a trade-off from a drawing or copy the current one.
 
-viser does not report clicks on what it shows in a panel. So a pick writes its trade-off into the
-page's text field, as if it had been typed there: a `data-w` of the drawing says what a point
-stands for, and a `data-map` how a place in a triangle becomes three weights.
+viser does not report clicks on HTML in a panel. So a pick writes its trade-off into the page's text
+field, as if the user had typed it. In the drawing, `data-w` is the trade-off of a point, and
+`data-map` is the matrix from a position in the triangle to three weights.
 """
 
 from . import svg
@@ -31,7 +31,7 @@ const text = rows.length
   ? inside.map(w => (w / total).toFixed(3)).join(', ')
   : points.reduce((a, b) => away(a) <= away(b) ? a : b).dataset.w;
 """
-# React learns of a new text only through the browser's own setter and an event
+# React notices a new text only through the browser's native setter and an input event
 WRITE = """
 Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set.call(field, text);
 field.dispatchEvent(new Event('input', {bubbles: true}));
@@ -45,13 +45,13 @@ setTimeout(() => this.textContent = 'copy trade-off', 1500);
 
 
 def handlers() -> dict[str, str]:
-    """The attributes of an <svg> that let a pointer pick from it, by a click or by dragging."""
+    """Return the attributes that make an <svg> pickable, by a click or by dragging."""
     script = PICK + FIND_FIELD + WRITE
     return {"onpointerdown": script, "onpointermove": script}
 
 
 def copy_button() -> str:
-    """A button that copies the text field; it needs no permission, nor https."""
+    """Return a button that copies the text field; it needs neither a permission nor https."""
     style = (
         "width:100%;height:2em;border:1px solid #ced4da;border-radius:4px;background:none;"
         "color:inherit;font:inherit;font-size:0.85em;cursor:pointer"

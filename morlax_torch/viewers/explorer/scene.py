@@ -1,4 +1,4 @@
-"""A MuJoCo model in viser: its geoms as meshes, over a ground that passes below."""
+"""A MuJoCo model in viser: its geoms as meshes, above a moving ground."""
 
 import itertools
 
@@ -7,15 +7,15 @@ import numpy as np
 import trimesh
 import viser
 
-HIDDEN_GROUP = 3  # MuJoCo's own viewers show geoms of groups 0 to 2
-SQUARE = 1.0  # m between the strong lines of the ground
-_numbers = itertools.count()  # viser gives a new node of an old name the old one's pose
+HIDDEN_GROUP = 3  # MuJoCo's viewers show geoms of groups 0 to 2 by default
+SQUARE = 1.0  # m between the ground's major grid lines
+_numbers = itertools.count()  # unique names: viser gives a reused name the old pose
 
 
 class RobotScene:
-    """One robot, kept at the origin: the ground moves instead of every browser's camera.
+    """One robot, kept at the origin while the ground moves.
 
-    So each user's orbit and zoom stay as they are.
+    The cameras of the browsers stay in place, so each user keeps their own orbit and zoom.
     """
 
     def __init__(self, server: viser.ViserServer, model: mujoco.MjModel):
@@ -32,7 +32,7 @@ class RobotScene:
             body = int(model.geom_bodyid[geom])
             if body not in self._bodies:
                 self._bodies[body] = server.scene.add_frame(f"{root}/{body}", show_axes=False)
-            red, green, blue, opacity = geom_colour(model, geom)
+            red, green, blue, opacity = geom_color(model, geom)
             server.scene.add_mesh_simple(
                 f"{root}/{body}/{geom}",
                 mesh.vertices,
@@ -57,18 +57,18 @@ class RobotScene:
         )
 
     def draw(self, data: mujoco.MjData) -> None:
-        """Put every body where `data` has it; a state that is not finite is not drawn."""
+        """Move every body to its pose in `data`; a state that is not finite is skipped."""
         if not np.isfinite(data.xpos).all():
             return
-        centre = np.array([*data.xpos[1, :2], 0.0])
+        center = np.array([*data.xpos[1, :2], 0.0])
         with self._server.atomic():
-            self._ground.position = -np.fmod(centre, SQUARE)
+            self._ground.position = -np.fmod(center, SQUARE)
             for body, frame in self._bodies.items():
-                frame.position = data.xpos[body] - centre
+                frame.position = data.xpos[body] - center
                 frame.wxyz = data.xquat[body]
 
     def remove(self) -> None:
-        """Take everything out of the scene."""
+        """Remove the robot and the ground from the scene."""
         self._root.remove()
 
 
@@ -76,7 +76,7 @@ FLAT = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeo
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh | None:
-    """The surface of a geom in its own frame, in metres; None where it is a plane or a field."""
+    """Return a geom's surface in its own frame, in meters; None for planes and height fields."""
     size = model.geom_size[geom]
     kind, create = model.geom_type[geom], trimesh.creation
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
@@ -99,7 +99,7 @@ def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh | None:
     return None
 
 
-def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """(4,) red, green, blue and opacity in [0, 1], from the geom's material if it has one."""
+def geom_color(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return red, green, blue and opacity in [0, 1], from the geom's material if it has one."""
     material = model.geom_matid[geom]
     return model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]

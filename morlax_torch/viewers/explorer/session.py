@@ -1,4 +1,4 @@
-"""One robot at the pace of the clock, and what may be asked of it. It needs no browser."""
+"""One robot in real time, with the actions that the page offers. It needs no browser."""
 
 import math
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from .history import History
 from .library import Choice
 from .weights import Weights, even
 
-PUSH = 1.5  # m/s that a push adds to the robot's velocity
-MAX_LAG = 0.1  # s that may be caught up with; a longer pause of the computer is forgotten
+PUSH = 1.5  # m/s added to the robot's velocity by a push
+MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
 
 
 @dataclass
@@ -28,13 +28,17 @@ class Episode:
 
 
 class Session:
-    """A robot, the trade-off it acts on, its pace and its recent past.
+    """A robot, its trade-off, its playback speed and its recent history.
 
-    `tradeoff`, `paused` and `pace` (1 is real time) are for anyone to set; a new trade-off counts
-    from the next control step on. All calls come from one thread.
+    Callers may set `tradeoff`, `paused` and `pace` (1 is real time) at any time; a new trade-off
+    acts from the next control step. Use a session from one thread only.
+
+    Args:
+        choice: the checkpoint.
+        seed: random seed of the world and of the pushes.
 
     Raises:
-        MorlaxError: the checkpoint is none, or damaged.
+        MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
     """
 
     def __init__(self, choice: Choice, seed: int = 0):
@@ -47,7 +51,7 @@ class Session:
         self.time = 0.0  # simulated seconds
         self.last_episode: Episode | None = None
         self.axes = horizontal(self.player.model)
-        # running returns, velocity along each axis, mechanical power
+        # signals: running returns, velocity along each axis, mechanical power
         self.history = History(len(self.objectives) + len(self.axes) + 1)
         self._acting_on = self.tradeoff
         self._clock: float | None = None
@@ -56,16 +60,16 @@ class Session:
 
     @property
     def dt(self) -> float:
-        """Seconds per control step."""
+        """Duration of a control step in seconds."""
         return self.player.env.dt
 
     @property
     def seconds(self) -> float:
-        """Of this episode."""
+        """Simulated seconds since the episode began."""
         return self.player.steps * self.dt
 
     def advance(self, now: float) -> int:
-        """Make the control steps due at the time `now` in seconds; returns how many."""
+        """Take the control steps that are due at clock time `now` in seconds; returns how many."""
         elapsed = 0.0 if self._clock is None else now - self._clock
         self._clock = now
         if self.paused:
@@ -78,12 +82,12 @@ class Session:
         return steps
 
     def until_next(self) -> float:
-        """Seconds of the clock until a step is due, at most `MAX_LAG`."""
+        """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
         wait = MAX_LAG if self.paused else (self.dt - self._due) / self.pace
         return min(max(wait, 0.0), MAX_LAG)
 
     def step(self) -> None:
-        """One control step; an episode that is over begins anew first."""
+        """Take one control step; if the episode is over, start a new one first."""
         player = self.player
         if self.tradeoff != self._acting_on:
             player.tradeoff = self.tradeoff
@@ -98,11 +102,11 @@ class Session:
         self.history.add(self.time, [x if math.isfinite(x) else 0.0 for x in signals])
 
     def reset(self) -> None:
-        """Begin a new episode."""
+        """Start a new episode."""
         self.player.reset()
 
     def push(self) -> None:
-        """Knock the whole robot by `PUSH` m/s in some horizontal direction, if it can go there."""
+        """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
         if not self.axes:
             return
         kick = self._directions.normal(size=len(self.axes))
@@ -111,27 +115,27 @@ class Session:
             velocity[dof] += part
 
     def tell(self, index: int, value: float) -> None:
-        """Change a number of the robot's command."""
+        """Set one number of the command, by its index in the task's `command_limits`."""
         self.player.command[index] = value
 
     def velocity(self) -> list[float]:
-        """m/s along x and, where the robot is free to go there, y."""
+        """Return the velocity in m/s along x and, if the robot can move there, y."""
         return [float(self.player.data.qvel[dof]) for dof in self.axes]
 
     def power(self) -> float:
-        """Watts: what the motors give and take, both counted as positive."""
+        """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
         data = self.player.data
         return float(np.abs(data.actuator_force * data.actuator_velocity).sum())
 
     def nearest(self) -> int | None:
-        """The index of the front's evaluated trade-off that is nearest to the current one."""
+        """Return the index of the nearest evaluated trade-off; None without a front."""
         if self.front is None:
             return None
         return int(np.square(self.front.tradeoffs - np.array(self.tradeoff)).sum(1).argmin())
 
 
 def _front(run: str, objectives: tuple[str, ...]) -> Front | None:
-    """The last evaluation of a run, if it has one that fits."""
+    """Load a run's last evaluation, if it has one with these objectives and finite returns."""
     try:
         front = Front.load(find_run(run) / "front.npz")
     except MorlaxError:

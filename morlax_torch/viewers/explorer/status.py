@@ -1,4 +1,4 @@
-"""What the page says in words."""
+"""The text lines of the page."""
 
 from html import escape
 
@@ -6,16 +6,16 @@ from .session import Session
 
 NO_FRONT = (
     '<p style="margin:0;padding:0 0.8em 0.6em;font-size:0.85em">This run has no front.npz to '
-    "plot: <code>python -m morlax_torch.evaluate RUN</code> writes one.</p>"
+    "plot. To write one: <code>python -m morlax_torch.evaluate RUN</code></p>"
 )
 
 
 def status(session: Session) -> str:
-    """The episode in numbers, as HTML."""
+    """Return durations and returns of this and the last episode, as HTML."""
     lines = [_episode(session, "this episode", session.seconds, session.player.returns.tolist())]
     last = session.last_episode
     if last is not None:
-        end = "last one, it fell" if last.fell else "last one"
+        end = "last episode (failed)" if last.fell else "last episode"
         lines.append(_episode(session, end, last.seconds, last.returns))
     return f'<div style="padding:0 0.8em 0.6em;font-size:0.85em">{"<br>".join(lines)}</div>'
 

@@ -1,4 +1,4 @@
-"""The few words of SVG and HTML that drawings are made of, in units of the drawing."""
+"""SVG and HTML elements as strings; lengths are in units of the drawing."""
 
 from html import escape
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ class Box(NamedTuple):
 
 
 def element(name: str, content: str = "", **attributes: Any) -> str:
-    """An element; an underscore in an attribute's name stands for a hyphen."""
+    """Return an element; underscores in attribute names become hyphens."""
     written = []
     for key, value in attributes.items():
         text = f"{value:.2f}" if isinstance(value, float | np.floating) else escape(str(value))
@@ -25,12 +25,12 @@ def element(name: str, content: str = "", **attributes: Any) -> str:
     return f"<{name} {' '.join(written)}>{content}</{name}>"
 
 
-def circle(centre: ArrayLike, r: float, fill: str, **attributes: Any) -> str:
-    """A disc around (2,)."""
-    x, y = np.asarray(centre, dtype=float)
+def circle(center: ArrayLike, r: float, fill: str, **attributes: Any) -> str:
+    """Return a disk of radius `r` around `center` (2,)."""
+    x, y = np.asarray(center, dtype=float)
     return element("circle", cx=x, cy=y, r=r, fill=fill, **attributes)
 
 
 def text(content: str, x: float, y: float, fill: str, anchor: str = "middle", **more: Any) -> str:
-    """One line, placed by its middle, start or end."""
+    """Return one line of text; `anchor` is its start, middle or end."""
     return element("text", escape(content), x=x, y=y, fill=fill, text_anchor=anchor, **more)

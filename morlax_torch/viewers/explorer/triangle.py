@@ -1,4 +1,4 @@
-"""All trade-offs of three objectives, as a triangle in which a point can be dragged."""
+"""The trade-offs of three objectives, as a triangle with a point that users can drag."""
 
 import json
 from collections.abc import Sequence
@@ -7,15 +7,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import svg
-from .colours import GREY, mix, of_objectives
+from .colors import GRAY, mix, of_objectives
 from .svg import Box
 
 ROOM = 22  # beside and below the triangle, for names
-SHADES = 20  # coloured dots along an edge
+SHADES = 20  # colored dots along an edge
 
 
 class Triangle:
-    """A triangle with equal sides, in a box of a drawing; a corner for each objective."""
+    """An equilateral triangle with one corner per objective.
+
+    Args:
+        objectives: three names.
+        box: the triangle's area with its labels, in units of the drawing.
+    """
 
     def __init__(self, objectives: Sequence[str], box: Box):
         self._objectives = tuple(objectives)
@@ -26,21 +31,21 @@ class Triangle:
         )
 
     def place(self, weights: ArrayLike) -> np.ndarray:
-        """(2,) where a trade-off lies."""
+        """Return the position (2,) of a trade-off (3,) in the drawing."""
         return np.asarray(weights) @ self._corners
 
     def html(self) -> str:
-        """What does not change."""
+        """Return the static part of the triangle."""
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in self._corners)
-        parts = [svg.element("polygon", points=points, fill="#f4f6f8", stroke=GREY)]
+        parts = [svg.element("polygon", points=points, fill="#f4f6f8", stroke=GRAY)]
         for i in range(SHADES + 1):
             for j in range(SHADES + 1 - i):
                 weights = np.array([i, j, SHADES - i - j]) / SHADES
                 parts.append(svg.circle(self.place(weights), 2, mix(weights), opacity=0.5))
         names = zip(self._objectives, self._corners, of_objectives(3), (-6, 13, 13), strict=True)
-        for name, (x, y), colour, below in names:
-            parts.append(svg.text(name, x, y + below, colour, font_weight=600))
-        # (x, y, 1) of a place are these corners times its weights; the browser goes back
+        for name, (x, y), color, below in names:
+            parts.append(svg.text(name, x, y + below, color, font_weight=600))
+        # this matrix times weights is (x, y, 1); the browser applies its inverse
         back = np.linalg.inv(np.vstack([self._corners.T, np.ones(3)]))
         return svg.element(
             "g", "".join(parts), data_cell="simplex", data_map=json.dumps(back.tolist())

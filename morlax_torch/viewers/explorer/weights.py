@@ -1,4 +1,4 @@
-"""A trade-off as a user's hand changes it: m numbers, not negative, that sum to one."""
+"""Trade-offs as users edit them: m numbers, not negative, that sum to one."""
 
 import math
 import re
@@ -8,15 +8,19 @@ Weights = tuple[float, ...]
 
 
 def even(m: int) -> Weights:
-    """Every objective matters the same."""
+    """Return the balanced trade-off of m objectives."""
     return (1 / m,) * m
 
 
 def move_slider(weights: Sequence[float], index: int, value: float) -> Weights:
-    """Give one objective the weight `value`, clipped to [0, 1], and rescale the others.
+    """Set the weight of one objective and rescale the others, so that all sum to one.
 
-    The others keep their proportions; where all of them are zero they share what is left evenly.
-    A value that is not finite changes nothing.
+    The others keep their proportions; if all of them are zero, they share the remainder evenly.
+
+    Args:
+        weights: the current trade-off (m,).
+        index: of the objective.
+        value: its new weight, clipped to [0, 1]; a value that is not finite changes nothing.
     """
     if not math.isfinite(value):
         return tuple(weights)
@@ -27,8 +31,8 @@ def move_slider(weights: Sequence[float], index: int, value: float) -> Weights:
     return (*shares[:index], value, *shares[index:])
 
 
-def normalised(weights: Sequence[float]) -> Weights | None:
-    """The same trade-off with sum one; None where it is none (negative, all zero, not finite)."""
+def normalized(weights: Sequence[float]) -> Weights | None:
+    """Scale a trade-off to sum to one; None if it is invalid (negative, all zero, not finite)."""
     total = sum(weights)
     if not all(w >= 0 for w in weights) or not 0 < total < math.inf:
         return None
@@ -36,14 +40,14 @@ def normalised(weights: Sequence[float]) -> Weights | None:
 
 
 def read(text: str, m: int) -> Weights | None:
-    """The trade-off of m numbers that somebody typed, "0.7, 0.3"; None while it is none."""
+    """Parse a typed trade-off of m numbers, such as "0.7, 0.3"; None if it is invalid."""
     try:
         numbers = [float(word) for word in re.split(r"[,;\s]+", text.strip("()[] \t"))]
     except ValueError:
         return None
-    return normalised(numbers) if len(numbers) == m else None
+    return normalized(numbers) if len(numbers) == m else None
 
 
 def show(weights: Iterable[float]) -> str:
-    """What `read` reads, to three decimals."""
+    """Format a trade-off for `read`, with three decimals."""
     return ", ".join(f"{w:.3f}" for w in weights)

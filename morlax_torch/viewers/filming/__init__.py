@@ -1,1 +1,1 @@
-"""Robots on film: drawn, captioned, and written as files."""
+"""Films of robots: rendering, captions and video files."""

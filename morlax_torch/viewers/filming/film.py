@@ -1,4 +1,4 @@
-"""A robot filmed under several trade-offs at once: the frames of a film, or a film strip."""
+"""A robot under several trade-offs side by side, as video frames or as a film strip."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,25 +14,25 @@ from . import panels
 from .rendering import Scene
 
 FASTEST = 30  # frames per second
-LINGER = 1.0  # seconds that a film goes on when every robot has failed
+LINGER = 1.0  # seconds that a film continues after every robot has failed
 
 
 class Film:
-    """One robot under each of P trade-offs, started alike.
+    """One robot under each of P trade-offs, all from the same start.
 
-    A robot that fails stays as it is, dimmed; its returns are those of the episode. A film ends a
-    second after the last robot has failed. Time running out ends no episode: a robot goes on for
-    as many seconds, of its own time, as are asked for.
+    A robot that fails is frozen and dimmed, with the returns of its episode. A film ends a second
+    after the last robot has failed. The episode length is ignored: robots continue for the whole
+    film.
 
     Args:
-        policy: as `morlax_torch.load` gives it.
-        tradeoffs: P times a number for each objective.
-        width: of one robot's panel, in pixels.
-        height: likewise.
-        seed: of what the world draws at random, the same for every trade-off.
+        policy: as `morlax_torch.load` returns it.
+        tradeoffs: (P, m), one panel each.
+        width: of a panel, in pixels.
+        height: of a panel, in pixels.
+        seed: random seed of the world, the same for every trade-off.
 
     Raises:
-        MorlaxError: a trade-off is none.
+        MorlaxError: a trade-off is invalid, or the task has no MuJoCo robot.
     """
 
     def __init__(
@@ -48,19 +48,22 @@ class Film:
         self.dt = self._takes[0].player.env.dt
 
     def steps(self, seconds: float) -> int:
-        """The control steps of so much time.
+        """Convert simulated seconds to control steps.
 
         Raises:
-            MorlaxError: there is none, or no end of them.
+            MorlaxError: `seconds` is shorter than a control step, or infinite.
         """
         if not self.dt <= seconds < math.inf:
             raise MorlaxError(
-                f"a film lasts at least one control step ({self.dt:g} s), not {seconds:g} s."
+                f"a film must last at least one control step ({self.dt:g} s), not {seconds:g} s."
             )
         return round(seconds / self.dt)
 
     def pace(self, speed: float = 1.0) -> tuple[int, float]:
-        """Control steps from frame to frame, and frames per second: at most 30.
+        """Return the control steps per frame, and the frames per second, at most 30.
+
+        Args:
+            speed: playback speed; 1 is real time.
 
         Raises:
             MorlaxError: `speed` is not in (0, 100].
@@ -72,27 +75,33 @@ class Film:
         return every, rate / every
 
     def frames(self, seconds: float = 5.0, every: int = 1) -> Iterator[NDArray[np.uint8]]:
-        """All panels side by side, with trade-offs and running returns: (H, W, 3) RGB.
+        """Render frames (H, W, 3) RGB: all panels, with trade-offs and running returns.
 
-        One frame for the start, then one for each `every` control steps.
+        The first frame shows the start.
+
+        Args:
+            seconds: simulated time.
+            every: control steps per frame.
 
         Raises:
-            MorlaxError: an unusable time or size, or no OpenGL.
+            MorlaxError: an unusable duration or size, or no OpenGL.
         """
         for pictures in self._pictures(range(0, self.steps(seconds) + 1, every)):
             pairs = zip(self._takes, pictures, strict=True)
             yield panels.side_by_side([take.captioned(picture) for take, picture in pairs])
 
     def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
-        """A row of pictures for each trade-off, evenly spaced in time: (H, W, 3) RGB.
+        """Render a film strip (H, W, 3) RGB: a row of pictures for each trade-off.
 
-        The first shows the start, the last the robot after so many seconds.
+        Args:
+            seconds: simulated time of the last picture; the first shows the start.
+            pictures: number per row, evenly spaced in time.
 
         Raises:
-            MorlaxError: an unusable time, number or size, or no OpenGL.
+            MorlaxError: an unusable duration, number or size, or no OpenGL.
         """
         if pictures < 2:
-            raise MorlaxError(f"a film strip takes at least 2 pictures, not {pictures}.")
+            raise MorlaxError(f"a film strip needs at least 2 pictures, not {pictures}.")
         steps = np.linspace(0, self.steps(seconds), pictures).round().astype(int).tolist()
         columns = list(self._pictures(steps))
         times = [f"{step * self.dt:.2f} s" for step in steps[: len(columns)]]
@@ -100,7 +109,7 @@ class Film:
         return panels.strip(columns, times, labels)
 
     def _pictures(self, moments: Iterable[int]) -> Iterator[list[Image.Image]]:
-        """Every robot after so many control steps of a new episode, at each of the moments."""
+        """Render every robot after each number of control steps in `moments`, of a new episode."""
         for take in self._takes:
             take.reset()
         player = self._takes[0].player
@@ -114,7 +123,7 @@ class Film:
 
 
 class _Take:
-    """One robot, until it fails."""
+    """One robot and its latest picture, frozen once it fails."""
 
     def __init__(self, player: Player):
         self.player = player
@@ -126,7 +135,7 @@ class _Take:
         self.failed, self._last = False, None
 
     def at(self, step: int, scene: Scene) -> Image.Image:
-        """The picture after so many steps; a robot that has failed is drawn once."""
+        """Return the picture after `step` control steps; a failed robot is drawn only once."""
         if self.failed and self._last is not None:
             return self._last
         while self.player.steps < step and not self.failed:
@@ -147,7 +156,7 @@ class _Take:
         )
 
     def weights(self) -> list[tuple[str, str]]:
-        """Name and share of each objective."""
+        """Return the name and normalized weight of each objective."""
         shares = self.player.tradeoff / self.player.tradeoff.sum()
         names = self.player.env.objectives
         return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]

@@ -1,4 +1,4 @@
-"""What is written on the pictures of a film, and how they lie beside each other."""
+"""Captions and layout of the pictures of a film."""
 
 import math
 from collections.abc import Sequence
@@ -10,20 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-COLUMNS = 4  # panels beside each other, before a new row begins
+COLUMNS = 4  # panels per row, at most
 GAP = 4  # pixels between panels
 INK, PALE, PAPER = (32, 38, 46), (105, 113, 123), (255, 255, 255)
 
 
 def dimmed(picture: Image.Image) -> Image.Image:
-    """As of something that is over."""
+    """Return a dimmed copy, for an episode that is over."""
     return Image.blend(picture, Image.new("RGB", picture.size, PALE), 0.45)
 
 
 def captioned(
     picture: Image.Image, rows: Sequence[tuple[str, str, str]], clock: str
 ) -> Image.Image:
-    """A copy with a table of objectives (name, share, return) and the time written on it."""
+    """Return a copy with a table and the time drawn on it.
+
+    Args:
+        picture: of one robot.
+        rows: name, weight and return of each objective.
+        clock: the time, in words.
+    """
     picture = picture.copy()
     size = max(11, picture.height // 22)
     pad, line, font = size // 2, round(1.35 * size), _font(size)
@@ -31,7 +37,7 @@ def captioned(
     head = ("", "trade-off", "return")
     small = _font(round(0.8 * size))
     wide[1] = max(wide[1], small.getlength(head[1]))
-    wide[2] = max(wide[2], font.getlength("00,000"))  # so that the table does not grow
+    wide[2] = max(wide[2], font.getlength("00,000"))  # keeps the table width constant
     right = np.cumsum(wide) + size * np.arange(2, 5)
     draw = ImageDraw.Draw(picture, "RGBA")
     table = (pad, pad, float(right[2]), 2 * pad + line * (1 + len(rows)))
@@ -47,7 +53,7 @@ def captioned(
 
 
 def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
-    """Panels of one size in as few rows as will do: (H, W, 3) RGB."""
+    """Arrange panels of one size in as few rows as possible: (H, W, 3) RGB."""
     rows = -(-len(panels) // COLUMNS)
     columns = -(-len(panels) // rows)
     width, height = panels[0].width + GAP, panels[0].height + GAP
@@ -61,9 +67,15 @@ def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
 def strip(
     columns: Sequence[Sequence[Image.Image]], times: Sequence[str], labels: Sequence[str]
 ) -> NDArray[np.uint8]:
-    """A table of pictures, with a time above each column and a label before each row."""
+    """Arrange pictures in a table: (H, W, 3) RGB.
+
+    Args:
+        columns: pictures of one size; each column has one per row.
+        times: a heading for each column.
+        labels: a label for each row, of one or more lines.
+    """
     panel = columns[0][0]
-    size = max(11, panel.height // 9)  # still readable where a strip is as wide as a page
+    size = max(11, panel.height // 9)  # readable when the strip is scaled to page width
     font, width, height = _font(size), panel.width + GAP, panel.height + GAP
     lines = [line for label in labels for line in label.splitlines()]
     left, top = math.ceil(max(map(font.getlength, lines))) + size, round(1.5 * size)

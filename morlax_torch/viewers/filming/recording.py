@@ -31,12 +31,12 @@ def record(
     Args:
         policy: as `morlax_torch.load` returns it.
         output: the file.
-        tradeoffs: (P, m), one panel each; none: the corners and the balanced one.
+        tradeoffs: (P, m), one panel each (empty: the corners and the balanced trade-off).
         seconds: simulated time.
-        speed: of a film; 0.5 is slow motion.
+        speed: playback speed of a film; 0.5 is slow motion.
         width: of a panel, in pixels.
         height: of a panel, in pixels.
-        pictures: of a film strip, evenly spaced in time.
+        pictures: number per row of a film strip, evenly spaced in time.
         seed: random seed of the world.
         show_progress: draw a progress bar in the terminal.
 

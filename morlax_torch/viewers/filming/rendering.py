@@ -1,4 +1,4 @@
-"""Pictures of a robot, drawn by MuJoCo without a window."""
+"""Pictures of a robot, rendered by MuJoCo without a window."""
 
 import importlib
 import os
@@ -15,28 +15,28 @@ from numpy.typing import NDArray
 
 from ...envs import MorlaxError
 
-CAMERA = "track"  # of our own robots
-SMALLEST, LARGEST = 64, 4096  # pixels; graphics drivers differ on more
+CAMERA = "track"  # name of the camera in the built-in robots
+SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
 
 
 class Scene:
-    """Draws a robot from its camera `track`, or from one that follows its first body.
+    """Renders a robot from its camera `track`, or from a camera that follows its first body.
 
     It holds an OpenGL context: close it, or use it as a context manager.
 
     Args:
-        model: `player.model`, or the like.
+        model: such as `player.model`; its offscreen buffer is enlarged if needed.
         width: of the pictures, in pixels.
-        height: likewise.
+        height: of the pictures, in pixels.
 
     Raises:
-        MorlaxError: the size is none, or OpenGL is not to be had.
+        MorlaxError: the size is out of range, or OpenGL is not available.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int = 480, height: int = 360):
         if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
             raise MorlaxError(
-                f"a picture of {width} x {height} cannot be drawn: width and height must be "
+                f"cannot draw a picture of {width} x {height}: width and height must be "
                 f"from {SMALLEST} to {LARGEST} pixels."
             )
         choose_opengl()
@@ -46,7 +46,7 @@ class Scene:
         self._camera = _camera(model)
 
     def draw(self, data: mujoco.MjData) -> NDArray[np.uint8]:
-        """(height, width, 3) RGB of the robot as it stands in `data`."""
+        """Render the state in `data`: (height, width, 3) RGB."""
         self._renderer.update_scene(data, self._camera)
         return self._renderer.render()
 
@@ -79,36 +79,36 @@ def _camera(model: mujoco.MjModel) -> mujoco.MjvCamera:
 
 @cache
 def choose_opengl() -> None:
-    """Let MuJoCo draw in the first way that works here, and note it in MUJOCO_GL.
+    """Select the first OpenGL backend that works on this machine, and set MUJOCO_GL to it.
 
-    Where there is a screen that is a hidden window, then EGL, then OSMesa. A MUJOCO_GL that is
-    set already has the only say.
+    It tries a hidden window (GLFW) if there is a display, then EGL, then OSMesa. If MUJOCO_GL is
+    already set, it tries only that one.
 
     Raises:
-        MorlaxError: none works.
+        MorlaxError: no backend works.
     """
-    ways = [os.environ.get("MUJOCO_GL", "")]
-    if not ways[0] and sys.platform == "linux":
+    backends = [os.environ.get("MUJOCO_GL", "")]
+    if not backends[0] and sys.platform == "linux":
         screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-        ways = ["glfw", "egl", "osmesa"] if screen else ["egl", "osmesa"]
-    for way in ways:
-        if _works(way):
-            os.environ["MUJOCO_GL"] = way
-            importlib.reload(gl_context)  # which read MUJOCO_GL when MuJoCo was imported
+        backends = ["glfw", "egl", "osmesa"] if screen else ["egl", "osmesa"]
+    for backend in backends:
+        if _works(backend):
+            os.environ["MUJOCO_GL"] = backend
+            importlib.reload(gl_context)  # MuJoCo read MUJOCO_GL when it was imported
             return
     raise MorlaxError(
-        f"there is no OpenGL to draw with (tried: {', '.join(ways)}): install EGL (Debian: "
-        "libegl1 and libopengl0) or OSMesa (libosmesa6), or set MUJOCO_GL to what there is, of "
-        "glfw, egl, osmesa."
+        f"OpenGL is not available for rendering (tried: {', '.join(backends)}): install EGL "
+        "(Debian: libegl1 and libopengl0) or OSMesa (libosmesa6), or set MUJOCO_GL to an installed "
+        "one of glfw, egl and osmesa."
     )
 
 
-def _works(way: str) -> bool:
-    # In a process of its own, because PyOpenGL keeps to the first platform it is asked for.
+def _works(backend: str) -> bool:
+    # in a separate process, because PyOpenGL keeps the first platform it loads
     draw = (
         "import mujoco; model = mujoco.MjModel.from_xml_string('<mujoco/>'); "
         "mujoco.Renderer(model, 8, 8).close()"
     )
-    environment = {**os.environ, "MUJOCO_GL": way}
+    environment = {**os.environ, "MUJOCO_GL": backend}
     done = subprocess.run([sys.executable, "-c", draw], env=environment, capture_output=True)
     return done.returncode == 0

@@ -1,4 +1,4 @@
-"""Films as files: H.264 for browsers and slides, or an animated GIF."""
+"""Video files: H.264 for browsers and slides, or animated GIF."""
 
 import subprocess
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...envs import MorlaxError
 from ...files import replacing
 
-# H.264 as every browser plays it needs even sizes; a GIF looks well with a palette of its own.
+# The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
 _ENCODERS = {
     ".mp4": (
         *("-f", "mp4", "-codec:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p"),
@@ -25,10 +25,15 @@ ENDINGS = tuple(_ENCODERS)
 
 
 def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    """Write frames (H, W, 3), all of one size, as the ending of `path` says: .mp4 or .gif.
+    """Write a video file.
+
+    Args:
+        path: the file; its suffix, .mp4 or .gif, selects the format.
+        frames: (H, W, 3) RGB, all of one size.
+        fps: frames per second.
 
     Raises:
-        MorlaxError: there is no ffmpeg, it refuses, or `path` cannot be written.
+        MorlaxError: ffmpeg is missing or fails, or `path` cannot be written.
     """
     ffmpeg = find_ffmpeg()
     rate = str(Fraction(fps).limit_denominator(1000))
@@ -43,31 +48,31 @@ def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> 
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdin=pipe, stderr=pipe) as process:
             assert process.stdin is not None
-            with suppress(BrokenPipeError):  # then it says itself what is wrong
+            with suppress(BrokenPipeError):  # ffmpeg failed; its stderr has the reason
                 process.stdin.write(first.tobytes())
                 for frame in frames:
                     process.stdin.write(frame.tobytes())
-            _, words = process.communicate()
+            _, message = process.communicate()
         if process.returncode:
-            reason = words.decode(errors="replace").strip().splitlines() or ["ffmpeg failed"]
+            reason = message.decode(errors="replace").strip().splitlines() or ["ffmpeg failed"]
             raise MorlaxError(f"cannot write {path}: {reason[-1].rstrip('.')}.")
 
 
 def find_ffmpeg() -> str:
-    """The path of ffmpeg, which imageio-ffmpeg brings along.
+    """Return the path of ffmpeg, which the package imageio-ffmpeg includes.
 
     Raises:
-        MorlaxError: there is none.
+        MorlaxError: the package or ffmpeg is missing.
     """
     try:
         import imageio_ffmpeg
     except ImportError:
         raise MorlaxError(
-            "writing a film takes ffmpeg: pip install 'morlax-torch[video]' (a film strip, "
-            "--output FILE.png, does without)."
+            "writing a film needs ffmpeg: pip install 'morlax-torch[video]', or write a film strip "
+            "with --output FILE.png."
         ) from None
-    # None, or a RuntimeError, where IMAGEIO_FFMPEG_EXE names nothing and where no wheel had one
+    # which() is None if IMAGEIO_FFMPEG_EXE is wrong; RuntimeError if the wheel has no ffmpeg
     with suppress(RuntimeError):
         if found := which(imageio_ffmpeg.get_ffmpeg_exe()):
             return found
-    raise MorlaxError("there is no ffmpeg: install it, or set IMAGEIO_FFMPEG_EXE to where it is.")
+    raise MorlaxError("ffmpeg is missing: install it, or set IMAGEIO_FFMPEG_EXE to its path.")

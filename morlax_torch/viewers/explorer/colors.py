@@ -1,20 +1,20 @@
-"""Colours of objectives, and of the trade-offs between them."""
+"""Colors of objectives and trade-offs."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Okabe and Ito's, which the colour-blind can tell apart
+# of Okabe and Ito: distinct to color-blind readers too
 PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
-GREY, PALE, INK = "#c4cad3", "#e3e7ec", "#495057"
+GRAY, PALE, INK = "#c4cad3", "#e3e7ec", "#495057"
 
 
 def of_objectives(m: int) -> list[str]:
-    """A colour for each objective."""
+    """Return a color for each objective, as #rrggbb."""
     return [PALETTE[i % len(PALETTE)] for i in range(m)]
 
 
 def mix(weights: ArrayLike) -> str:
-    """The colour of a trade-off: the objectives' own, mixed."""
+    """Return the color of a trade-off (m,): the objectives' colors, mixed by weight."""
     shares = np.asarray(weights) / np.sum(weights)
     channels = [[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in of_objectives(len(shares))]
     red, green, blue = np.round(shares @ channels).astype(int)

@@ -1,0 +1,62 @@
+"""Evaluate the policies of a run."""
+
+import os
+
+from .. import envs
+from ..envs import MorlaxError, resolve_device
+from ..envs.random import EVALUATION_SEEDS
+from ..evaluation.evaluator import Evaluator, Protocol
+from ..evaluation.front import Front
+from ..networks.policy import Policy
+from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
+from .loading import load
+
+
+def evaluate(
+    run: str | os.PathLike[str] | Policy,
+    tradeoffs: int = 512,
+    protocol: Protocol = "latched",
+    device: str | None = None,
+    backend: str | None = None,
+    seed: int = 0,
+    seeds: int = 1,
+) -> Front:
+    """Evaluate a run's best checkpoint, a checkpoint file, a shipped name, or a policy.
+
+    Args:
+        run: the policies; a `Policy` is moved to the device.
+        tradeoffs: K, the number of trade-offs, spread evenly.
+        protocol: how returns are counted, see `Evaluator`.
+        device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
+        backend: "warp" or "mujoco"; None is chosen by device.
+        seed: random seed of the worlds, for tasks with random starts or models.
+        seeds: episodes per trade-off, each with its own random draws, to average returns over.
+
+    Raises:
+        MorlaxError: there is no such run, there are too few trade-offs, or nothing in the task is
+            random although `seeds` > 1.
+    """
+    place = resolve_device(device)
+    policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
+    task, m = policy.config.task.for_evaluation(), len(policy.objectives)
+    if seeds < 1:
+        raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
+    if seeds > 1 and not task.varies:
+        raise MorlaxError(
+            "nothing in this task is random (task.reset_noise is 0 and task.randomization is off), "
+            "so more seeds would only repeat the same episode: leave out --seeds."
+        )
+    fixed = evaluation_tradeoffs(tradeoffs, m)
+    drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
+    env = envs.make(
+        policy.config.env,
+        tradeoffs * seeds,
+        place,
+        backend,
+        EVALUATION_SEEDS + seed,
+        auto_reset=False,
+        **task.model_dump(),
+    )
+    evaluator = Evaluator(policy.agent, env, drawn.repeat(seeds, 1), protocol, seed)
+    evaluator.compile()
+    return evaluator.evaluate().averaged(seeds)

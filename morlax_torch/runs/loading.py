@@ -1,0 +1,111 @@
+"""Find runs and checkpoints, and load or save their policies."""
+
+import os
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from ..config import load_config
+from ..envs import MorlaxError, resolve_device
+from ..networks.agent import Agent
+from ..networks.policy import Policy
+from . import checkpoint
+
+SHIPPED = Path(__file__).parent.parent / "shipped"
+
+
+def find_run(run: str | os.PathLike[str]) -> Path:
+    """Return the folder of a run, given its path, one of its checkpoints, or a shipped name.
+
+    Raises:
+        MorlaxError: there is no such run.
+    """
+    path = Path(run)
+    if path.is_file():
+        return path.parent.parent if path.parent.name == "checkpoints" else path.parent
+    if path.is_dir():
+        return path
+    shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
+    if str(run) in shipped:
+        return shipped[str(run)]
+    raise MorlaxError(
+        f"{path} does not exist: name the folder of a run, such as runs/ant/..., a .pt file, or a "
+        f"shipped policy: {', '.join(sorted(shipped))}."
+    )
+
+
+def find_checkpoint(run: str | os.PathLike[str]) -> Path:
+    """Return the best checkpoint of a run or shipped policy, or the checkpoint file itself.
+
+    Raises:
+        MorlaxError: there is no such run, or it has no checkpoint.
+    """
+    if Path(run).is_file():
+        return Path(run)
+    folder = find_run(run)
+    for name in ("best", "latest"):
+        candidate = folder / "checkpoints" / f"{name}.pt"
+        if candidate.is_file():
+            return candidate
+    raise MorlaxError(
+        f"{folder} has no checkpoints: name the folder of a run, such as runs/ant/..., or a .pt."
+    )
+
+
+def load(
+    run: str | os.PathLike[str],
+    device: str | torch.device | None = "cpu",
+    actor: nn.Module | None = None,
+) -> Policy:
+    """Load the policies of a run's folder, a checkpoint file, or a shipped name ("ant").
+
+    A run with a user-made actor needs a module like it; its parameters do not matter.
+
+    Raises:
+        MorlaxError: there is no checkpoint, it is damaged, or it has another actor.
+    """
+    place = resolve_device(device)
+    path = find_checkpoint(run)
+    contents = checkpoint.load(path, place)
+    config, stored = load_config(contents["config"]), contents["environment"]
+    agent = Agent(
+        stored["observation_size"],
+        stored["action_size"],
+        len(stored["objectives"]),
+        config.network,
+        privileged_size=stored.get("privileged_size", 0),
+        actor=actor,
+    ).to(place)
+    own = dict(contents.get("own_networks", {}))
+    own_critic = own.pop("critic", None)
+    checkpoint.check_networks(own, agent.own_networks(), path)
+    whole = "learner" in contents
+    state = contents["learner"]["agent"] if whole else contents["policy"]
+    if own_critic:  # policies do not need it
+        state = {name: value for name, value in state.items() if not name.startswith("critic.")}
+    agent.load_state_dict(state, strict=whole and not own_critic)
+    return Policy(agent, config, stored["objectives"])
+
+
+def save(policy: Policy, path: Path) -> None:
+    """Write a checkpoint that `load` reads, without critic, optimizers and worlds.
+
+    Raises:
+        MorlaxError: the file cannot be written.
+    """
+    state, own = policy.agent.state_dict(), policy.agent.own_networks()
+    own.pop("critic", None)
+    parts = ("actor.", "observation_normalizer.")
+    contents = {
+        "config": policy.config.model_dump(mode="json"),
+        "environment": {
+            "objectives": list(policy.objectives),
+            "observation_size": policy.agent.observation_size,
+            "action_size": policy.agent.action_size,
+            "privileged_size": policy.agent.privileged_size,
+        },
+        "own_networks": own,
+        "policy": {name: value for name, value in state.items() if name.startswith(parts)},
+    }
+    checkpoint.write(path, contents)

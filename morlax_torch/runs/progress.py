@@ -1,0 +1,54 @@
+"""What a run has reached: counters, and the evaluations along the way."""
+
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel
+
+from ..evaluation.front import Front, hypervolume_in
+
+
+class Evaluation(NamedTuple):
+    """One evaluation during training."""
+
+    iteration: int
+    env_steps: int
+    train_seconds: float  # exploring and learning only
+    total_seconds: float  # wall-clock time of all sessions of the run
+    steps_per_second: float  # environment steps per second of training, just before
+    front: Front
+    indicators: dict[str, float]  # by name
+
+    @property
+    def hypervolume(self) -> float:
+        return self.indicators[hypervolume_in(self.indicators)]
+
+    def row(self) -> dict[str, Any]:
+        """Return the row of metrics.csv."""
+        return {
+            "iteration": self.iteration,
+            "env_steps": self.env_steps,
+            "train_seconds": round(self.train_seconds, 3),
+            "total_seconds": round(self.total_seconds, 3),
+            **self.indicators,
+            "steps_per_second": round(self.steps_per_second),
+        }
+
+
+class Progress(BaseModel):
+    """A run's counters, updated in place while it trains and saved in checkpoints."""
+
+    env_steps: int = 0
+    train_seconds: float = 0.0
+    """Time spent exploring and learning, without compiling, evaluating and saving."""
+    total_seconds: float = 0.0
+    """Wall-clock time, with compiling, evaluating and saving, over all sessions of the run."""
+    steps_per_second: float = 0.0
+    hypervolume: float = 0.0
+    best_hypervolume: float = 0.0
+
+    def improved(self, hypervolume: float) -> bool:
+        """Store the hypervolume of an evaluation; returns whether it is the best so far."""
+        self.hypervolume = hypervolume
+        best = hypervolume > self.best_hypervolume
+        self.best_hypervolume = max(hypervolume, self.best_hypervolume)
+        return best

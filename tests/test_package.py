@@ -1,0 +1,54 @@
+"""One copy of each module, importable from anywhere, and the documented calls at the top."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import morlax_torch
+from morlax_torch import MorlaxError, config_for
+
+ROOT = Path(__file__).parents[1]
+
+
+def python(code: str, folder: Path) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=folder)
+
+
+def test_the_package_does_not_contain_itself():
+    done = python("import morlax_torch.morlax_torch", ROOT)
+    assert "ModuleNotFoundError: No module named 'morlax_torch.morlax_torch'" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["envs", "configs"])
+def test_a_folder_of_the_checkout_is_imported_under_one_name_only(name):
+    done = python(f"import {name}", ROOT)
+    last = done.stderr.strip().splitlines()[-1]
+    assert last == f"ImportError: import this package as morlax_torch.{name}, not as {name}."
+
+
+def test_folders_beside_the_package_belong_to_it():
+    code = "import morlax_torch.envs.worlds.layout, morlax_torch.configs; print('found')"
+    assert python(code, ROOT).stdout == "found\n"
+
+
+def test_a_tuned_config_is_one_call():
+    config = config_for("ant", worlds=1024, device="cpu", **{"ppo.learning_rate": 1e-3})
+    assert (config.env, config.worlds, config.ppo.learning_rate) == ("ant", 1024, 1e-3)
+    tuned = config_for("ant", device="cpu")
+    assert config.ppo.discount == tuned.ppo.discount
+    assert tuned == morlax_torch.config_for("ant", device="cpu", ppo={})
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"ppo.learning_rat": 1e-3}, "did you mean 'learning_rate'"),
+        ({"worlds": 1001}, "must divide worlds"),
+        ({"worlds.number": 3}, "worlds"),
+    ],
+)
+def test_a_wrong_change_is_one_sentence(changes, sentence):
+    with pytest.raises(MorlaxError, match=sentence):
+        config_for("ant", device="cpu", **changes)

@@ -1,0 +1,180 @@
+"""A resumed run continues exactly, on any simulator, and evaluations repeat themselves."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from morlax_torch import MORLAX, config_for, envs
+from morlax_torch.config import Config
+from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.train import train
+
+TINY: dict[str, Any] = {
+    "device": "cpu",
+    "backend": "mujoco",
+    "worlds": 32,
+    "horizon": 5,
+    "sampling": {"clusters": 8},
+    "ppo": {"minibatches": 2, "epochs": 2, "anneal": False},
+    "evaluation": {"tradeoffs": 8, "every": 800},
+    "task": {"episode_length": 20},
+}
+
+
+class SeeingCritic(envs.get("hopper")):
+    """A hopper whose policies see positions alone, and whose critics see velocities too."""
+
+    def observe(self) -> Tensor:
+        return self.physics.qpos[:, 1:]
+
+    def privileged(self) -> Tensor:
+        return self.physics.qvel.clamp(-10, 10)
+
+    def layout(self) -> list[envs.Part]:
+        return super().layout()[:6]
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "hopper": {"ppo.anneal": True, "max_env_steps": 2000},
+    "ant": {"task.reset_noise": 0.01},
+    "humanoid": {"task.stagger": True},
+    "bruce": {"task.draw_commands": True, "task.noise": 1.0, "task.randomize": True},
+    f"{Path(__file__)}:SeeingCritic": {},
+}
+
+
+def tiny(env: str = "hopper", **changes: Any) -> Config:
+    return config_for(env, **TINY, **changes)
+
+
+def trainer(config: Config, iterations: int, **networks: nn.Module) -> MORLAX:
+    learner = MORLAX(make_worlds(config, config.worlds), config, **networks)
+    for _ in range(iterations):
+        learner.iterate()
+    return learner
+
+
+def assert_same(one: object, other: object) -> None:
+    """Equal to the last bit, however nested."""
+    if isinstance(one, Tensor):
+        assert isinstance(other, Tensor) and torch.equal(one, other)
+    elif isinstance(one, dict):
+        assert isinstance(other, dict) and one.keys() == other.keys()
+        for key in one:
+            assert_same(one[key], other[key])
+    elif isinstance(one, list):
+        assert isinstance(other, list)
+        for left, right in zip(one, other, strict=True):
+            assert_same(left, right)
+    else:
+        assert one == other
+
+
+def rows(run: Run) -> list[dict[str, str]]:
+    with (run.folder / "metrics.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def own_actor() -> nn.Module:
+    return nn.Sequential(nn.Linear(13, 16), nn.Tanh(), nn.Linear(16, 8))
+
+
+@pytest.mark.parametrize(
+    ("env", "networks"),
+    [*((env, dict) for env in CASES), ("hopper", lambda: {"actor": own_actor()})],
+    ids=[*(env.rpartition(":")[2] for env in CASES), "own network"],
+)
+def test_ten_iterations_equal_five_and_a_resumed_five(env, networks, tmp_path):
+    config, path, given = tiny(env, **CASES[env]), tmp_path / "half.pt", networks()
+    checkpoint.save(path, trainer(config, 5, **given), {})
+    resumed = trainer(config, 0, **networks())  # like those given, with other parameters
+    checkpoint.restore(checkpoint.load(path), path, resumed)
+    for _ in range(5):
+        resumed.iterate()
+    assert_same(trainer(config, 10, **given).state_dict(), resumed.state_dict())
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_resumed_run_ends_like_an_uninterrupted_one(noise, tmp_path):
+    """The evaluations too, although the resumed half has made fewer of them."""
+    changes = {"task.reset_noise": noise}
+    whole = train(tiny(max_env_steps=1600, **changes), output=tmp_path / "whole")
+    train(tiny(max_env_steps=800, **changes), output=tmp_path / "halves")
+    run = Run.open(tmp_path / "halves")
+    halves = train(tiny(max_env_steps=1600, **changes), run)
+    for name in ("latest", "best"):
+        one, other = (checkpoint.load(r.checkpoints / f"{name}.pt") for r in (whole, halves))
+        assert_same(one["learner"], other["learner"])
+    indicators = ("iteration", "env_steps", "hypervolume", "sparsity", "cardinality")
+    assert [[row[name] for name in indicators] for row in rows(whole)] == [
+        [row[name] for name in indicators] for row in rows(halves)
+    ]
+
+
+NOISY = {"task.reset_noise": 0.05, "task.randomization.friction": (0.5, 1.5)}
+
+
+def test_an_unchanged_policy_gets_an_unchanged_front():
+    learner = trainer(tiny("cheetah", **NOISY), 2)
+    evaluator = make_evaluator(learner)
+    first, second = evaluator.evaluate(), evaluator.evaluate()
+    assert (first.returns == second.returns).all()
+    assert (make_evaluator(learner).evaluate().returns == first.returns).all()
+
+
+def test_every_training_seed_is_evaluated_in_the_same_worlds_that_training_never_sees():
+    found = []
+    for seed in (0, 1):
+        learner = trainer(tiny("cheetah", seed=seed, **NOISY), 0)
+        env = make_evaluator(learner).env
+        env.reset()
+        found.append((env.physics.qpos.clone(), env.state_dict()["model.geom_friction"]))
+        training = learner.env.state_dict()["model.geom_friction"][: env.num_worlds]
+        assert not torch.isclose(training, found[-1][1]).all(-1).all(-1).any()
+        assert not torch.isclose(learner.env.starts.states[0], env.starts.states[0]).all(-1).any()
+    assert_same(list(found[0]), list(found[1]))
+
+
+def test_a_run_moves_between_simulators_whose_state_differs(tmp_path):
+    path = tmp_path / "half.pt"
+    checkpoint.save(path, trainer(tiny("bruce"), 2), {})
+    for backend in ("warp", "mujoco"):
+        resumed = trainer(tiny("bruce").model_copy(update={"backend": backend}), 0)
+        checkpoint.restore(checkpoint.load(path), path, resumed)
+        stored = checkpoint.load(path)["learner"]["environment"]["qpos"]
+        torch.testing.assert_close(resumed.env.physics.qpos.double(), stored.double())
+        resumed.iterate()
+        assert all(v.isfinite().all() for v in resumed.agent.state_dict().values())
+        checkpoint.save(path, resumed, {})
+
+
+def test_a_generators_state_of_another_device_becomes_its_seed():
+    from morlax_torch.envs.random import restore_generator
+
+    cuda_state = torch.arange(16, dtype=torch.uint8)
+    draws = []
+    for _ in range(2):
+        generator = torch.Generator()
+        restore_generator(generator, cuda_state)
+        draws.append(torch.rand(4, generator=generator))
+    assert torch.equal(*draws)
+    assert not torch.equal(draws[0], torch.rand(4, generator=torch.Generator()))
+
+
+def test_a_checkpoint_of_version_0_1_is_resumed(tmp_path):
+    """Format 1 called the learner "morlax" and had no activations."""
+    learner = trainer(tiny(), 3)
+    path = tmp_path / "old.pt"
+    checkpoint.save(path, learner, {})
+    contents = checkpoint.load(path)
+    state = contents.pop("learner")
+    del state["scalarization"], state["environment"]["act"]
+    torch.save({**contents, "format": 1, "morlax": state}, path)
+    resumed = trainer(tiny(), 0)
+    checkpoint.restore(checkpoint.load(path), path, resumed)
+    assert_same(resumed.state_dict(), learner.state_dict())

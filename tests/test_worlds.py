@@ -1,0 +1,128 @@
+"""Any subclass of `Worlds` can be trained in, recordable and resumable or not."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from morlax_torch import MORLAX, MorlaxError, config_for, envs, evaluate, explore, export, train
+from morlax_torch.runs.training import make_evaluator
+
+SOURCE = Path(__file__)
+TINY: dict[str, Any] = {
+    "worlds": 16,
+    "horizon": 5,
+    "device": "cpu",
+    "max_env_steps": 240,
+    "sampling.clusters": 4,
+    "ppo.minibatches": 2,
+    "evaluation.tradeoffs": 6,
+    "evaluation.every": 80,
+}
+
+
+class Points(envs.Worlds):
+    """Points on a line, of a simulator of their own: go right, or stand still."""
+
+    class Options(envs.ObjectiveOptions):
+        objectives: dict[str, dict[str, float]] = {"go": {"go": 1.0}, "save": {"save": 1.0}}
+        episode_length: int = 8
+
+    simulator = "points"
+    observation_size, action_size = 2, 1
+    reward_terms = ("go", "save")
+
+    def __init__(self, options, num_worlds, device, seed, auto_reset):
+        self.options, self.num_worlds, self.device = options, num_worlds, device
+        self.auto_reset, self.episode_length = auto_reset, options.episode_length
+        self.generator = torch.Generator(device).manual_seed(seed)
+        self.objectives = tuple(options.objectives)
+        self.reference_point = (-10.0, -10.0)
+        self._weights = torch.tensor(self._weighting(), device=device)
+        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
+        self.x, self.age = torch.zeros(2, num_worlds, device=device)
+
+    @classmethod
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
+        return cls(options, num_worlds, device, seed, auto_reset)
+
+    def reset(self) -> Tensor:
+        return self.restart(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
+
+    def restart(self, which: Tensor) -> Tensor:
+        start = torch.rand(self.num_worlds, generator=self.generator, device=self.device)
+        self.x = torch.where(which, 0.1 * start, self.x)  # rebinds: a CUDA graph would not see it
+        self.age = torch.where(which, 0.0, self.age)
+        return self.critic_observation()
+
+    def step(self, action: Tensor) -> envs.TimeStep:
+        move = action[:, 0].clamp(-1, 1)
+        self.x, self.age = self.x + move, self.age + 1
+        terms = torch.stack([move, -move.abs()], -1)
+        final = self.critic_observation()
+        terminated = self.x < -3
+        truncated = (self.age >= self.episode_length) & ~terminated
+        if self.auto_reset:
+            self.restart(terminated | truncated)
+        seen = self.critic_observation()
+        named = dict(zip(self.reward_terms, terms.unbind(-1), strict=True))
+        reward = self.combine(terms)
+        return envs.TimeStep(seen, reward, terminated, truncated, final, named, seen, final)
+
+    def critic_observation(self) -> Tensor:
+        return torch.stack([self.x, self.age / self.episode_length], -1)
+
+
+POINTS = f"{SOURCE}:Points"
+DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    config = config_for(POINTS, **TINY)
+    return train.train(config, output=tmp_path_factory.mktemp("points") / "run").folder
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_they_are_explored_and_evaluated_eagerly(device):
+    if device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("there is no CUDA device")
+    learner = MORLAX(
+        envs.make(POINTS, 16, device), config_for(POINTS, **{**TINY, "device": device})
+    )
+    evaluator = make_evaluator(learner)
+    learner.compile()
+    evaluator.compile()
+    before = learner.agent.actor.bias.clone()
+    for _ in range(3):
+        learner.iterate()
+    assert not torch.equal(learner.agent.actor.bias, before)
+    assert learner.env.x.abs().max() > 0.1
+    front = evaluator.evaluate()
+    assert (front.lengths == 8).all()
+    assert abs(front.returns[:, 0]).max() > 0
+
+
+def test_their_run_is_evaluated_and_cannot_be_resumed(run):
+    assert evaluate.evaluate(run, tradeoffs=6, device="cpu").hypervolume > 0
+    with pytest.raises(MorlaxError, match=r"cannot be resumed.*start a new run"):
+        train.command(["--resume", str(run), "--max-env-steps", "400"])
+
+
+@pytest.mark.parametrize(
+    "use", [lambda run: export.command([str(run)]), lambda run: explore.explore(str(run), "x", 0)]
+)
+def test_what_they_cannot_do_is_one_sentence(run, use, monkeypatch):
+    monkeypatch.setattr(explore, "_check_free", lambda host, port: None)
+    with pytest.raises(MorlaxError, match=r"has no MuJoCo robot, so it cannot be shown"):
+        use(run)
+
+
+def test_resumable_worlds_must_have_a_state():
+    class Forgetful(Points):
+        resumable = True
+
+    with pytest.raises(MorlaxError, match=r"Forgetful does not define state_dict"):
+        envs.register("forgetful", Forgetful)
