@@ -95,7 +95,9 @@ def checked(task: type[Worlds]) -> type[Worlds]:
     if task.resumable and task.state_dict is Worlds.state_dict:
         missing += ["state_dict and load_state_dict (or set resumable = False)"]
     if missing:
-        raise MorlaxError(f"{task.__name__} does not define {', '.join(missing)}: add them.")
+        raise MorlaxError(
+            f"{task.__name__} does not define {', '.join(missing)}, which every task needs."
+        )
     try:
         task.Options.model_validate({})
     except (AttributeError, ValidationError):

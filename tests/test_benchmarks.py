@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
@@ -24,6 +26,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_table1(tmp_path):
     options = ("--env", "cheetah", "--seconds", "0.2", "--every", "0.2", "--seeds", "3")
     run("table1", *options, "--device", "cpu", folder=tmp_path)
@@ -47,7 +50,7 @@ def test_search(tmp_path):
 
 
 def test_throughput(tmp_path):
-    options = ("--env", "bruce", "--worlds", "128", "--output", "rows.csv")
+    options = ("--env", "hopper", "--worlds", "128", "--output", "rows.csv")
     run("throughput", *options, "--device", "cpu", "--seconds", "0.1", folder=tmp_path)
     (row,) = rows(tmp_path / "rows.csv")
     assert float(row["training/physics"]) > 0

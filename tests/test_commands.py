@@ -98,7 +98,7 @@ def test_help_is_complete(module, monkeypatch, capsys):
 
 
 MISTAKES = {
-    "no task": ((), "say which task to train: --env NAME, of ant, bruce"),
+    "no task": ((), "name a task: --env NAME, one of ant, bruce"),
     "unknown task": (("--env", "chetah"), "did you mean 'cheetah'?"),
     "unknown flag": (("--env", "ant", "--ppo.learning-rat", "1"), "--ppo.learning-rate"),
     "wrong type": (("--env", "ant", "--worlds", "many"), "many"),
@@ -112,10 +112,10 @@ MISTAKES = {
     ),
     "minibatches": (("--env", "ant", "--ppo.minibatches", "7"), "ppo.minibatches (7) must divide"),
     "no GPU": (("--env", "ant", "--device", "cuda"), "no CUDA device"),
-    "no device": (("--env", "ant", "--device", "gpu"), "'gpu' is no device"),
+    "no device": (("--env", "ant", "--device", "gpu"), "'gpu' is not a device"),
     "unknown backend": (("--env", "ant", "--backend", "bullet"), "bullet"),
     "no config file": (("--config", "none.yaml"), "cannot read the config none.yaml"),
-    "resume nothing": (("--resume", "nowhere"), "nowhere is no run"),
+    "resume nothing": (("--resume", "nowhere"), "nowhere is not a run"),
 }
 
 
@@ -140,8 +140,8 @@ FILES = {
         "unknown reward term 'vz'",
     ),
     "wrong type": ("env: ant\nworlds: many\n", "worlds: Input should be a valid integer"),
-    "no task": ("worlds: 3\n", "names no environment"),
-    "no YAML": ("env: [ant\n", "is not YAML"),
+    "no task": ("worlds: 3\n", "names no task"),
+    "no YAML": ("env: [ant\n", "is not valid YAML"),
     "no mapping": ("- 3\n", "must hold keys and values"),
 }
 
@@ -168,7 +168,7 @@ def test_a_folder_in_use_is_not_overwritten(trained, monkeypatch, capsys):
     before = {path: path.stat().st_mtime_ns for path in trained.rglob("*")}
     with pytest.raises(SystemExit):
         run(monkeypatch, train, "--env", "hopper", *TINY, "--output", "run")
-    assert "run is there already" in sentence(capsys)
+    assert "run exists already" in sentence(capsys)
     assert before == {path: path.stat().st_mtime_ns for path in trained.rglob("*")}
 
 
@@ -184,7 +184,7 @@ def test_a_run_refuses_the_current_directory_as_output(workplace, monkeypatch, c
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, train, "--env", "hopper", *TINY, "--output", ".")
     assert exit.value.code == 2
-    assert "a folder of its own" in sentence(capsys)
+    assert "a run needs its own folder" in sentence(capsys)
     assert not list(workplace.iterdir())
 
 
@@ -193,7 +193,7 @@ def test_a_damaged_config_of_a_run_is_an_error(trained, monkeypatch, capsys):
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, train, "--resume", "run")
     assert exit.value.code == 2
-    assert "is not YAML" in sentence(capsys)
+    assert "is not valid YAML" in sentence(capsys)
 
 
 def test_too_few_tradeoffs_are_an_error(trained, monkeypatch, capsys):
@@ -221,7 +221,7 @@ def test_a_damaged_checkpoint_is_an_error(damage, trained, monkeypatch, capsys):
         with pytest.raises(SystemExit) as exit:
             run(monkeypatch, module, *arguments)
         assert exit.value.code == 2
-        assert "is damaged or is none" in sentence(capsys)
+        assert "is damaged or not a checkpoint" in sentence(capsys)
 
 
 def test_a_checkpoint_of_another_task_is_refused(trained, monkeypatch, capsys):

@@ -15,8 +15,8 @@ from morlax_torch import MorlaxError, evaluate, load
 from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
-from morlax_torch.networks import policy
-from morlax_torch.reports.comparison import names, quartiles
+from morlax_torch.reports.comparison import check_comparable, names, quartiles
+from morlax_torch.runs import loading
 from morlax_torch.train import command as train
 
 TINY = (
@@ -115,7 +115,7 @@ def test_checkpoints_of_one_run_can_be_compared(workplace):
 def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
     shipped = workplace / "shipped"
     shutil.copytree(workplace / "a" / "hopper", shipped / "jumper")
-    monkeypatch.setattr(policy, "SHIPPED", shipped)
+    monkeypatch.setattr(loading, "SHIPPED", shipped)
     monkeypatch.setattr(evaluate, "SHIPPED", shipped)
     before = sorted(shipped.rglob("*"))
     evaluate.command(["jumper", *FEW])
@@ -217,15 +217,15 @@ MISTAKES = {
     "other starts": (("a/hopper", "noisy"), "hopper and noisy differ in task.reset_noise"),
     "seeds of nothing": (
         ("a/hopper", "--seeds", "3"),
-        "every episode of this task starts alike (task.reset_noise is 0)",
+        "nothing in this task is random (task.reset_noise is 0",
     ),
-    "no seeds": (("noisy", "--seeds", "0"), "seeds is 0: it takes at least one"),
+    "no seeds": (("noisy", "--seeds", "0"), "seeds is 0: at least one is needed"),
     "few trade-offs": (
         ("three", "--tradeoffs", "2", "--protocol", "paper"),
         "2 trade-offs are too few",
     ),
     "no reference": (("a/hopper", "--reference", "none.npz"), "there is no front none.npz"),
-    "no front": (("a/hopper", "--reference", "bad.npz"), "bad.npz is damaged or holds no front"),
+    "no front": (("a/hopper", "--reference", "bad.npz"), "bad.npz is damaged or not a front"),
     "reference of another run": (("a/hopper", "--reference", "ant"), "'hopper' and ant of 'ant'"),
     "reference of other objectives": (
         ("a/hopper", "--reference", "three/front.npz"),
@@ -268,3 +268,13 @@ def test_quartiles_are_computed_over_runs():
     found = quartiles([{"a": 1.0, "b": 4}, {"a": 2.0, "b": 4}, {"a": 9.0, "b": 4}])
     assert found["a"] == (1.5, 2, 5.5)
     assert found["b"] == (4, 4, 4)
+
+
+def test_runs_of_different_domain_randomization_are_not_compared(make_policy):
+    policies = {
+        "even": make_policy("hopper"),
+        "varied": make_policy("hopper", task={"randomization": {"mass": [0.8, 1.2]}}),
+    }
+    with pytest.raises(MorlaxError, match=r"differ in task\.randomization"):
+        check_comparable(policies)
+    check_comparable({"one": policies["varied"], "other": policies["varied"]})

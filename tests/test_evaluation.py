@@ -53,6 +53,9 @@ class Scripted:
         self.t = 0
         return self.seen()
 
+    def reseed(self, seed: int) -> None:
+        self.generator.manual_seed(seed)
+
     def seen(self) -> torch.Tensor:
         return torch.full((3, 3), float(self.t))
 

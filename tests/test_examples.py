@@ -1,4 +1,4 @@
-"""The examples of docs/ do what they say."""
+"""The examples in docs/ run and learn."""
 
 import importlib.util
 from pathlib import Path
@@ -21,7 +21,7 @@ def cleanrl_ppo():
     return module
 
 
-def test_ppo_in_one_file_learns(cleanrl_ppo, capsys):
+def test_the_cleanrl_style_ppo_example_learns(cleanrl_ppo, capsys):
     settings = cleanrl_ppo.Settings(
         env_id="morlax_torch/Hopper-v0",
         device="cpu",

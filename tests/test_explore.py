@@ -213,6 +213,7 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     view.tab.screenshot(path=shots / "front.png")
 
 
+@pytest.mark.slow
 def test_the_robot_keeps_running_when_browsers_leave(served, browser, tmp_path):
     address, process = served
     first, second = View(browser, address), View(browser, address, 390, 844)

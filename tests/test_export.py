@@ -18,8 +18,7 @@ from morlax_torch import MORLAX, MorlaxError, Policy, envs, export, save
 from morlax_torch.config import load_config
 from morlax_torch.exports.formats import FORMATS, Format
 from morlax_torch.exports.manifest import control, manifest
-from morlax_torch.networks import policy
-from morlax_torch.runs import checkpoint
+from morlax_torch.runs import checkpoint, loading
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning"),
@@ -245,7 +244,7 @@ def test_each_format_has_its_own_file_ending(saved, format, name, monkeypatch):
 
 
 def test_a_shipped_policy_is_exported_into_the_working_directory(saved, monkeypatch, trained):
-    monkeypatch.setattr(policy, "SHIPPED", saved / "shipped")
+    monkeypatch.setattr(loading, "SHIPPED", saved / "shipped")
     monkeypatch.setattr(export, "SHIPPED", saved / "shipped")
     folder = saved / "shipped" / "hopper"
     (folder / "checkpoints").mkdir(parents=True)
@@ -259,7 +258,7 @@ MISTAKES = {
     "no run": (("nowhere",), "nowhere does not exist"),
     "negative": (("policy.pt", "--tradeoff", "-1,2"), "must be finite, not negative"),
     "too long": (("policy.pt", "--tradeoff", "1,2,3"), "needs 2 numbers (run, jump)"),
-    "no numbers": (("policy.pt", "--tradeoff", "fast"), "is not made of 2 numbers"),
+    "no numbers": (("policy.pt", "--tradeoff", "fast"), "does not consist of 2 numbers"),
     "no folder": (("policy.pt", "--output", "no/where.onnx"), "cannot write no/where.onnx"),
 }
 
@@ -302,4 +301,4 @@ def test_a_run_with_a_custom_actor_explains_how_to_export(tmp_path, monkeypatch,
     checkpoint.save(tmp_path / "own.pt", MORLAX(envs.make("hopper", 32, "cpu"), config, actor), {})
     with pytest.raises(SystemExit):
         run(monkeypatch, str(tmp_path / "own.pt"))
-    assert "holds a user's own actor, which no config describes" in capsys.readouterr().err
+    assert "holds a user-made actor, which no config describes" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """On CUDA: the recorded graphs do what the eager program does."""
 
+import gc
 from typing import Any
 
 import gymnasium
@@ -10,6 +11,7 @@ from torch import nn
 from morlax_torch import MORLAX, envs
 from morlax_torch.config import load_config
 from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.gpu.graph import Branch, Graph
 from morlax_torch.tradeoffs import evaluation_tradeoffs
 
 pytestmark = [
@@ -33,11 +35,15 @@ class Blind(envs.get("hopper")):
 
 
 def trainer(
-    task: str, recorded: bool, options: dict[str, Any] | None = None, **networks: nn.Module
+    task: str,
+    recorded: bool,
+    options: dict[str, Any] | None = None,
+    device: str = "cuda",
+    **networks: nn.Module,
 ) -> MORLAX:
     options = options or {}
     config = load_config({"env": task, **SMALL, "task": options})
-    env = envs.make(task, config.worlds, "cuda", deterministic=True, **options)
+    env = envs.make(task, config.worlds, device, deterministic=True, **options)
     morlax = MORLAX(env, config, **networks)
     if recorded:
         morlax.compile()
@@ -174,3 +180,75 @@ def test_a_seed_decides_what_a_recorded_step_of_gymnasium_s_worlds_draws():
         seen.append(observation)
     torch.testing.assert_close(seen[0], seen[1])
     assert not torch.allclose(seen[0], seen[2], atol=1e-3)
+
+
+two_gpus = pytest.mark.skipif(torch.cuda.device_count() < 2, reason="there is one GPU")
+
+
+@two_gpus
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_branch_uses_the_streams_of_its_own_device(recorded):
+    device = torch.device("cuda:1")
+    torch.cuda.set_device(0)
+    heavy = torch.randn(4096, 4096, device=device) / 64
+    source, copy, result = (torch.zeros(4096, 4096, device=device) for _ in range(3))
+    count = torch.zeros((), device=device)
+    branch = Branch(device)
+
+    def run() -> None:
+        for _ in range(4):  # keeps the main stream busy before it writes what the branch reads
+            source.copy_(heavy @ heavy)
+        count.add_(1)
+        source.fill_(1).mul_(count)
+        with branch:
+            for _ in range(4):
+                copy.copy_(heavy @ heavy)
+            copy.copy_(source)
+        branch.join()
+        result.copy_(copy)
+
+    graph = Graph(run, device)
+    if recorded:
+        graph.record()
+    stale = 0
+    for _ in range(20):
+        graph()
+        torch.cuda.synchronize(device)
+        stale += bool((result != count).any())
+    assert stale == 0
+    assert torch.cuda.current_device() == 0
+
+
+@two_gpus
+def test_a_learner_trains_on_the_second_gpu():
+    torch.cuda.set_device(0)
+    check_they_do_the_same(*(trainer("cheetah", r, device="cuda:1") for r in (False, True)))
+
+
+def test_recording_leaves_the_garbage_collector_as_it_was():
+    total = torch.zeros((), device="cuda")
+    gc.disable()
+    try:
+        Graph(lambda: total.add_(1), total.device).record()
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+    Graph(lambda: total.add_(1), total.device).record()
+    assert gc.isenabled()
+
+
+def test_building_a_learner_enables_tf32():
+    torch.set_float32_matmul_precision("highest")
+    trainer("cheetah", recorded=False)
+    assert torch.get_float32_matmul_precision() == "high"
+
+
+def test_a_huge_velocity_is_a_blowup_in_a_recorded_step_too():
+    morlax = trained("ant")
+    morlax.env.physics.qvel[7] = 1e9
+    for _ in range(2):
+        morlax.iterate()
+    metrics = morlax.metrics()
+    assert metrics["blowups"] >= 1
+    assert all(abs(value) < float("inf") for value in metrics.values())
+    assert morlax.agent.value_normalizer.variance.max() < 1e6

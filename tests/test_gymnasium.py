@@ -346,7 +346,10 @@ MISTAKES = {
     "vector shape": (lambda: vector_step(torch.zeros(3, 5)), "the shape (3, 4)"),
     "vector device": (lambda: vector_step(torch.zeros(3, 4, device="meta")), "on meta, but"),
     "numpy": (lambda: vector_step(np.zeros((3, 4))), "not ndarray: use torch.as_tensor"),
-    "statistics": (lambda: EpisodeStatistics(EpisodeStatistics(vector())), ", not EpisodeStatistics"),
+    "statistics": (
+        lambda: EpisodeStatistics(EpisodeStatistics(vector())),
+        ", not EpisodeStatistics",
+    ),
 }
 
 

@@ -146,7 +146,7 @@ def test_a_reward_that_is_not_finite_ends_the_episode_and_pays_nothing(point):
     ("name", "sentence"),
     [
         ("gymnasium:deep-sea-treasure-v0", "actions that are not continuous (Discrete(4))"),
-        ("gymnasium:Pendulum-v1", "has no vector of rewards"),
+        ("gymnasium:Pendulum-v1", "has no vector reward"),
         ("gymnasium:no-such-thing-v0", "Gymnasium cannot make 'no-such-thing-v0'"),
         ("gymnasium:nowhere:thing-v0", "Gymnasium cannot make 'nowhere:thing-v0'"),
     ],
@@ -166,7 +166,7 @@ def test_actions_without_bounds_are_refused():
 
 
 def test_warp_cannot_move_them():
-    with pytest.raises(MorlaxError, match="runs on the CPU alone"):
+    with pytest.raises(MorlaxError, match="runs only on the CPU"):
         envs.make(CAR, 2, "cpu", "warp")
 
 
@@ -206,10 +206,10 @@ def test_its_policies_are_used_and_judged_like_any_other(run):
 
 
 def test_its_run_cannot_be_resumed(run):
-    with pytest.raises(MorlaxError, match="its worlds' state cannot be saved"):
+    with pytest.raises(MorlaxError, match="the state of its worlds cannot be saved"):
         train.command(["--resume", str(run), "--max-env-steps", "3000"])
 
 
 def test_there_is_no_robot_to_film(run):
-    with pytest.raises(MorlaxError, match="has no robot to show"):
+    with pytest.raises(MorlaxError, match="has no MuJoCo robot"):
         Player(morlax_torch.load(run), (0.5, 0.5))

@@ -34,7 +34,7 @@ def wheel(tmp_path_factory) -> Path:
 def test_a_wheel_drops_nothing_beside_its_own_package(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0].split("-")[0] for name in names} == {"morlax_torch"}
-    assert "morlax_torch/envs/assets/ant.xml" in names
+    assert "morlax_torch/envs/robots/assets/ant.xml" in names
     assert "morlax_torch/configs/ant.yaml" in names
 
 

@@ -101,6 +101,6 @@ def test_a_ball_joint_has_a_quaternion_and_an_angular_velocity():
         '<mujoco><worldbody><body><joint name="hip" type="ball"/><geom size="1"/></body>'
         "</worldbody></mujoco>"
     )
-    assert envs.layout.positions(model) == [("position.hip.quaternion", 4, "w, x, y, z")]
-    assert envs.layout.velocities(model) == [("velocity.hip.angular", 3, "rad/s, in the body")]
+    assert envs.positions(model) == [("position.hip.quaternion", 4, "w, x, y, z")]
+    assert envs.velocities(model) == [("velocity.hip.angular", 3, "rad/s, in the body")]
     assert (model.nq, model.nv) == (4, 3)

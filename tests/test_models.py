@@ -20,7 +20,7 @@ TOLERANCE = 1e-9
 
 
 def load(name: str) -> mujoco.MjModel:
-    assets = importlib.resources.files("morlax_torch.envs") / "assets"
+    assets = importlib.resources.files("morlax_torch.envs.robots") / "assets"
     return mujoco.MjModel.from_xml_path(str(assets / f"{name}.xml"))
 
 

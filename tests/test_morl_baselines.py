@@ -56,6 +56,7 @@ def test_its_evaluation_gives_the_returns_of_our_worlds(make_policy):
     assert scalar_discounted == pytest.approx(tradeoff @ discounted, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_its_capql_trains_on_our_environment():
     capql = pytest.importorskip("morl_baselines.multi_policy.capql.capql", exc_type=ImportError)
     from morl_baselines.common.evaluation import policy_evaluation_mo

@@ -109,7 +109,7 @@ def test_a_file_that_is_gone_is_said_in_a_sentence(trained, folder, monkeypatch,
         assert stopped.value.code == 2
         captured = capsys.readouterr()
         text = " ".join((captured.out + captured.err).split())
-        assert "crawler.py, but there is no such file" in text
+        assert "crawler.py, which should define the task Crawler" in text
         assert "Traceback" not in text
 
 
@@ -122,8 +122,8 @@ def test_a_file_that_is_gone_is_said_in_a_sentence(trained, folder, monkeypatch,
         ("crawler.py:Crawlr", "did you mean 'Crawler'"),
         ("crawler.py:positions", "Known: Crawler"),
         ("crawler.py:Environment", "Known: Crawler"),
-        ("crawler.py", "say which class of it, such as crawler.py:MyRobot"),
-        ("nowhere.py:Crawler", "there is no such file"),
+        ("crawler.py", "name a class in it, such as crawler.py:MyRobot"),
+        ("nowhere.py:Crawler", "there is no file"),
     ],
 )
 def test_what_is_not_there_is_said_in_a_sentence(folder, name, expected):
@@ -162,11 +162,11 @@ def test_one_file_is_one_class_however_it_is_named(folder):
     [
         (
             "initial_qpos(self): return [0.0] * 4",
-            "Crawler.initial_qpos() has shape (4,): it must be (5,), a number for each of qpos.",
+            "Crawler.initial_qpos() has shape (4,): it must be (5,), one number per qpos.",
         ),
         (
             "observe(self): return self.physics.qpos[0]",
-            "Crawler.observe() has shape (5,): it must be (3, O), a row for each world.",
+            "Crawler.observe() has shape (5,): it must be (3, O), one row per world.",
         ),
         (
             "observe(self): return self.physics.qpos.T",
@@ -178,7 +178,7 @@ def test_one_file_is_one_class_however_it_is_named(folder):
         ),
         (
             "terms(self): return {'run': self.physics.qvel[:, :1], 'energy': self.age}",
-            "Crawler.terms()['run'] has shape (3, 1): it must be (3,), a number for each world.",
+            "Crawler.terms()['run'] has shape (3, 1): it must be (3,), one number per world.",
         ),
         (
             "terms(self): return {'run': 1.0}",
@@ -194,8 +194,7 @@ def test_one_file_is_one_class_however_it_is_named(folder):
         ),
         (
             "apply(self, action): self.physics.ctrl.copy_(action[:, :1].repeat(1, 3))",
-            "Crawler.apply() does not get from an action of shape (3, 2) to physics.ctrl of shape "
-            "(3, 2)",
+            "Crawler.apply() cannot turn actions of shape (3, 2) into physics.ctrl of shape (3, 2)",
         ),
         (
             "apply(self, action): self.physics.ctrl = action",
@@ -226,13 +225,17 @@ def test_a_term_that_is_none_is_named(folder):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("def failed", "def fails", "Crawler lacks what every task defines: failed."),
-        ("class Options", "class Choices", "Crawler.Options must be a class of TaskOptions"),
+        ("def failed", "def fails", "Crawler does not define failed, which every task needs."),
+        (
+            "class Options",
+            "class Choices",
+            "Crawler.Options must be a subclass of ObjectiveOptions",
+        ),
         (
             'objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy"'
             ": 1.0}}",
             "friends: int = 2",
-            "Crawler.Options must be a class of TaskOptions",
+            "Crawler.Options must be a subclass of ObjectiveOptions",
         ),
         ('model_file = "crawler.xml"', "", "Crawler names no MJCF: give it a model_file."),
         ('"crawler.xml"', '"crawl.xml"', "MuJoCo cannot load"),
@@ -296,7 +299,7 @@ def test_an_installed_package_is_imported_when_its_task_is_asked_for(offer):
     [
         ("bad = offered_none:Crawler", "cannot be imported from offered_none:Crawler: ModuleNot"),
         ("bad = offered_two:Nobody", "cannot be imported from offered_two:Nobody: AttributeError"),
-        ("bad = offered_two:positions", "is offered_two:positions, which is no class of"),
+        ("bad = offered_two:positions", "is offered_two:positions, which is not a subclass of"),
     ],
 )
 def test_a_broken_offer_harms_nobody_else(offer, line, expected):

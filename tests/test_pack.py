@@ -53,5 +53,5 @@ def test_it_leaves_out_what_only_training_needs(run, packed):
 
 
 def test_nothing_is_overwritten(run, packed):
-    with pytest.raises(MorlaxError, match="there already"):
+    with pytest.raises(MorlaxError, match="exists already"):
         pack(run, packed)

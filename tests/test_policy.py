@@ -204,7 +204,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 def test_a_damaged_checkpoint_is_an_error_in_words(latest, tmp_path, damage):
     path = tmp_path / "damaged.pt"
     path.write_bytes(DAMAGES[damage](latest.read_bytes()))
-    with pytest.raises(MorlaxError, match=r"damaged\.pt is damaged or is none"):
+    with pytest.raises(MorlaxError, match=r"damaged\.pt is damaged or not a checkpoint"):
         morlax_torch.load(path)
 
 
@@ -212,7 +212,7 @@ def test_a_file_of_something_else_is_an_error_in_words(latest, tmp_path):
     path = tmp_path / "other.pt"
     for contents in (torch.zeros(3), {"weights": torch.zeros(3)}):
         torch.save(contents, path)
-        with pytest.raises(MorlaxError, match="is no checkpoint of morlax_torch"):
+        with pytest.raises(MorlaxError, match="is not a checkpoint of morlax_torch"):
             morlax_torch.load(path)
     torch.save({**checkpoint.load(latest), "format": 99}, path)
     with pytest.raises(MorlaxError, match="format 99"):
@@ -225,7 +225,7 @@ def test_a_checkpoint_runs_no_code_of_its_own(tmp_path):
             return (Path.touch, (tmp_path / "sprung",))
 
     torch.save({"format": 1, "trap": Trap()}, tmp_path / "trap.pt")
-    with pytest.raises(MorlaxError, match="damaged or is none"):
+    with pytest.raises(MorlaxError, match="damaged or not a checkpoint"):
         morlax_torch.load(tmp_path / "trap.pt")
     assert not (tmp_path / "sprung").exists()
 
@@ -328,5 +328,5 @@ def test_saved_policies_are_small_and_act_alike(policy, observation, tmp_path):
 def test_saved_policies_cannot_be_trained_on(policy, tmp_path):
     path = tmp_path / "family.pt"
     save(policy, path)
-    with pytest.raises(MorlaxError, match="policies alone"):
+    with pytest.raises(MorlaxError, match="only policies"):
         checkpoint.restore(checkpoint.load(path), path, tiny())

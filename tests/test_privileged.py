@@ -139,17 +139,6 @@ def test_both_are_normalised(generator):
     assert torch.equal(normalizer(seen)[:, :O], normalizer(seen[:, :O]))
 
 
-def test_ten_iterations_equal_five_and_a_resumed_five(tmp_path):
-    checkpoint.save(tmp_path / "half.pt", trainer(tiny(), 5), {})
-    resumed = trainer(tiny(), 0)
-    checkpoint.restore(checkpoint.load(tmp_path / "half.pt"), tmp_path, resumed)
-    for _ in range(5):
-        resumed.iterate()
-    whole, halves = trainer(tiny(), 10).state_dict(), resumed.state_dict()
-    assert torch.equal(whole["observation"], halves["observation"])
-    assert all(torch.equal(value, halves["agent"][name]) for name, value in whole["agent"].items())
-
-
 @pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
 def test_what_is_loaded_or_exported_needs_only_observations(tmp_path, generator):
     morlax = trainer(tiny(), 3)

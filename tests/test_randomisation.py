@@ -160,7 +160,7 @@ def test_by_default_nothing_is_drawn_and_nothing_changes(backend):
         state = env.state_dict()
         assert torch.equal(state.pop("generator"), untouched)
         assert {name.split(".")[0] for name in state} == {
-            *("qpos", "qvel", "warmstart", "sensors", "age", "blowups", "memory"),
+            *("qpos", "qvel", "act", "warmstart", "sensors", "age", "blowups", "memory"),
         }
 
 
@@ -351,9 +351,9 @@ def test_more_episodes_of_each_trade_off_are_other_worlds(make_policy):
         ({"action_delay": (3, 1)}, "a range goes from the smaller to the larger"),
         ({"frction": (1, 2)}, "did you mean 'friction'"),
         ({"observation_noise": {"positon": 1.0}}, "did you mean 'position'"),
-        ({"fields": {"no_such": (1, 2)}}, "cannot let worlds differ in 'no_such'"),
-        ({"fields": {"jnt_type": (1, 2)}}, "cannot let worlds differ in 'jnt_type'"),
-        ({"fields": {"opt.gravity": (1, 2)}}, "cannot let worlds differ in 'opt.gravity'"),
+        ({"fields": {"no_such": (1, 2)}}, "cannot vary 'no_such' between worlds"),
+        ({"fields": {"jnt_type": (1, 2)}}, "cannot vary 'jnt_type' between worlds"),
+        ({"fields": {"opt.gravity": (1, 2)}}, "cannot vary 'opt.gravity' between worlds"),
         ({"fields": {"tendon_range": (1, 2)}}, "that this robot has"),
     ],
 )
@@ -365,5 +365,5 @@ def test_what_cannot_be_is_said_in_a_sentence(randomization, expected, backend):
 def test_a_field_that_warp_alone_shares_is_refused_by_it_alone():
     randomization = {"fields": {"dof_M0": (1, 2)}}
     make("hopper", "mujoco", randomization)
-    with pytest.raises(MorlaxError, match="MuJoCo Warp cannot let worlds differ in 'dof_M0'"):
+    with pytest.raises(MorlaxError, match="MuJoCo Warp cannot vary 'dof_M0' between worlds"):
         make("hopper", "warp", randomization)

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from morlax_torch import MorlaxError, record, save
-from morlax_torch.networks import policy
+from morlax_torch.runs import loading
 from morlax_torch.viewers.filming import video
 from morlax_torch.viewers.filming.film import Film
 from morlax_torch.viewers.filming.video import write_video
@@ -166,10 +166,10 @@ def test_any_control_step_gives_an_even_frame_rate(dt, speed, every, fps, make_p
 def test_a_shipped_policy_is_filmed_into_the_working_directory(saved, monkeypatch):
     shipped = saved / "package" / "shipped"
     (shipped / "hopper" / "checkpoints").mkdir(parents=True)
-    for module in (policy, record):
+    for module in (loading, record):
         monkeypatch.setattr(module, "SHIPPED", shipped)
     outputs = []
-    monkeypatch.setattr(record, "record", lambda _, output, *__: outputs.append(output))
+    monkeypatch.setattr(record, "record", lambda _, output, *__, **___: outputs.append(output))
     checkpoints = shipped / "hopper" / "checkpoints"
     (checkpoints / "best.pt").write_bytes((saved / "policy.pt").read_bytes())
     run(monkeypatch, "hopper")

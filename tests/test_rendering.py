@@ -82,7 +82,7 @@ def test_without_opengl_it_is_said_what_to_install():
     program = (
         "import os, mujoco\n"
         "from morlax_torch import MorlaxError\n"
-        "from morlax_torch.filming.rendering import Scene\n"
+        "from morlax_torch.viewers.filming.rendering import Scene\n"
         "os.environ['MUJOCO_GL'] = 'none'\n"
         "try: Scene(mujoco.MjModel.from_xml_string('<mujoco/>'))\n"
         "except MorlaxError as error: print(error)\n"

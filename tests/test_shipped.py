@@ -45,11 +45,18 @@ def test_the_gallery_s_command_asks_for_just_this(name, monkeypatch):
     assert config.model_dump() == load(name, "cpu").config.model_dump()
 
 
-# all were judged on MuJoCo Warp; C MuJoCo lays the frames of an ant's contacts differently
-PLACES = [(name, "mujoco", 0.04 if name == "ant" else 0.02) for name in SHIPS]
+# All were evaluated on MuJoCo Warp; C MuJoCo orients the contact frames of an ant differently.
+CASES = [
+    pytest.param(
+        *(name, "mujoco", 0.04 if name == "ant" else 0.02),
+        marks=[pytest.mark.slow] if name in ("bruce", "humanoid") else [],
+    )
+    for name in SHIPS
+]
+ON_WARP = pytest.param("ant", "warp", 0.02, marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("name", "backend", "within"), [*PLACES, ("ant", "warp", 0.02)])
+@pytest.mark.parametrize(("name", "backend", "within"), [*CASES, ON_WARP])
 def test_it_reproduces_its_hypervolume_in_a_clean_process(name, backend, within, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", EVALUATE, name, backend],

@@ -356,8 +356,8 @@ def test_a_wrong_option_is_explained(options, sentence):
     [
         (("chetah", 1, "cpu"), "unknown environment 'chetah': did you mean 'cheetah'? Known: ant,"),
         (("walker", 1, "cpu", "mujuco"), "unknown backend 'mujuco': did you mean 'mujoco'?"),
-        (("walker", 0, "cpu"), "num_worlds is 0: it takes at least one world."),
-        (("walker", 1, "gpu"), "'gpu' is no device: say 'cuda', 'cuda:1' or 'cpu'."),
+        (("walker", 0, "cpu"), "num_worlds is 0: at least one world is needed."),
+        (("walker", 1, "gpu"), "'gpu' is not a device: use 'cuda', 'cuda:1' or 'cpu'."),
         (("walker", 1, "meta"), "device meta is not supported: use 'cuda' or 'cpu'."),
     ],
 )

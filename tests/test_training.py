@@ -6,6 +6,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -19,7 +20,8 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.training import make_worlds
+from morlax_torch.runs.progress import Evaluation
+from morlax_torch.runs.training import Limits, make_evaluator, make_worlds, training
 from morlax_torch.train import train
 
 TINY = {
@@ -112,29 +114,6 @@ def test_another_seed_gives_another_run():
     assert not torch.equal(one.rollout.action, other.rollout.action)
 
 
-@pytest.mark.parametrize("env", ["hopper", "ant", "humanoid"])
-def test_ten_iterations_equal_five_and_a_resumed_five(env, tmp_path):
-    config = tiny(env=env, task={"reset_noise": 0.01}, ppo={"anneal": True}, max_env_steps=2000)
-    checkpoint.save(tmp_path / "half.pt", trainer(config, 5), {})
-    resumed = trainer(config, 0)
-    checkpoint.restore(checkpoint.load(tmp_path / "half.pt"), tmp_path, resumed)
-    for _ in range(5):
-        resumed.iterate()
-    assert_same(trainer(config, 10).state_dict(), resumed.state_dict())
-
-
-def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path):
-    whole = train(tiny(max_env_steps=1600), output=tmp_path / "whole")
-    train(tiny(max_env_steps=800), output=tmp_path / "halves")
-    run = Run.open(tmp_path / "halves")
-    halves = train(tiny(max_env_steps=1600), run)
-    one, other = (checkpoint.load(r.checkpoints / "latest.pt") for r in (whole, halves))
-    assert_same(one["learner"], other["learner"])
-    rows = [metrics(r) for r in (whole, halves)]
-    for name in ("iteration", "env_steps", "hypervolume", "sparsity", "cardinality"):
-        assert [row[name] for row in rows[0]] == [row[name] for row in rows[1]]
-
-
 def test_a_run_folder_holds_what_people_look_for(tmp_path):
     run = train(tiny(max_env_steps=1600), output=tmp_path / "run")
     rows = metrics(run)
@@ -205,6 +184,7 @@ def iterations(folder: Path) -> int:
     return checkpoint.load(folder / "checkpoints" / "latest.pt")["learner"]["iteration"]
 
 
+@pytest.mark.slow
 def test_a_killed_run_can_always_be_resumed(tmp_path):
     folder, moments = tmp_path / "run", random.Random(0)
     process = start(tmp_path, *HOPPER)
@@ -261,3 +241,60 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path, monkeypatch):
         train(tiny(max_env_steps=1600), Run.open(run.folder))
     assert (run.checkpoints / "latest.pt").read_bytes() == before
     assert not list(run.folder.rglob(".*"))
+
+
+# From Python
+
+
+def test_training_in_a_thread_reports_every_evaluation(tmp_path):
+    found, usual = [], signal.getsignal(signal.SIGINT)
+
+    def work() -> None:
+        config = tiny(max_env_steps=1600)
+        train(config, output=tmp_path / "run", on_evaluation=found.append)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert [evaluation.env_steps for evaluation in found] == [0, 800, 1600]
+    rows = metrics(Run.open(tmp_path / "run"))
+    assert [str(e.hypervolume) for e in found] == [row["hypervolume"] for row in rows]
+    assert signal.getsignal(signal.SIGINT) is usual
+
+
+def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
+    class Pruned(Exception):
+        pass
+
+    def prune(evaluation: Evaluation) -> None:
+        if evaluation.env_steps == 800:
+            raise Pruned
+
+    config = tiny(max_env_steps=1600)
+    with pytest.raises(Pruned):
+        train(config, output=tmp_path / "run", on_evaluation=prune)
+    assert iterations(tmp_path / "run") == 5
+    resumed = train(config, Run.open(tmp_path / "run"))
+    assert [row["env_steps"] for row in metrics(resumed)] == ["0", "800", "1600"]
+
+
+def test_the_loop_is_a_generator_that_needs_no_folder_and_prints_nothing(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    learner = trainer(tiny(), 0)
+    evaluations = training(learner, make_evaluator(learner), Limits(evaluate_every=320))
+    first, second, third = (next(evaluations) for _ in range(3))
+    evaluations.close()
+    assert [first.iteration, second.iteration, third.iteration] == [0, 2, 4]
+    assert learner.iteration == 4
+    assert not list(tmp_path.iterdir())
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_limit_in_seconds_ends_training_with_an_evaluation():
+    learner = trainer(tiny(), 0)
+    limits = Limits(max_seconds=0.3, evaluate_seconds=0.1)
+    *_, last = training(learner, make_evaluator(learner), limits)
+    assert last.train_seconds >= 0.3
+    assert last.iteration == learner.iteration > 0

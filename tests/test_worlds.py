@@ -68,7 +68,7 @@ class Points(envs.Worlds):
             self.restart(terminated | truncated)
         seen = self.critic_observation()
         named = dict(zip(self.reward_terms, terms.unbind(-1), strict=True))
-        reward = self.combine(terms)
+        reward = self.combine(named)
         return envs.TimeStep(seen, reward, terminated, truncated, final, named, seen, final)
 
     def critic_observation(self) -> Tensor:

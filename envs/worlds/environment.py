@@ -226,7 +226,7 @@ class Environment(Worlds):
             self._noise.draw()
         named = self.terms()
         terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
-        reward = self.combine(terms).float()
+        reward = self._combine(terms).float()
         final_seen = self.critic_observation()
         terminated, truncated, over, blown_up = self._episodes.end(
             self.physics,

@@ -169,7 +169,7 @@ class GymnasiumWorlds(Worlds):
         observation = self.critic_observation()
         return TimeStep(
             observation=observation,
-            reward=self.combine(torch.from_numpy(rewards)),
+            reward=self.combine(terms),
             terminated=torch.from_numpy(terminated),
             truncated=torch.from_numpy(truncated),
             final_observation=final,

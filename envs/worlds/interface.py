@@ -106,8 +106,12 @@ class Worlds(ABC):
         """Restart every random draw of future steps and resets from `seed`."""
         self.generator.manual_seed(seed)
 
-    def combine(self, terms: Tensor) -> Tensor:
-        """Weight reward terms (N, terms) into the reward of every objective (N, m)."""
+    def combine(self, terms: dict[str, Tensor]) -> Tensor:
+        """Weight reward terms (N,) each into the reward of every objective (N, m)."""
+        return self._combine(torch.stack(list(terms.values()), -1))
+
+    def _combine(self, terms: Tensor) -> Tensor:
+        """`combine` for terms (N, terms) in the order of `reward_terms`."""
         return (terms.unsqueeze(-1) * self._weights).sum(1)
 
     def _weighting(self) -> list[list[float]]:

@@ -99,7 +99,8 @@ class Front(NamedTuple):
         except FileNotFoundError:
             raise MorlaxError(f"there is no front {path}.") from None
         except Exception as error:  # numpy, zip and zlib each fail in their own way
-            raise MorlaxError(f"{path} is damaged or not a front: {error}.") from None
+            reason = str(error).rstrip(".")
+            raise MorlaxError(f"{path} is damaged or not a front: {reason}.") from None
         return cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
 
 

@@ -63,6 +63,7 @@ class Graph:
             return
         import warp as wp
 
+        current = torch.cuda.current_device()
         stream = torch.cuda.Stream(self.device)
         warp_stream = wp.stream_from_torch(stream)  # Warp knows the capture by this one object
         graph = torch.cuda.CUDAGraph()
@@ -86,4 +87,5 @@ class Graph:
                 if collecting:
                     gc.enable()
         torch.cuda.synchronize(self.device)
+        torch.cuda.set_device(current)  # Warp leaves its own device current
         self._graph = graph
