@@ -28,6 +28,7 @@ class Points(envs.Worlds):
 
     class Options(envs.ObjectiveOptions):
         objectives: dict[str, dict[str, float]] = {"go": {"go": 1.0}, "save": {"save": 1.0}}
+        reference_point: tuple[float, ...] | None = (-10.0, -10.0)
         episode_length: int = 8
 
     simulator = "points"
@@ -38,9 +39,7 @@ class Points(envs.Worlds):
         self.options, self.num_worlds, self.device = options, num_worlds, device
         self.auto_reset, self.episode_length = auto_reset, options.episode_length
         self.generator = torch.Generator(device).manual_seed(seed)
-        self.objectives = tuple(options.objectives)
-        self.reference_point = (-10.0, -10.0)
-        self._weights = torch.tensor(self._weighting(), device=device)
+        self.define_objectives()
         self.blowups = torch.zeros((), dtype=torch.int64, device=device)
         self.x, self.age = torch.zeros(2, num_worlds, device=device)
 
@@ -60,16 +59,15 @@ class Points(envs.Worlds):
     def step(self, action: Tensor) -> envs.TimeStep:
         move = action[:, 0].clamp(-1, 1)
         self.x, self.age = self.x + move, self.age + 1
-        terms = torch.stack([move, -move.abs()], -1)
+        terms = {"go": move, "save": -move.abs()}
         final = self.critic_observation()
         terminated = self.x < -3
         truncated = (self.age >= self.episode_length) & ~terminated
         if self.auto_reset:
             self.restart(terminated | truncated)
         seen = self.critic_observation()
-        named = dict(zip(self.reward_terms, terms.unbind(-1), strict=True))
-        reward = self.combine(named)
-        return envs.TimeStep(seen, reward, terminated, truncated, final, named, seen, final)
+        reward = self.combine(terms)
+        return envs.TimeStep(seen, reward, terminated, truncated, final, terms, seen, final)
 
     def critic_observation(self) -> Tensor:
         return torch.stack([self.x, self.age / self.episode_length], -1)

@@ -72,10 +72,7 @@ class Environment(Worlds):
         checks.rewards(self)
         self.reset()
         self.reward_terms = tuple(self.terms())
-        self.objectives = tuple(options.objectives)
-        self.reference_point = self._reference_point()
-        weights = torch.tensor(self._weighting(), dtype=torch.float64)
-        self._weights = weights.to(physics.qpos)  # (terms, m)
+        self.define_objectives(physics.qpos.dtype)
 
     @classmethod
     def build(

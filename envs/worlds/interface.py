@@ -114,26 +114,33 @@ class Worlds(ABC):
         """`combine` for terms (N, terms) in the order of `reward_terms`."""
         return (terms.unsqueeze(-1) * self._weights).sum(1)
 
-    def _weighting(self) -> list[list[float]]:
+    def define_objectives(self, dtype: torch.dtype = torch.float32) -> None:
+        """Set `objectives`, `reference_point` and the reward weights from `options`.
+
+        Args:
+            dtype: of the reward terms.
+
+        Raises:
+            MorlaxError: an objective names an unknown reward term, or the reference point has
+                another number of objectives.
+        """
         objectives, shared = self.options.objectives, self.options.shared
         for name in [*shared, *(name for group in objectives.values() for name in group)]:
             if name not in self.reward_terms:
                 raise unknown("reward term", name, self.reward_terms)
-        return [
+        weights = [
             [shared.get(name, 0.0) + group.get(name, 0.0) for group in objectives.values()]
             for name in self.reward_terms
         ]
-
-    def _reference_point(self) -> tuple[float, ...]:
+        self._weights = torch.tensor(weights, dtype=torch.float64).to(self.device, dtype)
+        self.objectives = tuple(objectives)
         point = self.options.reference_point
-        if point is None:
-            return (0.0,) * len(self.objectives)
-        if len(point) != len(self.objectives):
+        self.reference_point = (0.0,) * len(objectives) if point is None else point
+        if len(self.reference_point) != len(objectives):
             raise MorlaxError(
-                f"reference_point has {len(point)} numbers, but there are "
-                f"{len(self.objectives)} objectives: {', '.join(self.objectives)}."
+                f"reference_point has {len(self.reference_point)} numbers, but there are "
+                f"{len(objectives)} objectives: {', '.join(objectives)}."
             )
-        return point
 
     def paper_reset_reward(self) -> Tensor:
         """Return the reward (m,) that the paper's evaluation protocol adds to every return."""

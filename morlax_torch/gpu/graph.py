@@ -63,6 +63,7 @@ class Graph:
             return
         import warp as wp
 
+        wp.init()
         current = torch.cuda.current_device()
         stream = torch.cuda.Stream(self.device)
         warp_stream = wp.stream_from_torch(stream)  # Warp knows the capture by this one object
