@@ -1,11 +1,11 @@
-"""BRUCE by the paper's protocol: what runs reach, where they stay up, what swinging arms bring.
+"""Evaluate BRUCE runs by the paper's protocol: returns, command tracking, effect of arm swing.
 
     python benchmarks/bruce.py runs/bruce/A runs/bruce/B runs/bruce/C --output bruce
 
-Policies of 30,720 trade-offs walk 500 steps at 0.12 m/s (Dirichlet(0.5), the reward of the reset
-counted, steps after a fall not), and one balanced policy walks at velocities from all over the
-library. Writes OUTPUT.md, a table with a column for each run, and pictures of the first run:
-OUTPUT-space.png (the paper's two projections), -pairs.png and -commands.png.
+Policies for 30,720 trade-offs, drawn from Dirichlet(0.5), walk 500 steps at 0.12 m/s. The reward
+at the reset counts; steps after a fall do not. One balanced policy also walks at velocities drawn
+from the whole gait library. Writes OUTPUT.md, a table with one column per run, and figures for the
+first run: OUTPUT-space.png (the paper's two projections), -pairs.png and -commands.png.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ from walks import Array, Walks, walks
 from morlax_torch.envs import resolve_device
 from morlax_torch.envs.robots.bruce.library import Library
 from morlax_torch.evaluation import figures
-from morlax_torch.evaluation.figures.style import COLOURS, blank, returned
+from morlax_torch.evaluation.figures.style import COLORS, blank, returned
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import load
@@ -30,19 +30,19 @@ from morlax_torch.terminal.cli import console
 from morlax_torch.tradeoffs import dirichlet_tradeoffs
 
 SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
-# The trade-offs of the paper's three policies, in the order of the task's objectives, and two that
-# differ in the arms alone.
+# The trade-offs of the paper's three policies, in the order of the task's objectives, and two
+# trade-offs that differ only in the weights of the arm objectives.
 CHOSEN = {
     "arms swing": (0.573, 0.003, 0.323, 0.001, 0.060, 0.041),
     "arms rigid": (0.099, 0.019, 0.099, 0.523, 0.175, 0.085),
     "smoothest": (0.001, 0.007, 0.024, 0.001, 0.967, 0.000),
-    "arms swing, else alike": (0.3, 0.4, 0.3, 0.0, 0.0, 0.0),
-    "arms rigid, else alike": (0.3, 0.4, 0.0, 0.3, 0.0, 0.0),
+    "arms swing, other weights equal": (0.3, 0.4, 0.3, 0.0, 0.0, 0.0),
+    "arms rigid, other weights equal": (0.3, 0.4, 0.0, 0.3, 0.0, 0.0),
 }
 
 
 def rank_correlations(first: Array, second: Array) -> Array:
-    """(m,): Spearman's, of each column of (P, m) with the same one of the other."""
+    """Return Spearman's rank correlation of each pair of columns of two (P, m) arrays, (m,)."""
 
     def ranks(values: Array) -> Array:
         order = values.argsort(0).argsort(0)
@@ -52,11 +52,11 @@ def rank_correlations(first: Array, second: Array) -> Array:
 
 
 def survival(walks: Walks) -> Array:
-    """(17, 9) shares that stayed up of those told about so much, forward and sideways."""
+    """Return (17, 9) survival rates by the nearest commanded velocity, forward and sideways."""
     library = Library.load()
     cells = [
-        np.abs(grid[:, None] - told).argmin(0)
-        for grid, told in zip((library.vx, library.vy), walks.commands.T, strict=True)
+        np.abs(grid[:, None] - commanded).argmin(0)
+        for grid, commanded in zip((library.vx, library.vy), walks.commands.T, strict=True)
     ]
     count, stood = np.zeros((2, len(library.vx), len(library.vy)))
     np.add.at(count, tuple(cells), 1)
@@ -64,36 +64,36 @@ def survival(walks: Walks) -> Array:
     return stood / np.maximum(count, 1)
 
 
-class Judged(NamedTuple):
-    """A run, walked by every protocol."""
+class Measured(NamedTuple):
+    """The results of one run under every protocol."""
 
     policy: Policy
     tradeoffs: Tensor  # (P, 6)
-    spread: Walks  # of those
-    even: Walks  # of Dirichlet(1)
-    chosen: Walks  # of CHOSEN, and of all objectives alike
-    told: Walks  # of all objectives alike, at velocities drawn evenly
+    spread: Walks  # with `tradeoffs`
+    even: Walks  # with trade-offs from Dirichlet(1)
+    chosen: Walks  # with CHOSEN, and with equal weights
+    commanded: Walks  # with equal weights, at uniformly drawn velocities
 
     def measures(self) -> dict[str, tuple[float, str]]:
-        """What it reaches, by name, and what it should reach."""
+        """Return each measured value and its target, by name."""
         names, returns = self.policy.objectives, self.spread.returns
         most = dict(zip(names, returns.max(0), strict=True))
         joints, swing = (returns[:, names.index(name)] for name in ("joints", "swing"))
-        asked = {"joints": 990, "base": 1500, "swing": 950, "smooth": 1270, "energy": 950}
-        error = np.abs(self.told.speed - self.told.commands)[self.told.survived]
+        target = {"joints": 990, "base": 1500, "swing": 950, "smooth": 1270, "energy": 950}
+        error = np.abs(self.commanded.speed - self.commanded.commands)[self.commanded.survived]
         found = {
             "trade-offs that walk 500 steps, Dirichlet(1)": (self.even.survived.mean(), "0.95"),
-            **{f"most {name}": (most[name], f"{asked.get(name, '')}") for name in names},
-            "least swing where joints reach 990": (
+            **{f"maximum {name}": (most[name], f"{target.get(name, '')}") for name in names},
+            "minimum swing where joints reach 990": (
                 swing[joints >= 990].min(initial=np.inf),
                 "at most 565",
             ),
-            "balanced: m/s forward, told 0.12": (self.chosen.speed[-1, 0], "0.10 to 0.14"),
-            "balanced: velocities of 153 where it mostly stays up": (
-                (survival(self.told) > 0.5).mean(),
+            "balanced: m/s forward, commanded 0.12": (self.chosen.speed[-1, 0], "0.10 to 0.14"),
+            "balanced: share of 153 velocities survived by most episodes": (
+                (survival(self.commanded) > 0.5).mean(),
                 "0.9",
             ),
-            "balanced: mean error of m/s forward, where it does": (error[:, 0].mean(), ""),
+            "balanced: mean error of m/s forward in survived episodes": (error[:, 0].mean(), ""),
         }
         for name, value in zip(
             names, rank_correlations(self.tradeoffs.numpy(), returns), strict=True
@@ -105,30 +105,36 @@ class Judged(NamedTuple):
         return found
 
 
-def judge(policy: Policy, number: int, chunk: int) -> Judged:
-    """Walk it by every protocol."""
+def measure(policy: Policy, number: int, chunk: int) -> Measured:
+    """Run every protocol with one policy.
+
+    Args:
+        policy: the family of policies to measure.
+        number: trade-offs to draw from Dirichlet(0.5).
+        chunk: trade-offs to simulate at once.
+    """
     m = len(policy.objectives)
-    alike = torch.full((1, m), 1 / m)
+    equal = torch.full((1, m), 1 / m)
     tradeoffs = dirichlet_tradeoffs(number, m, alpha=0.5)
-    return Judged(
+    return Measured(
         policy,
         tradeoffs,
         walks(policy, tradeoffs, chunk),
         walks(policy, dirichlet_tradeoffs(1024, m), chunk),
-        walks(policy, torch.cat([torch.tensor([*CHOSEN.values()]), alike]), chunk),
-        walks(policy, alike.expand(2048, m), chunk, draw_commands=True, standing=0.0),
+        walks(policy, torch.cat([torch.tensor([*CHOSEN.values()]), equal]), chunk),
+        walks(policy, equal.expand(2048, m), chunk, draw_commands=True, standing=0.0),
     )
 
 
-def space_figure(judged: Judged) -> Figure:
-    """The paper's two projections; red, green and blue are the weights of the three axes."""
-    figure, names = blank(9.6, 4.4, ""), judged.policy.objectives
+def space_figure(measured: Measured) -> Figure:
+    """Draw the paper's two projections; red, green and blue are the weights of the three axes."""
+    figure, names = blank(9.6, 4.4, ""), measured.policy.objectives
     for cell, axis_names in enumerate(SPACES, start=1):
         columns = [names.index(name) for name in axis_names]
-        weights = judged.tradeoffs[:, columns].numpy() + 1e-9
-        colours = weights / weights.sum(1, keepdims=True)
+        weights = measured.tradeoffs[:, columns].numpy() + 1e-9
+        colors = weights / weights.sum(1, keepdims=True)
         axes: Any = figure.add_subplot(1, 2, cell, projection="3d")
-        axes.scatter(*judged.spread.returns[::10, columns].T, s=3, c=colours[::10])
+        axes.scatter(*measured.spread.returns[::10, columns].T, s=3, c=colors[::10])
         for axis, name in zip("xyz", axis_names, strict=True):
             getattr(axes, f"set_{axis}label")(returned(name))
         axes.set_title("red, green, blue: weights of " + ", ".join(axis_names), fontsize="small")
@@ -139,32 +145,32 @@ def space_figure(judged: Judged) -> Figure:
     return figure
 
 
-def commands_figure(judged: Judged) -> Figure:
-    """Where the balanced policy stays up."""
-    library, figure = Library.load(), blank(6.4, 3.6, "all objectives alike")
+def commands_figure(measured: Measured) -> Figure:
+    """Draw the balanced policy's survival rate by commanded velocity."""
+    library, figure = Library.load(), blank(6.4, 3.6, "equal weights for all objectives")
     axes = figure.add_subplot()
     extent = (-0.2125, 0.2125, -0.1125, 0.1125)
-    shares = survival(judged.told).T
-    drawn = axes.imshow(shares, COLOURS, vmin=0, vmax=1, origin="lower", extent=extent)
+    shares = survival(measured.commanded).T
+    drawn = axes.imshow(shares, COLORS, vmin=0, vmax=1, origin="lower", extent=extent)
     axes.set_xticks(library.vx[::4])
     axes.set_yticks(library.vy[::2])
-    axes.set_xlabel("told to go forward (m/s)")
-    axes.set_ylabel("told to go left (m/s)")
-    figure.colorbar(drawn, label="share that walks 500 steps")
+    axes.set_xlabel("commanded forward velocity (m/s)")
+    axes.set_ylabel("commanded velocity to the left (m/s)")
+    figure.colorbar(drawn, label="share of episodes that last 500 steps")
     return figure
 
 
 def table(found: list[dict[str, tuple[float, str]]]) -> str:
-    """A row for each quantity; with several runs, their median and range too."""
+    """Format a Markdown row per quantity; with several runs, add their median and range."""
     several = len(found) > 1
     runs = [f"run {k}" for k in range(len(found))] if several else ["measured"]
-    heads = ["", "asked for", *runs, *(["median (range)"] if several else [])]
+    heads = ["", "target", *runs, *(["median (range)"] if several else [])]
     lines = [heads, ["---"] * len(heads)]
-    for name, (_, asked) in found[0].items():
+    for name, (_, target) in found[0].items():
         values = [run[name][0] for run in found]
         middle = f"{median(values):.3g} ({min(values):.3g} to {max(values):.3g})"
         cells = [f"{value:.4g}" for value in values]
-        lines.append([name, asked, *cells, *([middle] if several else [])])
+        lines.append([name, target, *cells, *([middle] if several else [])])
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
@@ -175,21 +181,21 @@ def main(
     device: str | None = None,
     output: Path = Path("bruce"),
 ) -> None:
-    """Measure.
+    """Evaluate runs of BRUCE and write a table and figures.
 
     Args:
-        runs: Folders, checkpoints or shipped names.
-        tradeoffs: How many policies walk.
-        chunk: How many of them at once.
-        device: cuda or cpu (None: CUDA where there is one).
-        output: Name of the files, without its ending.
+        runs: Run folders, checkpoints or names of shipped policies.
+        tradeoffs: Number of trade-offs to evaluate.
+        chunk: Number of trade-offs to simulate at once.
+        device: cuda or cpu (None: CUDA if available).
+        output: Path of the output files, without a suffix.
     """
     place = resolve_device(device)
-    judged = [judge(load(run, place), tradeoffs, chunk) for run in runs]
-    text = table([run.measures() for run in judged])
+    measured = [measure(load(run, place), tradeoffs, chunk) for run in runs]
+    text = table([run.measures() for run in measured])
     console.print(text, markup=False)
     output.with_suffix(".md").write_text(text)
-    first = judged[0]
+    first = measured[0]
     front = Front(
         first.policy.objectives,
         first.tradeoffs[::10].numpy(),

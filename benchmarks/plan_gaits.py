@@ -1,8 +1,8 @@
-"""Plan the gaits of BRUCE and measure them.
+"""Plan and measure the gaits of BRUCE.
 
     python benchmarks/plan_gaits.py --output envs/robots/bruce/gaits.npz
 
-Nothing is random: the same constants give the same gaits.
+Planning is deterministic: the same constants give the same gaits.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ from morlax_torch.terminal.cli import console
 
 
 def plan(planner: Planner) -> Library:
-    """Plan, measure and walk a gait for every velocity of the grid; takes half a minute."""
+    """Plan, measure and simulate a gait for every velocity of the grid (about half a minute)."""
     walker = Walker(planner)
     shape = len(FORWARD), len(SIDEWAYS)
     joints = np.zeros((*shape, 2, 8, 16), np.float32)
@@ -33,7 +33,7 @@ def plan(planner: Planner) -> Library:
         vx, vy = float(FORWARD[i]), float(SIDEWAYS[j])
         exact = planner.plan(vx, vy)
         joints[i, j], base[i, j] = exact.joints, exact.base
-        gait = Gait(joints[i, j].astype(float), base[i, j].astype(float))  # as it will be read
+        gait = Gait(joints[i, j].astype(float), base[i, j].astype(float))  # rounded as in the file
         walked[i, j] = walker.walk(gait, STEPS)
         for name, value in measure(planner, gait, vx, vy).items():
             measured[name][i, j] = value
@@ -44,7 +44,7 @@ def table(library: Library) -> Table:
     """Tabulate the range and median of every measure, with its limits."""
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("measure", no_wrap=True)
-    for head in ("least", "median", "most", "allowed"):
+    for head in ("minimum", "median", "maximum", "allowed"):
         table.add_column(head, justify="right")
     for name, values in library.measured.items():
         found = [f"{value:.3g}" for value in (values.min(), np.median(values), values.max())]
@@ -55,10 +55,10 @@ def table(library: Library) -> Table:
 
 
 def main(output: Path) -> None:
-    """Plan the 17 x 9 gaits of BRUCE, and walk each in simulation.
+    """Plan the 17 x 9 gaits of BRUCE and simulate each of them.
 
     Args:
-        output: The .npz file to write; the package ships envs/robots/bruce/gaits.npz.
+        output: .npz file to write; the package ships envs/robots/bruce/gaits.npz.
     """
     with replacing(output) as file:
         library = plan(Planner())

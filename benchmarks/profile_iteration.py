@@ -1,4 +1,4 @@
-"""Where the time of an iteration goes: kernels and milliseconds by phase.
+"""Profile one training iteration: GPU kernels and milliseconds by phase.
 
 python benchmarks/profile_iteration.py --env cheetah
 """
@@ -23,13 +23,13 @@ REPEATS = 5
 def main(
     env: str = "cheetah", worlds: int | None = None, top: int = 12, output: Path | None = None
 ) -> None:
-    """Profile the physics, explore and learn of one task.
+    """Profile the physics, explore and learn phases of one task.
 
     Args:
-        env: The task.
-        worlds: How many (None: the task's own number).
-        top: How many kernels to list of each phase.
-        output: A CSV file for every kernel: phase, kernel, calls and ms of one iteration.
+        env: Name of the task.
+        worlds: Number of worlds (None: from the task's config).
+        top: Number of kernels to list per phase.
+        output: CSV file of all kernels: phase, kernel, calls and ms per iteration.
     """
     place = resolve_device(None)
     config = config_for(env, **({"worlds": worlds} if worlds else {}))
@@ -59,7 +59,7 @@ def main(
 
 
 def _kernels(graph: Graph) -> tuple[Counter[str], Counter[str]]:
-    """Calls and milliseconds of every kernel of one call."""
+    """Return the launches and milliseconds of every kernel in one replay of `graph`."""
     for _ in range(2):
         graph()
     torch.cuda.synchronize()

@@ -1,10 +1,10 @@
-"""Random search for a task's hyperparameters, scored by the hypervolume's curve.
+"""Random search for a task's hyperparameters, scored by the hypervolume curve.
 
     python benchmarks/search.py --env cheetah --trials 20 --seconds 15 --output cheetah.csv
 
-Every trial trains for the same number of seconds. Its row in the CSV holds what was changed, the
-speed, the times to HYPER-MORL's and the paper's maximum, the best hypervolume and the curve.
-Trial 0 is the task's own config.
+Every trial trains for the same number of seconds. Its CSV row holds the changed options, the speed
+(steps/s), the seconds to reach HYPER-MORL's and the paper's maximum, the best hypervolume and the
+curve. Trial 0 is the task's default config.
 """
 
 import csv
@@ -49,18 +49,18 @@ def main(
     given: Path | None = None,
     output: Path = Path("search.csv"),
 ) -> None:
-    """Search.
+    """Search for hyperparameters.
 
     Args:
-        env: The task.
-        trials: How many configs to try.
-        seconds: Training time of each.
-        seeds: How many seeds of each.
-        changes: How many values of the space a trial changes, at most.
-        first: Number of the first trial; trials are the same for the same number.
+        env: Name of the task.
+        trials: Number of configs to try.
+        seconds: Training time per run, in seconds.
+        seeds: Number of random seeds per config.
+        changes: Maximum number of options that a trial changes.
+        first: Number of the first trial; the same number always gives the same trial.
         every: Training seconds between evaluations.
-        given: A YAML list of changes to try instead of random ones.
-        output: Where the rows go, as they come.
+        given: YAML list of changes to try instead of random ones.
+        output: CSV file to append a row to after every run.
     """
     place = resolve_device(None)
     listed = yaml.safe_load(given.read_text()) if given else None
@@ -85,7 +85,7 @@ def main(
 
 
 def draw(number: int, changes: int) -> dict[str, object]:
-    """The changes of a trial."""
+    """Draw the options that trial `number` changes; trial 0 changes nothing."""
     if number == 0:
         return {}
     chance = random.Random(number)

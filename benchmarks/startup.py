@@ -1,4 +1,4 @@
-"""Seconds from the command to the first iteration, with an empty and a full cache; GPU memory.
+"""Measure startup time (to the first iteration, with a cold and a warm cache) and GPU memory.
 
 python benchmarks/startup.py --env cheetah humanoid
 """
@@ -35,15 +35,17 @@ print(seconds, (total - free) / 2**30)
 def main(
     env: tuple[str, ...] = ("cheetah",), device: str | None = None, backend: str | None = None
 ) -> None:
-    """Measure. Nothing else should use the GPU: what is in use before counts as not ours.
+    """Measure startup time and GPU memory.
+
+    Run nothing else on the GPU: memory in use at the start is subtracted as other programs'.
 
     Args:
-        env: Which tasks, each in two processes of its own.
-        device: cuda or cpu (None: CUDA where there is one).
-        backend: warp or mujoco (None: by the device).
+        env: Tasks to measure, each in two separate processes.
+        device: cuda or cpu (None: CUDA if available).
+        backend: warp or mujoco (None: chosen by the device).
     """
     table = Table()
-    for column in ("task", "empty cache (s)", "full cache (s)", "GPU memory (GiB)"):
+    for column in ("task", "cold cache (s)", "warm cache (s)", "GPU memory (GiB)"):
         table.add_column(column, justify="right")
     options = [
         *(["--device", device] if device else []),
@@ -52,24 +54,24 @@ def main(
     for task in env:
         before = _memory_in_use()
         with tempfile.TemporaryDirectory() as cache:
-            empty, _ = _first_iteration(["--env", task, *options], cache)
-            full, used = _first_iteration(["--env", task, *options], cache)
-        table.add_row(task, f"{empty:.1f}", f"{full:.1f}", f"{max(0.0, used - before):.2f}")
+            cold, _ = _first_iteration(["--env", task, *options], cache)
+            warm, used = _first_iteration(["--env", task, *options], cache)
+        table.add_row(task, f"{cold:.1f}", f"{warm:.1f}", f"{max(0.0, used - before):.2f}")
     console.print(table)
 
 
 def _memory_in_use() -> float:
-    """GiB of the first GPU that are taken, asked for in a way that takes none itself."""
+    """Return GiB in use on the first GPU, queried without creating a CUDA context."""
     if shutil.which("nvidia-smi") is None:
         return 0.0
     first = os.environ.get("CUDA_VISIBLE_DEVICES", "0").split(",")[0]
-    wanted = ["--query-gpu=memory.used", "--format=csv,noheader,nounits", f"--id={first}"]
-    said = subprocess.run(["nvidia-smi", *wanted], check=True, capture_output=True, text=True)
-    return float(said.stdout) / 1024
+    query = ["--query-gpu=memory.used", "--format=csv,noheader,nounits", f"--id={first}"]
+    done = subprocess.run(["nvidia-smi", *query], check=True, capture_output=True, text=True)
+    return float(done.stdout) / 1024
 
 
 def _first_iteration(arguments: list[str], cache: str) -> tuple[float, float]:
-    """Seconds, and GiB of the GPU that are in use at their end."""
+    """Return seconds to the end of the first iteration and GiB then in use on the GPU."""
     done = subprocess.run(
         [sys.executable, "-c", FIRST_ITERATION, *arguments],
         env={**os.environ, "WARP_CACHE_PATH": cache, "BEGAN": str(time.time())},

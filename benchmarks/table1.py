@@ -1,11 +1,12 @@
-"""The paper's Table I, measured here: hypervolume against seconds, and time to the targets.
+"""Reproduce the paper's Table I: hypervolume over training time, and time to the targets.
 
     python benchmarks/table1.py --seconds 60 --output table1
 
-Beside our own protocol (a fixed set of 512 trade-offs, episodes latched at their first end) stands
-the paper's (1,024 Dirichlet trade-offs, failures masked step by step, the reset's reward added).
-Evaluations are off the training clock. Writes OUTPUT.csv, a row for each evaluation, OUTPUT.md, the
-table, and OUTPUT.png, the curves. Rows of several GPUs come into one table by
+Two protocols are compared: the package's (a fixed set of 512 trade-offs, episodes that stop
+counting at their first end) and the paper's (1,024 Dirichlet trade-offs, only failed steps masked,
+the reward at the reset added). Training time excludes evaluations. Writes OUTPUT.csv, one row per
+evaluation, OUTPUT.md, the table, and OUTPUT.png, the curves. To merge rows measured on several GPUs
+into one table:
 
     python benchmarks/table1.py --env --given first.csv second.csv --output table1
 """
@@ -23,7 +24,7 @@ from morlax_torch import config_for
 from morlax_torch.envs import resolve_device
 from morlax_torch.terminal.cli import console
 
-PAPER_SECONDS = {  # (MORLAX on an RTX A4000, HYPER-MORL on a CPU) to HYPER-MORL's maximum
+PAPER_SECONDS = {  # to HYPER-MORL's maximum: (MORLAX on an RTX A4000, HYPER-MORL on a CPU)
     "cheetah": (144.0, 4955.0),
     "walker": (307.1, 8075.8),
     "ant": (533.7, 13338.6),
@@ -46,19 +47,19 @@ def main(
     device: str | None = None,
     output: Path = Path("table1"),
 ) -> None:
-    """Measure.
+    """Train, evaluate and write the table.
 
     Args:
-        env: Which tasks.
-        seconds: Training time of each run.
-        seeds: A run of each task for each.
+        env: Tasks to train.
+        seconds: Training time per run, in seconds.
+        seeds: Random seeds, one run of each task per seed.
         every: Training seconds between evaluations.
-        given: CSV files of rows that were measured before.
-        device: cuda or cpu (None: CUDA where there is one).
-        output: Name of the files, without its ending.
+        given: CSV files with rows from earlier runs.
+        device: cuda or cpu (None: CUDA if available).
+        output: Path of the output files, without a suffix.
     """
     if not (env or given):
-        raise SystemExit("there is nothing to show: name a task with --env, or rows with --given")
+        raise SystemExit("nothing to do: pass a task with --env, or CSV files with --given.")
     runs = read(given)
     if env:
         place = resolve_device(device)
@@ -82,17 +83,17 @@ def main(
 
 
 def row(task: str, seed: int, point: Point) -> list[str | int | float]:
-    """What stands in the CSV."""
+    """Return the CSV row of one evaluation."""
     return [task, seed, *point[:3], *(point.hypervolume[name] for name in PROTOCOLS)]
 
 
 def read(files: tuple[Path, ...]) -> dict[tuple[str, int], list[Point]]:
-    """The runs in CSV files, by task and seed."""
+    """Read runs from CSV files, by task and seed."""
     runs: dict[tuple[str, int], list[Point]] = {}
     for path in files:
         with path.open(newline="") as file:
             lines = csv.reader(file)
-            next(lines)  # the names of the columns
+            next(lines)
             for task, seed, trained, total, steps, *found in lines:
                 volumes = dict(zip(PROTOCOLS, map(float, found), strict=True))
                 point = Point(float(trained), float(total), int(steps), volumes)
@@ -101,7 +102,7 @@ def read(files: tuple[Path, ...]) -> dict[tuple[str, int], list[Point]]:
 
 
 def markdown(runs: dict[str, list[list[Point]]]) -> str:
-    """The table; "median (least - most)" over the seeds."""
+    """Format the table, with "median (minimum - maximum)" over the seeds."""
     lines = [
         "| task | steps/s | to HYPER-MORL's maximum | MORLAX, HYPER-MORL in the paper | "
         "to the paper's MORLAX maximum | best hypervolume | by the paper's protocol |",
@@ -110,7 +111,7 @@ def markdown(runs: dict[str, list[list[Point]]]) -> str:
     for task, seeds in runs.items():
         low, high = TARGETS[task]
         speed = median(p[-1].env_steps / p[-1].train_seconds for p in seeds)
-        mine, theirs = PAPER_SECONDS[task]
+        morlax, hyper_morl = PAPER_SECONDS[task]
         best = {
             name: [max(p.hypervolume[name] for p in points) for points in seeds]
             for name in PROTOCOLS
@@ -119,7 +120,7 @@ def markdown(runs: dict[str, list[list[Point]]]) -> str:
             task,
             f"{speed / 1e6:.2f} M",
             f"{low:.3g}: {spread([reached(p, low) for p in seeds])} s",
-            f"{mine:.0f} s, {theirs:.0f} s",
+            f"{morlax:.0f} s, {hyper_morl:.0f} s",
             f"{high:.3g}: {spread([reached(p, high) for p in seeds])} s",
             spread(best["latched"], ".3e"),
             spread(best["paper"], ".3e"),
@@ -129,7 +130,7 @@ def markdown(runs: dict[str, list[list[Point]]]) -> str:
 
 
 def spread(values: list[float | None], form: str = ".1f") -> str:
-    """Median and range; runs that never got there count as infinitely late."""
+    """Format median and range; a run that misses the target counts as infinite time."""
     known = sorted(float("inf") if value is None else value for value in values)
     words = ["never" if value == float("inf") else f"{value:{form}}" for value in known]
     middle = median(known)
@@ -138,7 +139,7 @@ def spread(values: list[float | None], form: str = ".1f") -> str:
 
 
 def curves(runs: dict[str, list[list[Point]]]) -> Figure:
-    """Hypervolume against training seconds, a line for each seed, the targets dashed."""
+    """Plot hypervolume over training seconds, one line per seed, with the targets dashed."""
     columns = min(len(runs), 3)
     rows = -(-len(runs) // columns)
     figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")

@@ -1,4 +1,4 @@
-"""How fast worlds are simulated, explored and learnt from, side by side in one run.
+"""Measure the throughput of physics, exploration and learning in one process.
 
 python benchmarks/throughput.py --env cheetah --worlds 1024 4096 16384
 """
@@ -26,14 +26,14 @@ def main(
     seconds: float = 1.5,
     output: Path | None = None,
 ) -> None:
-    """Measure raw physics (random actions), explore, learn and whole training.
+    """Measure physics alone (random actions), explore, learn and full training iterations.
 
     Args:
-        env: Which tasks.
-        worlds: How many worlds (none: the task's own number).
-        device: cuda or cpu (None: CUDA where there is one).
-        seconds: How long to repeat each measurement, about.
-        output: A CSV file for the rows.
+        env: Tasks to measure.
+        worlds: Numbers of worlds to try (none: from the task's config).
+        device: cuda or cpu (None: CUDA if available).
+        seconds: Approximate duration of each measurement, in seconds.
+        output: CSV file to write.
     """
     place = resolve_device(device)
     rows = []
@@ -56,7 +56,14 @@ def main(
 def measure(
     task: str, worlds: int, device: torch.device, seconds: float
 ) -> dict[str, str | int | float]:
-    """One row: milliseconds of an iteration's parts, and environment steps per second."""
+    """Measure one row: milliseconds per phase of an iteration, and environment steps per second.
+
+    Args:
+        task: name of the task.
+        worlds: number of worlds.
+        device: where to simulate and learn.
+        seconds: approximate duration of each measurement.
+    """
     config = config_for(task, worlds=worlds, device=str(device))
     env = make_worlds(config, worlds)
     morlax = MORLAX(env, config)
@@ -88,7 +95,7 @@ def measure(
 
 
 def _milliseconds(run: Callable[[], None], seconds: float) -> float:
-    """Mean duration of a call, over about so many seconds."""
+    """Return the mean milliseconds per call, repeating calls for about `seconds`."""
     synchronize = torch.cuda.synchronize if torch.cuda.is_available() else lambda: None
     for _ in range(2):
         run()

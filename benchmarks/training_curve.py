@@ -1,4 +1,4 @@
-"""Train for some seconds and evaluate regularly; shared by `search` and `table1`."""
+"""Train for a fixed time with regular evaluations; shared by `search` and `table1`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -21,8 +21,8 @@ TARGETS = {  # HYPER-MORL's maximum and the paper's MORLAX maximum, from its Tab
 class Point(NamedTuple):
     """One evaluation."""
 
-    train_seconds: float  # exploring and learning only
-    total_seconds: float  # with compiling and evaluating
+    train_seconds: float  # exploring and learning, without evaluations
+    total_seconds: float  # compiling and evaluating included
     env_steps: int
     hypervolume: dict[str, float]  # by protocol
 
@@ -30,9 +30,18 @@ class Point(NamedTuple):
 def training_curve(
     config: Config, seconds: float, every: float, protocols: Sequence[Protocol] = ("latched",)
 ) -> list[Point]:
-    """Train for `seconds` and evaluate after each `every` seconds of training.
+    """Train for `seconds` and evaluate after every `every` seconds of training.
 
-    Training that fails, for example because a loss is not finite, ends the curve early.
+    If training fails, for example because a loss is not finite, the curve ends early.
+
+    Args:
+        config: the run's config.
+        seconds: training time.
+        every: training seconds between evaluations.
+        protocols: evaluation protocols; the first one also drives the training loop.
+
+    Raises:
+        MorlaxError: training fails before the first evaluation.
     """
     learner = MORLAX(make_worlds(config, config.worlds), config)
     first, *others = (make_evaluator(learner, protocol) for protocol in protocols)
@@ -54,5 +63,5 @@ def training_curve(
 
 
 def reached(points: Sequence[Point], target: float, protocol: Protocol = "latched") -> float | None:
-    """Return the training seconds until a hypervolume was reached, or None."""
+    """Return the training seconds until the hypervolume reaches `target`, or None."""
     return next((p.train_seconds for p in points if p.hypervolume[protocol] >= target), None)

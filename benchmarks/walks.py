@@ -1,4 +1,7 @@
-"""Episodes of BRUCE by the paper's protocol: a reset's reward counts, steps after a fall do not."""
+"""Run BRUCE episodes by the paper's protocol.
+
+The reward at the reset counts; steps after a fall do not.
+"""
 
 from typing import Any, NamedTuple
 
@@ -13,23 +16,30 @@ from morlax_torch.gpu.threads import one_thread
 from morlax_torch.networks.policy import Policy
 
 COMMAND = (0.12, 0.0)  # m/s forward and to the left
-TORQUES = slice(6, None)  # of the robot's sensors
+TORQUES = slice(6, None)  # columns of the robot's sensors
 
 Array = NDArray[np.float64]
 
 
 class Walks(NamedTuple):
-    """What P policies did in an episode each."""
+    """Results of P policies, one episode each."""
 
     returns: Array  # (P, 6)
     survived: NDArray[np.bool_]  # (P,)
     commands: Array  # (P, 2) m/s
-    speed: Array  # (P, 2) m/s forward and to the left, as the robot heads, until it fell
-    effort: Array  # (P,) (N m)², mean sum of squared torques until it fell
+    speed: Array  # (P, 2) mean m/s forward and to the left of the robot, until a fall
+    effort: Array  # (P,) (N m)², mean sum of squared torques until a fall
 
 
 def walks(policy: Policy, tradeoffs: Tensor, chunk: int, **options: Any) -> Walks:
-    """An episode of each trade-off (P, 6), `chunk` of them at a time."""
+    """Run one episode per trade-off.
+
+    Args:
+        policy: the family of policies.
+        tradeoffs: (P, 6).
+        chunk: trade-offs to simulate at once.
+        options: task options that replace the policy's own.
+    """
     task = policy.config.task.for_evaluation().model_copy(update={"command": COMMAND, **options})
     parts = []
     for seed, some in enumerate(tradeoffs.split(chunk)):

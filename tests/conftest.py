@@ -1,5 +1,6 @@
 """Shared fixtures: generators, random agents and rollouts, untrained policies and runs."""
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,6 +15,10 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.threads import one_thread
 from morlax_torch.networks.agent import Agent
 from morlax_torch.viewers.filming.rendering import choose_opengl
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do their subprocesses
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    torch.set_num_threads(1)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The squashed Gaussian's density, and the initial actors and critics of every trade-off."""
+"""The tanh-Gaussian density, and the initial actors and critics for every trade-off."""
 
 import math
 
@@ -16,7 +16,7 @@ def squashed(mean: torch.Tensor, spread: torch.Tensor) -> TanhNormal:
     return TanhNormal(torch.cat([mean, spread], -1))
 
 
-def test_log_prob_is_that_of_the_squashed_action(generator):
+def test_log_prob_is_the_density_of_the_squashed_action(generator):
     mean, spread, action = torch.randn(3, 50, 4, generator=generator, dtype=torch.float64)
     scale = softplus(spread) + 0.001
     oracle = TransformedDistribution(Normal(mean, scale), TanhTransform())
@@ -31,14 +31,14 @@ def test_the_density_of_an_action_integrates_to_one():
     assert torch.trapezoid(density, u.tanh()[:, 0]).item() == pytest.approx(1.0, abs=1e-6)
 
 
-def test_entropy_is_right_on_average(generator):
+def test_the_mean_entropy_estimate_matches_quadrature(generator):
     mean, spread = torch.tensor([0.7, -0.3]).double(), torch.tensor([-0.5, 0.8]).double()
     many = squashed(mean.expand(200_000, 2), spread.expand(200_000, 2))
     # -E[log p] by quadrature: the actions' dimensions are independent
     expected = 0.0
-    for centre, width in zip(mean, many.std[0], strict=True):
-        u = torch.linspace(-12, 12, 20001, dtype=torch.float64) * width + centre
-        gaussian = Normal(centre, width).log_prob(u)
+    for center, width in zip(mean, many.std[0], strict=True):
+        u = torch.linspace(-12, 12, 20001, dtype=torch.float64) * width + center
+        gaussian = Normal(center, width).log_prob(u)
         expected += torch.trapezoid(
             gaussian.exp() * ((1 - u.tanh() ** 2).clamp(min=1e-300).log() - gaussian), u
         ).item()
@@ -47,7 +47,7 @@ def test_entropy_is_right_on_average(generator):
     assert estimates.mean().item() == pytest.approx(expected, abs=5 * error)
 
 
-def test_samples_have_the_mean_and_the_spread_of_the_gaussian(generator):
+def test_samples_have_the_gaussian_s_mean_and_std(generator):
     policy = squashed(torch.full((100_000, 1), 2.0), torch.full((100_000, 1), 1.0))
     samples, _ = sample(policy.output, policy.noise(generator))
     scale = math.log1p(math.e) + 0.001
@@ -56,7 +56,7 @@ def test_samples_have_the_mean_and_the_spread_of_the_gaussian(generator):
 
 
 @pytest.mark.parametrize("std", (0.05, 0.694, 2.0))
-def test_actors_begin_to_explore_as_far_as_asked(std, make_agent):
+def test_actors_start_with_the_configured_std(std, make_agent):
     policies = make_agent(scale=0.0, initial_std=std).policies(TRADEOFFS)
     found = policies(torch.zeros(4, 1, 3)).std
     torch.testing.assert_close(found, torch.full_like(found, std), rtol=1e-4, atol=0)
@@ -82,22 +82,22 @@ def test_the_standard_deviation_never_falls_below_its_floor():
     torch.testing.assert_close(std, torch.tensor([0.001, 0.001, math.log(2) + 0.001]))
 
 
-def test_dual_networks_share_nothing(make_agent):
+def test_dual_networks_share_no_parameters(make_agent):
     agent = make_agent(type="dual")
     assert agent.actor.features is not agent.critic.features
-    mine, theirs = (set(map(id, part.parameters())) for part in (agent.actor, agent.critic))
-    assert not mine & theirs
+    actor, critic = (set(map(id, part.parameters())) for part in (agent.actor, agent.critic))
+    assert not actor & critic
 
 
-def test_a_single_network_shares_only_its_features(make_agent):
+def test_single_networks_share_only_the_feature_layers(make_agent):
     agent = make_agent(type="single")
     assert agent.actor.features is agent.critic.features
-    mine, theirs = (set(map(id, part.parameters())) for part in (agent.actor, agent.critic))
-    assert mine & theirs == set(map(id, agent.actor.features.parameters()))
+    actor, critic = (set(map(id, part.parameters())) for part in (agent.actor, agent.critic))
+    assert actor & critic == set(map(id, agent.actor.features.parameters()))
 
 
 @pytest.mark.parametrize("type", ("dual", "single"))
-def test_each_tradeoff_has_a_policy_and_values_of_its_own(make_agent, generator, type):
+def test_each_tradeoff_has_its_own_policy_and_values(make_agent, generator, type):
     agent = make_agent(type=type)
     seen = torch.randn(1, 6, 3, generator=generator).expand(4, 6, 3)
     policy, values = agent.policies(TRADEOFFS)(seen), agent.values(TRADEOFFS)(seen)
@@ -116,7 +116,7 @@ def test_each_tradeoff_has_a_policy_and_values_of_its_own(make_agent, generator,
     assert not torch.allclose(values[0], values[1], atol=1e-3)
 
 
-def test_values_have_a_number_for_each_objective(make_agent):
+def test_critics_return_one_value_per_objective(make_agent):
     agent = make_agent(num_objectives=3)
     assert agent.values(torch.eye(3))(torch.zeros(3, 5, 3)).shape == (3, 5, 3)
 

@@ -1,4 +1,4 @@
-"""Episodes end, restart and repeat as a learner must be able to rely on."""
+"""Episodes end, restart and repeat the way a learner requires."""
 
 from pathlib import Path
 
@@ -11,8 +11,8 @@ from torch import Tensor
 from morlax_torch import envs
 
 BACKENDS = ("mujoco", "warp")
-OUR_OWN = [name for name in envs.names() if "/" not in name]
-SINGLE = 1e-5  # how far single precision may be from C MuJoCo's forward pass
+BUILT_IN = [name for name in envs.names() if "/" not in name]
+SINGLE = 1e-5  # largest difference between single precision and C MuJoCo's forward pass
 
 
 @pytest.fixture(params=BACKENDS)
@@ -34,7 +34,7 @@ def random_actions(env: envs.Environment, steps: int, seed: int = 0) -> Tensor:
 
 
 def state(env: envs.Environment) -> dict[str, Tensor]:
-    """All that a world's future depends on but chance, a row for each world."""
+    """Return the state of each world, without the random generator."""
     physics = env.physics
     return {
         "qpos": physics.qpos.clone(),
@@ -54,7 +54,7 @@ def assert_same_step(one: envs.TimeStep, other: envs.TimeStep) -> None:
 
 
 def forward(model: mujoco.MjModel, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
-    """C MuJoCo's own view of a state."""
+    """Return a state as evaluated by C MuJoCo."""
     data = mujoco.MjData(model)
     data.qpos, data.qvel = qpos.double().numpy(), qvel.double().numpy()
     mujoco.mj_forward(model, data)
@@ -64,7 +64,7 @@ def forward(model: mujoco.MjModel, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
 # Ends of episodes
 
 
-def test_time_runs_out_without_a_failure(backend):
+def test_an_episode_is_truncated_at_its_full_length(backend):
     env = make("cheetah", backend, episode_length=4)
     for age in (1, 2, 3):
         step = env.step(still(env))
@@ -77,19 +77,19 @@ def test_time_runs_out_without_a_failure(backend):
     assert not env.step(still(env)).truncated.any()
 
 
-def test_a_failure_ends_only_the_episode_of_its_world_and_pays_as_usual(backend):
+def test_a_failure_ends_only_its_own_world_s_episode_and_still_pays_rewards(backend):
     env = make("cheetah", backend)
     env.step(still(env))
-    env.physics.qpos[1, 2] = 2.0  # radians: on its way to its back
+    env.physics.qpos[1, 2] = 2.0  # radians: tipping onto its back
     step = env.step(still(env))
     assert step.terminated.tolist() == [False, True, False]
     assert not step.truncated.any()
     assert env.age.tolist() == [2, 0, 2]
-    assert step.reward[1, 1] == 5.0  # idle: alive, and no energy spent
+    assert step.reward[1, 1] == 5.0  # alive, with zero actions
     assert env.blowups == 0
 
 
-def test_failing_at_the_last_moment_is_a_failure(backend):
+def test_failing_on_the_last_step_terminates_instead_of_truncating(backend):
     env = make("cheetah", backend, episode_length=2)
     env.step(still(env))
     env.physics.qpos[1, 2] = 2.0
@@ -99,7 +99,7 @@ def test_failing_at_the_last_moment_is_a_failure(backend):
     assert env.age.tolist() == [0, 0, 0]
 
 
-def test_an_episode_ends_in_one_way(backend):
+def test_no_step_is_both_terminated_and_truncated(backend):
     env = make("walker", backend, worlds=8, episode_length=35)
     steps = [env.step(action) for action in random_actions(env, 150)]
     terminated = torch.stack([step.terminated for step in steps])
@@ -109,7 +109,7 @@ def test_an_episode_ends_in_one_way(backend):
     assert not (terminated & truncated).any()
 
 
-def test_without_automatic_reset_an_episode_goes_on_after_its_end(backend):
+def test_without_auto_reset_an_episode_continues_after_its_end(backend):
     env = make("hopper", backend, episode_length=2, auto_reset=False)
     ends = []
     for _ in range(3):
@@ -123,26 +123,26 @@ def test_without_automatic_reset_an_episode_goes_on_after_its_end(backend):
 # Restarts
 
 
-def test_a_reset_restores_all_of_a_finished_world_and_nothing_of_the_others(backend):
+def test_auto_reset_restores_only_finished_worlds(backend):
     env, twin = make("humanoid", backend), make("humanoid", backend, auto_reset=False)
     start = state(make("humanoid", backend))
     for action in random_actions(env, 9):
         env.step(action)
         twin.step(action)
     for either in (env, twin):
-        either.physics.qpos[1, 2] = 0.3  # metres: on the floor
+        either.physics.qpos[1, 2] = 0.3  # meters: on the floor
         step = either.step(still(either))
         assert step.terminated.tolist() == [False, True, False]
 
-    restarted, going_on = state(env), state(twin)
+    restarted, continued = state(env), state(twin)
     for name, value in restarted.items():
         assert torch.equal(value[1], start[name][1]), name
-        assert torch.equal(value[[0, 2]], going_on[name][[0, 2]]), name
+        assert torch.equal(value[[0, 2]], continued[name][[0, 2]]), name
         if name != "age":
-            assert not torch.equal(going_on[name][1], start[name][1]), name
+            assert not torch.equal(continued[name][1], start[name][1]), name
 
 
-def test_after_a_reset_sensors_read_the_new_state(backend):
+def test_sensors_match_the_new_state_after_a_reset(backend):
     env = make("humanoid", backend, episode_length=2)
     for action in random_actions(env, 2):
         env.step(action)
@@ -151,16 +151,16 @@ def test_after_a_reset_sensors_read_the_new_state(backend):
     np.testing.assert_allclose(env.physics.sensors[0], expected, rtol=0, atol=SINGLE)
 
 
-@pytest.mark.parametrize("task", OUR_OWN)
-def test_nothing_leaks_from_an_episode_into_the_next(task, backend):
-    length = 45  # some random robots fail before, others do not
+@pytest.mark.parametrize("task", BUILT_IN)
+def test_no_state_carries_over_between_episodes(task, backend):
+    length = 45  # long enough for some random robots to fail, not all
     env = make(task, backend, episode_length=length)
     script = random_actions(env, length)
     worlds = torch.arange(env.num_worlds)
 
     episodes: list[list[list[Tensor]]] = [[[]] for _ in worlds]
     for _ in range(3 * length):
-        step = env.step(script[env.age.long(), worlds])  # each episode plays the same actions
+        step = env.step(script[env.age.long(), worlds])  # every episode repeats the same actions
         ends = step.terminated | step.truncated
         seen = torch.cat([step.observation, step.reward, step.final_observation], -1)
         for world in worlds:
@@ -168,7 +168,7 @@ def test_nothing_leaks_from_an_episode_into_the_next(task, backend):
             if ends[world]:
                 episodes[world].append([])
 
-    for first, *later in episodes:  # the first one had no other before it
+    for first, *later in episodes:  # the first episode has no predecessor
         assert len(later) >= 3
         for episode in later:
             for now, then in zip(episode, first, strict=False):
@@ -176,7 +176,7 @@ def test_nothing_leaks_from_an_episode_into_the_next(task, backend):
         assert all(len(episode) == len(first) for episode in later[:-1])
 
 
-def test_reset_starts_every_world_anew(backend):
+def test_reset_restarts_every_world(backend):
     env = make("hopper", backend)
     first, start = env.reset(), state(env)
     for action in random_actions(env, 5):
@@ -186,7 +186,7 @@ def test_reset_starts_every_world_anew(backend):
         assert torch.equal(value, start[name]), name
 
 
-def test_a_restart_is_of_the_worlds_asked_for_alone(backend):
+def test_restart_affects_only_the_selected_worlds(backend):
     env = make("hopper", backend)
     first, start = env.reset(), state(env)
     for action in random_actions(env, 5):
@@ -199,9 +199,9 @@ def test_a_restart_is_of_the_worlds_asked_for_alone(backend):
         assert torch.equal(value[~which], before[name][~which]), name
 
 
-def test_rewards_of_an_episode_start_from_its_own_beginning(backend):
+def test_a_new_episode_s_reward_ignores_the_previous_one(backend):
     env = make("hopper", backend, episode_length=6)
-    env.physics.qvel[:, 0] = 50.0  # m/s: far from the start when time runs out
+    env.physics.qvel[:, 0] = 50.0  # m/s: far from the start at truncation
     for _ in range(6):
         env.step(still(env))
     assert abs(env.step(still(env)).terms["run"]).max() < 1.0
@@ -210,7 +210,7 @@ def test_rewards_of_an_episode_start_from_its_own_beginning(backend):
 # Options
 
 
-def test_staggered_worlds_start_at_all_ages(backend):
+def test_staggered_worlds_start_at_different_ages(backend):
     options = {"episode_length": 100, "stagger": True}
     env = make("hopper", backend, 256, **options)
     ages = env.age.clone()
@@ -223,16 +223,16 @@ def test_staggered_worlds_start_at_all_ages(backend):
 
     step = env.step(still(env))
     assert torch.equal(step.truncated, ages == 99)
-    assert (env.age[step.truncated] == 0).all()  # later episodes are of full length
+    assert (env.age[step.truncated] == 0).all()  # later episodes have full length
 
 
-def test_worlds_start_together_unless_asked_otherwise(backend):
+def test_worlds_start_identical_by_default(backend):
     env = make("hopper", backend, 16)
     assert (env.age == 0).all()
     assert (env.physics.qpos == env.physics.qpos[0]).all()
 
 
-def test_noisy_starts_differ_as_much_as_was_asked_for(backend):
+def test_reset_noise_has_the_configured_size(backend):
     noise = 0.05
     env = make("humanoid", backend, 64, reset_noise=noise)
     qpos, qvel = env.physics.qpos, env.physics.qvel
@@ -245,7 +245,7 @@ def test_noisy_starts_differ_as_much_as_was_asked_for(backend):
     torch.testing.assert_close(qpos[:, 3:7].norm(dim=-1), torch.ones(64).to(qpos))
 
 
-def test_noisy_starts_show_the_sensors_of_their_own_state(backend):
+def test_sensors_match_the_noisy_initial_state(backend):
     env = make("humanoid", backend, 8, reset_noise=0.05, episode_length=2)
     for action in (None, *random_actions(env, 2)):
         observation = env.reset() if action is None else env.step(action).observation
@@ -259,7 +259,7 @@ def test_noisy_starts_show_the_sensors_of_their_own_state(backend):
             assert observation[world, 21].item() == pytest.approx(head, abs=SINGLE)
 
 
-def test_noisy_starts_are_new_in_each_episode_and_repeat_with_the_seed(backend):
+def test_reset_noise_differs_by_episode_and_depends_on_the_seed(backend):
     options = {"reset_noise": 0.05, "episode_length": 3}
 
     def starts(seed: int) -> list[Tensor]:
@@ -274,7 +274,7 @@ def test_noisy_starts_are_new_in_each_episode_and_repeat_with_the_seed(backend):
 
 
 @pytest.mark.parametrize("iterations", (None, 8))
-def test_eight_solver_iterations_converge_where_the_paper_stops_at_two(backend, iterations):
+def test_eight_solver_iterations_converge_and_the_paper_s_two_do_not(backend, iterations):
     with np.load(Path(__file__).parent / "reference" / "walker.npz") as file:
         actions = torch.from_numpy(file["action"]).float()
         converged = file["qpos_converged"][:, -1]
@@ -285,7 +285,7 @@ def test_eight_solver_iterations_converge_where_the_paper_stops_at_two(backend, 
     assert error > 0.1 if iterations is None else error < 1e-3
 
 
-def test_a_humanoid_may_see_its_hands_and_feet(backend):
+def test_the_extremities_option_adds_hands_and_feet_to_the_observation(backend):
     blind, seeing = make("humanoid", backend), make("humanoid", backend, extremities=True)
     assert (blind.observation_size, seeing.observation_size) == (58, 67)
     without, with_them = blind.reset(), seeing.reset()
@@ -307,11 +307,11 @@ def test_a_humanoid_may_see_its_hands_and_feet(backend):
         assert torch.equal(seeing.step(action).observation[:, 34:], seen[:, 25:])
 
 
-# Going back
+# Saved states
 
 
 @pytest.mark.parametrize("task", ("humanoid", "walker"))
-def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
+def test_worlds_resume_exactly_from_a_saved_state(task, backend):
     options = {"episode_length": 25, "stagger": True, "reset_noise": 0.02}
     env = make(task, backend, **options)
     actions = random_actions(env, 60)
@@ -322,7 +322,7 @@ def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
     assert sum((step.truncated | step.terminated).sum() for step in went_on) >= 3
 
     other = make(task, backend, **options)
-    other.step(actions[0])  # so that chance, too, has to be set back
+    other.step(actions[0])  # so that the random generator also has to be restored
     for resumed in (other, env):
         resumed.load_state_dict(saved)
         assert torch.equal(resumed.observe(), shown)
@@ -342,7 +342,7 @@ def test_a_saved_state_is_a_copy(backend):
         assert torch.equal(value, copies[name]), name
 
 
-def test_a_saved_state_remembers_blow_ups(backend):
+def test_a_saved_state_includes_the_blow_up_count(backend):
     env, other = make("hopper", backend), make("hopper", backend)
     env.physics.qpos[1] = float("nan")
     env.step(still(env))

@@ -1,4 +1,4 @@
-"""A front holds the returns of deterministic policies, as both evaluation protocols define them."""
+"""Evaluations measure the returns of deterministic policies under both protocols."""
 
 import gc
 
@@ -12,7 +12,7 @@ from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.agent import Agent
 
-# Published returns of doing nothing, with the reward of the reset.
+# Published returns of zero actions, including the reward at the reset.
 IDLE = {
     "cheetah": (501.8, 2505.0),
     "walker": (119.8, 615.0),
@@ -23,7 +23,7 @@ IDLE = {
 
 
 @pytest.mark.parametrize("task", IDLE)
-def test_doing_nothing_returns_what_was_published(make_agent, task):
+def test_zero_actions_reproduce_the_published_returns(make_agent, task):
     env = envs.make(task, 2, "cpu", "mujoco", auto_reset=False)
     agent = make_agent(env.observation_size, env.action_size)
     with torch.no_grad():
@@ -34,7 +34,7 @@ def test_doing_nothing_returns_what_was_published(make_agent, task):
 
 
 class Scripted:
-    """Worlds that pay, fail and recover by a script, whatever is done."""
+    """Worlds whose rewards, failures and recoveries follow a script, regardless of actions."""
 
     REWARD = torch.tensor([[1.0, 10.0], [2.0, 20.0], [4.0, 40.0], [8.0, 80.0]])  # by step
     FAILED = torch.tensor(
@@ -82,35 +82,35 @@ TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 
 @pytest.fixture
 def agent(make_agent) -> Agent:
-    """Of the scripted worlds."""
+    """An agent that fits the scripted worlds."""
     agent = make_agent()
     agent.observation_normalizer.update(torch.tensor([[0.0, 1.0, 2.0], [3.0, 5.0, 7.0]]))
     return agent
 
 
-def test_a_latched_return_ends_with_the_step_that_fails(agent):
+def test_the_latched_protocol_counts_steps_up_to_the_first_failure(agent):
     front = Evaluator(agent, Scripted(), TRADEOFFS).evaluate()
     assert front.returns.tolist() == [[15, 150], [3, 30], [7, 70]]
     assert front.lengths.tolist() == [4, 2, 3]
 
 
-def test_the_papers_return_leaves_out_only_the_steps_that_fail(agent):
+def test_the_paper_s_protocol_masks_only_the_failed_steps(agent):
     front = Evaluator(agent, Scripted(), TRADEOFFS, "paper").evaluate()
     assert front.returns.tolist() == [[115, 1150], [113, 1130], [103, 1030]]
 
 
-def test_an_evaluator_can_be_used_again(agent):
+def test_an_evaluator_can_be_reused(agent):
     evaluator = Evaluator(agent, Scripted(), TRADEOFFS)
     first, second = evaluator.evaluate(), evaluator.evaluate()
     assert second.returns.tolist() == first.returns.tolist() == [[15, 150], [3, 30], [7, 70]]
     assert second.lengths.tolist() == first.lengths.tolist()
 
 
-def test_actions_are_the_means_of_each_tradeoffs_policy(agent):
+def test_actions_are_the_mean_actions_of_each_trade_off_s_policy(agent):
     env = Scripted()
     evaluator = Evaluator(agent, env, TRADEOFFS)
     with torch.no_grad():
-        agent.actor.bias += 0.3  # what counts is the agent at the time of the evaluation
+        agent.actor.bias += 0.3  # evaluations use the agent's current parameters
     evaluator.evaluate()
     assert len(env.actions) == 4
     for t, action in enumerate(env.actions):
@@ -121,14 +121,14 @@ def test_actions_are_the_means_of_each_tradeoffs_policy(agent):
 
 
 @pytest.mark.parametrize("protocol", ("latched", "paper"))
-def test_evaluating_changes_nothing_about_the_agent(agent, protocol):
+def test_an_evaluation_leaves_the_agent_unchanged(agent, protocol):
     before = {name: value.clone() for name, value in agent.state_dict().items()}
     Evaluator(agent, Scripted(), TRADEOFFS, protocol).evaluate()
     assert all(torch.equal(value, before[name]) for name, value in agent.state_dict().items())
     assert all(p.requires_grad and p.grad is None for p in agent.parameters())
 
 
-def test_it_refuses_worlds_that_do_not_fit(agent):
+def test_an_evaluator_rejects_worlds_that_do_not_fit(agent):
     with pytest.raises(ValueError, match="one world per trade-off"):
         Evaluator(agent, Scripted(), TRADEOFFS[:2])
     with pytest.raises(ValueError, match="auto_reset"):
@@ -136,7 +136,7 @@ def test_it_refuses_worlds_that_do_not_fit(agent):
 
 
 def one_episode(agent: Agent, tradeoff: torch.Tensor, task: str, **options) -> tuple:
-    """Returns and length in a single world of its own."""
+    """Run one episode in a single world and return its returns and length."""
     env = envs.make(task, 1, "cpu", "mujoco", **options)
     actor, observation = agent.actor.specialize(tradeoff), env.reset()
     total, length = torch.zeros(len(env.objectives), dtype=torch.float64), 0
@@ -150,18 +150,18 @@ def one_episode(agent: Agent, tradeoff: torch.Tensor, task: str, **options) -> t
             observation = step.observation
 
 
-def test_returns_are_those_of_single_worlds_stepped_by_hand(make_agent):
+def test_returns_equal_those_of_single_worlds_stepped_by_hand(make_agent):
     env = envs.make("hopper", 3, "cpu", "mujoco", auto_reset=False)
     agent = make_agent(env.observation_size, env.action_size, scale=1.0)
     front = Evaluator(agent, env, TRADEOFFS).evaluate()
     for k, tradeoff in enumerate(TRADEOFFS):
         returns, length = one_episode(agent, tradeoff, "hopper")
-        assert front.lengths[k] == length < 500  # every one of them falls
+        assert front.lengths[k] == length < 500  # every robot falls
         np.testing.assert_allclose(front.returns[k], returns, rtol=1e-3)
     assert len(np.unique(front.returns, axis=0)) == 3
 
 
-def test_an_episode_without_failure_lasts_until_time_is_up(make_agent):
+def test_an_episode_without_a_failure_has_full_length(make_agent):
     env = envs.make("cheetah3", 3, "cpu", "mujoco", auto_reset=False, episode_length=20)
     agent = make_agent(env.observation_size, env.action_size, 3)
     front = Evaluator(agent, env, torch.eye(3)).evaluate()
@@ -184,7 +184,7 @@ def front() -> Front:
     )
 
 
-def test_a_front_states_its_indicators(front):
+def test_a_front_computes_its_indicators(front):
     assert front.non_dominated.tolist() == [True, True, False]
     assert front.hypervolume == pytest.approx(3.5 + 1.5)
     assert front.indicators() == pytest.approx(
@@ -193,19 +193,19 @@ def test_a_front_states_its_indicators(front):
             "sparsity": 18.0,
             "expected_utility": (4 + 4 + 0.3 + 2.8) / 3,
             "cardinality": 2,
-            "obedience": 2 / 3,  # the third gets 1.0 of what it asks, and could get 3.1
+            "obedience": 2 / 3,  # the third policy's utility is 1.0, the best available is 3.1
         }
     )
-    assert "fall_rate" not in front.indicators()  # not known
+    assert "fall_rate" not in front.indicators()  # falls were not recorded
 
 
-def test_a_front_states_how_often_robots_fell_and_how_far_it_is_from_another(front):
+def test_a_front_computes_its_fall_rate_and_igd_plus(front):
     found = front._replace(falls=np.array([0.0, 1.0, 0.5])).indicators([[4, 1], [1, 5]])
     assert found["fall_rate"] == pytest.approx(0.5)
     assert found["igd_plus"] == pytest.approx((0 + 1) / 2)
 
 
-def test_an_evaluated_front_knows_where_it_came_from(agent):
+def test_an_evaluated_front_has_objectives_trade_offs_and_reference_point(agent):
     front = Evaluator(agent, Scripted(), TRADEOFFS).evaluate()
     assert front.objectives == ("run", "jump")
     assert front.reference_point.tolist() == [0.5, 5.0]
@@ -230,8 +230,8 @@ def test_episodes_of_one_tradeoff_are_averaged(front):
 
 
 @pytest.mark.parametrize("protocol", ("latched", "paper"))
-def test_a_fall_in_the_last_step_counts_as_one(agent, protocol):
-    # the third world fails in the last two steps, the second recovers, the first never fails
+def test_a_fall_on_the_last_step_counts(agent, protocol):
+    # the third world fails on the last two steps, the second recovers, the first never fails
     front = Evaluator(agent, Scripted(), TRADEOFFS, protocol).evaluate()
     assert front.falls is not None and front.falls.tolist() == [0, 1, 1]
     env = Scripted()
@@ -240,7 +240,7 @@ def test_a_fall_in_the_last_step_counts_as_one(agent, protocol):
     assert front.falls is not None and front.falls.tolist() == [1, 0, 0]
 
 
-def test_a_front_of_before_falls_were_counted_can_be_read(front, tmp_path):
+def test_a_front_file_without_falls_can_be_loaded(front, tmp_path):
     front.save(tmp_path / "front.npz")
     with np.load(tmp_path / "front.npz") as arrays:
         assert "falls" not in arrays
@@ -250,7 +250,7 @@ def test_a_front_of_before_falls_were_counted_can_be_read(front, tmp_path):
     assert again.falls is not None and again.falls.tolist() == [0, 0.5, 1]
 
 
-def test_a_front_survives_its_file(front, tmp_path):
+def test_a_front_can_be_saved_and_loaded(front, tmp_path):
     front.save(tmp_path / "front.npz")
     again = Front.load(tmp_path / "front.npz")
     assert again.objectives == front.objectives
@@ -261,14 +261,14 @@ def test_a_front_survives_its_file(front, tmp_path):
 
 
 def flipped(data: bytes) -> bytes:
-    """One bit of the stored numbers is wrong."""
+    """Flip one bit of the stored returns."""
     middle = data.index(b"returns.npy") + 60
     return data[:middle] + bytes([data[middle] ^ 4]) + data[middle + 1 :]
 
 
 DAMAGES = {
     "empty": lambda _: b"",
-    "text": lambda _: b"no front at all\n",
+    "text": lambda _: b"not a front\n",
     "noise": lambda _: np.random.default_rng(0).bytes(500),
     "truncated": lambda data: data[: len(data) // 2],
     "flipped": flipped,
@@ -276,16 +276,16 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_file_is_an_error_in_words(front, tmp_path, damage):
+def test_loading_a_damaged_front_raises_a_clear_error(front, tmp_path, damage):
     path = tmp_path / "front.npz"
     front.save(path)
     path.write_bytes(DAMAGES[damage](path.read_bytes()))
     with pytest.raises(MorlaxError, match=r"front\.npz"):
         Front.load(path)
-    gc.collect()  # a file left open would be noticed here
+    gc.collect()  # would report a file left open
 
 
-def test_a_file_of_something_else_or_nothing_is_an_error_in_words(tmp_path):
+def test_loading_a_missing_or_unrelated_file_raises_a_clear_error(tmp_path):
     path = tmp_path / "other.npz"
     with pytest.raises(MorlaxError, match=r"other\.npz"):
         Front.load(path)
@@ -294,12 +294,12 @@ def test_a_file_of_something_else_or_nothing_is_an_error_in_words(tmp_path):
         Front.load(path)
 
 
-def test_a_front_that_cannot_be_written_is_an_error_in_words(front, tmp_path):
+def test_saving_to_a_missing_folder_raises_a_clear_error(front, tmp_path):
     with pytest.raises(MorlaxError, match="cannot write"):
         front.save(tmp_path / "nowhere" / "front.npz")
 
 
-def test_contacts_that_do_not_fit_spoil_an_evaluation(make_agent):
+def test_a_contact_overflow_makes_an_evaluation_fail(make_agent):
     env = Scripted()
     evaluator = Evaluator(make_agent(), env, torch.eye(2)[[0, 1, 0]])
     env.bits[1] = 4

@@ -156,6 +156,7 @@ def middle(locator) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
+@pytest.mark.slow
 def test_a_browser_steers_the_robot(served, browser, tmp_path):
     address, _ = served
     view = View(browser, address)

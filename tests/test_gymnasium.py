@@ -1,4 +1,4 @@
-"""Our worlds behind Gymnasium's interfaces keep Gymnasium's contracts."""
+"""The Gymnasium adapters follow Gymnasium's API."""
 
 import os
 import pickle
@@ -39,9 +39,9 @@ def vector(task: str = HOPPER, num_envs: int = 3, **options) -> GymnasiumVectorE
 
 
 def python(program: str) -> subprocess.CompletedProcess:
-    screenless = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
+    no_display = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
     command = [sys.executable, "-W", "error", "-c", program]
-    return subprocess.run(command, env=screenless, capture_output=True, text=True)
+    return subprocess.run(command, env=no_display, capture_output=True, text=True)
 
 
 def test_every_task_has_an_id():
@@ -49,7 +49,7 @@ def test_every_task_has_an_id():
     assert set(IDS.values()) <= set(gymnasium.registry)
 
 
-def test_an_id_brings_its_module_along_and_no_window():
+def test_a_module_prefixed_id_works_and_opens_no_viewer():
     done = python(
         "import gymnasium, sys\n"
         "env = gymnasium.make('morlax_torch:morlax_torch/Hopper-v0')\n"
@@ -60,7 +60,7 @@ def test_an_id_brings_its_module_along_and_no_window():
     assert done.stdout.strip() == "(13,)"
 
 
-def test_ids_are_known_before_any_adapter_is_imported():
+def test_ids_are_registered_before_any_adapter_is_imported():
     done = python(
         "import gymnasium, sys, morlax_torch\n"
         "assert 'morlax_torch/Ant-v0' in gymnasium.registry\n"
@@ -70,7 +70,7 @@ def test_ids_are_known_before_any_adapter_is_imported():
     assert done.stdout.strip() == "[]"
 
 
-def test_a_task_of_ones_own_gets_an_id(monkeypatch):
+def test_a_custom_task_gets_an_id(monkeypatch):
     class Sprinter(Cheetah):
         class Options(Cheetah.Options):
             objectives: dict[str, dict[str, float]] = {"fast": {"run": 2.0}, "up": {"height": 1.0}}
@@ -82,17 +82,17 @@ def test_a_task_of_ones_own_gets_an_id(monkeypatch):
 
 
 @pytest.mark.parametrize("task", IDS)
-def test_a_scalar_environment_passes_gymnasium_s_own_check(task):
+def test_a_scalar_environment_passes_gymnasium_s_checker(task):
     objectives = 3 if task == "cheetah3" else 2
     env = gymnasium.make(IDS[task], tradeoff=(0.5,) * objectives)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(env.unwrapped, skip_render_check=True)
-    # what a robot may see knows no bounds
+    # observations are unbounded
     assert all("infinity" in str(warning.message) for warning in caught)
 
 
-def test_a_reward_is_a_vector_unless_a_tradeoff_makes_it_a_number():
+def test_the_reward_is_a_vector_and_with_a_tradeoff_a_scalar():
     plain, weighted = gymnasium.make(HOPPER), gymnasium.make(HOPPER, tradeoff=(0.7, 0.3))
     assert plain.reset()[0].dtype == np.float32
     weighted.reset()
@@ -107,7 +107,7 @@ def test_a_reward_is_a_vector_unless_a_tradeoff_makes_it_a_number():
     np.testing.assert_array_equal(info["vector_reward"], reward)
 
 
-def test_an_episode_ends_by_itself():
+def test_an_episode_is_truncated_at_its_length():
     env = gymnasium.make(HOPPER, episode_length=5)
     for _ in range(2):
         env.reset()
@@ -115,7 +115,7 @@ def test_an_episode_ends_by_itself():
         assert flags == [(False, False)] * 4 + [(False, True)]
 
 
-def test_a_pickled_environment_starts_anew():
+def test_an_environment_can_be_pickled():
     env = gymnasium.make(HOPPER, tradeoff=(1.0, 0.0), reset_noise=0.1).unwrapped
     other = pickle.loads(pickle.dumps(env))
     np.testing.assert_array_equal(env.reset(seed=3)[0], other.reset(seed=3)[0])
@@ -123,7 +123,7 @@ def test_a_pickled_environment_starts_anew():
 
 
 @pytest.mark.parametrize("make", [vector, gymnasium.make])
-def test_a_seed_decides_what_is_drawn(make):
+def test_the_seed_determines_the_initial_states(make):
     one, other = (make(HOPPER, reset_noise=0.1) for _ in range(2))
     first = np.asarray(one.reset(seed=5)[0])
     np.testing.assert_array_equal(first, other.reset(seed=5)[0])
@@ -133,13 +133,13 @@ def test_a_seed_decides_what_is_drawn(make):
     assert not np.array_equal(first, other.reset(seed=6)[0])
 
 
-def test_without_a_seed_every_environment_differs():
+def test_without_a_seed_environments_differ():
     one, other = (vector(HOPPER, reset_noise=0.1) for _ in range(2))
     assert not torch.equal(one.reset()[0], other.reset()[0])
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_picture_is_as_gymnasium_wants_it_and_shows_the_robot_move():
+def test_rgb_array_frames_are_valid_and_show_motion():
     env = gymnasium.make(HOPPER, render_mode="rgb_array", width=120, height=90)
     assert env.metadata["render_fps"] == 100
     env.reset()
@@ -153,7 +153,7 @@ def test_a_picture_is_as_gymnasium_wants_it_and_shows_the_robot_move():
     env.close()
 
 
-def test_a_window_follows_in_real_time(monkeypatch):
+def test_the_viewer_window_follows_the_simulation(monkeypatch):
     import glfw
     import mujoco.viewer
 
@@ -183,7 +183,7 @@ def test_a_window_follows_in_real_time(monkeypatch):
     assert closed == [True]
 
 
-def test_without_a_screen_a_window_is_one_sentence():
+def test_human_rendering_without_a_display_raises_a_clear_error():
     done = python(
         "import gymnasium, morlax_torch\n"
         "try: gymnasium.make('morlax_torch/Hopper-v0', render_mode='human').reset()\n"
@@ -193,7 +193,7 @@ def test_without_a_screen_a_window_is_one_sentence():
     assert "there is no screen here: use 'rgb_array'" in done.stdout
 
 
-def test_many_worlds_give_tensors_and_a_reward_for_each_objective():
+def test_vector_environments_return_tensors_and_vector_rewards():
     env = vector(IDS["cheetah3"], num_envs=5)
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert env.num_envs == 5 and env.reward_space.shape == (3,)
@@ -209,20 +209,20 @@ def test_many_worlds_give_tensors_and_a_reward_for_each_objective():
 
 
 @pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
-def test_many_worlds_say_what_gymnasium_s_own_vector_environment_says(tradeoff):
-    ours = vector(WALKER, tradeoff=tradeoff, episode_length=100)
-    weights = np.array(tradeoff or (1.0, 0.0))  # theirs knows no vector of rewards
+def test_vector_environments_match_gymnasium_s_sync_vector_env(tradeoff):
+    found = vector(WALKER, tradeoff=tradeoff, episode_length=100)
+    weights = np.array(tradeoff or (1.0, 0.0))  # Gymnasium's has no vector rewards
 
     def single() -> gymnasium.Env:
         return gymnasium.make(WALKER, tradeoff=weights.tolist(), episode_length=100)
 
-    theirs = SyncVectorEnv([single] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
-    np.testing.assert_array_equal(ours.reset(seed=0)[0], theirs.reset(seed=0)[0])
+    reference = SyncVectorEnv([single] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
+    np.testing.assert_array_equal(found.reset(seed=0)[0], reference.reset(seed=0)[0])
     ended = 0
     for _ in range(110):
         action = falling(3)
-        observation, reward, *flags, info = ours.step(action)
-        expected, numbers, *expected_flags, expected_info = theirs.step(action.numpy())
+        observation, reward, *flags, info = found.step(action)
+        expected, numbers, *expected_flags, expected_info = reference.step(action.numpy())
         np.testing.assert_array_equal(observation, expected)
         np.testing.assert_array_equal(flags, expected_flags)
         scalar = reward if tradeoff else reward @ torch.tensor(weights).float()
@@ -238,12 +238,12 @@ def test_many_worlds_say_what_gymnasium_s_own_vector_environment_says(tradeoff):
                 paid = expected_info["final_info"]["vector_reward"][world]
                 np.testing.assert_array_equal(info["final_info"]["vector_reward"][world], paid)
         if tradeoff:
-            still = expected_info.get("_vector_reward", np.zeros(3, bool))
-            theirs_then = expected_info.get("vector_reward", np.zeros((3, 2)))
-            np.testing.assert_array_equal(info["vector_reward"][still], theirs_then[still])
+            ongoing = expected_info.get("_vector_reward", np.zeros(3, bool))
+            reference_reward = expected_info.get("vector_reward", np.zeros((3, 2)))
+            np.testing.assert_array_equal(info["vector_reward"][ongoing], reference_reward[ongoing])
             assert info["_vector_reward"].all()
         ended += done.sum()
-    assert ended == 1 + 2 + 1  # time was up, and the others fell
+    assert ended == 1 + 2 + 1  # one truncation, and three falls
 
 
 def test_statistics_sum_each_objective_over_whole_episodes():
@@ -269,7 +269,7 @@ def test_statistics_sum_each_objective_over_whole_episodes():
     assert len(lengths) > 8 and len(set(lengths)) == 4
 
 
-def test_statistics_are_of_the_objectives_under_a_tradeoff_too():
+def test_statistics_cover_each_objective_under_a_tradeoff_too():
     plain, weighted = (
         EpisodeStatistics(vector(HOPPER, episode_length=8, **options))
         for options in ({}, {"tradeoff": (0.2, 0.8)})
@@ -283,7 +283,7 @@ def test_statistics_are_of_the_objectives_under_a_tradeoff_too():
     assert torch.equal(*episodes) and episodes[0].shape == (3, 2)
 
 
-def test_numpy_is_one_wrapper_away():
+def test_the_array_conversion_wrapper_gives_numpy_arrays():
     pytest.importorskip("array_api_compat")
     from gymnasium.wrappers.vector import ArrayConversion
 
@@ -300,7 +300,7 @@ def test_numpy_is_one_wrapper_away():
     assert isinstance(info["final_info"]["vector_reward"], np.ndarray)
 
 
-def test_what_was_returned_stays_as_it_was_and_knows_no_gradient():
+def test_returned_tensors_are_detached_copies():
     env = vector()
     env.reset()
     actions = torch.full((3, 4), 0.3, requires_grad=True)
@@ -354,7 +354,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_is_one_sentence(name):
+def test_a_mistake_raises_a_clear_error(name):
     mistake, expected = MISTAKES[name]
     with pytest.raises(MorlaxError) as error:
         mistake()
@@ -362,7 +362,7 @@ def test_a_mistake_is_one_sentence(name):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_picture_of_nothing_is_one_sentence():
+def test_rendering_without_a_reset_or_render_mode_raises_a_clear_error():
     with pytest.raises(MorlaxError, match="call reset first"):
         gymnasium.make(HOPPER, render_mode="rgb_array").render()
     env = gymnasium.make(HOPPER)

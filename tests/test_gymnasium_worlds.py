@@ -1,4 +1,4 @@
-"""Anyone's gymnasium environment with a vector of rewards can be trained in."""
+"""Training works in any Gymnasium environment with vector rewards."""
 
 import csv
 import math
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
 
 
 class Point(gymnasium.Env):
-    """A point on a line: go right, or stay; beyond 1 it has failed."""
+    """A point on a line that moves right or stays; it fails beyond 1."""
 
     observation_space = Dict({"place": Box(-9.0, 9.0, (1,)), "side": Discrete(2)})
     action_space = Box(np.array([0.0], np.float32), np.array([0.5], np.float32))
@@ -56,7 +56,7 @@ def point(monkeypatch: pytest.MonkeyPatch) -> Callable[..., envs.Worlds]:
     return make
 
 
-def test_worlds_are_the_environment_itself_step_by_step():
+def test_worlds_match_the_original_environment_step_by_step():
     worlds = envs.make(CAR, 2, "cpu", seed=5)
     originals = [mo_gymnasium.make("mo-mountaincarcontinuous-v0") for _ in range(2)]
     first = [original.reset(seed=5 + i)[0] for i, original in enumerate(originals)]
@@ -72,27 +72,27 @@ def test_worlds_are_the_environment_itself_step_by_step():
             assert (step.terminated[world], step.truncated[world]) == (terminated, truncated)
 
 
-def test_worlds_say_what_they_are():
+def test_worlds_expose_objectives_spaces_and_limits():
     worlds = envs.make(CAR, 2, "cpu")
     assert worlds.objectives == ("reward_0", "reward_1")
     assert worlds.episode_length == 999
-    assert worlds.reference_point == (-999.0, -999.0)  # the least reward, all along
+    assert worlds.reference_point == (-999.0, -999.0)  # the lowest reward on every step
     assert worlds.observation_space.shape == (2,)
     assert worlds.action_space.shape == (1,)
     assert worlds.reward_space.shape == (2,)
     assert worlds.overflow().tolist() == [0, 0]
 
 
-def test_observations_are_flattened_and_actions_stretched(point):
+def test_observations_are_flattened_and_actions_rescaled(point):
     worlds = point()
     start = worlds.reset()
-    assert start.shape == (3, 3)  # place, and side as one of two
+    assert start.shape == (3, 3)  # place, and one-hot side
     step = worlds.step(torch.tensor([[-1.0], [0.0], [9.0]]))
     moved = step.terms["reward_0"] - start[:, 0]
-    np.testing.assert_allclose(moved, [0.0, 0.25, 0.5], atol=1e-6)  # beyond the box is its edge
+    np.testing.assert_allclose(moved, [0.0, 0.25, 0.5], atol=1e-6)  # actions are clipped to the box
 
 
-def test_an_episode_ends_and_begins_within_a_step(point):
+def test_auto_reset_starts_the_next_episode_in_the_same_step(point):
     worlds = point(auto_reset=True)
     worlds.reset()
     fast, still = torch.ones(3, 1), -torch.ones(3, 1)
@@ -107,7 +107,7 @@ def test_an_episode_ends_and_begins_within_a_step(point):
     assert (worlds.step(still).reward[:, 1] == 0).all()
 
 
-def test_without_automatic_reset_a_finished_world_stands_still(point):
+def test_without_auto_reset_a_finished_world_stays_unchanged(point):
     worlds = point(auto_reset=False)
     worlds.reset()
     steps = [worlds.step(torch.ones(3, 1)) for _ in range(5)]
@@ -117,14 +117,14 @@ def test_without_automatic_reset_a_finished_world_stands_still(point):
     assert not worlds.step(torch.ones(3, 1)).truncated.any()
 
 
-def test_time_runs_out(point):
+def test_episodes_are_truncated_at_their_length(point):
     worlds = point(episode_length=4)
     worlds.reset()
     truncated = [worlds.step(-torch.ones(3, 1)).truncated.all().item() for _ in range(8)]
     assert truncated == [False, False, False, True] * 2
 
 
-def test_objectives_may_be_regrouped(point):
+def test_objectives_can_be_regrouped(point):
     objectives = {"far": {"reward_0": 2.0}, "both": {"reward_0": 1.0, "reward_1": 1.0}}
     worlds = point(objectives=objectives)
     worlds.reset()
@@ -133,7 +133,7 @@ def test_objectives_may_be_regrouped(point):
     assert torch.equal(step.reward[:, 1], step.terms["reward_0"] + step.terms["reward_1"])
 
 
-def test_a_reward_that_is_not_finite_ends_the_episode_and_pays_nothing(point):
+def test_a_non_finite_reward_ends_the_episode_with_zero_reward(point):
     worlds = point(broken=True)
     worlds.reset()
     step = worlds.step(torch.zeros(3, 1))
@@ -151,13 +151,13 @@ def test_a_reward_that_is_not_finite_ends_the_episode_and_pays_nothing(point):
         ("gymnasium:nowhere:thing-v0", "Gymnasium cannot make 'nowhere:thing-v0'"),
     ],
 )
-def test_what_cannot_be_learnt_is_refused_in_a_sentence(name, sentence):
+def test_unsupported_environments_are_rejected(name, sentence):
     with pytest.raises(MorlaxError) as caught:
         envs.get(name)
     assert sentence in str(caught.value)
 
 
-def test_actions_without_bounds_are_refused():
+def test_unbounded_actions_are_rejected():
     class Unbounded(Point):
         action_space = Box(-np.inf, np.inf, (1,))
 
@@ -165,12 +165,12 @@ def test_actions_without_bounds_are_refused():
         envs.from_gymnasium(Unbounded)
 
 
-def test_warp_cannot_move_them():
+def test_gymnasium_worlds_reject_the_warp_backend():
     with pytest.raises(MorlaxError, match="runs only on the CPU"):
         envs.make(CAR, 2, "cpu", "warp")
 
 
-def test_every_environment_shares_one_config():
+def test_gymnasium_environments_share_one_config():
     config = load_config(task_values(CAR, "cpu"))
     assert config.env == CAR
     assert config.worlds == 64
@@ -188,7 +188,7 @@ def run(tmp_path_factory) -> Path:
     return folder
 
 
-def test_training_measures_a_front(run):
+def test_training_measures_the_hypervolume(run):
     with (run / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) >= 3
@@ -197,7 +197,7 @@ def test_training_measures_a_front(run):
     assert float(rows[-1]["hypervolume"]) > 0
 
 
-def test_its_policies_are_used_and_judged_like_any_other(run):
+def test_trained_policies_can_be_loaded_and_evaluated(run):
     policy = morlax_torch.load(run)
     assert policy(torch.zeros(3, 2), (0.5, 0.5)).shape == (3, 1)
     front = evaluate.evaluate(policy, 4, device="cpu")
@@ -205,11 +205,11 @@ def test_its_policies_are_used_and_judged_like_any_other(run):
     assert (front.returns >= -100).all()
 
 
-def test_its_run_cannot_be_resumed(run):
+def test_a_gymnasium_run_cannot_be_resumed(run):
     with pytest.raises(MorlaxError, match="the state of its worlds cannot be saved"):
         train.command(["--resume", str(run), "--max-env-steps", "3000"])
 
 
-def test_there_is_no_robot_to_film(run):
+def test_a_player_needs_a_mujoco_robot(run):
     with pytest.raises(MorlaxError, match="has no MuJoCo robot"):
         Player(morlax_torch.load(run), (0.5, 0.5))

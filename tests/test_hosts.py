@@ -1,4 +1,4 @@
-"""The libraries that our interfaces serve are imported where they are asked for, and only there."""
+"""Optional libraries are imported only by their own adapters."""
 
 import importlib
 import subprocess
@@ -9,7 +9,7 @@ import pytest
 
 from morlax_torch import MorlaxError
 
-HOSTS = {  # the adapter: its extra, and versions that are too old and old enough
+HOSTS = {  # adapter: (its extra, an unsupported version, the oldest supported version)
     "stable_baselines3": ("sb3", "2.6.0", "2.7"),
     "torchrl": ("torchrl", "0.9.2", "0.14"),
     "rsl_rl": ("rsl-rl", "2.3.3", "3.0"),
@@ -34,7 +34,7 @@ def import_adapter(name: str, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("name", HOSTS)
-def test_without_a_library_it_is_said_what_to_install(name, monkeypatch):
+def test_a_missing_library_error_names_the_extra_to_install(name, monkeypatch):
     def found(package: str) -> str:
         raise metadata.PackageNotFoundError(package)
 
@@ -45,7 +45,7 @@ def test_without_a_library_it_is_said_what_to_install(name, monkeypatch):
 
 
 @pytest.mark.parametrize("name", HOSTS)
-def test_of_a_library_too_old_it_is_said_which_one_would_do(name, monkeypatch):
+def test_an_outdated_library_error_names_the_required_version(name, monkeypatch):
     extra, old, least = HOSTS[name]
     monkeypatch.setattr(metadata, "version", lambda package: old)
     expected = rf"{old} is too old, {least} or later is needed: pip .*\[{extra}\]"
@@ -53,7 +53,7 @@ def test_of_a_library_too_old_it_is_said_which_one_would_do(name, monkeypatch):
         import_adapter(name, monkeypatch)
 
 
-def test_to_train_needs_none_of_them(tmp_path):
+def test_training_imports_no_optional_library(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", TRAIN_AND_LIST_MODULES, *TINY],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""A hypernetwork generates the parameters M f(w) + b of any module, for every trade-off w."""
+"""A hypernetwork generates the parameters M f(w) + b of any module from a trade-off w."""
 
 import copy
 
@@ -17,7 +17,7 @@ TRADEOFFS = torch.tensor(
 
 
 class Scaled(nn.Module):
-    """A target with a buffer, which is not generated."""
+    """A target with a buffer; buffers are not generated."""
 
     def __init__(self):
         super().__init__()
@@ -29,7 +29,7 @@ class Scaled(nn.Module):
 
 
 class TwoInputs(nn.Module):
-    """A target that takes two inputs, and has a parameter of its own."""
+    """A target with two inputs and a parameter outside its submodules."""
 
     def __init__(self):
         super().__init__()
@@ -85,7 +85,7 @@ def family_of(target: nn.Module, scale: float = 0.5) -> Hypernetwork:
     return Hypernetwork(target, M, (8, 7), 4, scale=scale, generator=generator)
 
 
-def test_a_family_equals_its_members_run_one_by_one(target, inputs):
+def test_a_batched_family_equals_its_members_run_one_by_one(target, inputs):
     family = family_of(target)
     parameters = family(TRADEOFFS)
     found = family.run(parameters, *inputs)
@@ -104,7 +104,7 @@ def test_a_family_of_mlps_equals_batched_matrix_products(generator):
     torch.testing.assert_close(family.run(parameters, x), expected)
 
 
-def test_parameters_are_affine_in_the_features_of_the_tradeoff(target):
+def test_generated_parameters_are_affine_in_the_trade_off_s_features(target):
     family = family_of(target)
     generated = family(TRADEOFFS)
     first, second, last = (family.features[index] for index in (0, 2, 4))
@@ -120,7 +120,7 @@ def test_parameters_are_affine_in_the_features_of_the_tradeoff(target):
     assert list(generated) == [name for name, _ in target.named_parameters()]
 
 
-def test_every_tradeoff_starts_with_the_target_itself(target, inputs):
+def test_with_scale_zero_every_tradeoff_starts_as_the_target(target, inputs):
     family = family_of(target, scale=0.0)
     parameters = family(TRADEOFFS)
     for name, parameter in target.named_parameters():
@@ -131,7 +131,7 @@ def test_every_tradeoff_starts_with_the_target_itself(target, inputs):
 
 
 @pytest.mark.parametrize("scale", (0.1, 1.0))
-def test_scale_spreads_the_first_networks(scale):
+def test_scale_sets_how_much_the_initial_networks_differ(scale):
     target = nn.Linear(30, 20)
     family = family_of(target, scale)
     assert family.weight.abs().max() <= scale
@@ -140,14 +140,14 @@ def test_scale_spreads_the_first_networks(scale):
     torch.testing.assert_close(family.bias[:600].view(20, 30), target.weight)
 
 
-def test_tradeoffs_are_normalised_to_sum_to_one():
+def test_tradeoffs_are_normalized_to_sum_to_one():
     family = family_of(nn.Linear(3, 2))
     factors = torch.tensor([0.01, 1.0, 2.0, 30.0, 512.0])[:, None]
     for name, value in family(factors * TRADEOFFS).items():
         torch.testing.assert_close(value, family(TRADEOFFS)[name])
 
 
-def test_specialize_is_a_plain_member_of_the_family(target, inputs):
+def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
     family = family_of(target)
     outputs = family.run(family(TRADEOFFS), *inputs)
     for k, tradeoff in enumerate(TRADEOFFS):
@@ -157,7 +157,7 @@ def test_specialize_is_a_plain_member_of_the_family(target, inputs):
         torch.testing.assert_close(member(*(x[k] for x in inputs)), outputs[k])
 
 
-def test_a_specialised_network_no_longer_follows_the_family():
+def test_a_specialized_network_is_a_copy():
     family, x = family_of(nn.Linear(3, 2)), torch.ones(1, 3)
     member = family.specialize(TRADEOFFS[0])
     before = member(x)
@@ -167,7 +167,7 @@ def test_a_specialised_network_no_longer_follows_the_family():
     assert not torch.allclose(family.specialize(TRADEOFFS[0])(x), before)
 
 
-def test_buffers_travel_with_the_state():
+def test_the_state_dict_includes_buffers():
     other = Scaled()
     other.scale.mul_(10)
     family, source = family_of(Scaled()), family_of(other)
@@ -178,7 +178,7 @@ def test_buffers_travel_with_the_state():
     torch.testing.assert_close(family.specialize(TRADEOFFS[0])(x[0]), expected[0])
 
 
-def test_a_parameter_may_have_no_dimensions():
+def test_scalar_parameters_are_supported():
     class Gain(nn.Module):
         def __init__(self):
             super().__init__()
@@ -207,7 +207,7 @@ def test_the_target_passed_in_is_not_changed(target, inputs):
     assert all(p.requires_grad and p.grad is None for p in target.parameters())
 
 
-def test_only_the_affine_map_and_the_features_are_learnt(target):
+def test_only_the_affine_map_and_the_features_are_trainable(target):
     family = family_of(target)
     features = {f"features.{name}" for name, _ in family.features.named_parameters()}
     assert {name for name, _ in family.named_parameters()} == {"weight", "bias", *features}
@@ -221,19 +221,19 @@ def gradients(family: Hypernetwork, inputs: list[Tensor]) -> dict[str, Tensor]:
     return {name: parameter.grad for name, parameter in family.named_parameters()}
 
 
-def test_gradients_reach_every_part(target, inputs):
+def test_every_parameter_gets_a_gradient(target, inputs):
     for name, gradient in gradients(family_of(target), inputs).items():
         assert gradient.abs().sum() > 0, name
 
 
-def test_features_learn_once_the_affine_map_has_left_zero(generator):
+def test_with_a_zero_affine_map_the_features_have_no_gradient(generator):
     family = family_of(nn.Linear(3, 2), scale=0.0)
     found = gradients(family, [torch.randn(K, B, 3, generator=generator)])
     assert found["weight"].abs().sum() > 0
     assert all(not value.any() for name, value in found.items() if name.startswith("features"))
 
 
-def test_gradients_are_those_of_the_composed_function():
+def test_gradients_match_finite_differences():
     family = family_of(nn.Linear(3, 2)).double()
     x = torch.randn(K, B, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
     names = [name for name, _ in family.named_parameters()]
@@ -256,7 +256,7 @@ def test_two_families_can_share_their_features():
     assert second.weight.shape == (4, 4)
 
 
-def test_the_same_generator_draws_the_same_family():
+def test_equal_generators_draw_equal_families():
     target = nn.Linear(3, 2)
     first, second = family_of(target).state_dict(), family_of(target).state_dict()
     assert all(torch.equal(value, second[name]) for name, value in first.items())

@@ -1,4 +1,4 @@
-"""What users install: one package that holds everything, wherever it lies."""
+"""The wheel installs one self-contained package."""
 
 import subprocess
 import sys
@@ -31,7 +31,7 @@ def wheel(tmp_path_factory) -> Path:
     return path
 
 
-def test_a_wheel_drops_nothing_beside_its_own_package(wheel):
+def test_the_wheel_contains_only_its_own_package_and_all_assets(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0].split("-")[0] for name in names} == {"morlax_torch"}
     assert "morlax_torch/envs/robots/assets/ant.xml" in names

@@ -1,4 +1,4 @@
-"""What a task says of its observation is true: move a joint, and only what bears its name moves."""
+"""Observation layouts are correct: moving a joint changes only the entries named after it."""
 
 import mujoco
 import pytest
@@ -7,8 +7,8 @@ from torch import Tensor
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.robots.planar import Planar
 
-AT_ONCE = [name for name in envs.names() if name != "bruce"]  # what it sees are histories
-TASKS = {name: {} for name in AT_ONCE} | {"humanoid with hands": {"extremities": True}}
+MARKOVIAN = [name for name in envs.names() if name != "bruce"]  # bruce observes a history of states
+TASKS = {name: {} for name in MARKOVIAN} | {"humanoid with hands": {"extremities": True}}
 SENSORS = {
     "head": {"position.head.z"},
     "torso_x": {"torso.x.z"},
@@ -26,8 +26,8 @@ def env(request: pytest.FixtureRequest) -> envs.Environment:
     return envs.make(request.param.split()[0], 1, "cpu", "mujoco", **TASKS[request.param])
 
 
-def moved_by(env: envs.Environment, state: Tensor, address: int, by: float = 0.25) -> set[str]:
-    """The parts of the observation that change with one number of the state."""
+def changed_by(env: envs.Environment, state: Tensor, address: int, by: float = 0.25) -> set[str]:
+    """Return the parts of the observation that change with one entry of the state."""
     before, was = env.observe().clone(), state[0, address].clone()
     state[0, address] += by
     change = (env.observe() != before)[0]
@@ -43,40 +43,40 @@ def names(kind: str, joint: str, free: tuple[str, ...], type: int) -> tuple[str,
     return (f"{kind}.{joint}",)
 
 
-def test_every_number_has_one_name(env):
+def test_the_layout_covers_the_observation_with_unique_names(env):
     parts = env.layout()
     assert sum(part.size for part in parts) == env.observation_size
     assert len({part.name for part in parts}) == len(parts)
 
 
-def test_a_position_moves_what_is_called_so_and_nothing_else(env):
+def test_a_position_changes_only_the_part_named_after_it(env):
     model, known = env.physics.model, {part.name for part in env.layout()}
     free = ("x", "y", "z", *("quaternion",) * 4)
     for index, type in enumerate(model.jnt_type):
         joint = model.joint(index)
         for offset, name in enumerate(names("position", joint.name, free, type)):
-            assert moved_by(env, env.physics.qpos, joint.qposadr[0] + offset) == {name} & known
+            assert changed_by(env, env.physics.qpos, joint.qposadr[0] + offset) == {name} & known
 
 
-def test_a_velocity_moves_what_is_called_so_and_nothing_else(env):
+def test_a_velocity_changes_only_the_part_named_after_it(env):
     model = env.physics.model
     free = (*("linear",) * 3, *("angular",) * 3)
     for index, type in enumerate(model.jnt_type):
         joint = model.joint(index)
         for offset, name in enumerate(names("velocity", joint.name, free, type)):
-            assert moved_by(env, env.physics.qvel, joint.dofadr[0] + offset) == {name}
+            assert changed_by(env, env.physics.qvel, joint.dofadr[0] + offset) == {name}
 
 
-def test_a_sensor_moves_what_is_called_so_and_nothing_else():
+def test_a_sensor_changes_only_the_parts_that_read_it():
     for extremities in (False, True):
         env = envs.make("humanoid", 1, "cpu", "mujoco", extremities=extremities)
         known = {part.name for part in env.layout()}
         for sensor, expected in SENSORS.items():
             address = env.physics.model.sensor(sensor).adr[0] + 2  # z
-            assert moved_by(env, env.physics.sensors, address) == expected & known
+            assert changed_by(env, env.physics.sensors, address) == expected & known
 
 
-def test_units_tell_where_velocities_are_clipped(env):
+def test_units_state_which_velocities_are_clipped(env):
     env.physics.qvel.fill_(1000.0)
     seen = env.observe()[0].split([part.size for part in env.layout()])
     for part, values in zip(env.layout(), seen, strict=True):
@@ -84,14 +84,14 @@ def test_units_tell_where_velocities_are_clipped(env):
             assert values.unique().tolist() == [10.0 if "[-10, 10]" in part.unit else 1000.0]
 
 
-def test_a_layout_of_another_size_is_refused(monkeypatch):
+def test_a_layout_of_the_wrong_size_is_rejected(monkeypatch):
     hopper = envs.get("hopper")
     monkeypatch.setattr(hopper, "layout", lambda self: [envs.Part("height", 1, "m")])
     with pytest.raises(MorlaxError, match=r"layout\(\) names 1 numbers, but observe\(\) gives 13"):
         envs.make("hopper", 1, "cpu")
 
 
-def test_a_task_that_says_nothing_has_one_part(monkeypatch):
+def test_the_default_layout_has_one_part(monkeypatch):
     monkeypatch.delattr(Planar, "layout")
     assert envs.make("hopper", 1, "cpu").layout() == [("observation", 13, "")]
 

@@ -1,4 +1,4 @@
-"""MO-Gymnasium's own wrappers and checks take our environments for its own."""
+"""MO-Gymnasium's wrappers and checks work with the package's environments."""
 
 import gymnasium
 import numpy as np
@@ -15,7 +15,7 @@ ACTION = np.array([0.3, -0.2, 0.5, 0.1])
 
 
 def episode(env: gymnasium.Env) -> tuple[list, list[dict]]:
-    """Rewards and infos of an episode."""
+    """Run an episode and return its rewards and infos."""
     env.reset(seed=0)
     rewards, infos, over = [], [], False
     while not over:
@@ -42,7 +42,7 @@ def test_rewards_lie_in_the_reward_space(env, rewards):
 
 
 class FreshWeights(gymnasium.Wrapper):
-    """Its LinearReward gives the same array away in every step, which Gymnasium 1.4 forbids."""
+    """Copy the reward weights: LinearReward reuses one array, which Gymnasium 1.4 forbids."""
 
     def step(self, action):
         *step, info = self.env.step(action)
@@ -51,20 +51,20 @@ class FreshWeights(gymnasium.Wrapper):
 
 @pytest.mark.filterwarnings("ignore:.*infinity:UserWarning")
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version:UserWarning")
-def test_scalarised_by_its_wrapper_it_passes_gymnasium_s_check(env):
+def test_with_linear_reward_an_environment_passes_gymnasium_s_checker(env):
     linear = wrappers.LinearReward(env, np.array([0.7, 0.3]))
     check_env(FreshWeights(linear), skip_render_check=True, skip_close_check=True)
 
 
-def test_its_linear_reward_is_our_tradeoff(env):
-    theirs, their_infos = episode(wrappers.LinearReward(env, np.array([0.7, 0.3])))
-    ours, our_infos = episode(gymnasium.make(TASK, episode_length=20, tradeoff=(0.7, 0.3)))
-    np.testing.assert_allclose(ours, theirs, rtol=1e-6)
-    for one, other in zip(our_infos, their_infos, strict=True):
+def test_linear_reward_equals_the_tradeoff_option(env):
+    expected, expected_infos = episode(wrappers.LinearReward(env, np.array([0.7, 0.3])))
+    found, infos = episode(gymnasium.make(TASK, episode_length=20, tradeoff=(0.7, 0.3)))
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    for one, other in zip(infos, expected_infos, strict=True):
         np.testing.assert_array_equal(one["vector_reward"], other["vector_reward"])
 
 
-def test_its_statistics_sum_each_objective(env, rewards):
+def test_mo_record_episode_statistics_sums_each_objective(env, rewards):
     _, infos = episode(wrappers.MORecordEpisodeStatistics(env, gamma=0.9))
     statistics = infos[-1]["episode"]
     assert statistics["l"] == 20
@@ -72,23 +72,23 @@ def test_its_statistics_sum_each_objective(env, rewards):
     np.testing.assert_allclose(statistics["dr"], 0.9 ** np.arange(20) @ rewards, rtol=1e-5)
 
 
-def test_its_rewards_of_single_objectives_leave_the_others(env, rewards):
-    normalised, _ = episode(wrappers.MONormalizeReward(env, idx=0))
-    np.testing.assert_array_equal(np.array(normalised)[:, 1], rewards[:, 1])
-    assert (np.array(normalised)[1:, 0] != rewards[1:, 0]).all()
+def test_single_objective_wrappers_leave_the_other_objectives_unchanged(env, rewards):
+    normalized, _ = episode(wrappers.MONormalizeReward(env, idx=0))
+    np.testing.assert_array_equal(np.array(normalized)[:, 1], rewards[:, 1])
+    assert (np.array(normalized)[1:, 0] != rewards[1:, 0]).all()
     clipped, _ = episode(wrappers.MOClipReward(env, idx=1, min_r=0.0, max_r=1.0))
     np.testing.assert_array_equal(
         np.array(clipped), np.stack([rewards[:, 0], rewards[:, 1].clip(0, 1)], 1)
     )
 
 
-def test_it_skips_frames(env, rewards):
+def test_mo_max_and_skip_observation_sums_rewards(env, rewards):
     skipping = wrappers.MOMaxAndSkipObservation(env, skip=4)
     skipping.reset(seed=0)
     np.testing.assert_allclose(skipping.step(ACTION)[1], rewards[:4].sum(0), rtol=1e-6)
 
 
-def test_its_vector_environment_runs_them(rewards):
+def test_mo_sync_vector_env_runs_the_environments(rewards):
     envs = wrappers.vector.MOSyncVectorEnv(
         [lambda: mo_gymnasium.make(TASK, episode_length=20) for _ in range(2)]
     )
@@ -99,20 +99,22 @@ def test_its_vector_environment_runs_them(rewards):
     assert truncated.all()
 
 
-def test_our_statistics_have_the_keys_and_the_numbers_of_its_own():
-    """In the first episode, that is: after it, its own ones leave out a step of each."""
+def test_episode_statistics_match_mo_record_episode_statistics():
+    """Only the first episode is compared: MO-Gymnasium omits a step of later episodes."""
     pytest.importorskip("array_api_compat")
     from gymnasium.wrappers.vector import ArrayConversion
 
     def made() -> gymnasium.vector.VectorEnv:
         return gymnasium.make_vec(TASK, num_envs=2, device="cpu", episode_length=20)
 
-    ours = ArrayConversion(EpisodeStatistics(made(), gamma=0.9), torch, np)
-    theirs = wrappers.vector.MORecordEpisodeStatistics(ArrayConversion(made(), torch, np), 0.9)
-    for env in (ours, theirs):
+    found = ArrayConversion(EpisodeStatistics(made(), gamma=0.9), torch, np)
+    expected = wrappers.vector.MORecordEpisodeStatistics(ArrayConversion(made(), torch, np), 0.9)
+    for env in (found, expected):
         env.reset(seed=0)
     for _ in range(20):
-        infos = [env.step(np.tile(ACTION, (2, 1)).astype(np.float32))[-1] for env in (ours, theirs)]
+        infos = [
+            env.step(np.tile(ACTION, (2, 1)).astype(np.float32))[-1] for env in (found, expected)
+        ]
     one, other = (info["episode"] for info in infos)
     assert one.keys() == other.keys()
     for name in ("r", "dr", "l"):

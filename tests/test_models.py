@@ -1,4 +1,4 @@
-"""The robot models are the published ones and move as independent reference physics does."""
+"""The robot models match the published ones and move like independent reference physics."""
 
 import importlib.resources
 from pathlib import Path
@@ -10,11 +10,11 @@ import pytest
 ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")
 REFERENCE = Path(__file__).parent / "reference"
 
-# Left out of the comparison: the facts that sensors, cameras and the look of the ground change
-# (we keep only the sensors that the tasks read, and draw an endless ground plane around x = 0),
+# Not compared: properties that depend on sensors, cameras and the appearance of the ground (the
+# package keeps only the sensors that tasks read and draws an infinite ground plane around x = 0),
 # and the limit margin of joints without limits, which nothing reads.
 UNCOMPARED_SIZES = {"nsensor", "nsensordata"}
-GROUND = 0  # its geom
+GROUND = 0  # geom id
 
 TOLERANCE = 1e-9
 
@@ -34,7 +34,7 @@ def names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> list[str]:
 
 
 def facts_of(model: mujoco.MjModel, published: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The facts of `model` under the names of the published ones."""
+    """Return the properties of `model` under the names of the published ones."""
     special = {
         "total_mass": model.body_mass.sum(),
         "sizes": [getattr(model, size) for size in published["sizes_names"]],
@@ -77,24 +77,24 @@ def reference(robot: str) -> dict[str, np.ndarray]:
         return dict(file)
 
 
-def test_our_model_compiles_to_the_published_facts(robot, reference):
+def test_the_model_matches_the_published_one(robot, reference):
     published = {
         key.removeprefix("model_"): value
         for key, value in reference.items()
         if key.startswith("model_")
     }
-    ours = without_uncompared(facts_of(load(robot), published))
+    found = without_uncompared(facts_of(load(robot), published))
     published = without_uncompared(published)
 
-    unnamed = published["body_names"] == ""  # the published ant leaves its lower legs unnamed
-    published["body_names"] = np.where(unnamed, ours["body_names"], published["body_names"])
+    unnamed = published["body_names"] == ""  # the published ant's lower legs have no names
+    published["body_names"] = np.where(unnamed, found["body_names"], published["body_names"])
 
     for fact, value in published.items():
-        assert ours[fact].shape == value.shape, fact
+        assert found[fact].shape == value.shape, fact
         if value.dtype.kind == "U":
-            assert ours[fact].tolist() == value.tolist(), fact
+            assert found[fact].tolist() == value.tolist(), fact
         else:
-            np.testing.assert_allclose(ours[fact], value, rtol=0, atol=TOLERANCE, err_msg=fact)
+            np.testing.assert_allclose(found[fact], value, rtol=0, atol=TOLERANCE, err_msg=fact)
 
 
 def test_motors_are_named_after_the_joints_they_turn(robot):
@@ -120,7 +120,7 @@ def test_stored_actions_reproduce_the_reference_trajectory(robot, reference, see
     np.testing.assert_allclose(trajectory, expected, rtol=0, atol=TOLERANCE)
 
 
-def test_compiling_warns_of_nothing(robot, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where MuJoCo would log its warnings
+def test_compiling_gives_no_warnings(robot, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo logs its warnings here
     load(robot)
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -1,4 +1,4 @@
-"""morl-baselines trains in our environments, and evaluates our policies as its own."""
+"""morl-baselines trains in the package's environments and evaluates its policies."""
 
 import gymnasium
 import numpy as np
@@ -12,7 +12,7 @@ from morlax_torch.gpu.threads import one_thread
 TASK = "morlax_torch/Hopper-v0"
 
 
-def test_an_action_is_what_the_policy_does(make_policy):
+def test_the_agent_s_action_equals_the_policy_s(make_policy):
     policy = make_policy("hopper")
     agent = MorlBaselinesAgent(policy)
     seen, _ = gymnasium.make(TASK).reset()
@@ -27,12 +27,12 @@ def test_an_action_is_what_the_policy_does(make_policy):
     ("seen", "tradeoff", "expected"),
     [(np.zeros(17), (0.7, 0.3), "of 13 numbers"), (np.zeros(13), (1.0,), "needs 2 numbers")],
 )
-def test_a_mistake_is_one_sentence(seen, tradeoff, expected, make_policy):
+def test_a_mistake_raises_a_clear_error(seen, tradeoff, expected, make_policy):
     with pytest.raises(MorlaxError, match=expected):
         MorlBaselinesAgent(make_policy("hopper")).eval(seen, tradeoff)
 
 
-def test_its_evaluation_gives_the_returns_of_our_worlds(make_policy):
+def test_policy_evaluation_mo_gives_the_returns_of_the_worlds(make_policy):
     evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
     policy, tradeoff = make_policy("hopper"), np.array([0.25, 0.75])
     worlds = envs.make("hopper", 1, "cpu", episode_length=60)
@@ -57,7 +57,7 @@ def test_its_evaluation_gives_the_returns_of_our_worlds(make_policy):
 
 
 @pytest.mark.slow
-def test_its_capql_trains_on_our_environment():
+def test_capql_trains_in_the_environment():
     capql = pytest.importorskip("morl_baselines.multi_policy.capql.capql", exc_type=ImportError)
     from morl_baselines.common.evaluation import policy_evaluation_mo
 

@@ -1,4 +1,4 @@
-"""The normaliser knows the mean and the variance of everything it was updated with."""
+"""The normalizer tracks the mean and variance of all data it was updated with."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def batches() -> list[np.ndarray]:
     ]
 
 
-def test_statistics_are_those_of_all_data_together(batches):
+def test_statistics_equal_those_of_the_concatenated_data(batches):
     data = np.concatenate([batch.reshape(-1, 3) for batch in batches])
     normalizer = normalizer_of(batches)
     np.testing.assert_allclose(normalizer.mean, data.mean(0), rtol=1e-5)
@@ -37,7 +37,7 @@ def test_statistics_are_those_of_all_data_together(batches):
     assert normalizer.count == len(data)
 
 
-def test_a_batch_of_less_weight_has_that_much_less_of_a_share(batches):
+def test_the_weight_scales_a_batch_s_contribution(batches):
     normalizer = normalizer_of(batches[:1])
     old, new = batches[0], batches[1].reshape(-1, 3)
     normalizer.update(torch.from_numpy(new).float(), 0.25)
@@ -48,24 +48,24 @@ def test_a_batch_of_less_weight_has_that_much_less_of_a_share(batches):
     np.testing.assert_allclose(normalizer.variance, square - mean**2, rtol=1e-4)
 
 
-def test_it_is_the_identity_before_the_first_update():
+def test_a_new_normalizer_is_the_identity():
     x = torch.tensor([[1.0, -2.0]])
     torch.testing.assert_close(Normalizer(2)(x), x)
     torch.testing.assert_close(Normalizer(2).inverse(x), x)
 
 
-def test_it_scales_to_zero_mean_and_unit_variance(batches):
+def test_normalized_data_has_zero_mean_and_unit_variance(batches):
     normalized = normalizer_of(batches[:1])(torch.from_numpy(batches[0]).float())
     torch.testing.assert_close(normalized.mean(0), torch.zeros(3), rtol=0, atol=1e-5)
     torch.testing.assert_close(normalized.var(0, correction=0), torch.ones(3))
 
 
-def test_inverse_undoes_it(batches):
+def test_inverse_undoes_normalization(batches):
     normalizer, x = normalizer_of(batches), torch.from_numpy(batches[1]).float()
     torch.testing.assert_close(normalizer.inverse(normalizer(x)), x, rtol=1e-5, atol=1e-4)
 
 
-def test_what_lies_far_out_is_clipped_to_ten_deviations(batches):
+def test_outliers_are_clipped_to_ten_standard_deviations(batches):
     normalizer = normalizer_of(batches)
     mean, std = normalizer.mean, normalizer.variance.sqrt()
     x = torch.stack([mean + 1000 * std, mean - 1000 * std, mean + 9.9 * std])
@@ -96,7 +96,7 @@ def test_a_constant_column_stays_finite():
     assert normalizer(torch.tensor([[7.0], [8.0]])).tolist() == [[0.0], [10.0]]
 
 
-def test_state_travels_in_the_state_dict(batches):
+def test_the_state_dict_holds_the_statistics(batches):
     normalizer, other = normalizer_of(batches), Normalizer(3)
     other.load_state_dict(normalizer.state_dict())
     x = torch.from_numpy(batches[2]).float()

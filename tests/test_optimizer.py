@@ -1,4 +1,4 @@
-"""The flat, clipped Adam is torch's Adam behind torch's gradient clipping."""
+"""ClippedAdam equals torch's Adam after torch's gradient clipping."""
 
 import copy
 
@@ -13,26 +13,26 @@ DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
 
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("limit", [0.05, 1e6])
-def test_it_equals_torch_s_adam_after_torch_s_clipping(device, limit):
+def test_clipped_adam_equals_torch_s_clipping_and_adam(device, limit):
     if device == "cuda" and not torch.cuda.is_available():
-        pytest.skip("there is no CUDA device")
+        pytest.skip("no CUDA device")
     torch.manual_seed(0)
-    mine = mlp(5, (70, 70), 3).to(device)
-    theirs = copy.deepcopy(mine)
-    flat = ClippedAdam(mine.parameters(), 1e-2, limit)
-    adam = torch.optim.Adam(theirs.parameters(), 1e-2)
+    network = mlp(5, (70, 70), 3).to(device)
+    reference = copy.deepcopy(network)
+    flat = ClippedAdam(network.parameters(), 1e-2, limit)
+    adam = torch.optim.Adam(reference.parameters(), 1e-2)
     for _ in range(10):
         x = torch.randn(20, 5, device=device)
-        flat.step(mine(x).square().mean())
+        flat.step(network(x).square().mean())
         adam.zero_grad()
-        theirs(x).square().mean().backward()
-        torch.nn.utils.clip_grad_norm_(theirs.parameters(), limit)
+        reference(x).square().mean().backward()
+        torch.nn.utils.clip_grad_norm_(reference.parameters(), limit)
         adam.step()
-    for one, other in zip(mine.parameters(), theirs.parameters(), strict=True):
+    for one, other in zip(network.parameters(), reference.parameters(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
 
 
-def test_the_rate_may_change_between_steps():
+def test_the_learning_rate_can_change_between_steps():
     parameter = torch.nn.Parameter(torch.zeros(3))
     adam = ClippedAdam([parameter], 0.5, 1e6)
     adam.rate.fill_(0.0)
@@ -43,7 +43,7 @@ def test_the_rate_may_change_between_steps():
     assert (parameter < -0.05).all()
 
 
-def test_parameters_stay_views_of_the_vector_when_a_state_is_loaded():
+def test_parameters_remain_views_of_the_flat_vector_after_load_state_dict():
     network = mlp(2, (3,), 1)
     adam = ClippedAdam(network.parameters(), 0.1, 1.0)
     network.load_state_dict({name: value + 1 for name, value in network.state_dict().items()})

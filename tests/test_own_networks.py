@@ -1,4 +1,4 @@
-"""MORLAX over networks that a user made: they train, are checked, and are never mixed up."""
+"""Custom networks train, are checked, and are never confused with the config's."""
 
 import copy
 import sys
@@ -14,7 +14,7 @@ from morlax_torch.runs import checkpoint
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_worlds
 
-O, A, m = 13, 4, 2  # of the hopper
+O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
 TINY = {
     "env": "hopper",
     "device": "cpu",
@@ -38,7 +38,7 @@ def normed(inputs: int = O, outputs: int = 2 * A) -> nn.Module:
 
 
 def tanh() -> nn.Module:
-    """Its parameters have the names and shapes of the config's own actor."""
+    """Make an actor whose parameters have the names and shapes of the config's actor."""
     torch.manual_seed(3)
     layers = nn.Linear(O, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, 2 * A)
     return nn.Sequential(*layers)
@@ -56,7 +56,7 @@ def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:
 
 
 @pytest.mark.parametrize("type", ("dual", "single"))
-def test_own_networks_train(type):
+def test_custom_networks_train(type):
     config = tiny(network={"type": type})
     networks = {"actor": normed(), "critic": normed(outputs=m)}
     kept = copy.deepcopy(networks)
@@ -72,7 +72,7 @@ def test_own_networks_train(type):
     assert all(torch.equal(value, again[name]) for name, value in after.items())
 
 
-def test_every_tradeoff_starts_with_the_network_given(generator):
+def test_every_tradeoff_starts_with_the_given_network(generator):
     actor, critic = normed(), normed(outputs=m)
     agent = trainer(tiny(), 0, actor=actor, critic=critic).agent
     seen = torch.randn(3, 5, O, generator=generator)
@@ -108,7 +108,7 @@ MISFITS = {
 
 
 @pytest.mark.parametrize("misfit", MISFITS)
-def test_a_network_that_does_not_fit_is_one_sentence(misfit):
+def test_a_network_that_does_not_fit_raises_a_clear_error(misfit):
     networks, sentence = MISFITS[misfit]
     with pytest.raises(MorlaxError, match=sentence) as error:
         trainer(tiny(), 0, **networks)
@@ -122,7 +122,7 @@ def saved(tmp_path: Path) -> tuple[Path, MORLAX]:
     return tmp_path / "own.pt", morlax
 
 
-def test_a_loaded_policy_with_an_own_actor_acts_as_it_did(saved, generator, tmp_path):
+def test_a_loaded_policy_with_a_custom_actor_gives_the_same_actions(saved, generator, tmp_path):
     path, morlax = saved
     observation = torch.randn(5, O, generator=generator)
     before = Policy(morlax.agent, morlax.config, morlax.env.objectives)
@@ -136,8 +136,8 @@ def test_a_loaded_policy_with_an_own_actor_acts_as_it_did(saved, generator, tmp_
         torch.testing.assert_close(after.specialize(tradeoff)(observation), expected)
 
 
-def test_an_own_actor_is_never_taken_for_the_configs(saved, tmp_path):
-    path, _ = saved  # its shapes are the config's: only its tanh differs
+def test_a_custom_actor_is_never_confused_with_the_config_s(saved, tmp_path):
+    path, _ = saved  # same shapes as the config's actor; only the tanh differs
     words = "user-made actor, which no config describes: .* pass a module like it, actor="
     with pytest.raises(MorlaxError, match=words):
         load(path)
@@ -153,7 +153,7 @@ def test_an_own_actor_is_never_taken_for_the_configs(saved, tmp_path):
         load(tmp_path / "usual.pt", actor=tanh())
 
 
-def test_an_own_critic_is_needed_to_train_on_but_not_to_act(tmp_path, generator):
+def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator):
     path, critic = tmp_path / "own.pt", normed(outputs=m)
     morlax = trainer(tiny(), 2, critic=critic)
     checkpoint.save(path, morlax, {})
@@ -169,7 +169,7 @@ def test_an_own_critic_is_needed_to_train_on_but_not_to_act(tmp_path, generator)
     assert all(torch.equal(v, weights(resumed)[n]) for n, v in weights(morlax).items())
 
 
-def test_a_run_with_own_networks_goes_on_from_python_alone(tmp_path, monkeypatch, capsys):
+def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypatch, capsys):
     networks = {"actor": normed(), "critic": normed(outputs=m)}
     run = train.train(tiny(max_env_steps=320), output=tmp_path / "run", **networks)
     for module, arguments in ((train, ("--resume", str(run.folder))), (evaluate, (run.folder,))):

@@ -1,4 +1,4 @@
-"""A task from outside this repository does all that ours do, and its mistakes are named."""
+"""Custom tasks support everything that built-in tasks do, and their mistakes are explained."""
 
 import re
 import sys
@@ -22,7 +22,7 @@ TINY = (
 
 
 def shown(name: str) -> str:
-    """A file as the page shows it."""
+    """Return the source of a file as shown on the documentation page."""
     found = re.search(rf"```\w+\n((?:# |<!-- ){re.escape(name)}\b.*?)```", PAGE.read_text(), re.S)
     assert found, name
     return found[1]
@@ -53,7 +53,9 @@ def trained(folder: Path, monkeypatch) -> Path:
 # Every command
 
 
-def test_the_pages_robot_is_trained_judged_and_resumed(trained, folder, monkeypatch, capsys):
+def test_the_documented_robot_can_be_trained_evaluated_and_resumed(
+    trained, folder, monkeypatch, capsys
+):
     config = yaml.safe_load((trained / "config.yaml").read_text())
     assert config["env"] == f"{folder.resolve() / 'crawler.py'}:Crawler"
     elsewhere = folder / "elsewhere"
@@ -67,13 +69,13 @@ def test_the_pages_robot_is_trained_judged_and_resumed(trained, folder, monkeypa
     assert str(folder / "crawler.py") not in printed
 
 
-def test_it_is_filmed(trained, folder, monkeypatch, opengl):
+def test_a_custom_robot_can_be_recorded(trained, folder, monkeypatch, opengl):
     small = ("--width", "64", "--height", "64", "--seconds", "0.1")
     command(monkeypatch, record, str(trained), "--output", "film.gif", *small)
     assert (folder / "film.gif").stat().st_size > 0
 
 
-def test_it_is_played_and_exported(trained):
+def test_a_custom_robot_can_be_played_and_exported(trained):
     policy = load(trained)
     player = Player(policy, (0.5, 0.5))
     player.step()
@@ -82,18 +84,18 @@ def test_it_is_played_and_exported(trained):
     assert names[:3] == ["position.z", "position.pitch", "position.shoulder"]
 
 
-def test_the_command_line_knows_its_options(folder):
+def test_the_command_line_accepts_a_custom_task_s_options(folder):
     text = (folder / "crawler.py").read_text()
     own = "        hurry: float = 2.0\n        nconmax"
     (folder / "crawler.py").write_text(text.replace("        nconmax", own))
     arguments_ = ("--env", "./crawler.py:Crawler", "--device", "cpu", "--task.hurry", "3")
     config = arguments.read(arguments_)[0]
     assert config.task.model_dump()["hurry"] == 3
-    assert config.worlds == 1024  # as configs/default.yaml has it
+    assert config.worlds == 1024  # from configs/default.yaml
 
 
 @pytest.mark.parametrize("backend", ("mujoco", "warp"))
-def test_it_moves_on_either_simulator(folder, backend):
+def test_a_custom_robot_runs_on_both_simulators(folder, backend):
     env = envs.make("crawler.py:Crawler", 4, "cpu", backend)
     for _ in range(30):
         step = env.step(torch.ones(4, 2))
@@ -101,7 +103,7 @@ def test_it_moves_on_either_simulator(folder, backend):
     assert env.blowups == 0 and (env.overflow() == 0).all()
 
 
-def test_a_file_that_is_gone_is_said_in_a_sentence(trained, folder, monkeypatch, capsys):
+def test_a_missing_task_file_gives_a_clear_error(trained, folder, monkeypatch, capsys):
     (folder / "crawler.py").rename(folder / "moved.py")
     for module in (evaluate, record, explore):
         with pytest.raises(SystemExit) as stopped:
@@ -126,7 +128,7 @@ def test_a_file_that_is_gone_is_said_in_a_sentence(trained, folder, monkeypatch,
         ("nowhere.py:Crawler", "there is no file"),
     ],
 )
-def test_what_is_not_there_is_said_in_a_sentence(folder, name, expected):
+def test_an_unknown_class_or_file_gives_a_clear_error(folder, name, expected):
     with pytest.raises(MorlaxError, match=re.escape(expected)):
         envs.get(name)
 
@@ -139,7 +141,7 @@ def test_what_is_not_there_is_said_in_a_sentence(folder, name, expected):
         ("def (", "cannot be imported: SyntaxError"),
     ],
 )
-def test_a_file_that_fails_says_why_and_may_be_mended(folder, line, expected):
+def test_a_failing_file_gives_a_clear_error_and_can_be_fixed(folder, line, expected):
     good = (folder / "crawler.py").read_text()
     (folder / "crawler.py").write_text(good.replace("import numpy as np", f"\n{line}", 1))
     with pytest.raises(MorlaxError, match=re.escape(expected)):
@@ -148,13 +150,13 @@ def test_a_file_that_fails_says_why_and_may_be_mended(folder, line, expected):
     assert envs.get("crawler.py:Crawler").__name__ == "Crawler"
 
 
-def test_one_file_is_one_class_however_it_is_named(folder):
+def test_different_paths_to_one_file_give_one_class(folder):
     (folder / "there").mkdir()
     names = ("crawler.py:Crawler", "there/../crawler.py:Crawler", f"{folder}/crawler.py:Crawler")
     assert len({envs.get(name) for name in names}) == 1
 
 
-# What a class gets wrong
+# Mistakes in a task class
 
 
 @pytest.mark.parametrize(
@@ -210,14 +212,14 @@ def test_one_file_is_one_class_however_it_is_named(folder):
         ),
     ],
 )
-def test_wrong_shapes_are_named(folder, method, expected):
+def test_errors_name_wrong_shapes(folder, method, expected):
     with (folder / "crawler.py").open("a") as file:
         file.write(f"\n    def {method}\n")
     with pytest.raises(MorlaxError, match=re.escape(expected)):
         envs.make("crawler.py:Crawler", 3, "cpu")
 
 
-def test_a_term_that_is_none_is_named(folder):
+def test_an_unknown_reward_term_gives_a_suggestion(folder):
     with pytest.raises(MorlaxError, match="unknown reward term 'rum': did you mean 'run'"):
         envs.make("crawler.py:Crawler", 3, "cpu", shared={"rum": 1.0})
 
@@ -241,7 +243,7 @@ def test_a_term_that_is_none_is_named(folder):
         ('"crawler.xml"', '"crawl.xml"', "MuJoCo cannot load"),
     ],
 )
-def test_what_a_class_lacks_is_said_in_a_sentence(folder, old, new, expected):
+def test_an_incomplete_task_class_gives_a_clear_error(folder, old, new, expected):
     text = (folder / "crawler.py").read_text()
     assert old in text
     (folder / "crawler.py").write_text(text.replace(old, new))
@@ -249,7 +251,7 @@ def test_what_a_class_lacks_is_said_in_a_sentence(folder, old, new, expected):
         envs.make("crawler.py:Crawler", 3, "cpu")
 
 
-def test_a_robot_that_stands_fast_cannot_be_pushed(folder):
+def test_pushes_need_a_robot_that_can_move_horizontally(folder):
     text = (folder / "crawler.xml").read_text()
     turning = text.replace('name="x" type="slide" axis="1 0 0"', 'name="x"')
     (folder / "crawler.xml").write_text(turning)
@@ -284,7 +286,7 @@ def offer(folder: Path, monkeypatch: pytest.MonkeyPatch):
         del sys.modules[name]
 
 
-def test_an_installed_package_is_imported_when_its_task_is_asked_for(offer):
+def test_an_entry_point_is_imported_only_when_its_task_is_used(offer):
     offer("offered_one", "my_crawler = offered_one:Crawler")
     assert "my_crawler" in envs.names()
     assert "offered_one" not in sys.modules
@@ -302,7 +304,7 @@ def test_an_installed_package_is_imported_when_its_task_is_asked_for(offer):
         ("bad = offered_two:positions", "is offered_two:positions, which is not a subclass of"),
     ],
 )
-def test_a_broken_offer_harms_nobody_else(offer, line, expected):
+def test_a_broken_entry_point_does_not_affect_other_tasks(offer, line, expected):
     offer("offered_two", line)
     assert "bad" in envs.names()
     assert envs.get("hopper").__name__ == "Hopper"
@@ -310,14 +312,14 @@ def test_a_broken_offer_harms_nobody_else(offer, line, expected):
         envs.get("bad")
 
 
-def test_two_offers_of_one_name_are_refused(offer):
+def test_two_entry_points_with_one_name_are_rejected(offer):
     offer("offered_three", "twin = offered_three:Crawler")
     offer("offered_four", "twin = offered_four:Crawler")
     with pytest.raises(MorlaxError, match="several packages offer an environment called 'twin'"):
         envs.get("twin")
 
 
-def test_our_names_stay_ours(offer):
+def test_built_in_names_cannot_be_overridden(offer):
     offer("offered_five", "ant = offered_five:Crawler")
     assert envs.get("ant").__name__ == "Ant"
     assert envs.names().count("ant") == 1

@@ -1,4 +1,4 @@
-"""A packed run is small, acts as the run did, and cannot be mistaken for one to train on."""
+"""A packed run is small, gives the same actions, and cannot be resumed."""
 
 from pathlib import Path
 
@@ -35,23 +35,23 @@ def packed(run, tmp_path_factory) -> Path:
     return folder
 
 
-def test_it_acts_as_the_run_and_knows_its_front(run, packed):
+def test_a_packed_run_gives_the_same_actions_and_has_a_front(run, packed):
     observation = torch.randn(5, 13, generator=torch.Generator().manual_seed(0))
-    mine, theirs = morlax_torch.load(packed), morlax_torch.load(run)
-    assert torch.equal(mine(observation, (0.3, 0.7)), theirs(observation, (0.3, 0.7)))
-    assert mine.config == theirs.config
+    found, expected = morlax_torch.load(packed), morlax_torch.load(run)
+    assert torch.equal(found(observation, (0.3, 0.7)), expected(observation, (0.3, 0.7)))
+    assert found.config == expected.config
     front = Front.load(packed / "front.npz")
     assert front.returns.shape == (512, 2)
     assert np.isfinite(front.hypervolume)
 
 
-def test_it_leaves_out_what_only_training_needs(run, packed):
+def test_a_packed_run_omits_the_training_state(run, packed):
     sizes = [(folder / "checkpoints/best.pt").stat().st_size for folder in (run, packed)]
     assert sizes[1] < sizes[0] / 3
     with pytest.raises(MorlaxError, match="no checkpoint"):
         train(load_config(task_values("hopper", "cpu")), run=Run.open(packed))
 
 
-def test_nothing_is_overwritten(run, packed):
+def test_packing_overwrites_nothing(run, packed):
     with pytest.raises(MorlaxError, match="exists already"):
         pack(run, packed)

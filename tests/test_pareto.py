@@ -1,4 +1,4 @@
-"""Pareto indicators equal closed forms and brute force; every objective is maximised."""
+"""Pareto indicators equal closed forms and brute force; all objectives are maximized."""
 
 from itertools import combinations
 
@@ -13,7 +13,7 @@ NAN = float("nan")
 
 
 def inclusion_exclusion(points: np.ndarray, reference: np.ndarray) -> float:
-    """The volume of a union of boxes, by the volumes of their intersections."""
+    """Return the volume of a union of boxes from the volumes of their intersections."""
     sides = np.maximum(points - reference, 0)
     return sum(
         (-1) ** (count + 1) * np.min(chosen, axis=0).prod()
@@ -42,7 +42,7 @@ def test_hypervolume_of_a_staircase():
 
 @pytest.mark.parametrize("m", (2, 3, 4))
 @pytest.mark.parametrize("seed", range(3))
-def test_hypervolume_is_that_of_a_union_of_boxes(m, seed):
+def test_hypervolume_equals_the_volume_of_a_union_of_boxes(m, seed):
     random = np.random.default_rng(seed)
     points, reference = random.normal(1, 1, (9, m)), np.full(m, -0.2)
     expected = inclusion_exclusion(points, reference)
@@ -69,7 +69,7 @@ def test_duplicates_and_dominated_points_change_nothing():
         assert indicator(more) == pytest.approx(indicator(steps))
 
 
-def test_points_that_are_not_numbers_are_dominated():
+def test_nan_points_are_dominated():
     points = [[1, 4], [NAN, 9], [9, NAN], [4, 1]]
     assert pareto.non_dominated(points).tolist() == [True, False, False, True]
     assert pareto.hypervolume(points, [0, 0]) == pytest.approx(7)
@@ -79,7 +79,7 @@ def test_points_that_are_not_numbers_are_dominated():
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
-def test_non_dominated_points_are_those_that_no_other_dominates(m):
+def test_non_dominated_points_match_pairwise_comparison(m):
     points = np.random.default_rng(m).integers(0, 6, (60, m)).astype(float)
     expected = [
         not any(dominates(other, point) for other in points)
@@ -91,12 +91,12 @@ def test_non_dominated_points_are_those_that_no_other_dominates(m):
     assert pareto.cardinality(points) == sum(expected)
 
 
-def test_of_equal_points_the_first_counts():
+def test_only_the_first_of_equal_points_is_non_dominated():
     assert pareto.non_dominated([[1, 2], [1, 2], [2, 1], [1, 1]]).tolist() == [1, 0, 1, 0]
 
 
 def sphere(number: int, m: int) -> np.ndarray:
-    """Points of which none dominates another."""
+    """Return mutually non-dominated points on the unit sphere, (number, m)."""
     points = np.abs(np.random.default_rng(0).normal(size=(number, m)))
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 
@@ -108,7 +108,7 @@ def named(points: np.ndarray) -> dict[str, float]:
     return Front(tuple("abcdef"[:m]), tradeoffs, points, lengths, np.zeros(m)).indicators()
 
 
-def test_many_points_in_five_objectives_are_approximated_and_said_to_be():
+def test_the_hypervolume_of_many_points_in_five_objectives_is_marked_approximate():
     points = sphere(520, 5)
     exact = moocore.hypervolume(points, ref=np.zeros(5), maximise=True)
     indicators = named(points)
@@ -117,7 +117,7 @@ def test_many_points_in_five_objectives_are_approximated_and_said_to_be():
     assert indicators["hypervolume_approximate"] == pareto.hypervolume(points, np.zeros(5))
 
 
-def test_points_below_the_reference_do_not_disturb_an_approximation():
+def test_points_below_the_reference_do_not_affect_an_approximation():
     points = sphere(520, 5)
     below = np.concatenate([points, 100 * np.eye(5) - 1])
     expected = pareto.hypervolume(points, np.full(5, 0.01))
@@ -125,7 +125,7 @@ def test_points_below_the_reference_do_not_disturb_an_approximation():
 
 
 @pytest.mark.parametrize(("number", "m"), ((40, 5), (520, 3), (520, 2)))
-def test_fewer_points_or_objectives_are_exact(number, m):
+def test_the_hypervolume_of_fewer_points_or_objectives_is_exact(number, m):
     points = sphere(number, m)
     exact = moocore.hypervolume(points, ref=np.zeros(m), maximise=True)
     indicators = named(points)
@@ -142,7 +142,7 @@ def test_fewer_points_or_objectives_are_exact(number, m):
 def test_sparsity_is_the_mean_squared_gap():
     # gaps 1, 2 in the first objective and 1, 2 in the second, between three points
     assert pareto.sparsity([[4, 1], [1, 4], [2, 3]]) == pytest.approx((1 + 4 + 1 + 4) / 2)
-    # each objective is sorted by itself: gaps 1, 1 and 1, 1 and 2, 3
+    # each objective is sorted separately: gaps 1, 1 and 1, 1 and 2, 3
     three = [[1, 2, 5], [2, 3, 2], [3, 1, 0]]
     assert pareto.sparsity(three) == pytest.approx((1 + 1 + 1 + 1 + 4 + 9) / 2)
     assert pareto.sparsity([[1, 1]]) == 0
@@ -150,14 +150,14 @@ def test_sparsity_is_the_mean_squared_gap():
     assert pareto.sparsity([[NAN, NAN]]) == 0
 
 
-def test_expected_utility_is_the_mean_of_the_best():
+def test_expected_utility_is_the_mean_utility_of_the_best_points():
     points, tradeoffs = [[4, 0], [0, 6], [1, 1]], [[1, 0], [0, 1], [0.5, 0.5]]
     assert pareto.expected_utility(points, tradeoffs) == pytest.approx((4 + 6 + 3) / 3)
     assert pareto.expected_utility([[NAN, 1]], tradeoffs) == float("-inf")
 
 
 def test_igd_plus_is_the_mean_shortfall():
-    # (6, 8) is missed by (3, 4) and by 5, (0, 9) is reached, (3, 5) is missed by (0, 1)
+    # shortfalls: 5 for (6, 8), from (3, 4); 0 for (0, 9); 1 for (3, 5), from (0, 1)
     reference = [[6, 8], [0, 9], [3, 5]]
     assert pareto.igd_plus([[3, 4], [1, 9]], reference) == pytest.approx((5 + 0 + 1) / 3)
     assert pareto.igd_plus(reference, reference) == 0
@@ -168,33 +168,33 @@ def test_an_empty_front_is_infinitely_far_from_any_other():
 
 
 @pytest.mark.parametrize("m", (2, 3, 4))
-def test_igd_plus_is_its_formula(m):
+def test_igd_plus_matches_its_formula_and_moocore(m):
     random = np.random.default_rng(m)
     points, reference = random.normal(size=(30, m)), random.normal(0.5, 1, (20, m))
     shortfall = np.maximum(reference[:, None] - points[None], 0)
     expected = np.linalg.norm(shortfall, axis=-1).min(1).mean()
     assert pareto.igd_plus(points, reference) == pytest.approx(expected)
-    # maximising is minimising the negative
+    # maximization is minimization of the negative
     assert pareto.igd_plus(points, reference) == pytest.approx(
         moocore.igd_plus(-points, ref=-reference)
     )
 
 
 def quarter_circle(number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a circle, and the trade-offs that each of them is the very best for."""
+    """Return points on a circle, and the trade-off for which each point is optimal."""
     angles = np.linspace(0, np.pi / 2, number)
     points = np.stack([np.cos(angles), np.sin(angles)], -1)
     return points, points / points.sum(1, keepdims=True)
 
 
-def test_a_family_whose_every_policy_is_the_best_for_its_tradeoff_obeys():
+def test_policies_optimal_for_their_own_tradeoffs_obey():
     points, tradeoffs = quarter_circle(41)
     assert pareto.obeys(points, tradeoffs, tolerance=0).all()
     assert pareto.obedience(points, tradeoffs) == 1
-    assert pareto.obedience(1000 * points + 7, tradeoffs) == 1  # whatever a reward is worth
+    assert pareto.obedience(1000 * points + 7, tradeoffs) == 1  # scale and offset are irrelevant
 
 
-def test_policies_of_other_tradeoffs_do_not_obey():
+def test_policies_optimal_for_other_tradeoffs_do_not_obey():
     points, tradeoffs = quarter_circle(5)
     swapped = points[[1, 0, 2, 4, 3]]
     assert pareto.obeys(swapped, tradeoffs).tolist() == [False, False, True, False, False]
@@ -203,14 +203,14 @@ def test_policies_of_other_tradeoffs_do_not_obey():
 
 
 def test_a_policy_almost_as_good_as_the_best_obeys():
-    # for (1, 0) the choice decides between 0 and 100; the first policy misses 1, then 2 of them
+    # for (1, 0) utilities span 0 to 100; the first policy is 1, then 2, below the best
     tradeoffs = [[1, 0], [1, 0], [0, 1]]
     assert pareto.obeys([[99, 0], [100, 0], [0, 5]], tradeoffs).all()
     assert pareto.obeys([[98, 0], [100, 0], [0, 5]], tradeoffs).tolist() == [False, True, True]
     assert pareto.obeys([[98, 0], [100, 0], [0, 5]], tradeoffs, tolerance=0.02).all()
 
 
-def test_equal_policies_all_obey_and_what_is_no_number_does_not():
+def test_equal_policies_obey_and_nan_returns_do_not():
     tradeoffs = [[1, 0], [0.5, 0.5], [0, 1]]
     assert pareto.obedience([[3, 4]] * 3, tradeoffs) == 1
     assert pareto.obeys([[3, 4], [NAN, 9], [3, 4]], tradeoffs).tolist() == [True, False, True]
@@ -218,7 +218,7 @@ def test_equal_policies_all_obey_and_what_is_no_number_does_not():
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
-def test_obedience_is_its_formula(m):
+def test_obedience_matches_its_formula(m):
     random = np.random.default_rng(m)
     tradeoffs = random.dirichlet(np.ones(m), 50)
     points = tradeoffs + random.normal(0, 0.05, (50, m))

@@ -1,4 +1,4 @@
-"""Both simulators move the robots as the reference does, and survive worlds that blow up."""
+"""Both simulators match the reference trajectories and survive blow-ups."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from morlax_torch.envs.physics.warp import WarpPhysics
 
 REFERENCE = Path(__file__).parent / "reference"
 BACKENDS = ("mujoco", "warp")
-OUR_OWN = [name for name in envs.names() if "/" not in name]
+BUILT_IN = [name for name in envs.names() if "/" not in name]
 ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")
 PLANAR = ("cheetah", "walker", "hopper")
 
@@ -41,7 +41,7 @@ def random_actions(env: envs.Environment, steps: int) -> Tensor:
 
 
 def converged(robot: str) -> envs.Environment:
-    """Two worlds on MuJoCo Warp, with a solver that stops when it is done."""
+    """Make two MuJoCo Warp worlds whose solver runs to convergence."""
     task = envs.get(robot)
     options = task.Options()
     model = task.load_model()
@@ -52,7 +52,7 @@ def converged(robot: str) -> envs.Environment:
 
 
 def trajectory(env: envs.Environment, reference: dict[str, np.ndarray], steps: int) -> np.ndarray:
-    """(S, steps, nq) under the actions of the reference."""
+    """Return positions (S, steps, nq) under the reference actions."""
     positions = []
     for action in torch.from_numpy(reference["action"]).float().unbind(1)[:steps]:
         env.step(action)
@@ -66,27 +66,27 @@ def load(robot: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_at_the_papers_solver_limits_warp_starts_off_as_c_mujoco_does(robot):
+def test_with_the_paper_s_solver_limits_warp_starts_like_c_mujoco(robot):
     reference = load(robot)
     env = make(robot, "warp", 2, auto_reset=False)
     error = np.abs(trajectory(env, reference, 10) - reference["qpos"][:, 1:11])
     assert error[:, 0].max() < 2e-6
-    # Walker's solver stops after two iterations, wherever the engine then is
+    # walker's solver stops after two iterations, before it converges
     assert error.max() < (1e-2 if robot == "walker" else 1e-5)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_with_a_converged_solver_warp_moves_as_other_engines_do(robot):
+def test_with_a_converged_solver_warp_matches_other_engines(robot):
     reference = load(robot)
-    ours = trajectory(converged(robot), reference, 100)
+    found = trajectory(converged(robot), reference, 100)
     mjx, c = reference["qpos_mjx_converged"], reference["qpos_converged"][:, 1:101]
-    assert np.abs(ours - mjx).max() < (1e-2 if robot == "humanoid" else 1e-3)
-    if robot in PLANAR:  # in space, C MuJoCo turns contact frames another way
-        assert np.abs(ours - c).max() < 1e-3
+    assert np.abs(found - mjx).max() < (1e-2 if robot == "humanoid" else 1e-3)
+    if robot in PLANAR:  # in 3D, C MuJoCo orients contact frames differently
+        assert np.abs(found - c).max() < 1e-3
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_warps_sensors_lag_as_those_of_c_mujoco_do(robot):
+def test_warp_sensors_lag_like_those_of_c_mujoco(robot):
     warp, c = make(robot, "warp"), make(robot, "mujoco")
     for action in random_actions(c, 5):
         warp.step(action)
@@ -96,11 +96,11 @@ def test_warps_sensors_lag_as_those_of_c_mujoco_do(robot):
         )
 
 
-# C MuJoCo in many threads
+# Multithreaded C MuJoCo
 
 
 @pytest.mark.parametrize("robot", ("cheetah", "humanoid"))
-def test_many_threads_compute_what_one_loop_does(robot):
+def test_many_threads_match_a_single_loop(robot):
     env = make(robot, "mujoco", 9, auto_reset=False)
     worlds = [mujoco.MjData(env.physics.model) for _ in range(env.num_worlds)]
     for world in worlds:
@@ -119,7 +119,7 @@ def test_many_threads_compute_what_one_loop_does(robot):
 # Tensors
 
 
-def test_the_tensors_are_the_simulators_own_memory(backend):
+def test_state_tensors_share_the_simulator_s_memory(backend):
     env = make("hopper", backend)
     physics = env.physics
     names = ("qpos", "qvel", "ctrl", "warmstart", "sensors")
@@ -128,7 +128,7 @@ def test_the_tensors_are_the_simulators_own_memory(backend):
     env.step(still(env))
     assert not torch.equal(tensors["qpos"], before)
 
-    physics.qpos[0, 0] += 5.0  # metres along the track, where nothing else changes
+    physics.qpos[0, 0] += 5.0  # meters along the track; nothing else changes
     physics.qvel[1, 0] += 1.0
     x = physics.qpos[:, 0].clone()
     env.step(still(env))
@@ -148,15 +148,15 @@ def test_a_sensor_is_a_view_of_the_readings(backend):
     env.step(still(env))
     head = env.physics.sensor("head")
     assert head.shape == (env.num_worlds, 3)
-    assert 1.0 < head[0, 2] < 2.0  # metres: it stands
+    assert 1.0 < head[0, 2] < 2.0  # meters: standing
     assert head.untyped_storage().data_ptr() == env.physics.sensors.untyped_storage().data_ptr()
 
 
 # Blow-ups
 
 
-@pytest.mark.parametrize("task", OUR_OWN)
-def test_a_world_that_blows_up_bothers_no_other_and_starts_anew(task, backend):
+@pytest.mark.parametrize("task", BUILT_IN)
+def test_a_blow_up_restarts_only_its_own_world(task, backend):
     sick, well = make(task, backend), make(task, backend)
     others = [0, 2, 3]
     length = 20
@@ -174,7 +174,7 @@ def test_a_world_that_blows_up_bothers_no_other_and_starts_anew(task, backend):
             assert step.final_observation.isfinite().all()
             assert torch.equal(step.observation[1], start[1])
             assert sick.age[1] == 0
-        if time >= length:  # it does once more what it did when it was new
+        if time >= length:  # the restarted world repeats its first episode
             assert torch.equal(step.observation[1], beginning[time - length])
         assert torch.equal(sick.physics.qpos[others], well.physics.qpos[others])
         assert torch.equal(sick.physics.qvel[others], well.physics.qvel[others])
@@ -186,7 +186,7 @@ def test_a_world_that_blows_up_bothers_no_other_and_starts_anew(task, backend):
 
 @pytest.mark.parametrize("tensor", ("qpos", "qvel"))
 @pytest.mark.parametrize("value", (float("nan"), float("inf"), float("-inf")))
-def test_any_number_that_is_not_finite_is_a_blow_up(tensor, value, backend):
+def test_any_non_finite_number_is_a_blow_up(tensor, value, backend):
     env = make("humanoid", backend)
     getattr(env.physics, tensor)[2, -1] = value
     assert env.step(still(env)).terminated.tolist() == [False, False, True, False]
@@ -194,7 +194,7 @@ def test_any_number_that_is_not_finite_is_a_blow_up(tensor, value, backend):
     assert env.physics.qpos.isfinite().all() and env.physics.qvel.isfinite().all()
 
 
-def test_without_automatic_reset_a_blown_up_world_stays_so_and_pays_nothing(backend):
+def test_without_auto_reset_a_blown_up_world_stays_terminated_with_zero_reward(backend):
     env = make("hopper", backend, auto_reset=False)
     env.physics.qpos[1] = float("nan")
     for _ in range(3):
@@ -212,7 +212,7 @@ def test_a_blow_up_leaves_no_log_in_the_working_directory(backend, tmp_path, mon
     for tensor in (env.physics.qpos, env.physics.qvel):
         tensor[1] = float("nan")
         env.step(still(env))
-    env.physics.qpos[2, 2] = 1e30  # C MuJoCo warns of huge numbers, too
+    env.physics.qpos[2, 2] = 1e30  # C MuJoCo also warns of huge numbers
     env.step(still(env))
     assert env.blowups >= 2
     assert list(tmp_path.iterdir()) == []
@@ -222,16 +222,16 @@ def test_a_blow_up_leaves_no_log_in_the_working_directory(backend, tmp_path, mon
 
 
 @pytest.mark.parametrize(
-    ("room", "remedy"),
+    ("buffers", "remedy"),
     [
         ({"njmax": 4}, "raise --task.njmax above 4 (constraint rows of a world)"),
         ({"nconmax": 1}, "raise --task.nconmax above 1 (contacts of a world)"),
     ],
 )
-def test_warp_reports_contacts_that_did_not_fit_and_how_to_make_room(room, remedy):
-    env = make("cheetah", "warp", 2, **room)
+def test_warp_reports_overflowing_buffers_and_the_remedy(buffers, remedy):
+    env = make("cheetah", "warp", 2, **buffers)
     env.step(still(env))
-    assert (env.physics.overflow() == 0).all()  # still in the air
+    assert (env.physics.overflow() == 0).all()  # the robot is in the air
     for _ in range(40):
         env.step(still(env))
     bits = env.physics.overflow()
@@ -240,22 +240,22 @@ def test_warp_reports_contacts_that_did_not_fit_and_how_to_make_room(room, remed
     assert env.physics.remedy(int(bits[0])) == remedy
 
 
-@pytest.mark.parametrize("task", OUR_OWN)
-def test_every_task_makes_room_enough_for_flailing(task):
+@pytest.mark.parametrize("task", BUILT_IN)
+def test_default_buffers_suffice_for_random_actions(task):
     env = make(task, "warp", auto_reset=False)  # fallen robots have the most contacts
     for action in random_actions(env, 100):
         env.step(action)
     assert (env.physics.overflow() == 0).all()
 
 
-def test_a_solver_that_stops_at_its_limit_is_no_overflow():
+def test_reaching_the_solver_iteration_limit_is_not_an_overflow():
     env = make("walker", "warp", solver_iterations=1)
     for action in random_actions(env, 40):
         env.step(action)
     assert (env.physics.overflow() == 0).all()
 
 
-def test_c_mujoco_never_runs_out_of_room():
+def test_c_mujoco_never_overflows():
     env = make("cheetah", "mujoco", 2, njmax=4, nconmax=1)
     for _ in range(40):
         env.step(still(env))

@@ -1,4 +1,4 @@
-"""A single robot to look at does what the many of an evaluation do."""
+"""A player's single robot behaves like the robots of an evaluation."""
 
 import mujoco
 import numpy as np
@@ -21,10 +21,10 @@ def policy() -> Policy:
     return Policy(agent, config, env.objectives)
 
 
-def test_an_episode_pays_what_an_evaluation_says(policy):
+def test_a_player_s_returns_match_an_evaluation(policy):
     tradeoffs = torch.tensor([[0.2, 0.8]])
-    judges = envs.make("hopper", 1, "cpu", auto_reset=False)
-    front = Evaluator(policy.agent, judges, tradeoffs).evaluate()
+    env = envs.make("hopper", 1, "cpu", auto_reset=False)
+    front = Evaluator(policy.agent, env, tradeoffs).evaluate()
     player = Player(policy, (0.2, 0.8))
     while not player.over:
         player.step()
@@ -32,7 +32,7 @@ def test_an_episode_pays_what_an_evaluation_says(policy):
     np.testing.assert_allclose(player.returns, front.returns[0], rtol=1e-4)
 
 
-def test_no_episode_is_shortened_by_what_staggers_training(make_policy):
+def test_staggering_does_not_shorten_a_player_s_episodes(make_policy):
     policy = make_policy("cheetah", task={"stagger": True, "episode_length": 100})
     player = Player(policy, (0.5, 0.5))
     for _ in range(2):
@@ -42,7 +42,7 @@ def test_no_episode_is_shortened_by_what_staggers_training(make_policy):
         player.reset()
 
 
-def test_what_is_drawn_is_where_the_robot_is(policy):
+def test_the_drawn_robot_matches_the_simulated_pose(policy):
     player = Player(policy, (1.0, 0.0))
     for _ in range(5):
         player.step()
@@ -52,7 +52,7 @@ def test_what_is_drawn_is_where_the_robot_is(policy):
     np.testing.assert_array_equal(player.data.geom_xpos, fresh.geom_xpos)
 
 
-def test_a_reset_begins_anew(policy):
+def test_reset_starts_a_new_episode(policy):
     player = Player(policy, (1.0, 0.0))
     first = [player.step().reward.clone() for _ in range(3)]
     player.reset()
@@ -61,7 +61,7 @@ def test_a_reset_begins_anew(policy):
     assert torch.equal(torch.cat(first), torch.cat(again))
 
 
-def test_a_tradeoff_that_is_none_leaves_the_old_one(policy):
+def test_an_invalid_tradeoff_keeps_the_old_one(policy):
     player = Player(policy, (1.0, 0.0))
     with pytest.raises(MorlaxError, match="not negative"):
         player.tradeoff = (-1.0, 2.0)

@@ -1,4 +1,4 @@
-"""A saved family of policies acts as it did, and what cannot be used is said in words."""
+"""Saved policies give the same actions, and unusable inputs or files give clear errors."""
 
 import os
 from collections.abc import Callable
@@ -37,7 +37,7 @@ def tiny(**changes: object) -> MORLAX:
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MORLAX]:
-    """A run's folder whose normaliser has seen something."""
+    """Write a run folder whose observation normalizer has been updated."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "checkpoints").mkdir()
     morlax = tiny()
@@ -62,14 +62,14 @@ def observation(saved, generator) -> torch.Tensor:
     return torch.randn(4, saved[1].env.observation_size, generator=generator)
 
 
-def test_a_loaded_policy_acts_as_the_agent_that_was_saved(saved, policy, observation):
+def test_a_loaded_policy_gives_the_saved_agent_s_actions(saved, policy, observation):
     agent = saved[1].agent
     expected = agent.policies(TRADEOFFS)(agent.observation_normalizer(observation)[:, None])
     torch.testing.assert_close(policy(observation, TRADEOFFS), expected.mean[:, 0].tanh())
     assert not policy(observation, TRADEOFFS).requires_grad
 
 
-def test_rows_may_have_tradeoffs_of_their_own(policy, observation):
+def test_each_row_can_have_its_own_tradeoff(policy, observation):
     together = policy(observation, TRADEOFFS)
     assert together.shape == (4, policy.specialize(TRADEOFFS[0])(observation).shape[1])
     assert together.abs().max() < 1
@@ -79,14 +79,14 @@ def test_rows_may_have_tradeoffs_of_their_own(policy, observation):
     assert (policy(observation[:1].expand(4, -1), TRADEOFFS).std(0) > 1e-3).all()
 
 
-def test_one_tradeoff_serves_all_rows(policy, observation):
+def test_one_tradeoff_applies_to_all_rows(policy, observation):
     for tradeoff in TRADEOFFS:
         found = policy(observation, tradeoff)
         torch.testing.assert_close(found, policy(observation, tradeoff.expand(4, 2)))
         torch.testing.assert_close(found, policy.specialize(tradeoff)(observation))
 
 
-def test_a_specialised_policy_is_a_plain_module(policy, observation, tmp_path):
+def test_a_specialized_policy_is_a_plain_module(policy, observation, tmp_path):
     fixed = policy.specialize([0.3, 0.7])
     assert isinstance(fixed, torch.nn.Module)
     assert not any(parameter.requires_grad for parameter in fixed.parameters())
@@ -116,7 +116,7 @@ def test_tradeoffs_need_not_sum_to_one(policy, observation, factor):
         lambda w: torch.tensor(w, dtype=torch.float64),
     ),
 )
-def test_tradeoffs_come_in_any_form(policy, observation, form):
+def test_tradeoffs_can_be_lists_tuples_arrays_or_tensors(policy, observation, form):
     one, many = TRADEOFFS[2].tolist(), TRADEOFFS.tolist()
     torch.testing.assert_close(policy(observation, form(one)), policy(observation, TRADEOFFS[2]))
     torch.testing.assert_close(policy(observation, form(many)), policy(observation, TRADEOFFS))
@@ -125,7 +125,7 @@ def test_tradeoffs_come_in_any_form(policy, observation, form):
     )
 
 
-def test_whole_numbers_are_tradeoffs_too(policy, observation):
+def test_tradeoffs_can_be_integers(policy, observation):
     expected = policy(observation, TRADEOFFS[3])
     torch.testing.assert_close(policy(observation, [1, 1]), expected)
     torch.testing.assert_close(policy(observation, torch.tensor([2, 2])), expected)
@@ -145,29 +145,29 @@ BAD_TRADEOFFS = {
 
 
 @pytest.mark.parametrize("which", BAD_TRADEOFFS)
-def test_bad_tradeoffs_are_errors_in_words(policy, observation, which):
+def test_invalid_tradeoffs_give_clear_errors(policy, observation, which):
     tradeoff, words = BAD_TRADEOFFS[which]
     with pytest.raises(MorlaxError, match=words):
         policy(observation, tradeoff)
 
 
 @pytest.mark.parametrize("tradeoff", ([-0.5, 1.5], [0.0, 0.0], [1.0], TRADEOFFS))
-def test_a_specialised_policy_has_one_good_tradeoff(policy, tradeoff):
+def test_specialize_rejects_an_invalid_tradeoff(policy, tradeoff):
     with pytest.raises(MorlaxError):
         policy.specialize(tradeoff)
 
 
-def test_one_observation_without_rows_has_one_action(policy, observation):
+def test_an_unbatched_observation_gives_an_unbatched_action(policy, observation):
     found = policy(observation[0], TRADEOFFS[2])
     torch.testing.assert_close(found, policy(observation[:1], TRADEOFFS[2])[0])
 
 
-def test_it_knows_its_objectives_and_its_config(saved, policy):
+def test_a_loaded_policy_has_its_objectives_and_config(saved, policy):
     assert policy.objectives == ("run", "jump")
     assert policy.config == saved[1].config
 
 
-def test_a_runs_best_checkpoint_comes_before_its_latest(saved, tmp_path, observation):
+def test_the_best_checkpoint_is_loaded_before_the_latest(saved, tmp_path, observation):
     folder = tmp_path / "checkpoints"
     folder.mkdir()
     other = tiny(seed=5)
@@ -180,7 +180,7 @@ def test_a_runs_best_checkpoint_comes_before_its_latest(saved, tmp_path, observa
     assert morlax_torch.load(str(tmp_path)).config.seed == 5
 
 
-def test_a_run_that_is_not_there_is_an_error_in_words(tmp_path):
+def test_a_missing_run_or_checkpoint_gives_a_clear_error(tmp_path):
     with pytest.raises(MorlaxError, match="does not exist"):
         morlax_torch.load(tmp_path / "nowhere")
     with pytest.raises(MorlaxError, match="has no checkpoints"):
@@ -201,14 +201,14 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_checkpoint_is_an_error_in_words(latest, tmp_path, damage):
+def test_a_damaged_checkpoint_gives_a_clear_error(latest, tmp_path, damage):
     path = tmp_path / "damaged.pt"
     path.write_bytes(DAMAGES[damage](latest.read_bytes()))
     with pytest.raises(MorlaxError, match=r"damaged\.pt is damaged or not a checkpoint"):
         morlax_torch.load(path)
 
 
-def test_a_file_of_something_else_is_an_error_in_words(latest, tmp_path):
+def test_a_file_that_is_not_a_checkpoint_gives_a_clear_error(latest, tmp_path):
     path = tmp_path / "other.pt"
     for contents in (torch.zeros(3), {"weights": torch.zeros(3)}):
         torch.save(contents, path)
@@ -219,7 +219,7 @@ def test_a_file_of_something_else_is_an_error_in_words(latest, tmp_path):
         morlax_torch.load(path)
 
 
-def test_a_checkpoint_runs_no_code_of_its_own(tmp_path):
+def test_loading_a_checkpoint_runs_no_pickled_code(tmp_path):
     class Trap:
         def __reduce__(self):
             return (Path.touch, (tmp_path / "sprung",))
@@ -234,17 +234,17 @@ def test_a_checkpoint_restores_everything(saved, latest):
     contents, other = checkpoint.load(latest), tiny(seed=3)
     checkpoint.restore(contents, latest, other)
     assert contents["progress"] == {"best": 1.0}
-    mine, stored = other.state_dict(), saved[1].state_dict()
-    assert mine.keys() == stored.keys()
+    found, stored = other.state_dict(), saved[1].state_dict()
+    assert found.keys() == stored.keys()
     for name, value in stored["agent"].items():
-        assert torch.equal(mine["agent"][name], value)
-    assert all(map(torch.equal, mine["optimizers"], stored["optimizers"]))
-    assert torch.equal(mine["generator"], stored["generator"])
-    assert torch.equal(mine["observation"], stored["observation"])
-    assert mine["iteration"] == stored["iteration"]
+        assert torch.equal(found["agent"][name], value)
+    assert all(map(torch.equal, found["optimizers"], stored["optimizers"]))
+    assert torch.equal(found["generator"], stored["generator"])
+    assert torch.equal(found["observation"], stored["observation"])
+    assert found["iteration"] == stored["iteration"]
 
 
-OTHERS = {
+MISMATCHES = {
     "task": ({"env": "walker"}, "task 'hopper', not 'walker'"),
     "objectives": (
         {"task": {"objectives": {"jump": {"jump": 12.0}, "run": {"run": 1.5}}}},
@@ -255,9 +255,9 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize("difference", OTHERS)
-def test_a_checkpoint_is_not_restored_into_something_else(latest, difference):
-    changes, words = OTHERS[difference]
+@pytest.mark.parametrize("difference", MISMATCHES)
+def test_a_checkpoint_is_not_restored_into_a_different_learner(latest, difference):
+    changes, words = MISMATCHES[difference]
     other = tiny(**changes)
     before = other.state_dict()
     with pytest.raises(MorlaxError, match=words):
@@ -273,7 +273,7 @@ def broken(error: BaseException, path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", (OSError(28, "No space left"), ValueError(), KeyboardInterrupt()))
-def test_a_file_stays_as_it_was_if_writing_fails_half_way(tmp_path, error):
+def test_a_failed_write_keeps_the_old_file(tmp_path, error):
     path = tmp_path / "file"
     path.write_bytes(b"the old contents")
     expected = MorlaxError if isinstance(error, OSError) else type(error)
@@ -283,7 +283,7 @@ def test_a_file_stays_as_it_was_if_writing_fails_half_way(tmp_path, error):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_a_file_is_replaced_once_all_is_written(tmp_path):
+def test_a_file_is_replaced_only_after_a_complete_write(tmp_path):
     path = tmp_path / "file"
     for contents in (b"the first", b"the second"):
         with replacing(path) as file:
@@ -293,7 +293,7 @@ def test_a_file_is_replaced_once_all_is_written(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_a_reader_of_the_old_file_is_not_disturbed(tmp_path):
+def test_a_reader_of_the_old_file_is_not_affected(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"the old contents")
     with path.open("rb", buffering=0) as reader:
@@ -302,7 +302,7 @@ def test_a_reader_of_the_old_file_is_not_disturbed(tmp_path):
         assert reader.read() == b"the old contents"
 
 
-def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(saved, tmp_path, monkeypatch):
+def test_a_failed_checkpoint_write_keeps_the_old_one(saved, tmp_path, monkeypatch):
     path = tmp_path / "latest.pt"
     checkpoint.save(path, saved[1], {})
     before = path.read_bytes()
@@ -316,7 +316,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(saved, tmp_path,
     assert path.read_bytes() == before
 
 
-def test_saved_policies_are_small_and_act_alike(policy, observation, tmp_path):
+def test_saved_policies_omit_the_critic_and_give_the_same_actions(policy, observation, tmp_path):
     save(policy, tmp_path / "family.pt")
     again = morlax_torch.load(tmp_path / "family.pt")
     for tradeoff in TRADEOFFS:
@@ -325,7 +325,7 @@ def test_saved_policies_are_small_and_act_alike(policy, observation, tmp_path):
     assert not any("critic" in name for name in contents["policy"])
 
 
-def test_saved_policies_cannot_be_trained_on(policy, tmp_path):
+def test_saved_policies_cannot_be_resumed(policy, tmp_path):
     path = tmp_path / "family.pt"
     save(policy, path)
     with pytest.raises(MorlaxError, match="only policies"):

@@ -1,4 +1,4 @@
-"""What is learnt from a rollout: judged once, dealt out in minibatches, and descended."""
+"""PPO updates: advantages and targets, minibatches, losses and optimizer steps."""
 
 import copy
 
@@ -17,7 +17,7 @@ TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 
 
 def marked(clusters: int, worlds: int, horizon: int) -> Batch:
-    """A batch whose every number says which column, cluster, world and step it belongs to."""
+    """Make a batch whose numbers encode their column, cluster, world and step."""
     k, g, t = torch.meshgrid(
         *(torch.arange(float(size)) for size in (clusters, worlds, horizon)), indexing="ij"
     )
@@ -32,7 +32,7 @@ def marked(clusters: int, worlds: int, horizon: int) -> Batch:
 
 
 def codes(part: Batch) -> Tensor:
-    """The (K, S) codes of a minibatch whose rows are whole."""
+    """Return the (K, S) codes of a minibatch, after checking that its rows are intact."""
     code = part.observation[..., 0]
     columns = torch.cat(part, -1)
     assert torch.equal(columns, code.unsqueeze(-1) + 1_000_000 * torch.arange(9))
@@ -42,22 +42,22 @@ def codes(part: Batch) -> Tensor:
 Parts = list[tuple[Tensor, Batch]]
 
 
-def dealt(batch: Batch, tradeoffs: Tensor, number: int, epochs: int = 1) -> list[Parts]:
-    """The minibatches of several epochs."""
+def drawn(batch: Batch, tradeoffs: Tensor, number: int, epochs: int = 1) -> list[Parts]:
+    """Return the minibatches of several epochs."""
     generator = torch.Generator().manual_seed(0)
     return [minibatches(batch, tradeoffs, number, generator) for _ in range(epochs)]
 
 
-def test_an_epoch_deals_every_step_once_and_whole_trajectories():
+def test_an_epoch_uses_every_step_once_in_whole_trajectories():
     K, G, T = 3, 8, 5
     orders = set()
-    for parts in dealt(marked(K, G, T), TRADEOFFS, number=4, epochs=3):
+    for parts in drawn(marked(K, G, T), TRADEOFFS, number=4, epochs=3):
         assert len(parts) == 4
         seen = []
         for tradeoffs, part in parts:
             found = codes(part)
             assert torch.equal(tradeoffs, TRADEOFFS)
-            assert found.shape == (K, G // 4 * T)  # all clusters equally
+            assert found.shape == (K, G // 4 * T)  # equal shares of all clusters
             for k in range(K):
                 assert (found[k] // 10_000 == k).all()
                 worlds, counts = (found[k] // 100).unique(return_counts=True)
@@ -71,21 +71,21 @@ def test_an_epoch_deals_every_step_once_and_whole_trajectories():
 
 
 def test_clusters_are_shuffled_independently():
-    ((_, first), _), *_ = dealt(marked(3, 32, 1), TRADEOFFS, number=2)
+    ((_, first), _), *_ = drawn(marked(3, 32, 1), TRADEOFFS, number=2)
     worlds = [set((row % 10_000 // 100).tolist()) for row in codes(first)]
     assert worlds[0] != worlds[1] != worlds[2] != worlds[0]
 
 
 def test_one_minibatch_holds_everything():
-    [[(_, part)]] = dealt(marked(3, 4, 5), TRADEOFFS, number=1)
+    [[(_, part)]] = drawn(marked(3, 4, 5), TRADEOFFS, number=1)
     assert len(codes(part).unique()) == 60
 
 
-def test_dense_sampling_deals_whole_clusters_with_their_own_tradeoffs():
+def test_dense_minibatches_hold_whole_clusters_with_their_own_tradeoffs():
     N, T = 12, 5
     tradeoffs = torch.stack([torch.arange(N) / N, 1 - torch.arange(N) / N], -1)
     orders = set()
-    for parts in dealt(marked(N, 1, T), tradeoffs, number=3, epochs=2):
+    for parts in drawn(marked(N, 1, T), tradeoffs, number=3, epochs=2):
         assert len(parts) == 3
         seen = []
         for own, part in parts:
@@ -103,7 +103,7 @@ def test_dense_sampling_deals_whole_clusters_with_their_own_tradeoffs():
 
 @pytest.fixture
 def learner(make_agent, generator):
-    """An agent that has seen something already, so that its normalisers do something."""
+    """Make an agent with updated normalizers, so that normalization has an effect."""
 
     def make(**network):
         agent = make_agent(**network)
@@ -117,9 +117,7 @@ def learner(make_agent, generator):
 
 @pytest.mark.parametrize("normalize", (True, False))
 @pytest.mark.parametrize("truncation", ("bootstrap", "mask"))
-def test_a_rollout_is_judged_by_each_clusters_own_critic(
-    learner, make_rollout, normalize, truncation
-):
+def test_make_batch_uses_each_cluster_s_own_critic(learner, make_rollout, normalize, truncation):
     agent, rollout = learner(), make_rollout()
     config = PPOConfig(
         discount=0.9, gae_lambda=0.8, normalize_values=normalize, truncation=truncation
@@ -155,7 +153,7 @@ def test_a_rollout_is_judged_by_each_clusters_own_critic(
 
 
 @pytest.mark.parametrize("normalize", (True, False))
-def test_judging_updates_the_values_scale_and_nothing_else(learner, make_rollout, normalize):
+def test_make_batch_updates_only_the_value_normalizer(learner, make_rollout, normalize):
     agent, rollout = learner(), make_rollout()
     before = copy.deepcopy(agent)
     stored = [column.clone() for column in rollout]
@@ -182,7 +180,7 @@ def test_a_perfect_critic_explains_all_variance(learner, make_rollout):
 
 @pytest.fixture
 def samples(generator) -> Batch:
-    """Samples near the policies' own, so that their densities can be compared."""
+    """Make samples near the policies' means, so that their densities can be compared."""
 
     def noise(*shape: int) -> Tensor:
         return torch.randn(3, 20, *shape, generator=generator)
@@ -191,21 +189,21 @@ def samples(generator) -> Batch:
 
 
 def near(batch: Batch, agent) -> Batch:
-    """The same samples, as if taken by a policy a little different from the agent's."""
+    """Return the samples with log-probabilities of a slightly different policy."""
     with torch.no_grad():
         log_prob = agent.policies(TRADEOFFS)(batch.observation).log_prob(batch.action)
     return batch._replace(log_prob=log_prob.unsqueeze(-1) + 0.3 * batch.log_prob)
 
 
 def losses_of(ppo: PPO, samples: Batch, generator: torch.Generator) -> dict[str, float]:
-    """What one minibatch says, by name."""
+    """Return the losses and metrics of one minibatch, by name."""
     _, (surrogate, *others) = ppo.policy_loss(TRADEOFFS, samples, generator)
     values = surrogate, ppo.value_loss(TRADEOFFS, samples), *others
     return {name: value.item() for name, value in zip(PPO.metrics, values, strict=True)}
 
 
 @pytest.mark.parametrize("type", ("dual", "single"))
-def test_losses_equal_those_of_single_networks(learner, samples, generator, type):
+def test_losses_equal_those_of_specialized_networks(learner, samples, generator, type):
     agent = learner(type=type)
     samples = near(samples, agent)
     config = PPOConfig(clip=0.15, value_coefficient=0.7)
@@ -242,14 +240,14 @@ def test_losses_equal_those_of_single_networks(learner, samples, generator, type
     assert sum(many) / 49 == pytest.approx(mean_of(entropy), abs=5 * error)
 
 
-def test_the_policys_loss_is_the_surrogate_less_the_entropy_bonus(learner, samples, generator):
+def test_the_policy_loss_is_the_surrogate_minus_the_entropy_bonus(learner, samples, generator):
     agent = learner()
     ppo = PPO(agent, PPOConfig(entropy=0.25))
     total, (surrogate, entropy, *_) = ppo.policy_loss(TRADEOFFS, near(samples, agent), generator)
     torch.testing.assert_close(total, surrogate - 0.25 * entropy)
 
 
-def test_a_policy_that_has_not_moved_has_no_divergence(learner, samples, generator):
+def test_an_unchanged_policy_has_zero_kl_and_no_clipping(learner, samples, generator):
     agent = learner()
     samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)
     losses = losses_of(PPO(agent, PPOConfig()), samples, generator)
@@ -264,7 +262,9 @@ def gradients(loss: Tensor, part: torch.nn.Module) -> list[Tensor | None]:
 
 
 @pytest.mark.parametrize("entropy", (0.0, 0.1))
-def test_each_loss_reaches_its_own_hypernetwork_alone(learner, samples, generator, entropy):
+def test_dual_network_losses_reach_only_their_own_hypernetwork(
+    learner, samples, generator, entropy
+):
     agent = learner(type="dual")
     ppo, samples = PPO(agent, PPOConfig(entropy=entropy)), near(samples, agent)
     for loss, own, other in (
@@ -275,7 +275,7 @@ def test_each_loss_reaches_its_own_hypernetwork_alone(learner, samples, generato
         assert all(gradient is None for gradient in gradients(loss, other))
 
 
-def test_with_a_single_network_both_losses_reach_the_features(learner, samples, generator):
+def test_single_network_losses_both_reach_the_features(learner, samples, generator):
     agent = learner(type="single")
     ppo, samples = PPO(agent, PPOConfig()), near(samples, agent)
     for loss, own, other in (
@@ -288,17 +288,17 @@ def test_with_a_single_network_both_losses_reach_the_features(learner, samples, 
 
 
 def steps_of(agent, config: PPOConfig, samples: Batch, count: int = 1) -> dict[str, Tensor]:
-    """How far `count` improvements move every parameter."""
+    """Return how far `count` updates move every parameter."""
     before = {name: value.detach().clone() for name, value in agent.named_parameters()}
     ppo, generator = PPO(agent, config), torch.Generator().manual_seed(4)
     for name, value in agent.named_parameters():
-        assert torch.equal(value, before[name])  # making the optimisers moves nothing
+        assert torch.equal(value, before[name])  # building the optimizers changes no parameter
     ppo.improve([(TRADEOFFS, samples)] * count, generator)
     return {name: value.detach() - before[name] for name, value in agent.named_parameters()}
 
 
 @pytest.mark.parametrize("type", ("dual", "single"))
-def test_improving_is_adam_on_the_clipped_gradients(learner, samples, type):
+def test_updates_are_adam_steps_on_clipped_gradients(learner, samples, type):
     agent = learner(type=type)
     samples = near(samples, agent)
     config = PPOConfig(
@@ -333,9 +333,9 @@ def test_improving_is_adam_on_the_clipped_gradients(learner, samples, type):
 
 
 def norms_of(steps: dict[str, Tensor]) -> dict[str, float]:
-    """The norms of the gradients behind Adam's first steps, at a learning rate of 1.
+    """Recover gradient norms from Adam's first steps at a learning rate of 1.
 
-    Such a step is g / (|g| + 1e-8): where gradients are tiny, it tells them.
+    Such a step is g / (|g| + 1e-8), which can be inverted while gradients are tiny.
     """
     squares = {"actor": 0.0, "critic": 0.0}
     for name, step in steps.items():
@@ -355,7 +355,7 @@ def test_gradients_of_each_group_are_clipped_separately(learner, samples, type):
         assert sum(norm**2 for norm in norms.values()) ** 0.5 == pytest.approx(limit, rel=1e-3)
 
 
-def test_a_gradient_below_the_limit_stays_as_it_is(learner, samples, generator):
+def test_a_gradient_below_the_limit_is_not_scaled(learner, samples, generator):
     agent, limit = learner(type="dual"), 1e-5
     config = PPOConfig(learning_rate=1.0, max_grad_norm=limit, entropy=0.0)
     samples = near(samples, agent)
@@ -368,7 +368,7 @@ def test_a_gradient_below_the_limit_stays_as_it_is(learner, samples, generator):
     assert norms == pytest.approx({"actor": expected, "critic": limit}, rel=1e-2)
 
 
-def test_the_critic_may_have_a_learning_rate_of_its_own(learner, samples):
+def test_the_critic_can_have_its_own_learning_rate(learner, samples):
     agent = learner()
     config = PPOConfig(learning_rate=1e-3, critic_learning_rate=5e-2)
     steps = steps_of(agent, config, near(samples, agent))
@@ -384,11 +384,11 @@ def test_without_advantage_and_entropy_only_the_critic_moves(learner, samples):
     assert all(step.any() == name.startswith("critic") for name, step in steps.items())
 
 
-def test_the_entropy_bonus_spreads_the_policies(learner, samples, generator):
+def test_the_entropy_bonus_increases_the_policies_std(learner, samples, generator):
     agent = learner()
     samples = near(samples, agent)._replace(advantage=torch.zeros(3, 20, 1))
     with torch.no_grad():
-        agent.actor.bias[-2:] -= 1.0  # so narrow that tanh takes little of the entropy
+        agent.actor.bias[-2:] -= 1.0  # narrow enough that tanh hardly reduces the entropy
         before = agent.policies(TRADEOFFS)(samples.observation).std.mean()
     ppo = PPO(agent, PPOConfig(entropy=1.0, learning_rate=3e-3))
     ppo.improve([(TRADEOFFS, samples)] * 20, generator)
@@ -410,16 +410,16 @@ def test_repeated_improvement_lowers_the_value_loss_and_raises_good_actions(
 
 
 @pytest.mark.parametrize("type", ("dual", "single"))
-def test_improving_reports_the_means_over_the_minibatches(learner, samples, generator, type):
+def test_metrics_are_means_over_the_minibatches(learner, samples, generator, type):
     agent = learner(type=type)
     samples = near(samples, agent)
     parts = [
         (TRADEOFFS, Batch(*(x[:, half] for x in samples))) for half in (slice(8), slice(8, 20))
     ]
-    ppo = PPO(agent, PPOConfig(learning_rate=1e-12))  # so that the second finds the same agent
+    ppo = PPO(agent, PPOConfig(learning_rate=1e-12))  # so that both minibatches see the same agent
     expected = [losses_of(ppo, part, generator) for _, part in parts]
     found = dict(zip(PPO.metrics, ppo.improve(parts, generator).tolist(), strict=True))
     for name, value in found.items():
         mean = sum(losses[name] for losses in expected) / 2
-        tolerance = 0.5 if name == "entropy" else 1e-4  # the entropy is an estimate
+        tolerance = 0.5 if name == "entropy" else 1e-4  # the entropy is a Monte Carlo estimate
         assert value == pytest.approx(mean, abs=tolerance), name

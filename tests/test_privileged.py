@@ -1,4 +1,4 @@
-"""What is privileged reaches critics, at the right moment, and nothing else."""
+"""Privileged observations reach only the critics, in step with the observations."""
 
 import pytest
 import torch
@@ -26,7 +26,7 @@ TINY = {
 
 
 class Blind(Hopper):
-    """A hopper that acts by positions alone; its critic knows velocities too."""
+    """A hopper whose policy sees only positions; its critic also sees velocities."""
 
     def observe(self) -> Tensor:
         return self.physics.qpos[:, 1:]
@@ -39,7 +39,7 @@ class Blind(Hopper):
 
 
 class Sighted(Blind):
-    """What the blind one's critic sees, for the actor too."""
+    """A hopper whose actor sees everything that Blind's critic sees."""
 
     def observe(self) -> Tensor:
         return torch.cat([Blind.observe(self), self.physics.qvel.clamp(-10, 10)], -1)
@@ -69,7 +69,7 @@ def trainer(config: Config, iterations: int) -> MORLAX:
 
 
 @pytest.mark.parametrize("backend", ("mujoco", "warp"))
-def test_a_step_shows_critics_more_than_policies(backend):
+def test_a_step_appends_privileged_numbers_to_the_critic_s_observation(backend):
     blind, sighted = (
         envs.make(name, 8, "cpu", backend, episode_length=7) for name in ("blind", "sighted")
     )
@@ -85,7 +85,7 @@ def test_a_step_shows_critics_more_than_policies(backend):
         assert torch.equal(one.final_observation, other.final_observation[:, :O])
 
 
-def test_where_nothing_is_privileged_nothing_is_copied():
+def test_without_privileged_observations_nothing_is_copied():
     env = envs.make("hopper", 4, "cpu")
     env.reset()
     step = env.step(torch.zeros(4, 4))
@@ -94,7 +94,7 @@ def test_where_nothing_is_privileged_nothing_is_copied():
     assert step.final_observation.data_ptr() == step.final_critic_observation.data_ptr()
 
 
-def test_a_blown_up_world_shows_critics_zeros():
+def test_a_blown_up_world_gives_critics_zeros():
     env = envs.make("blind", 2, "cpu", auto_reset=False)
     env.reset()
     env.physics.qvel[1, 3] = torch.nan
@@ -103,8 +103,8 @@ def test_a_blown_up_world_shows_critics_zeros():
     assert step.critic_observation.isfinite().all()
 
 
-def test_a_rollout_keeps_what_critics_saw():
-    """Both tasks' worlds move alike under the same actions, so one is the other's reference."""
+def test_a_rollout_stores_the_critics_observations():
+    """Sighted is the reference: both tasks move alike under the same actions."""
     morlax = trainer(tiny(), 1)
     rollout = morlax.rollout
     env = make_worlds(tiny(env="sighted"), 32)
@@ -118,7 +118,7 @@ def test_a_rollout_keeps_what_critics_saw():
     assert rollout.truncated.any()
 
 
-def test_actors_do_not_see_what_is_privileged_and_critics_do(generator):
+def test_only_critics_see_privileged_observations(generator):
     agent = trainer(tiny(network={"scale": 0.3}), 1).agent
     seen = torch.randn(4, 5, O + P, generator=generator)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
@@ -131,7 +131,7 @@ def test_actors_do_not_see_what_is_privileged_and_critics_do(generator):
         assert not torch.allclose(values(changed), values(seen))
 
 
-def test_both_are_normalised(generator):
+def test_observations_and_privileged_observations_are_normalized(generator):
     normalizer = trainer(tiny(), 3).agent.observation_normalizer
     assert normalizer.mean.shape == (O + P,)
     assert (normalizer.variance != 1).all()
@@ -140,7 +140,7 @@ def test_both_are_normalised(generator):
 
 
 @pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
-def test_what_is_loaded_or_exported_needs_only_observations(tmp_path, generator):
+def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator):
     morlax = trainer(tiny(), 3)
     checkpoint.save(tmp_path / "whole.pt", morlax, {})
     save(load(tmp_path / "whole.pt"), tmp_path / "alone.pt")

@@ -1,4 +1,4 @@
-"""Films and film strips, as their viewers get them."""
+"""The record command writes videos, GIFs and film strips."""
 
 import os
 import re
@@ -22,7 +22,7 @@ GAP = 4  # pixels between panels
 
 @pytest.fixture
 def saved(make_policy, tmp_path: Path, monkeypatch) -> Path:
-    """policy.pt in the working directory."""
+    """Write policy.pt into a temporary working directory."""
     monkeypatch.chdir(tmp_path)
     save(make_policy(), tmp_path / "policy.pt")
     return tmp_path
@@ -34,7 +34,7 @@ def run(monkeypatch, *arguments: str) -> None:
 
 
 def refused(monkeypatch, capsys, *arguments: str) -> str:
-    """The one sentence of a command that cannot be."""
+    """Run a command that must fail and return its one-line error."""
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, *arguments)
     assert exit.value.code == 2
@@ -44,7 +44,7 @@ def refused(monkeypatch, capsys, *arguments: str) -> str:
 
 
 def decoded(path: Path) -> tuple[str, np.ndarray]:
-    """What ffmpeg says of a film's pictures, and these: (T, H, W, 3)."""
+    """Return ffmpeg's description of a video and its frames (T, H, W, 3)."""
     command = [video.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(command, capture_output=True, check=True)
     about = re.search(r"Stream.*Video: (.*)", done.stderr.decode())[1]
@@ -56,13 +56,13 @@ SMALL = ("--width", "95", "--height", "65", "--seconds", "0.4")
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_film_plays_in_browsers_at_the_robots_own_pace(saved, monkeypatch, capsys):
+def test_an_mp4_plays_in_browsers_in_real_time(saved, monkeypatch, capsys):
     run(monkeypatch, "policy.pt", *SMALL)
     assert "written: film.mp4" in capsys.readouterr().out
     about, frames = decoded(saved / "film.mp4")
     assert about.startswith("h264") and "yuv420p" in about
-    assert " 25 fps" in about  # every fourth of 100 control steps in a second
-    assert frames.shape == (11, 66, 3 * 95 + 2 * GAP + 1, 3)  # even sizes, and the start is shown
+    assert " 25 fps" in about  # every fourth of 100 control steps per second
+    assert frames.shape == (11, 66, 3 * 95 + 2 * GAP + 1, 3)  # even sizes; initial state included
 
 
 @pytest.mark.usefixtures("opengl")
@@ -75,7 +75,7 @@ def test_slow_motion_shows_every_step(saved, monkeypatch):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_gif_is_chosen_by_its_ending(saved, monkeypatch):
+def test_a_gif_suffix_writes_an_animated_gif(saved, monkeypatch):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
     run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, "--output", "film.gif")
     with Image.open("film.gif") as image:
@@ -83,14 +83,14 @@ def test_a_gif_is_chosen_by_its_ending(saved, monkeypatch):
         assert image.size == (2 * 95 + GAP, 65)
         assert image.n_frames == 11
         assert image.info["duration"] == 40  # milliseconds
-        assert image.info["loop"] == 0  # for ever
+        assert image.info["loop"] == 0  # forever
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_png_is_a_film_strip(saved, monkeypatch):
+def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
     strip = ("--output", "strip.png", "--pictures", "5")
-    monkeypatch.setattr(video, "find_ffmpeg", None)  # it does without
+    monkeypatch.setattr(video, "find_ffmpeg", None)  # a PNG needs no ffmpeg
     run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, *strip)
     with Image.open("strip.png") as image:
         pixels = np.asarray(image)
@@ -107,18 +107,18 @@ def test_a_png_is_a_film_strip(saved, monkeypatch):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_frames_show_how_tradeoffs_move_the_robot(make_policy):
+def test_frames_show_different_motion_per_tradeoff(make_policy):
     film = Film(make_policy(), [(1.0, 0.0), (0.0, 1.0)], 160, 120)
     start, *_, end = film.frames(0.3, every=10)
-    picture = slice(60, 100)  # between table and clock
+    picture = slice(60, 100)  # rows between the table and the clock
     assert (start[picture, :160] == start[picture, -160:]).all()
     assert (end[picture, :160] != end[picture, -160:]).mean() > 0.02
     assert (end[picture, :160] != start[picture, :160]).mean() > 0.02
-    assert (end[:50, :80] != start[:50, :80]).any()  # the returns have grown
+    assert (end[:50, :80] != start[:50, :80]).any()  # the displayed returns grow
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_robot_that_failed_stays_while_the_other_goes_on(make_policy):
+def test_a_fallen_robot_freezes_while_the_other_continues(make_policy):
     family, tradeoffs = make_policy(), [(1.0, 0.0), (0.0, 1.0)]
     fell = []
     for tradeoff in tradeoffs:
@@ -129,7 +129,7 @@ def test_a_robot_that_failed_stays_while_the_other_goes_on(make_policy):
     assert max(fell) < 400 and abs(fell[0] - fell[1]) > 10
     film = Film(family, tradeoffs, 64, 64)
     frames = list(film.frames(5.0, every=5))
-    assert len(frames) == 1 + -(-(max(fell) + 100) // 5)  # a second after the last one
+    assert len(frames) == 1 + -(-(max(fell) + 100) // 5)  # ends a second after the last fall
     first = fell.index(min(fell))
     panels = [frame[:, :64] if first == 0 else frame[:, -64:] for frame in frames]
     down = -(-min(fell) // 5)
@@ -139,7 +139,7 @@ def test_a_robot_that_failed_stays_while_the_other_goes_on(make_policy):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_film_can_be_shot_again(make_policy):
+def test_a_film_can_be_rendered_twice(make_policy):
     film = Film(make_policy(), [(0.5, 0.5)], 64, 64)
     np.testing.assert_array_equal(list(film.frames(0.1, 5)), list(film.frames(0.1, 5)))
 
@@ -157,13 +157,13 @@ def test_many_tradeoffs_take_several_rows(make_policy):
         *((0.01, 0.25, 1, 25), (0.01, 3, 10, 30), (0.05, 1, 1, 20)),
     ],
 )
-def test_any_control_step_gives_an_even_frame_rate(dt, speed, every, fps, make_policy):
+def test_any_control_step_gives_a_steady_frame_rate(dt, speed, every, fps, make_policy):
     film = Film(make_policy(), [(0.5, 0.5)])
     film.dt = dt
     assert film.pace(speed) == (every, pytest.approx(fps))
 
 
-def test_a_shipped_policy_is_filmed_into_the_working_directory(saved, monkeypatch):
+def test_recordings_of_shipped_policies_go_to_the_working_directory(saved, monkeypatch):
     shipped = saved / "package" / "shipped"
     (shipped / "hopper" / "checkpoints").mkdir(parents=True)
     for module in (loading, record):
@@ -194,13 +194,13 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_gets_one_sentence_and_leaves_no_file(name, saved, monkeypatch, capsys):
+def test_a_mistake_gives_a_one_line_error_and_leaves_no_file(name, saved, monkeypatch, capsys):
     arguments, expected = MISTAKES[name]
     assert expected in refused(monkeypatch, capsys, *arguments)
     assert os.listdir() == ["policy.pt"]
 
 
-def test_without_opengl_a_sentence_says_what_to_do(saved):
+def test_without_opengl_the_error_is_one_line(saved):
     done = subprocess.run(
         [sys.executable, "-m", "morlax_torch.record", "policy.pt"],
         env={**os.environ, "MUJOCO_GL": "disabled"},
@@ -212,19 +212,19 @@ def test_without_opengl_a_sentence_says_what_to_do(saved):
     assert os.listdir() == ["policy.pt"]
 
 
-def test_a_missing_extra_is_named(saved, monkeypatch, capsys):
+def test_a_missing_extra_is_named_in_the_error(saved, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    said = refused(monkeypatch, capsys, "policy.pt")
-    assert "pip install 'morlax-torch[video]'" in said and os.listdir() == ["policy.pt"]
+    error = refused(monkeypatch, capsys, "policy.pt")
+    assert "pip install 'morlax-torch[video]'" in error and os.listdir() == ["policy.pt"]
 
 
-def test_an_ffmpeg_that_is_not_there_is_one_sentence(saved, monkeypatch, capsys):
+def test_a_missing_ffmpeg_gives_a_clear_error(saved, monkeypatch, capsys):
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "nowhere/ffmpeg")
     assert "set IMAGEIO_FFMPEG_EXE" in refused(monkeypatch, capsys, "policy.pt")
 
 
-def test_what_ffmpeg_refuses_is_one_sentence_and_leaves_no_file(tmp_path):
-    frames = iter([np.zeros((2, 40_000, 3), np.uint8)] * 3)  # wider than H.264 can be
+def test_an_ffmpeg_failure_gives_a_clear_error_and_leaves_no_file(tmp_path):
+    frames = iter([np.zeros((2, 40_000, 3), np.uint8)] * 3)  # wider than H.264 allows
     with pytest.raises(MorlaxError, match=r"cannot write .*film\.mp4: .*\w\.$"):
         write_video(tmp_path / "film.mp4", frames, 25)
     assert not os.listdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Pictures of a robot: of the right size, and with the robot in them wherever it goes."""
+"""Rendered images have the right size and keep the robot in view."""
 
 import subprocess
 import sys
@@ -24,7 +24,7 @@ BALL = """
 
 
 def robot_in(model: mujoco.MjModel, data: mujoco.MjData, width: int, height: int) -> np.ndarray:
-    """(height, width) True where MuJoCo's own segmentation sees a body other than the world."""
+    """Return a mask (height, width) of the robot from MuJoCo's segmentation rendering."""
     with mujoco.Renderer(model, height, width) as renderer:
         renderer.enable_segmentation_rendering()
         renderer.update_scene(data, "track")
@@ -46,11 +46,11 @@ def test_the_camera_follows_the_robot(task, make_policy):
     y, x = np.argwhere(robot).mean(0)
     assert 40 < x < 80 and 25 < y < 65
     difference = np.abs(at_home.astype(int) - far_away)
-    assert np.median(difference[robot]) <= 2  # light and camera came along
+    assert np.median(difference[robot]) <= 2  # light and camera follow the robot
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_robot_of_ones_own_needs_no_camera():
+def test_a_custom_robot_needs_no_camera():
     model = mujoco.MjModel.from_xml_string(BALL)
     data = mujoco.MjData(model)
     data.qpos[0] = 50.0
@@ -63,7 +63,7 @@ def test_a_robot_of_ones_own_needs_no_camera():
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_picture_may_be_larger_than_the_model_foresaw():
+def test_an_image_can_exceed_the_model_s_offscreen_size():
     model = mujoco.MjModel.from_xml_string(BALL)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -73,12 +73,12 @@ def test_a_picture_may_be_larger_than_the_model_foresaw():
 
 
 @pytest.mark.parametrize("size", [(0, 360), (480, -1), (5000, 360)])
-def test_an_impossible_size_is_one_sentence(size):
+def test_an_invalid_image_size_gives_a_clear_error(size):
     with pytest.raises(MorlaxError, match="from 64 to 4096 pixels"):
         Scene(mujoco.MjModel.from_xml_string(BALL), *size)
 
 
-def test_without_opengl_it_is_said_what_to_install():
+def test_without_opengl_the_error_says_what_to_install():
     program = (
         "import os, mujoco\n"
         "from morlax_torch import MorlaxError\n"

@@ -1,4 +1,4 @@
-"""Advantages follow their formula, and what a rollout stores is what happened."""
+"""Advantages follow their formula, and rollouts store what the worlds returned."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ GAMMA, LAMBDA = 0.9, 0.8
 def looped(
     rollout: Rollout, value: torch.Tensor, final_value: torch.Tensor, bootstrap: bool
 ) -> np.ndarray:
-    """The definition, one world and one objective at a time."""
+    """Compute advantages by definition, one world and one objective at a time."""
     horizon, clusters, worlds, objectives = value.shape
     result = np.zeros(value.shape)
     for k, g, i in np.ndindex(clusters, worlds, objectives):
@@ -42,10 +42,10 @@ def with_values(rollout: Rollout) -> tuple[Rollout, torch.Tensor, torch.Tensor]:
 
 @pytest.mark.parametrize("bootstrap", (True, False))
 @pytest.mark.parametrize("objectives", (2, 3))
-def test_advantages_equal_their_definition(make_rollout, bootstrap, objectives):
-    judged = with_values(make_rollout(num_objectives=objectives))
-    found = advantages(*judged, GAMMA, LAMBDA, bootstrap)
-    np.testing.assert_allclose(found, looped(*judged, bootstrap), rtol=1e-5, atol=1e-5)
+def test_advantages_match_their_definition(make_rollout, bootstrap, objectives):
+    inputs = with_values(make_rollout(num_objectives=objectives))
+    found = advantages(*inputs, GAMMA, LAMBDA, bootstrap)
+    np.testing.assert_allclose(found, looped(*inputs, bootstrap), rtol=1e-5, atol=1e-5)
 
 
 def one_world(reward: list[float], terminated: int = -1, truncated: int = -1) -> Rollout:
@@ -58,21 +58,21 @@ def one_world(reward: list[float], terminated: int = -1, truncated: int = -1) ->
 
 
 def by_hand(rollout: Rollout, bootstrap: bool = True) -> list[float]:
-    """Advantages for V(s) = 10, 20, 30 and V(s') = 20, 30, 40, discount 0.5, lambda 0.5."""
+    """Return advantages for V(s) = 10, 20, 30, V(s') = 20, 30, 40, discount 0.5, lambda 0.5."""
     value, final_value = torch.tensor([[10.0, 20.0, 30.0], [20.0, 30.0, 40.0]]).view(2, 3, 1, 1, 1)
     return advantages(rollout, value, final_value, 0.5, 0.5, bootstrap).flatten().tolist()
 
 
 def test_truncation_bootstraps_and_termination_does_not():
     rewards = [1.0, 2.0, 3.0]
-    # surprises: 1 + 10 - 10, 2 + 15 - 20, 3 + 20 - 30; a quarter of the next one is carried
+    # TD errors: 1 + 10 - 10, 2 + 15 - 20, 3 + 20 - 30; a quarter of the next one is added
     assert by_hand(one_world(rewards)) == [-0.1875, -4.75, -7.0]
     assert by_hand(one_world(rewards, truncated=1)) == [0.25, -3.0, -7.0]
-    # without a future: 2 + 0 - 20
+    # without bootstrapping: 2 + 0 - 20
     assert by_hand(one_world(rewards, terminated=1)) == [-3.5, -18.0, -7.0]
 
 
-def test_without_bootstrap_a_truncated_step_counts_for_nothing():
+def test_without_bootstrap_a_truncated_step_has_zero_advantage():
     rewards = [1.0, 2.0, 3.0]
     assert by_hand(one_world(rewards, truncated=1), bootstrap=False) == [1.0, 0.0, -7.0]
     for ending in ({}, {"terminated": 1}):
@@ -82,12 +82,12 @@ def test_without_bootstrap_a_truncated_step_counts_for_nothing():
 
 @pytest.mark.parametrize("bootstrap", (True, False))
 @pytest.mark.parametrize("ending", ("terminated", "truncated"))
-def test_nothing_flows_across_the_end_of_an_episode(make_rollout, ending, bootstrap):
+def test_advantages_do_not_cross_the_end_of_an_episode(make_rollout, ending, bootstrap):
     rollout, value, final_value = with_values(make_rollout())
-    nowhere = torch.zeros_like(rollout.terminated)
-    there = nowhere.clone()
-    there[5] = True
-    rollout = rollout._replace(terminated=nowhere, truncated=nowhere)._replace(**{ending: there})
+    never = torch.zeros_like(rollout.terminated)
+    at_step_5 = never.clone()
+    at_step_5[5] = True
+    rollout = rollout._replace(terminated=never, truncated=never)._replace(**{ending: at_step_5})
     before = advantages(rollout, value, final_value, GAMMA, LAMBDA, bootstrap)
     for changed in (rollout.reward, value, final_value):
         changed[6:] += 1000.0
@@ -96,17 +96,17 @@ def test_nothing_flows_across_the_end_of_an_episode(make_rollout, ending, bootst
     assert (after[6:] != before[6:]).all()
 
 
-def test_a_failed_state_that_is_not_a_number_spoils_nothing(make_rollout):
+def test_a_nan_value_at_termination_is_ignored(make_rollout):
     rollout, value, final_value = with_values(make_rollout())
     final_value[rollout.terminated] = torch.nan
     assert advantages(rollout, value, final_value, GAMMA, LAMBDA).isfinite().all()
 
 
 @pytest.mark.parametrize("gae_lambda", (0.0, 1.0))
-def test_lambda_goes_from_one_step_to_the_whole_return(make_rollout, gae_lambda):
+def test_lambda_zero_is_one_step_and_lambda_one_is_the_full_return(make_rollout, gae_lambda):
     rollout, value, final_value = with_values(make_rollout(horizon=3))
-    nowhere = torch.zeros_like(rollout.terminated)
-    rollout = rollout._replace(terminated=nowhere, truncated=nowhere)
+    never = torch.zeros_like(rollout.terminated)
+    rollout = rollout._replace(terminated=never, truncated=never)
     final_value[:-1] = value[1:]
     r, v, last = rollout.reward, value, final_value[-1]
     found = advantages(rollout, value, final_value, GAMMA, gae_lambda)[0]
@@ -125,7 +125,7 @@ def hopper() -> envs.Environment:
 
 @pytest.fixture
 def collected(make_agent, generator):
-    """A rollout of hoppers, the agent that acted, and what the worlds showed before and after."""
+    """Collect a rollout; return it with the agent and the first and last observations."""
     env = hopper()
     agent = make_agent(env.observation_size, env.action_size)
     agent.observation_normalizer.update(torch.randn(50, env.observation_size, generator=generator))
@@ -136,7 +136,7 @@ def collected(make_agent, generator):
     return rollout, agent, first, observation
 
 
-def test_stored_probabilities_are_those_of_each_clusters_own_policy(collected):
+def test_stored_log_probs_come_from_each_cluster_s_own_policy(collected):
     rollout, agent, _, _ = collected
     for k in range(CLUSTERS):
         policies = agent.policies(TRADEOFFS[k : k + 1])
@@ -145,7 +145,7 @@ def test_stored_probabilities_are_those_of_each_clusters_own_policy(collected):
         torch.testing.assert_close(rollout.log_prob[:, k].flatten(), expected[0])
 
 
-def test_stored_actions_lead_through_the_stored_rollout(collected):
+def test_replaying_the_stored_actions_gives_the_stored_rollout(collected):
     rollout, _, first, last = collected
     env = hopper()
     observation = env.reset()
@@ -164,13 +164,13 @@ def test_stored_actions_lead_through_the_stored_rollout(collected):
     assert rollout.truncated.any()
 
 
-def test_what_was_seen_last_differs_from_a_new_start_only_where_an_episode_ended(collected):
+def test_final_observations_differ_from_the_next_ones_only_at_episode_ends(collected):
     rollout, _, _, last = collected
     following = torch.cat([rollout.observation[1:], last.view(1, CLUSTERS, -1, last.shape[1])])
     same = (following == rollout.final_observation).all(-1)
     assert torch.equal(same, ~(rollout.terminated | rollout.truncated))
 
 
-def test_every_world_draws_its_own_actions(collected):
+def test_every_world_samples_its_own_actions(collected):
     rollout, *_ = collected
     assert len(rollout.action.flatten(0, 2).unique(dim=0)) == HORIZON * WORLDS

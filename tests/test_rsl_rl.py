@@ -1,4 +1,4 @@
-"""rsl_rl's runner trains in our worlds."""
+"""rsl_rl's runner trains in the package's worlds."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def settings(**groups: list[str]) -> dict:
     }
 
 
-def test_its_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
+def test_rsl_rl_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
     torch.manual_seed(0)
     env = RslRlVecEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
     runner = OnPolicyRunner(env, settings(), log_dir=str(tmp_path), device="cpu")
@@ -47,7 +47,7 @@ def test_its_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
         for tag in ("Return/run", "Return/jump", "Train/mean_reward")
     )
     assert run[-1] > 2 * run[0] and len(jump) == len(run)
-    assert reward[0] == pytest.approx(run[0], rel=1e-2)  # that is its own sum
+    assert reward[0] == pytest.approx(run[0], rel=1e-2)  # rsl_rl's own sum of rewards
     assert "Return/jump" in capsys.readouterr().out
 
     policy = runner.get_inference_policy("cpu")
@@ -59,13 +59,13 @@ def test_its_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
     assert paid.mean() > 2 * run[0]
 
 
-def test_a_step_is_of_our_own_worlds():
-    env, ours = worlds(episode_length=100), envs.make("walker", 4, "cpu", episode_length=100)
-    assert torch.equal(env.get_observations()["policy"], ours.reset())
+def test_a_step_matches_the_package_s_worlds():
+    env, reference = worlds(episode_length=100), envs.make("walker", 4, "cpu", episode_length=100)
+    assert torch.equal(env.get_observations()["policy"], reference.reset())
     timed_out, fallen = 0, 0
     for _ in range(110):
         observation, reward, done, extras = env.step(falling())
-        step = ours.step(falling())
+        step = reference.step(falling())
         assert torch.equal(observation["policy"], step.observation)
         assert torch.equal(extras["objectives"], step.reward)
         np.testing.assert_allclose(reward, step.reward @ torch.tensor(TRADEOFF), rtol=1e-5)
@@ -84,7 +84,7 @@ def test_actions_are_clipped():
     assert torch.equal(observation["policy"], expected["policy"])
 
 
-def test_episodes_can_begin_at_any_age():
+def test_episodes_can_start_at_any_step():
     env = worlds("cheetah", episode_length=9)
     assert env.max_episode_length == 9
     env.episode_length_buf = torch.tensor([0, 3, 6, 8])
@@ -93,9 +93,9 @@ def test_episodes_can_begin_at_any_age():
     assert env.episode_length_buf.tolist() == [0, 3, 6, 8]
 
 
-def test_critics_see_what_is_privileged(monkeypatch):
+def test_critics_see_privileged_observations(monkeypatch):
     class Blind(Hopper):
-        """A hopper that acts by positions alone; its critic knows velocities too."""
+        """A hopper whose policy sees only positions; its critic also sees velocities."""
 
         def observe(self):
             return self.physics.qpos[:, 1:]
@@ -115,7 +115,7 @@ def test_critics_see_what_is_privileged(monkeypatch):
     assert torch.equal(seen["critic"][:, :6], seen["policy"])
 
 
-def test_a_seed_decides_what_is_drawn():
+def test_the_seed_determines_the_initial_states():
     first, same, other = (
         worlds(reset_noise=0.1, seed=seed).get_observations()["policy"] for seed in (3, 3, 4)
     )
@@ -130,7 +130,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_is_one_sentence(name):
+def test_a_mistake_raises_a_clear_error(name):
     mistake, expected = MISTAKES[name]
     with pytest.raises(MorlaxError) as error:
         mistake()

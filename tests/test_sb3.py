@@ -1,4 +1,4 @@
-"""Stable-Baselines3 trains in our worlds as in its own."""
+"""Stable-Baselines3 trains in the package's worlds."""
 
 import gymnasium
 import numpy as np
@@ -23,31 +23,33 @@ def worlds(task: str = "walker", num_envs: int = 4, **options) -> StableBaseline
     return StableBaselines3VecEnv(task, TRADEOFF, num_envs, "cpu", **options)
 
 
-def test_a_single_environment_passes_its_check():
+def test_a_single_environment_passes_the_sb3_checker():
     check_env(gymnasium.make("morlax_torch/Hopper-v0", tradeoff=TRADEOFF).unwrapped)
 
 
-def test_our_worlds_say_what_its_own_vector_environment_says():
+def test_the_vector_environment_matches_dummy_vec_env():
     def single() -> gymnasium.Env:
         return gymnasium.make("morlax_torch/Walker-v0", tradeoff=TRADEOFF, episode_length=100)
 
-    ours, theirs = worlds(episode_length=100), DummyVecEnv([single] * 4)
-    np.testing.assert_array_equal(ours.reset(), theirs.reset())
+    found, reference = worlds(episode_length=100), DummyVecEnv([single] * 4)
+    np.testing.assert_array_equal(found.reset(), reference.reset())
     ended = set()
     for _ in range(110):
-        observation, reward, done, infos = ours.step(falling().numpy())
-        expected, their_reward, their_done, their_infos = theirs.step(falling().numpy())
+        observation, reward, done, infos = found.step(falling().numpy())
+        expected, expected_reward, expected_done, expected_infos = reference.step(falling().numpy())
         np.testing.assert_array_equal(observation, expected)
-        np.testing.assert_allclose(reward, their_reward, rtol=1e-6)
-        np.testing.assert_array_equal(done, their_done)
-        for ours_then, theirs_then in zip(infos, their_infos, strict=True):
-            ours_then.pop("episode", None)
-            np.testing.assert_equal(ours_then, theirs_then)
-            ended.add((theirs_then["TimeLimit.truncated"], "terminal_observation" in theirs_then))
-    assert ended == {(False, False), (False, True), (True, True)}  # some fall, one is stopped
+        np.testing.assert_allclose(reward, expected_reward, rtol=1e-6)
+        np.testing.assert_array_equal(done, expected_done)
+        for found_info, expected_info in zip(infos, expected_infos, strict=True):
+            found_info.pop("episode", None)
+            np.testing.assert_equal(found_info, expected_info)
+            ended.add(
+                (expected_info["TimeLimit.truncated"], "terminal_observation" in expected_info)
+            )
+    assert ended == {(False, False), (False, True), (True, True)}  # falls and one truncation
 
 
-def test_an_episode_is_summed_as_its_own_monitor_does():
+def test_episode_statistics_match_vec_monitor():
     env = VecMonitor(worlds(episode_length=100), info_keywords=("vector_reward",))
     unmonitored = worlds(episode_length=100)
     env.reset(), unmonitored.reset()
@@ -56,15 +58,15 @@ def test_an_episode_is_summed_as_its_own_monitor_does():
         *_, done, infos = env.step(falling().numpy())
         *_, own_infos = unmonitored.step(falling().numpy())
         for world in done.nonzero()[0]:
-            theirs, ours = infos[world]["episode"], own_infos[world]["episode"]
-            assert ours["l"] == theirs["l"]
-            assert ours["r"] == pytest.approx(theirs["r"], rel=1e-4)
-            assert ours["r"] == pytest.approx(np.dot(TRADEOFF, ours["returns"]), rel=1e-6)
+            reference, found = infos[world]["episode"], own_infos[world]["episode"]
+            assert found["l"] == reference["l"]
+            assert found["r"] == pytest.approx(reference["r"], rel=1e-4)
+            assert found["r"] == pytest.approx(np.dot(TRADEOFF, found["returns"]), rel=1e-6)
             episodes += 1
     assert episodes >= 4
 
 
-def test_a_seed_decides_what_is_drawn():
+def test_the_seed_determines_the_initial_states():
     env = worlds(reset_noise=0.1)
     env.seed(3)
     first, second = env.reset(), env.reset()
@@ -73,7 +75,8 @@ def test_a_seed_decides_what_is_drawn():
     np.testing.assert_array_equal(first, env.reset())
 
 
-def test_its_ppo_learns_to_run():
+@pytest.mark.slow
+def test_sb3_ppo_learns_to_run():
     env = StableBaselines3VecEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
     learner = PPO(
         "MlpPolicy",
@@ -94,7 +97,7 @@ def test_its_ppo_learns_to_run():
     assert logged > 2 * before
 
 
-def test_its_wrappers_go_around():
+def test_sb3_wrappers_work():
     env = VecNormalize(worlds("cheetah"))
     assert env.reset().shape == (4, 17)
     assert env.get_attr("objectives") == [("run", "energy")] * 4
@@ -120,7 +123,7 @@ def started() -> StableBaselines3VecEnv:
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_is_one_sentence(name):
+def test_a_mistake_raises_a_clear_error(name):
     mistake, expected = MISTAKES[name]
     with pytest.raises(MorlaxError) as error:
         mistake()

@@ -1,4 +1,4 @@
-"""skrl trains in our worlds."""
+"""skrl trains in the package's worlds."""
 
 import numpy as np
 import pytest
@@ -85,11 +85,11 @@ def train(env: SkrlEnv, steps: int, folder: str) -> None:
         },
     )
     cfg = {"timesteps": steps, "headless": True, "disable_progressbar": True}
-    cfg |= {"close_environment_at_exit": False}  # it would say so after pytest has gone
+    cfg |= {"close_environment_at_exit": False}  # it would log after pytest has closed its output
     SequentialTrainer(env=env, agents=agent, cfg=cfg).train()
 
 
-def test_its_ppo_learns_to_run_and_logs_each_objective(tmp_path):
+def test_skrl_ppo_learns_to_run_and_logs_each_objective(tmp_path):
     env = SkrlEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
     train(env, 1000, str(tmp_path))
     logged = EventAccumulator(str(tmp_path / "run")).Reload()
@@ -99,12 +99,12 @@ def test_its_ppo_learns_to_run_and_logs_each_objective(tmp_path):
     assert len(logged.Scalars(tags["jump"])) == len(run)
 
 
-def test_a_step_is_of_our_own_worlds():
-    env, ours = worlds(episode_length=100), envs.make("walker", 4, "cpu", episode_length=100)
-    assert torch.equal(env.reset()[0], ours.reset())
+def test_a_step_matches_the_package_s_worlds():
+    env, reference = worlds(episode_length=100), envs.make("walker", 4, "cpu", episode_length=100)
+    assert torch.equal(env.reset()[0], reference.reset())
     for _ in range(110):
         observation, reward, terminated, truncated, info = env.step(falling())
-        step = ours.step(falling())
+        step = reference.step(falling())
         assert torch.equal(observation, step.observation)
         assert torch.equal(info["vector_reward"], step.reward)
         weighted = (step.reward @ torch.tensor(TRADEOFF))[:, None]
@@ -115,9 +115,9 @@ def test_a_step_is_of_our_own_worlds():
     assert torch.equal(env.reset()[0], observation)
 
 
-def test_critics_see_what_is_privileged(monkeypatch, tmp_path):
+def test_critics_see_privileged_observations(monkeypatch, tmp_path):
     class Blind(Hopper):
-        """A hopper that acts by positions alone; its critic knows velocities too."""
+        """A hopper whose policy sees only positions; its critic also sees velocities."""
 
         def observe(self):
             return self.physics.qpos[:, 1:]
@@ -145,7 +145,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_is_one_sentence(name):
+def test_a_mistake_raises_a_clear_error(name):
     mistake, expected = MISTAKES[name]
     with pytest.raises(MorlaxError) as error:
         mistake()

@@ -1,4 +1,4 @@
-"""The six tasks are the paper's: states, observations, reward terms and failures, step by step."""
+"""The six tasks match the paper: states, observations, rewards and failures, step by step."""
 
 import math
 from pathlib import Path
@@ -19,10 +19,10 @@ TOLERANCE = 1e-9
 
 
 class Facts(NamedTuple):
-    """What is published about a task."""
+    """Published facts about a task."""
 
     robot: str
-    reward: str  # its array in the reference
+    reward: str  # name of its array in the reference file
     observation_size: int
     action_size: int
     reset_reward: tuple[float, ...]
@@ -48,7 +48,7 @@ def random_actions(env: envs.Environment, steps: int) -> Tensor:
 
 
 def stacked(frames: list[Tensor]) -> np.ndarray:
-    """(S, T, ...) as in the reference: a world for each of its seeds."""
+    """Stack frames to (S, T, ...) as in the reference, one world per seed."""
     return torch.stack(frames, 1).numpy()
 
 
@@ -56,18 +56,18 @@ def assert_equal(actual: np.ndarray, expected: np.ndarray) -> None:
     np.testing.assert_allclose(actual, expected, rtol=0, atol=TOLERANCE)
 
 
-# What the paper's tasks are
+# Agreement with the paper
 
 
 class Replay(NamedTuple):
-    """What a task shows while the reference's actions are played to it."""
+    """A task's states, observations and rewards under the reference actions."""
 
     published: Facts
     reference: dict[str, np.ndarray]
-    qpos: list[Tensor]  # from the reset on
+    qpos: list[Tensor]  # starting at the reset
     qvel: list[Tensor]
     observations: list[Tensor]
-    rewards: list[Tensor]  # from the first step on
+    rewards: list[Tensor]  # starting at the first step
     failed: list[Tensor]
     steps: list[envs.TimeStep]
 
@@ -80,38 +80,38 @@ def replay(request: pytest.FixtureRequest) -> Replay:
     env = make(request.param, auto_reset=False)
     shown = Replay(published, reference, [], [], [], [], [], [])
 
-    def look() -> None:
+    def record() -> None:
         shown.qpos.append(env.physics.qpos.clone())
         shown.qvel.append(env.physics.qvel.clone())
         shown.observations.append(env.observe())
 
     env.reset()
-    look()
+    record()
     for action in torch.from_numpy(reference["action"]).float().unbind(1):
         step = env.step(action)
-        look()
+        record()
         shown.rewards.append(env.combine(step.terms))
         shown.failed.append(env.failed())
         shown.steps.append(step)
     return shown
 
 
-def test_an_episode_starts_as_published(replay):
+def test_initial_states_match_the_published_ones(replay):
     assert_equal(replay.qpos[0], replay.reference["qpos"][:, 0])
     assert_equal(replay.qvel[0], replay.reference["qvel"][:, 0])
     assert_equal(replay.observations[0], replay.reference["obs"][:, 0])
 
 
-def test_actions_move_the_robot_as_published(replay):
+def test_trajectories_match_the_published_ones(replay):
     assert_equal(stacked(replay.qpos), replay.reference["qpos"])
     assert_equal(stacked(replay.qvel), replay.reference["qvel"])
 
 
-def test_observations_are_the_published_ones(replay):
+def test_observations_match_the_published_ones(replay):
     assert_equal(stacked(replay.observations), replay.reference["obs"])
 
 
-def test_reward_terms_are_the_published_ones(replay):
+def test_reward_terms_match_the_published_ones(replay):
     names = replay.reference["term_names"]
     assert set(replay.steps[0].terms) == set(names)
     for name in names:
@@ -119,11 +119,11 @@ def test_reward_terms_are_the_published_ones(replay):
         assert_equal(term, replay.reference[f"term_{name}"])
 
 
-def test_objectives_are_the_published_ones(replay):
+def test_objectives_match_the_published_ones(replay):
     assert_equal(stacked(replay.rewards), replay.reference[replay.published.reward])
 
 
-def test_failures_are_the_published_ones(replay):
+def test_failures_match_the_published_ones(replay):
     assert (stacked(replay.failed) == replay.reference["terminated"]).all()
     terminated = stacked([step.terminated for step in replay.steps])
     assert (terminated == replay.reference["terminated"]).all()
@@ -141,19 +141,19 @@ def test_a_step_returns_the_published_numbers_in_single_precision(replay):
 
 
 @pytest.mark.parametrize("task", PUBLISHED)
-def test_sizes_and_reset_reward_are_the_published_ones(task):
+def test_sizes_and_reset_rewards_match_the_published_ones(task):
     env, published = make(task), PUBLISHED[task]
     assert env.observation_size == published.observation_size
     assert env.action_size == published.action_size
     assert env.paper_reset_reward().tolist() == pytest.approx(published.reset_reward)
 
 
-def test_every_task_of_our_own_is_compared_with_the_paper():
+def test_every_built_in_task_is_compared_with_the_paper():
     elsewhere = {"bruce"}  # in test_bruce_task.py
     assert {name for name in envs.names() if "/" not in name} - elsewhere == set(PUBLISHED)
 
 
-# What the stored trajectories do not reach
+# Cases outside the stored trajectories
 
 
 @pytest.mark.parametrize(
@@ -171,13 +171,13 @@ def test_every_task_of_our_own_is_compared_with_the_paper():
         ("humanoid", 2, 0.6, 0.59),
     ],
 )
-def test_a_robot_fails_beyond_the_published_limit(task, coordinate, allowed, failing):
+def test_a_robot_fails_beyond_the_published_limits(task, coordinate, allowed, failing):
     env = make(task)
     env.physics.qpos[:, coordinate] = torch.tensor([allowed, failing], dtype=torch.float64)
     assert env.failed().tolist() == [False, True]
 
 
-def test_an_ant_fails_one_step_after_it_tilted_too_far():
+def test_an_ant_fails_one_step_after_tilting_too_far():
     env = make("ant", auto_reset=False)
     still = torch.zeros(2, env.action_size)
     for world, up in enumerate((0.46, 0.44)):
@@ -187,7 +187,7 @@ def test_an_ant_fails_one_step_after_it_tilted_too_far():
     assert env.step(still).terminated.tolist() == [False, True]
 
 
-def test_a_cheetah_is_paid_for_at_most_four_metres_per_second():
+def test_the_cheetah_s_run_reward_saturates_at_four_meters_per_second():
     env = make("cheetah", auto_reset=False)
     env.physics.qvel[:, 0] = torch.tensor([3.5, 6.0])
     slow, fast = env.step(torch.zeros(2, env.action_size)).terms["run"].tolist()
@@ -196,7 +196,7 @@ def test_a_cheetah_is_paid_for_at_most_four_metres_per_second():
 
 
 @pytest.mark.parametrize("task", ("cheetah", "walker", "hopper"))
-def test_planar_robots_see_velocities_up_to_ten(task):
+def test_planar_robots_clip_observed_velocities_to_ten(task):
     env = make(task)
     env.physics.qvel[:] = torch.tensor([[9.0], [-11.0]])
     seen = env.observe()[:, -env.physics.model.nv :]
@@ -205,7 +205,7 @@ def test_planar_robots_see_velocities_up_to_ten(task):
 
 
 @pytest.mark.parametrize("task", ("cheetah", "cheetah3", "walker", "ant"))
-def test_actions_beyond_the_box_count_as_its_edge(task):
+def test_actions_are_clipped_to_the_box(task):
     env = make(task, auto_reset=False)
     action = torch.ones(2, env.action_size)
     action[1] *= 7.0
@@ -214,7 +214,7 @@ def test_actions_beyond_the_box_count_as_its_edge(task):
     assert torch.equal(step.observation[0], step.observation[1])
 
 
-# What holds for every task of our own
+# Properties of every built-in task
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -236,7 +236,7 @@ def test_a_step_has_a_row_for_each_world(task, backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("task", PUBLISHED)
-def test_a_task_says_what_it_is(task, backend):
+def test_a_task_exposes_objectives_spaces_and_limits(task, backend):
     env = make(task, backend)
     assert env.num_worlds == 2
     assert env.device == torch.device("cpu")
@@ -259,7 +259,7 @@ def test_a_task_says_what_it_is(task, backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("task", PUBLISHED)
-def test_the_last_observation_of_an_episode_is_kept_beside_the_first_of_the_next(task, backend):
+def test_a_step_returns_both_the_final_and_the_next_first_observation(task, backend):
     env = make(task, backend, episode_length=3)
     endless = make(task, backend, episode_length=3, auto_reset=False)
     first = env.reset()
@@ -282,7 +282,7 @@ def test_equal_actions_give_equal_episodes(task, backend):
         assert torch.equal(first.terminated, second.terminated)
 
 
-# What a user may regroup
+# Custom objectives
 
 
 @pytest.mark.parametrize(
@@ -301,7 +301,7 @@ def test_equal_actions_give_equal_episodes(task, backend):
         ),
     ],
 )
-def test_objectives_are_the_weighted_sums_that_were_asked_for(task, objectives, shared):
+def test_objectives_are_the_configured_weighted_sums(task, objectives, shared):
     env = make(task, objectives=objectives, shared=shared)
     assert env.objectives == tuple(objectives)
     assert env.reference_point == (0.0,) * len(objectives)
@@ -318,7 +318,7 @@ def test_objectives_are_the_weighted_sums_that_were_asked_for(task, objectives, 
             np.testing.assert_allclose(step.reward[:, column], expected, rtol=1e-6, atol=1e-6)
 
 
-def test_a_reference_point_may_be_given():
+def test_the_reference_point_can_be_set():
     env = make("hopper", reference_point=(-1, 2.5))
     assert env.reference_point == (-1.0, 2.5)
 
@@ -367,16 +367,16 @@ def test_a_wrong_argument_is_explained(arguments, sentence):
     assert sentence in str(caught.value)
 
 
-def test_on_the_cpu_worlds_run_on_c_mujoco_unless_told_otherwise():
+def test_the_cpu_default_backend_is_c_mujoco():
     assert type(envs.make("hopper", 1, "cpu").physics).__name__ == "MujocoPhysics"
     assert type(make("hopper", "warp", worlds=1).physics).__name__ == "WarpPhysics"
 
 
-# Tasks of one's own
+# Custom tasks
 
 
 class Cart(envs.Environment):
-    """A cart on a rail: get far, or stay where you are."""
+    """A cart on a rail, with the objectives of going far and of staying near."""
 
     class Options(envs.TaskOptions):
         objectives: dict[str, dict[str, float]] = {"far": {"x": 1.0}, "near": {"x": -1.0}}
@@ -432,7 +432,7 @@ def test_a_registered_task_is_made_like_any_other(cart, backend):
 
 
 def test_a_name_belongs_to_one_class(cart):
-    envs.register("cart", cart)  # once more is no harm
+    envs.register("cart", cart)  # registering the same class twice is allowed
     with pytest.raises(MorlaxError, match="there is already an environment called 'cheetah'"):
         envs.register("cheetah", cart)
     assert envs.get("cheetah") is not cart

@@ -1,4 +1,4 @@
-"""TorchRL trains in our worlds as in its own."""
+"""TorchRL trains in the package's worlds."""
 
 import numpy as np
 import pytest
@@ -30,19 +30,19 @@ def falls(tensordict: TensorDict) -> TensorDict:
 
 
 @pytest.mark.parametrize("task", ["walker", "cheetah3", "humanoid"])
-def test_it_passes_its_check(task):
+def test_an_environment_passes_torchrl_s_checker(task):
     check_env_specs(worlds(task, episode_length=2))
 
 
-def test_a_rollout_is_of_our_own_worlds_that_reset_themselves():
-    ours = envs.make("walker", 4, "cpu", episode_length=100)
-    seen = [ours.reset()]
+def test_a_rollout_matches_the_package_s_auto_resetting_worlds():
+    reference = envs.make("walker", 4, "cpu", episode_length=100)
+    seen = [reference.reset()]
     steps = []
     for _ in range(110):
-        steps.append(ours.step(falling()))
+        steps.append(reference.step(falling()))
         seen.append(steps[-1].observation)
-    theirs = worlds(episode_length=100).rollout(110, falls, break_when_any_done=False)
-    assert torch.equal(theirs["observation"], torch.stack(seen[:-1], 1))
+    found = worlds(episode_length=100).rollout(110, falls, break_when_any_done=False)
+    assert torch.equal(found["observation"], torch.stack(seen[:-1], 1))
     for name, key in {
         "reward": "reward",
         "final_observation": "observation",
@@ -50,11 +50,11 @@ def test_a_rollout_is_of_our_own_worlds_that_reset_themselves():
         "truncated": "truncated",
     }.items():
         expected = torch.stack([getattr(step, name) for step in steps], 1)
-        assert torch.equal(theirs["next", key].view_as(expected), expected)
-    assert theirs["next", "terminated"].sum() >= 3 and theirs["next", "truncated"].sum() == 1
+        assert torch.equal(found["next", key].view_as(expected), expected)
+    assert found["next", "terminated"].sum() >= 3 and found["next", "truncated"].sum() == 1
 
 
-def test_a_part_of_the_worlds_is_reset_and_no_other():
+def test_a_partial_reset_affects_only_the_selected_worlds():
     env = worlds("hopper", reset_noise=0.1)
     env.set_seed(3)
     first = env.reset()
@@ -70,7 +70,7 @@ def test_a_part_of_the_worlds_is_reset_and_no_other():
     assert torch.equal(env.reset()["observation"], first["observation"])
 
 
-def test_environments_of_others_are_reset_in_part_too(monkeypatch):
+def test_gymnasium_environments_support_partial_resets(monkeypatch):
     pytest.importorskip("mo_gymnasium")
     monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     env = worlds("gymnasium:mo-hopper-2obj-v5", 2, episode_length=5)
@@ -79,7 +79,7 @@ def test_environments_of_others_are_reset_in_part_too(monkeypatch):
 
 
 @pytest.mark.usefixtures("single_thread")
-def test_its_ppo_learns_a_tradeoff():
+def test_torchrl_ppo_learns_a_tradeoff():
     torch.manual_seed(0)
     objectives = worlds("hopper", 64, episode_length=100)
     env = TransformedEnv(
@@ -101,7 +101,7 @@ def test_its_ppo_learns_a_tradeoff():
     )
     critic = ValueOperator(network(1), in_keys=["observation"])
     fake = env.fake_tensordict()
-    actor(fake), critic(fake)  # they see how large an observation is
+    actor(fake), critic(fake)  # initializes the lazy layers
     loss = ClipPPOLoss(actor, critic, entropy_coeff=1e-3)
     loss.set_keys(reward="weighted")
     advantages = GAE(gamma=0.97, lmbda=0.95, value_network=critic)
@@ -141,7 +141,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_is_one_sentence(name):
+def test_a_mistake_raises_a_clear_error(name):
     mistake, expected = MISTAKES[name]
     with pytest.raises(MorlaxError) as error:
         mistake()

@@ -1,4 +1,4 @@
-"""Trade-offs: points of the simplex to explore with, and the fixed ones a front is judged by."""
+"""Trade-offs: random samples for exploration, and fixed sets for evaluation."""
 
 import pytest
 import torch
@@ -32,20 +32,20 @@ def test_samples_lie_on_the_simplex(m, alpha):
 
 
 @pytest.mark.parametrize("m", (2, 3, 6))
-def test_corners_come_last_and_are_the_rows_of_the_identity(m):
+def test_the_last_rows_are_the_corners(m):
     tradeoffs = sampled(m + 5, m, m)
     assert torch.equal(tradeoffs[-m:], torch.eye(m))
     assert on_simplex(tradeoffs)
     assert tradeoffs[:-m].max() < 1
 
 
-def test_there_may_be_nothing_but_corners():
+def test_samples_can_consist_of_corners_only():
     assert torch.equal(sampled(3, 3, 3), torch.eye(3))
 
 
 @pytest.mark.parametrize("m", (2, 4))
 @pytest.mark.parametrize("alpha", (1.0, 0.4, 5.0))
-def test_moments_are_those_of_the_dirichlet_distribution(m, alpha):
+def test_moments_match_the_dirichlet_distribution(m, alpha):
     draws = sampled(100_000, m, 0, alpha).double()
     variance = (1 / m) * (1 - 1 / m) / (m * alpha + 1)
     covariance = torch.full((m, m), -1 / (m * m * (m * alpha + 1)), dtype=torch.float64)
@@ -62,12 +62,12 @@ def test_alpha_one_is_uniform_on_the_simplex():
     assert (first - uniform).abs().max() < 0.015
 
 
-def test_the_same_generator_draws_the_same():
+def test_equal_generators_draw_equal_samples():
     assert torch.equal(sampled(9, 3, 3), sampled(9, 3, 3))
     assert not torch.equal(sampled(9, 3), sampled(9, 3, seed=1))
 
 
-def test_two_objectives_are_judged_on_an_even_grid():
+def test_evaluation_tradeoffs_of_two_objectives_are_an_even_grid():
     grid = evaluation_tradeoffs(5, 2)
     expected = [[0, 1], [0.25, 0.75], [0.5, 0.5], [0.75, 0.25], [1, 0]]
     torch.testing.assert_close(grid, torch.tensor(expected))
@@ -75,7 +75,7 @@ def test_two_objectives_are_judged_on_an_even_grid():
 
 
 @pytest.mark.parametrize("m", (3, 6))
-def test_more_objectives_are_judged_at_the_corners_and_at_fixed_draws(m):
+def test_evaluation_tradeoffs_of_more_objectives_are_corners_and_fixed_draws(m):
     tradeoffs = evaluation_tradeoffs(200, m)
     assert tradeoffs.shape == (200, m)
     assert on_simplex(tradeoffs)
@@ -86,13 +86,13 @@ def test_more_objectives_are_judged_at_the_corners_and_at_fixed_draws(m):
     assert torch.equal(evaluation_tradeoffs(200, m), tradeoffs)
 
 
-def test_a_front_is_judged_by_no_fewer_tradeoffs_than_objectives():
+def test_an_evaluation_needs_at_least_one_tradeoff_per_objective():
     with pytest.raises(MorlaxError, match="tradeoffs"):
         load_config({"env": "cheetah3", "evaluation": {"tradeoffs": 2}})
     assert torch.equal(evaluation_tradeoffs(3, 3), torch.eye(3))
 
 
-def test_seeded_draws_repeat_themselves():
+def test_dirichlet_tradeoffs_depend_only_on_the_seed():
     draws = dirichlet_tradeoffs(1000, 3)
     assert on_simplex(draws)
     assert torch.equal(dirichlet_tradeoffs(1000, 3), draws)
@@ -100,7 +100,7 @@ def test_seeded_draws_repeat_themselves():
     torch.testing.assert_close(draws.mean(0), torch.full((3,), 1 / 3), rtol=0, atol=0.04)
 
 
-def test_typical_tradeoffs_are_the_corners_and_the_balanced_one_between_them():
+def test_typical_tradeoffs_are_the_corners_and_the_balanced_one():
     assert typical_tradeoffs(2).tolist() == [[1, 0], [0.5, 0.5], [0, 1]]
     three = typical_tradeoffs(3)
     assert on_simplex(three) and len(three) == 4
@@ -108,7 +108,7 @@ def test_typical_tradeoffs_are_the_corners_and_the_balanced_one_between_them():
 
 
 @pytest.mark.parametrize("text", ("0.8,0.2", " .8, 2e-1", "0.80,0.20"))
-def test_a_tradeoff_is_read_as_it_is_written(text):
+def test_a_tradeoff_is_parsed_from_text(text):
     assert parse_tradeoff(text, ("run", "energy")) == (0.8, 0.2)
     assert parse_tradeoff("4,1,0", ("a", "b", "c")) == (4, 1, 0)
 
@@ -127,6 +127,6 @@ def test_a_tradeoff_is_read_as_it_is_written(text):
         ("inf,1", "finite"),
     ],
 )
-def test_what_is_no_tradeoff_gets_one_sentence(text, expected):
+def test_invalid_tradeoff_text_gives_a_clear_error(text, expected):
     with pytest.raises(MorlaxError, match=expected):
         parse_tradeoff(text, ("run", "energy"))

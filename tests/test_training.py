@@ -1,4 +1,4 @@
-"""Training: reproducible, resumable at any moment, honest about what goes wrong, and it learns."""
+"""Training learns, is reproducible, resumes at any moment and reports failures clearly."""
 
 import csv
 import os
@@ -19,8 +19,8 @@ from morlax_torch.config import Config, load_config, merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.run import Run
 from morlax_torch.runs.progress import Evaluation
+from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import Limits, make_evaluator, make_worlds, training
 from morlax_torch.train import train
 
@@ -53,7 +53,7 @@ def metrics(run: Run) -> list[dict[str, str]]:
 
 
 def assert_same(one: object, other: object) -> None:
-    """Equal to the last bit, however nested."""
+    """Assert that nested values are equal bit for bit."""
     if isinstance(one, torch.Tensor):
         assert torch.equal(one, other)
     elif isinstance(one, dict):
@@ -85,7 +85,7 @@ def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
     assert_same(trainer(config, 5).state_dict(), trainer(config, 5).state_dict())
 
 
-def test_annealing_takes_rates_and_entropy_to_nothing_by_the_end():
+def test_annealing_decays_learning_rates_and_entropy_to_zero():
     config = tiny(max_env_steps=10 * 160, ppo={"anneal": True, "entropy": 0.02})
     morlax = trainer(config, 5)
     assert morlax.ppo.entropy.item() == pytest.approx(0.02 * 0.6)
@@ -95,7 +95,7 @@ def test_annealing_takes_rates_and_entropy_to_nothing_by_the_end():
     assert morlax.ppo.optimizers[0].rate.item() == morlax.ppo.entropy.item() == 0.0
 
 
-def test_after_annealing_the_policies_are_what_they_are():
+def test_policies_stop_changing_after_annealing():
     morlax = trainer(tiny(max_env_steps=5 * 160, ppo={"anneal": True}), 5)
     policy = Policy(morlax.agent, morlax.config, morlax.env.objectives)
     x = morlax.observation.clone()
@@ -114,7 +114,7 @@ def test_another_seed_gives_another_run():
     assert not torch.equal(one.rollout.action, other.rollout.action)
 
 
-def test_a_run_folder_holds_what_people_look_for(tmp_path):
+def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
     run = train(tiny(max_env_steps=1600), output=tmp_path / "run")
     rows = metrics(run)
     assert [row["env_steps"] for row in rows] == ["0", "800", "1600"]
@@ -144,7 +144,7 @@ def test_a_run_folder_holds_what_people_look_for(tmp_path):
     assert run.config() == tiny(max_env_steps=1600)
 
 
-def test_a_few_seconds_are_enough_to_see_it_learn(tmp_path):
+def test_a_few_seconds_of_training_raise_the_hypervolume(tmp_path):
     small = {"device": "cpu", "backend": "mujoco", "max_env_steps": 400_000}
     config = load_config(merged(task_values("cheetah", "cpu"), small))
     run = train(config, output=tmp_path / "run")
@@ -154,7 +154,7 @@ def test_a_few_seconds_are_enough_to_see_it_learn(tmp_path):
 
 
 def start(folder: Path, *arguments: object) -> subprocess.Popen:
-    """The real command in a process of its own, in `folder`."""
+    """Start the train command in a separate process, in `folder`."""
     return subprocess.Popen(
         [sys.executable, "-m", "morlax_torch.train", *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -202,7 +202,7 @@ def test_a_killed_run_can_always_be_resumed(tmp_path):
     process.communicate()
 
 
-def test_one_interrupt_ends_cleanly_with_a_checkpoint(tmp_path):
+def test_an_interrupt_ends_training_cleanly_with_a_checkpoint(tmp_path):
     process = start(tmp_path, *HOPPER)
     wait_for(lambda: (tmp_path / "run" / "metrics.csv").is_file(), process)
     process.send_signal(signal.SIGINT)
@@ -214,14 +214,14 @@ def test_one_interrupt_ends_cleanly_with_a_checkpoint(tmp_path):
     assert iterations(tmp_path / "run") > 0
 
 
-def test_a_loss_that_is_no_number_stops_the_run_and_spares_the_checkpoint(tmp_path):
+def test_a_non_finite_loss_stops_the_run_and_keeps_the_checkpoint(tmp_path):
     with pytest.raises(MorlaxError, match=r"loss became (nan|inf) in iterations 1 to 5.*latest.pt"):
         train(tiny(ppo={"learning_rate": 1e30}, max_env_steps=8000), output=tmp_path / "run")
     kept = checkpoint.load(tmp_path / "run" / "checkpoints" / "latest.pt")
     assert all(v.isfinite().all() for v in kept["learner"]["agent"].values())
 
 
-def test_contacts_that_do_not_fit_stop_the_run_with_the_number_to_raise(tmp_path):
+def test_a_contact_overflow_stops_the_run_and_names_the_option_to_raise(tmp_path):
     config = tiny(
         env="cheetah", backend="warp", task={"njmax": 8, "episode_length": 500}, max_env_steps=99999
     )
@@ -229,7 +229,7 @@ def test_contacts_that_do_not_fit_stop_the_run_with_the_number_to_raise(tmp_path
         train(config, output=tmp_path / "run")
 
 
-def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path, monkeypatch):
+def test_a_full_disk_gives_a_clear_error_and_keeps_the_checkpoint(tmp_path, monkeypatch):
     run = train(tiny(max_env_steps=800), output=tmp_path / "run")
     before = (run.checkpoints / "latest.pt").read_bytes()
 
@@ -278,9 +278,7 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
     assert [row["env_steps"] for row in metrics(resumed)] == ["0", "800", "1600"]
 
 
-def test_the_loop_is_a_generator_that_needs_no_folder_and_prints_nothing(
-    tmp_path, monkeypatch, capsys
-):
+def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     learner = trainer(tiny(), 0)
     evaluations = training(learner, make_evaluator(learner), Limits(evaluate_every=320))
@@ -292,7 +290,7 @@ def test_the_loop_is_a_generator_that_needs_no_folder_and_prints_nothing(
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_limit_in_seconds_ends_training_with_an_evaluation():
+def test_a_time_limit_ends_training_with_an_evaluation():
     learner = trainer(tiny(), 0)
     limits = Limits(max_seconds=0.3, evaluate_seconds=0.1)
     *_, last = training(learner, make_evaluator(learner), limits)

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.figure import Figure
 
 from ..front import Front
-from .style import COLOURS, DOMINATED, blank, distinct, lattice, legend_outside, returned, weight
+from .style import COLORS, DOMINATED, blank, distinct, lattice, legend_outside, returned, weight
 
 MARKS = 25  # markers per line; they tell lines apart in grayscale
 
@@ -52,7 +52,7 @@ def _pair(axes: Axes, front: Front, x: int, y: int) -> PathCollection:
     axes.set_ylabel(returned(front.objectives[y]))
     lattice(axes)
     return axes.scatter(
-        *front.returns[best][:, [x, y]].T, s=14, c=share[best], cmap=COLOURS, vmin=0, vmax=1
+        *front.returns[best][:, [x, y]].T, s=14, c=share[best], cmap=COLORS, vmin=0, vmax=1
     )
 
 
@@ -60,7 +60,7 @@ def _space(figure: Figure, front: Front, rows: int, columns: int) -> None:
     best = front.non_dominated
     axes: Any = figure.add_subplot(rows, columns, 1, projection="3d")
     axes.scatter(
-        *front.returns[best].T, s=12, c=front.tradeoffs[best, 2], cmap=COLOURS, vmin=0, vmax=1
+        *front.returns[best].T, s=12, c=front.tradeoffs[best, 2], cmap=COLORS, vmin=0, vmax=1
     )
     axes.set_xlabel(returned(front.objectives[0]), labelpad=8)
     axes.set_ylabel(returned(front.objectives[1]), labelpad=8)

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from ..front import Front
-from .style import COLOURS, DOMINATED, blank, lattice, legend_outside, returned, weight
+from .style import COLORS, DOMINATED, blank, lattice, legend_outside, returned, weight
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
 
@@ -33,7 +33,7 @@ def _curves(front: Front, title: str) -> Figure:
         axes.plot(x, y, color="0.6", lw=0.8)
         if not best.all():
             axes.scatter(x[~best], y[~best], **DOMINATED)
-        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLOURS, vmin=0, vmax=1)
+        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLORS, vmin=0, vmax=1)
         axes.set_ylabel(returned(name))
         lattice(axes)
     panels[1].set_xlabel(weight(front.objectives[0]))
@@ -47,7 +47,7 @@ def _maps(front: Front, title: str) -> Figure:
     simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
     for k, axes in enumerate(figure.subplots(1, 3)):
         colors = axes.tripcolor(
-            simplex, front.returns[:, k], cmap=COLOURS, shading="flat", edgecolors="face", lw=0.2
+            simplex, front.returns[:, k], cmap=COLORS, shading="flat", edgecolors="face", lw=0.2
         )
         for corner, name in enumerate(names):
             x, y = CORNERS[corner]
@@ -79,7 +79,7 @@ def _own_weights(front: Front, title: str) -> Figure:
         x, y = front.tradeoffs[:, k], front.returns[:, k]
         if not best.all():
             axes.scatter(x[~best], y[~best], **DOMINATED)
-        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLOURS, vmin=0, vmax=1)
+        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLORS, vmin=0, vmax=1)
         axes.set_xlabel(weight(name))
         axes.set_ylabel(returned(name))
         lattice(axes)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ...files import replacing
 
-COLOURS = "viridis"  # perceptually uniform: readable in grayscale and by color-blind readers
+COLORS = "viridis"  # perceptually uniform: readable in grayscale and by color-blind readers
 DOMINATED = {"s": 9, "color": "0.65", "marker": "x", "lw": 0.7, "label": "dominated"}
 MARKERS = "osD^vPX*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
@@ -34,7 +34,7 @@ def lattice(axes: Axes) -> None:
 
 def distinct(number: int) -> list[dict[str, Any]]:
     """Return a color, marker and line style for each of `number` items."""
-    shades = mpl.colormaps[COLOURS]([0.85 * k / max(number - 1, 1) for k in range(number)])
+    shades = mpl.colormaps[COLORS]([0.85 * k / max(number - 1, 1) for k in range(number)])
     return [
         {"color": shade, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
         for k, shade in enumerate(shades)

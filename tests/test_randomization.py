@@ -1,4 +1,4 @@
-"""Worlds that differ, noise, late actions and pushes: each does what it says, and no more."""
+"""Domain randomization: model variation, observation noise, action delay and pushes."""
 
 import math
 
@@ -54,7 +54,7 @@ def still(env: envs.Environment) -> Tensor:
 
 
 def separate_models(env: envs.Environment) -> list[mujoco.MjModel]:
-    """What each world's model should be, each compiled for itself."""
+    """Compile a separate model for each world, with that world's randomized fields."""
     state, models = env.state_dict(), []
     for world in range(env.num_worlds):
         model = type(env).load_model()
@@ -68,7 +68,7 @@ def separate_models(env: envs.Environment) -> list[mujoco.MjModel]:
 
 
 def errors(env: envs.Environment, steps: int) -> np.ndarray:
-    """(steps,) how far positions are from those of separate models, at most."""
+    """Return the largest position errors against separate models, (steps,)."""
     models = separate_models(env)
     worlds = [mujoco.MjData(model) for model in models]
     for world in worlds:
@@ -79,35 +79,35 @@ def errors(env: envs.Environment, steps: int) -> np.ndarray:
         for i, (model, world) in enumerate(zip(models, worlds, strict=True)):
             world.ctrl = env.physics.ctrl[i].double().numpy()
             mujoco.mj_step(model, world, nstep=env.substeps)
-        ours = env.physics.qpos.double().numpy()
-        found.append(np.abs(ours - [world.qpos for world in worlds]).max())
+        positions = env.physics.qpos.double().numpy()
+        found.append(np.abs(positions - [world.qpos for world in worlds]).max())
     return np.array(found)
 
 
 @pytest.mark.parametrize("task", ("cheetah", "hopper", "ant", "humanoid", "pgmorl/walker2d"))
-def test_worlds_of_c_mujoco_move_as_models_changed_one_by_one(task):
+def test_randomized_c_mujoco_worlds_match_separately_compiled_models(task):
     env = make(task, "mujoco", MODELS, auto_reset=False)
     assert errors(env, 60).max() < EXACT
     assert (env.physics.qpos[1:] - env.physics.qpos[0]).abs().amax(1).min() > 1e-3
 
 
 @pytest.mark.parametrize("task", ("cheetah", "hopper", "ant", "humanoid"))
-def test_worlds_of_warp_start_off_as_models_changed_one_by_one(task):
+def test_randomized_warp_worlds_start_like_separately_compiled_models(task):
     assert errors(make(task, "warp", MODELS, auto_reset=False), 10).max() < SINGLE
 
 
-@pytest.mark.parametrize("task", ("cheetah", "hopper"))  # those in space differ in contacts anyway
-def test_worlds_of_warp_touch_the_floor_as_models_changed_one_by_one(task):
+@pytest.mark.parametrize("task", ("cheetah", "hopper"))  # 3D contacts differ between engines anyway
+def test_randomized_warp_worlds_match_separate_models_in_contact(task):
     env = make(task, "warp", MODELS, auto_reset=False, solver_iterations=50)
     assert errors(env, 60).max() < 1e-3
 
 
-def test_friction_is_a_world_s_mass_a_body_s_and_strength_a_motor_s():
+def test_friction_varies_by_world_mass_by_body_and_strength_by_motor():
     env = make("hopper", "mujoco", MODELS, worlds=2000)
     model = env.physics.model
 
     def factors(name: str) -> np.ndarray:
-        """(2000, ...) of the numbers of a field that are not zero."""
+        """Return the factors (2000, ...) of a field's non-zero entries."""
         nominal = getattr(model, name)
         return env.state_dict()[f"model.{name}"].numpy()[:, nominal != 0] / nominal[nominal != 0]
 
@@ -129,7 +129,7 @@ def test_friction_is_a_world_s_mass_a_body_s_and_strength_a_motor_s():
         assert np.abs(np.corrcoef(drawn.T) - np.eye(drawn[0].size)).max() < 0.1
 
 
-def test_worlds_differ_by_the_seed_alone(backend):
+def test_the_seed_determines_the_randomized_models(backend):
     def masses(seed: int) -> Tensor:
         env = make("hopper", backend, {"mass": (0.5, 2)}, seed=seed)
         return env.state_dict()["model.body_mass"]
@@ -144,10 +144,10 @@ def test_a_world_keeps_its_model_in_every_episode(backend):
     assert torch.equal(torch.stack(first), torch.stack(second))
 
 
-# Nothing, unless asked for
+# Disabled randomization
 
 
-def test_by_default_nothing_is_drawn_and_nothing_changes(backend):
+def test_randomization_is_disabled_by_default(backend):
     off = {"observation_noise": {"position": 0.0}, "action_delay": (0, 0), "push": 0.0}
     plain = envs.make("humanoid", 3, "cpu", backend, auto_reset=False)
     explicit = make("humanoid", backend, off, worlds=3, auto_reset=False)
@@ -175,7 +175,7 @@ def test_factors_of_one_change_nothing(backend):
 # Noise
 
 
-def test_noise_has_the_deviations_asked_for_and_touches_what_is_seen_alone(backend):
+def test_noise_has_the_configured_std_and_affects_only_observations(backend):
     deviations = {"position": 0.01, "position.knee": 0.3, "velocity": 0.2}
     clean = envs.make("hopper", 512, "cpu", backend)
     noisy = make("hopper", backend, {"observation_noise": deviations}, worlds=512)
@@ -193,11 +193,11 @@ def test_noise_has_the_deviations_asked_for_and_touches_what_is_seen_alone(backe
         values = noise[..., index]
         assert values.mean().abs() < 5 * deviation / math.sqrt(samples)
         assert values.std().item() == pytest.approx(deviation, rel=0.03)
-    along = torch.corrcoef(noise[..., 0].reshape(40, -1))  # from step to step
+    along = torch.corrcoef(noise[..., 0].reshape(40, -1))  # correlation between steps
     assert (along - torch.eye(40)).abs().max() < 5 / math.sqrt(512)
 
 
-def test_parts_that_nobody_named_are_seen_as_they_are(backend):
+def test_parts_without_configured_noise_are_exact(backend):
     clean = envs.make("hopper", 4, "cpu", backend)
     noisy = make("hopper", backend, {"observation_noise": {"velocity.knee": 1.0}})
     names = [part.name for part in clean.layout()]
@@ -205,7 +205,7 @@ def test_parts_that_nobody_named_are_seen_as_they_are(backend):
     assert [name for name, other in zip(names, differs, strict=True) if other] == ["velocity.knee"]
 
 
-def test_who_asks_twice_sees_the_same(backend):
+def test_repeated_observations_have_the_same_noise(backend):
     env = make("hopper", backend, {"observation_noise": {"position": 1.0}})
     seen = env.reset()
     assert torch.equal(env.critic_observation(), seen)
@@ -214,10 +214,10 @@ def test_who_asks_twice_sees_the_same(backend):
     assert torch.equal(env.critic_observation(), step.observation)
 
 
-# Late actions
+# Action delay
 
 
-def test_an_action_is_exactly_as_late_as_asked(backend):
+def test_an_action_takes_effect_after_the_configured_delay(backend):
     prompt = envs.make("cheetah", 4, "cpu", backend)
     late = make("cheetah", backend, {"action_delay": (3, 3)})
     actions = random_actions(prompt, 20)
@@ -227,7 +227,7 @@ def test_an_action_is_exactly_as_late_as_asked(backend):
         assert torch.equal(late.physics.qpos, prompt.physics.qpos)
 
 
-def test_every_world_is_late_in_its_own_way_and_forgets_with_its_episode(backend):
+def test_each_world_draws_a_new_delay_per_episode_and_clears_its_queue(backend):
     length, worlds = 6, 32
     prompt = envs.make("cheetah", worlds, "cpu", backend, episode_length=length)
     late = make("cheetah", backend, {"action_delay": (1, 3)}, worlds, episode_length=length)
@@ -250,11 +250,11 @@ def test_every_world_is_late_in_its_own_way_and_forgets_with_its_episode(backend
 @pytest.mark.parametrize(
     ("task", "horizontal"), [("ant", [0, 1]), ("humanoid", [0, 1]), ("hopper", [0])]
 )
-def test_a_push_changes_the_horizontal_velocity_by_what_was_asked(task, horizontal, backend):
+def test_a_push_changes_the_horizontal_velocity_by_the_configured_amount(task, horizontal, backend):
     worlds = 256
     calm = envs.make(task, worlds, "cpu", backend)
     pushed = make(task, backend, {"push": 0.7, "push_every": 1}, worlds)
-    calm.step(still(calm))  # in the air
+    calm.step(still(calm))  # the robots are in the air
     pushed.step(still(pushed))
     change = (pushed.physics.qvel - calm.physics.qvel).double()
     size = change[:, horizontal].norm(dim=-1)
@@ -264,7 +264,7 @@ def test_a_push_changes_the_horizontal_velocity_by_what_was_asked(task, horizont
     assert change[:, horizontal].mean(0).abs().max() < 5 * 0.7 / math.sqrt(worlds)
 
 
-def test_pushes_come_as_often_as_asked_at_any_time():
+def test_pushes_come_at_the_configured_rate_on_every_step():
     env = make("hopper", "mujoco", {"push": 1.0, "push_every": 10}, worlds=2000)
     for _ in range(3):
         before = env.physics.qvel[:, 0].clone()
@@ -273,11 +273,11 @@ def test_pushes_come_as_often_as_asked_at_any_time():
         assert share == pytest.approx(0.1, abs=5 * math.sqrt(0.09 / 2000))
 
 
-# All of it
+# Everything combined
 
 
 @pytest.mark.parametrize("task", ("humanoid", "hopper"))
-def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
+def test_randomized_worlds_resume_exactly_from_a_saved_state(task, backend):
     options = {"episode_length": 12, "reset_noise": 0.02, "stagger": True}
     everything = {**MODELS, **MOMENTS}
     env = make(task, backend, everything, **options)
@@ -287,7 +287,7 @@ def test_worlds_go_on_from_a_saved_state_as_if_never_interrupted(task, backend):
     saved, shown = env.state_dict(), env.critic_observation()
     went_on = [env.step(action) for action in actions[15:]]
 
-    # Of another seed: other models and other chances. Starts are no part of a state.
+    # another seed draws other models and noise; initial states are not part of a saved state
     other = make(task, backend, everything, seed=1, **options)
     other.starts = env.starts
     other.step(actions[0])
@@ -316,7 +316,7 @@ def config() -> Config:
     )
 
 
-def test_training_goes_on_as_if_never_interrupted():
+def test_training_with_randomization_resumes_exactly():
     def trainer() -> MORLAX:
         return MORLAX(make_worlds(config(), 32), config())
 
@@ -333,11 +333,11 @@ def test_training_goes_on_as_if_never_interrupted():
         assert torch.equal(second.agent.state_dict()[name], value), name
 
 
-def test_a_config_holds_it_all():
+def test_a_config_with_randomization_round_trips():
     assert load_config(config().model_dump(mode="json")) == config()
 
 
-def test_more_episodes_of_each_trade_off_are_other_worlds(make_policy):
+def test_more_evaluation_seeds_use_other_randomized_worlds(make_policy):
     policy = make_policy("hopper", task={"episode_length": 30, "randomization": MODELS})
     one, several = (evaluate(policy, tradeoffs=4, device="cpu", seeds=seeds) for seeds in (1, 3))
     assert not np.allclose(one.returns, several.returns)
@@ -357,12 +357,12 @@ def test_more_episodes_of_each_trade_off_are_other_worlds(make_policy):
         ({"fields": {"tendon_range": (1, 2)}}, "that this robot has"),
     ],
 )
-def test_what_cannot_be_is_said_in_a_sentence(randomization, expected, backend):
+def test_invalid_randomization_gives_a_clear_error(randomization, expected, backend):
     with pytest.raises(MorlaxError, match=expected):
         make("hopper", backend, randomization)
 
 
-def test_a_field_that_warp_alone_shares_is_refused_by_it_alone():
+def test_a_field_that_only_warp_cannot_vary_is_rejected_only_there():
     randomization = {"fields": {"dof_M0": (1, 2)}}
     make("hopper", "mujoco", randomization)
     with pytest.raises(MorlaxError, match="MuJoCo Warp cannot vary 'dof_M0' between worlds"):
