@@ -1,5 +1,6 @@
 """Train one hypernetwork to hold a whole Pareto front of policies."""
 
+import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -91,6 +92,8 @@ def command(arguments: Sequence[str]) -> None:
         for evaluation in evaluations:
             display.evaluated(evaluation)
         display.finished(interrupted())
+    if interrupted():
+        sys.exit(interrupted.exit_status)
 
 
 def main() -> None:

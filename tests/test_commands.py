@@ -211,6 +211,13 @@ def test_a_resumed_run_keeps_its_config(trained, monkeypatch, capsys):
     assert "ppo cannot change when a run is resumed" in sentence(capsys)
 
 
+@pytest.mark.parametrize("option", ["config", "output"])
+def test_a_resumed_run_accepts_no_other_config_or_folder(option, trained, monkeypatch, capsys):
+    with pytest.raises(SystemExit):
+        run(monkeypatch, train, "--resume", "run", f"--{option}", "other")
+    assert f"leave out --{option}" in sentence(capsys)
+
+
 @pytest.mark.parametrize("damage", [b"", b"no checkpoint at all", None])
 def test_a_damaged_checkpoint_is_an_error(damage, trained, monkeypatch, capsys):
     latest = trained / "checkpoints" / "latest.pt"

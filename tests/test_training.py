@@ -202,16 +202,42 @@ def test_a_killed_run_can_always_be_resumed(tmp_path):
     process.communicate()
 
 
-def test_an_interrupt_ends_training_cleanly_with_a_checkpoint(tmp_path):
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_a_signal_ends_training_cleanly_with_a_checkpoint(number, status, tmp_path):
     process = start(tmp_path, *HOPPER)
     wait_for(lambda: (tmp_path / "run" / "metrics.csv").is_file(), process)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     output, _ = process.communicate(timeout=30)
-    assert process.returncode == 0
+    assert process.returncode == status
     assert "interrupted" in output
     assert "Traceback" not in output
     assert "train --resume run" in " ".join(output.split())
     assert iterations(tmp_path / "run") > 0
+
+
+def test_ctrl_c_while_libraries_are_imported_is_one_line(tmp_path):
+    process = start(tmp_path, *HOPPER)
+    time.sleep(0.4)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert output.strip().splitlines()[-1] == "interrupted"
+    assert "Traceback" not in output
+
+
+def test_only_one_process_trains_a_run(tmp_path):
+    folder = tmp_path / "run"
+    process = start(tmp_path, *HOPPER)
+    wait_for(lambda: (folder / "metrics.csv").is_file(), process)
+    with pytest.raises(MorlaxError, match=rf"is being trained by process {process.pid}: wait"):
+        Run.open(folder).restore(trainer(Run.open(folder).config(), 0))
+    process.kill()
+    process.communicate()
+    resumed = Run.open(folder)  # a killed process leaves no stale lock
+    resumed.restore(trainer(resumed.config(), 0))
+    resumed.close()
 
 
 def test_a_non_finite_loss_stops_the_run_and_keeps_the_checkpoint(tmp_path):

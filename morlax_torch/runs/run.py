@@ -19,6 +19,7 @@ from ..envs.external import title
 from ..evaluation.figures import front_figure
 from ..files import replacing, unused
 from . import checkpoint
+from .lock import RunLock
 from .progress import Evaluation, Progress
 
 
@@ -36,6 +37,7 @@ class Run:
         self.folder = folder
         self._rows: list[dict[str, Any]] = []
         self._events: SummaryWriter | None = None
+        self._lock = RunLock(folder)
         self._purge_step: int | None = None  # TensorBoard drops events from this step on
 
     @classmethod
@@ -74,7 +76,9 @@ class Run:
             raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
         finally:
             shutil.rmtree(draft, ignore_errors=True)
-        return cls(folder)
+        run = cls(folder)
+        run._lock.acquire()
+        return run
 
     @classmethod
     def open(cls, folder: Path) -> Self:
@@ -92,7 +96,12 @@ class Run:
         return load_config(read_yaml(self.folder / "config.yaml"))
 
     def restore(self, learner: Learner) -> Progress:
-        """Load the latest checkpoint into `learner` and drop what was logged after it."""
+        """Load the latest checkpoint into `learner` and drop what was logged after it.
+
+        Raises:
+            MorlaxError: another process trains the run, or the checkpoint does not fit.
+        """
+        self._lock.acquire()
         path = self.checkpoints / "latest.pt"
         contents = checkpoint.load(path, learner.env.device)
         checkpoint.restore(contents, path, learner)
@@ -161,6 +170,9 @@ class Run:
             raise MorlaxError(f"cannot write events in {self.folder}: {reason}.") from None
 
     def close(self) -> None:
-        """Write and close the TensorBoard events."""
-        with self._written() as events:
-            events.close()
+        """Write and close the TensorBoard events, and let other processes train the run."""
+        try:
+            with self._written() as events:
+                events.close()
+        finally:
+            self._lock.release()

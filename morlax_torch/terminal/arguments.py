@@ -28,9 +28,15 @@ class Command(Section):
 def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
     """Read the command line over the config of the file, task or run that it names."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    for name in ("--env", "--config", "--resume", "--device"):
+    for name in ("--env", "--config", "--resume", "--device", "--output"):
         first.add_argument(name)
     early = first.parse_known_args(arguments)[0]
+    for name in ("config", "output"):
+        if early.resume and getattr(early, name):
+            raise MorlaxError(
+                f"--resume continues a run with its own config, in its own folder: "
+                f"leave out --{name}."
+            )
     run = Run.open(Path(early.resume)) if early.resume else None
     below = run.config() if run else load_config(_values(early, arguments))
     model = create_model("Train", __base__=(Command, config_class(below.env)))

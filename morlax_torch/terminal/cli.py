@@ -19,6 +19,8 @@ from tyro.constructors import (
 )
 
 from ..envs import MorlaxError
+from .interrupt import exiting_on_signals
+from .startup import INTERRUPTED
 
 console = Console(highlight=False, soft_wrap=True)
 _registry = ConstructorRegistry()
@@ -57,9 +59,13 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     # if TensorBoard's writer thread fails, its next call raises the error here
     threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
     try:
-        main(sys.argv[1:])
+        with exiting_on_signals():
+            main(sys.argv[1:])
     except MorlaxError as error:
         fail(str(error))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
     except BrokenPipeError:  # the reader closed the pipe, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (MemoryError, RuntimeError) as error:

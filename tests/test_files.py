@@ -1,0 +1,58 @@
+"""Atomic files: what they replace, and what they refuse to replace."""
+
+import os
+import stat
+
+import pytest
+
+from morlax_torch import MorlaxError
+from morlax_torch.files import replacing
+
+
+def write(path, text: bytes = b"new") -> None:
+    with replacing(path) as file:
+        file.write(text)
+
+
+def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_text("old")
+    link.symlink_to(target)
+    write(link)
+    assert link.is_symlink() and target.read_text() == "new"
+
+
+def test_new_files_get_the_permissions_of_the_umask(tmp_path):
+    usual = os.umask(0o027)
+    try:
+        write(tmp_path / "file")
+    finally:
+        os.umask(usual)
+    assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == 0o640
+
+
+def test_devices_pipes_and_folders_are_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for path in ("/dev/null", tmp_path / "pipe", tmp_path / "folder"):
+        with pytest.raises(MorlaxError, match="not a regular file"):
+            write(tmp_path / path)
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "nul\0byte", "loop/file", "missing/file"])
+def test_an_impossible_path_is_one_sentence(name, tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(MorlaxError, match="cannot write"):
+        write(tmp_path / name)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["loop"]
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "file"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), replacing(path) as file:
+        file.write(b"half")
+        raise ZeroDivisionError
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
