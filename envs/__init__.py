@@ -7,6 +7,7 @@ from .device import resolve_device
 from .errors import MorlaxError
 from .physics.interface import Physics
 from .registry import get, make, make_robot, names, register
+from .trust import check_trusted, trust
 from .worlds.environment import Environment
 from .worlds.gymnasium import from_gymnasium
 from .worlds.interface import TimeStep, Worlds
@@ -23,6 +24,7 @@ __all__ = [
     "TaskOptions",
     "TimeStep",
     "Worlds",
+    "check_trusted",
     "from_gymnasium",
     "get",
     "make",
@@ -31,5 +33,6 @@ __all__ = [
     "positions",
     "register",
     "resolve_device",
+    "trust",
     "velocities",
 ]

@@ -10,6 +10,7 @@ from .errors import MorlaxError, explained, unknown
 from .external import checked, from_entry_point, from_file, is_file, offered
 from .gymnasium_ids import announce
 from .robots import TASKS
+from .trust import trust
 from .worlds.environment import Environment
 from .worlds.gymnasium import PREFIX, from_id
 from .worlds.interface import Worlds
@@ -38,9 +39,12 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> type[Worlds]:
     """Return the class registered as `name`, or the one of "FILE.py:CLASS" or "gymnasium:ID".
 
+    The code of such a class runs, and files may name it from now on (see `trust`).
+
     Raises:
         MorlaxError: there is no such task, or it cannot be loaded.
     """
+    trust(name)
     if name.startswith(PREFIX):
         return from_id(name)
     if is_file(name):

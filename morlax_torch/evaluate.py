@@ -21,7 +21,7 @@ from .reports import comparison
 from .reports.page import number, words
 from .reports.results import Evaluated, write
 from .runs.evaluating import evaluate
-from .runs.loading import SHIPPED, find_run, load
+from .runs.loading import SHIPPED, find_run, load, trust_task
 from .terminal import cli
 
 PROTOCOLS = {
@@ -46,6 +46,7 @@ def command(arguments: Sequence[str]) -> None:
         seeds: int = 1,
         reference: str | None = None,
         output: Path | None = None,
+        trust: bool = False,
     ) -> None:
         """Evaluate the policies of many trade-offs, one episode each, and print the indicators.
 
@@ -67,11 +68,14 @@ def command(arguments: Sequence[str]) -> None:
                 runs, if there are several).
             output: Output folder (None: the run's folder, or evaluations/<time> for several runs
                 or a shipped policy).
+            trust: Let the run import the FILE.py or module that its task names.
         """
         if not runs:
             raise MorlaxError(
                 "name at least one run: its folder, such as runs/ant/..., or a .pt file."
             )
+        for run in runs if trust else ():
+            trust_task(run)
         place = resolve_device(device)
         named = dict(zip(comparison.names(runs), runs, strict=True))
         policies = {name: load(run, place) for name, run in named.items()}

@@ -9,6 +9,7 @@ import tyro
 
 from .envs import MorlaxError
 from .gpu.threads import one_thread
+from .runs.loading import trust_task
 from .terminal import cli
 from .terminal.interrupt import interruptible
 from .viewers.explorer import library
@@ -51,6 +52,7 @@ def command(arguments: Sequence[str]) -> None:
         ] = None,
         host: str = "127.0.0.1",
         port: int = 8080,
+        trust: bool = False,
     ) -> None:
         """Serve a page that shows a robot live, with a slider for each objective.
 
@@ -59,8 +61,12 @@ def command(arguments: Sequence[str]) -> None:
                 or the latest run under ./runs if there is none).
             host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
             port: TCP port to listen on; 0 selects a free one.
+            trust: Let the run import the FILE.py or module that its task names.
         """
-        explore(run or library.first(), host, port)
+        chosen = run or library.first()
+        if trust:
+            trust_task(chosen)
+        explore(chosen, host, port)
 
     tyro.cli(main, args=arguments, prog="python -m morlax_torch.explore")
 

@@ -20,6 +20,7 @@ def command(arguments: Sequence[str]) -> None:
         tradeoff: Annotated[str | None, tyro.conf.arg(metavar="0.7,0.3")] = None,
         format: Literal["onnx", "torchscript", "torch-export"] = "onnx",
         output: Path | None = None,
+        trust: bool = False,
     ) -> None:
         """Write the policy of a trade-off to a file that runs without this package.
 
@@ -35,8 +36,9 @@ def command(arguments: Sequence[str]) -> None:
             output: Output file (None: policy.onnx, .ts or .pt2, or family.* if the trade-off
                 is an input; in the run's folder, or in the working directory for a shipped
                 policy).
+            trust: Let the run import the FILE.py or module that its task names.
         """
-        policy = load(run)
+        policy = load(run, trust=trust)
         weights = None if tradeoff is None else parse_tradeoff(tradeoff, policy.objectives)
         name = ("family" if weights is None else "policy") + FORMATS[format].ending
         place = output or _default_folder(run) / name

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from .runs.loading import trust_task
 from .runs.packing import pack
 from .terminal import cli
 
@@ -16,6 +17,7 @@ def command(arguments: Sequence[str]) -> None:
         run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
         output: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")],
         device: str | None = None,
+        trust: bool = False,
     ) -> None:
         """Write a run's policies, front, config and training curve to a small folder.
 
@@ -25,7 +27,10 @@ def command(arguments: Sequence[str]) -> None:
             run: Run folder (its best checkpoint), or a checkpoint in it.
             output: New folder.
             device: Device that evaluates the front: cuda, cpu, ... (None: CUDA if there is a GPU).
+            trust: Let the run import the FILE.py or module that its task names.
         """
+        if trust:
+            trust_task(run)
         front = pack(run, output, device)
         size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6
         cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {output} ({size:.1f} MB)")

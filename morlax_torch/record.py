@@ -25,6 +25,7 @@ def command(arguments: Sequence[str]) -> None:
         height: int = 360,
         pictures: int = 8,
         seed: int = 0,
+        trust: bool = False,
     ) -> None:
         """Record the robot under several trade-offs side by side, with its running returns.
 
@@ -44,8 +45,9 @@ def command(arguments: Sequence[str]) -> None:
             height: Height of a panel, in pixels.
             pictures: Number of pictures per row of a film strip, evenly spaced in time.
             seed: Random seed of the world.
+            trust: Let the run import the FILE.py or module that its task names.
         """
-        policy = load(run)
+        policy = load(run, trust=trust)
         place = output or _default_output(run)
         tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
         record(

@@ -6,6 +6,7 @@ from pathlib import Path
 import torch
 from torch import nn
 
+from .. import envs
 from ..config import load_config
 from ..envs import MorlaxError, resolve_device
 from ..networks.agent import Agent
@@ -57,17 +58,27 @@ def load(
     run: str | os.PathLike[str],
     device: str | torch.device | None = "cpu",
     actor: nn.Module | None = None,
+    *,
+    trust: bool = False,
 ) -> Policy:
     """Load the policies of a run's folder, a checkpoint file, or a shipped name ("ant").
 
-    A run with a user-made actor needs a module like it; its parameters do not matter.
+    Args:
+        run: the policies.
+        device: "cpu", "cuda", ...; None selects CUDA if there is a GPU.
+        actor: a module like the user-made actor of the run; its parameters do not matter.
+        trust: allow the checkpoint to import the FILE.py or module that its task names.
 
     Raises:
-        MorlaxError: there is no checkpoint, it is damaged, or it has another actor.
+        MorlaxError: there is no checkpoint, it is damaged, it has another actor, or its task would
+            run code that is not trusted.
     """
     place = resolve_device(device)
     path = find_checkpoint(run)
     contents = checkpoint.load(path, place)
+    if trust:
+        envs.trust(contents["config"]["env"])
+    envs.check_trusted(contents["config"]["env"], path)
     config, stored = load_config(contents["config"]), contents["environment"]
     agent = Agent(
         stored["observation_size"],
@@ -86,6 +97,15 @@ def load(
         state = {name: value for name, value in state.items() if not name.startswith("critic.")}
     agent.load_state_dict(state, strict=whole and not own_critic)
     return Policy(agent, config, stored["objectives"])
+
+
+def trust_task(run: str | os.PathLike[str]) -> None:
+    """Allow runs to import the FILE.py or module that this run's task names, in this process.
+
+    Raises:
+        MorlaxError: there is no such run, or it is damaged.
+    """
+    envs.trust(checkpoint.load(find_checkpoint(run))["config"]["env"])
 
 
 def save(policy: Policy, path: Path) -> None:

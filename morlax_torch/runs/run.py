@@ -12,6 +12,7 @@ from typing import Any, Self
 import yaml
 from torch.utils.tensorboard import SummaryWriter
 
+from .. import envs
 from ..algorithms.learner import Learner
 from ..config import Config, load_config, read_yaml
 from ..envs import MorlaxError
@@ -91,9 +92,23 @@ class Run:
             raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
         return cls(folder)
 
-    def config(self) -> Config:
-        """Read the config that the run was started with."""
-        return load_config(read_yaml(self.folder / "config.yaml"))
+    def config(self, trust: bool = False) -> Config:
+        """Read the config that the run was started with.
+
+        Args:
+            trust: allow it to import the FILE.py or module that its task names.
+
+        Raises:
+            MorlaxError: it is damaged, or its task would run code that is not trusted.
+        """
+        path = self.folder / "config.yaml"
+        values = read_yaml(path)
+        task = values.get("env")
+        if isinstance(task, str):
+            if trust:
+                envs.trust(task)
+            envs.check_trusted(task, path)
+        return load_config(values)
 
     def restore(self, learner: Learner) -> Progress:
         """Load the latest checkpoint into `learner` and drop what was logged after it.

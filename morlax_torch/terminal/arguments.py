@@ -23,6 +23,8 @@ class Command(Section):
     """Folder of the run (None: runs/<task>/<time>-<seed>)."""
     resume: Path | None = None
     """Continue the run in this folder; only limits, device and backend may change."""
+    trust: bool = False
+    """Let the resumed run import the FILE.py or module that its task names."""
 
 
 def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
@@ -30,6 +32,7 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for name in ("--env", "--config", "--resume", "--device", "--output"):
         first.add_argument(name)
+    first.add_argument("--trust", action="store_true")
     early = first.parse_known_args(arguments)[0]
     for name in ("config", "output"):
         if early.resume and getattr(early, name):
@@ -38,7 +41,9 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
                 f"leave out --{name}."
             )
     run = Run.open(Path(early.resume)) if early.resume else None
-    below = run.config() if run else load_config(_values(early, arguments))
+    if run and early.env:
+        envs.get(early.env)  # the user names this code
+    below = run.config(early.trust) if run else load_config(_values(early, arguments))
     model = create_model("Train", __base__=(Command, config_class(below.env)))
     about = f"{ABOUT} The defaults below are those of --env {below.env}, from configs/."
     default = model.model_validate(below.model_dump())

@@ -22,7 +22,7 @@ from ..envs import MorlaxError
 from .interrupt import exiting_on_signals
 from .startup import INTERRUPTED
 
-console = Console(highlight=False, soft_wrap=True)
+console = Console(highlight=False, soft_wrap=True, emoji=False)
 _registry = ConstructorRegistry()
 
 
@@ -82,5 +82,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
 
 def fail(sentence: str) -> NoReturn:
     """Print an error and exit."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"error: {sentence}", markup=False)
+    Console(stderr=True, highlight=False, soft_wrap=True, emoji=False).print(
+        f"error: {sentence}", markup=False
+    )
     sys.exit(2)

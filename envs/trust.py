@@ -1,0 +1,30 @@
+"""Which code outside this package may run because a file, such as a checkpoint, names it."""
+
+from .errors import MorlaxError
+from .external import absolute, is_file
+from .worlds.gymnasium import PREFIX
+
+_TRUSTED: set[str] = set()
+
+
+def trust(name: str) -> None:
+    """Allow files to name the task `name` in this process."""
+    _TRUSTED.add(absolute(name))
+
+
+def check_trusted(name: str, source: object) -> None:
+    """Check that the task `name`, which `source` names, may be imported.
+
+    Built-in tasks, entry points of installed packages and Gymnasium's registered environments
+    always may. FILE.py:CLASS and gymnasium:MODULE:ID run code that the file's author chose; they
+    may once the user has named them to `envs.get` or `envs.make`, or trusts the file.
+
+    Raises:
+        MorlaxError: the user has not allowed this code.
+    """
+    runs_code = is_file(name) or (name.startswith(PREFIX) and ":" in name.removeprefix(PREFIX))
+    if runs_code and absolute(name) not in _TRUSTED:
+        raise MorlaxError(
+            f"{source} would run the code of {name}: if you trust it, add --trust, or from Python "
+            "load(..., trust=True)."
+        )

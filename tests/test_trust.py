@@ -1,0 +1,89 @@
+"""A run's files execute no code by themselves."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from morlax_torch import MorlaxError, envs, load, save
+
+PAYLOAD = """
+from pathlib import Path
+from morlax_torch.envs.robots.hopper import Hopper
+Path({sprung!r}).touch()
+class Robot(Hopper):
+    model_file = {model!r}
+"""
+
+
+@pytest.fixture
+def hostile(tmp_path: Path, make_policy) -> Path:
+    """A run whose task is a Python file that leaves a trace when it runs."""
+    model = Path(sys.modules[envs.get("hopper").__module__].__file__).parent / "assets/hopper.xml"
+    robot = tmp_path / "robot.py"
+    robot.write_text(PAYLOAD.format(sprung=str(tmp_path / "sprung"), model=str(model)))
+    policy = make_policy("hopper", network={"actor": [8]})
+    # as an attacker would, without running the code
+    object.__setattr__(policy.config, "env", f"{robot}:Robot")
+    run = tmp_path / "run"
+    (run / "checkpoints").mkdir(parents=True)
+    save(policy, run / "checkpoints" / "best.pt")
+    (run / "config.yaml").write_text(f"env: {robot}:Robot\n")
+    return run
+
+
+def command(name: str, *arguments: object, folder: Path) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-m", f"morlax_torch.{name}", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+
+
+COMMANDS = {
+    "evaluate": ("run", "--device", "cpu"),
+    "record": ("run",),
+    "export": ("run",),
+    "explore": ("run", "--port", "0"),
+    "pack": ("run", "packed", "--device", "cpu"),
+    "train": ("--resume", "run", "--device", "cpu"),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_command_runs_code_that_only_a_file_names(hostile, name):
+    done = command(name, *COMMANDS[name], folder=hostile.parent)
+    assert done.returncode == 2
+    said = " ".join(done.stderr.split())
+    assert "would run the code of" in said and "robot.py:Robot" in said and "--trust" in said
+    assert "Traceback" not in done.stderr
+    assert not (hostile.parent / "sprung").exists()
+
+
+def test_from_python_a_file_is_trusted_by_saying_so(hostile):
+    with pytest.raises(MorlaxError, match=r"would run the code of .*load\(\.\.\., trust=True\)"):
+        load(hostile)
+    assert not (hostile.parent / "sprung").exists()
+    assert load(hostile, trust=True).objectives == ("run", "jump")
+    assert (hostile.parent / "sprung").exists()
+
+
+def test_a_module_of_gymnasium_is_code_too_and_a_registered_id_is_not():
+    with pytest.raises(MorlaxError, match="would run the code of gymnasium:antigravity:Fly-v0"):
+        envs.check_trusted("gymnasium:antigravity:Fly-v0", "run.pt")
+    envs.check_trusted("gymnasium:mo-hopper-v5", "run.pt")
+    envs.check_trusted("hopper", "run.pt")
+
+
+@pytest.mark.parametrize("allow", ["--trust", "--env"])
+def test_a_command_line_can_allow_it(hostile, allow):
+    given = ("--trust",) if allow == "--trust" else ("--env", f"{hostile.parent}/robot.py:Robot")
+    name = "evaluate" if allow == "--trust" else "train"
+    arguments = [*COMMANDS[name], *given, *(("--tradeoffs", 4) if name == "evaluate" else ())]
+    done = command(name, *arguments, folder=hostile.parent)
+    assert (hostile.parent / "sprung").exists()
+    assert "would run the code of" not in done.stderr
