@@ -64,9 +64,9 @@ def training(
     began = time.perf_counter() - progress.total_seconds
     schedule = _Schedule(learner, limits, progress)
     evaluated = learner.iteration if run and run.has_evaluation(learner.iteration) else None
-    learner.compile()
-    evaluator.compile()
     try:
+        learner.compile()
+        evaluator.compile()
         while True:
             stopped = limits.stopped()
             finished = stopped or schedule.over()

@@ -4,6 +4,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -29,7 +30,7 @@ def interruptible() -> Iterator[Interruption]:
     """Turn the first signal of SIGNALS into a flag; a second one acts as usual."""
     interruption = Interruption()
 
-    def receive(number: int, frame: object) -> None:
+    def receive(number: int, frame: Any) -> None:
         interruption.signal = number
         for which, handler in usual.items():
             signal.signal(which, handler)
@@ -48,8 +49,8 @@ def exiting_on_signals() -> Iterator[None]:
 
 @contextmanager
 def _handling(
-    signals: list[signal.Signals], handle: Callable[[int, object], None]
-) -> Iterator[dict[signal.Signals, object]]:
+    signals: list[signal.Signals], handle: Callable[[int, Any], None]
+) -> Iterator[dict[signal.Signals, Any]]:
     usual = {which: signal.signal(which, handle) for which in signals}
     try:
         yield usual

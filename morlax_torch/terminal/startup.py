@@ -12,7 +12,8 @@ INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
 def runs_a_command() -> bool:
     """Return whether this process was started as one of the commands of morlax_torch."""
     by_module = any(a == "-m" and b.startswith("morlax_torch") for a, b in pairwise(sys.orig_argv))
-    by_script = any(Path(word).name.startswith("morlax") for word in sys.orig_argv[:2])
+    names = [Path(word).stem for word in sys.orig_argv[:2]]
+    by_script = any(name == "morlax" or name.startswith("morlax-") for name in names)
     return by_module or by_script
 
 
