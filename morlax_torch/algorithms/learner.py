@@ -32,8 +32,8 @@ class Learner(Protocol):
     def metrics(self) -> dict[str, float]:
         """Return means over the iterations since the last call. Waits for the GPU.
 
-        "blowups" and "overflow" are always among them; a metric that ends in "_loss" must be
-        finite.
+        "blowups" and "overflow" are always among them. "entropy" and every metric that ends in
+        "_loss" must be finite, else training stops.
         """
         ...
 
