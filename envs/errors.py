@@ -1,9 +1,18 @@
 """The exception for mistakes that a user can fix, and its messages."""
 
 import difflib
-from collections.abc import Iterable
+import reprlib
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
+
+LONGEST = 200  # characters of a user's value in a message
+MOST_FINDINGS = 5  # mistakes listed in one message
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = LONGEST
+_SHORT.maxlevel = 3
 
 
 class MorlaxError(Exception):
@@ -13,29 +22,39 @@ class MorlaxError(Exception):
     """
 
 
+def shortened(value: object) -> str:
+    """Return `repr(value)` in one line, shortened if it is long or deeply nested."""
+    return " ".join(_SHORT.repr(value).split())
+
+
 def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
     """Return the error for a `name` that is not `known`; it suggests the nearest one."""
     known = sorted(known)
-    near = difflib.get_close_matches(name, known, n=1)
+    near = difflib.get_close_matches(name[:LONGEST], known, n=1)
     guess = f": did you mean {near[0]!r}?" if near else "."
-    return MorlaxError(f"unknown {kind} {name!r}{guess} Known: {', '.join(known)}.")
+    listed = f" Known: {', '.join(known)}." if known else ""
+    return MorlaxError(f"unknown {kind} {shortened(name)}{guess}{listed}")
 
 
-def explained(error: ValidationError, model: type) -> MorlaxError:
+def explained(error: ValidationError, model: type[BaseModel]) -> MorlaxError:
     """Turn pydantic's findings into plain sentences that suggest the nearest known keys."""
-    sentences = []
-    for finding in error.errors():
-        key = ".".join(str(part) for part in finding["loc"])
-        if finding["type"] == "extra_forbidden":
-            *path, last = finding["loc"]
-            owner = model
-            for part in path:
-                owner = owner.model_fields[part].annotation
-            section = f"{'.'.join(map(str, path))} key" if path else "key"
-            sentences.append(str(unknown(section, str(last), owner.model_fields)))
-        else:
-            reason = finding["msg"].removeprefix("Value error, ")
-            value = finding["input"]
-            given = "" if isinstance(value, dict) else f" (given: {value!r})"
-            sentences.append(f"{key}: {reason}{given}." if key else f"{reason}")
+    findings = error.errors()
+    sentences = [_sentence(finding, model) for finding in findings[:MOST_FINDINGS]]
+    if len(findings) > MOST_FINDINGS:
+        sentences.append(f"There are {len(findings) - MOST_FINDINGS} more such mistakes.")
     return MorlaxError(" ".join(sentences))
+
+
+def _sentence(finding: Mapping[str, Any], model: type[BaseModel]) -> str:
+    path, value = list(finding["loc"]), finding["input"]
+    if finding["type"] == "extra_forbidden":
+        *path, last = path
+        owner: Any = model
+        for part in path:
+            owner = owner.model_fields[part].annotation
+        section = f"{'.'.join(path)} key" if path else "key"
+        return str(unknown(section, str(last), getattr(owner, "model_fields", ())))
+    given = "" if isinstance(value, dict) else f" (given: {shortened(value)})"
+    key = ".".join(" ".join(str(part)[:LONGEST].split()) for part in path)
+    reason = finding["msg"].removeprefix("Value error, ")
+    return f"{key}: {reason}{given}." if key else reason

@@ -2,6 +2,7 @@
 
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
 from functools import cache
@@ -11,7 +12,7 @@ from types import ModuleType
 
 from pydantic import ValidationError
 
-from .errors import MorlaxError, unknown
+from .errors import MorlaxError, shortened, unknown
 from .worlds.environment import Environment
 from .worlds.gymnasium import GymnasiumWorlds
 from .worlds.interface import Worlds
@@ -25,9 +26,18 @@ def is_file(name: str) -> bool:
 
 
 def absolute(name: str) -> str:
-    """Return FILE.py:CLASS with an absolute path, so that it works from any folder."""
+    """Return FILE.py:CLASS with an absolute path, so that it works from any folder.
+
+    Raises:
+        MorlaxError: FILE.py is not a path: it names an unknown user, or links in a circle.
+    """
     file, colon, member = name.rpartition(":")
-    return f"{Path(file).expanduser().resolve()}:{member}" if colon and is_file(name) else name
+    if not colon or not is_file(name):
+        return name
+    try:
+        return f"{Path(file).expanduser().resolve()}:{member}"
+    except (OSError, RuntimeError, ValueError) as error:
+        raise MorlaxError(f"{shortened(file)} is not the path of a file: {error}.") from None
 
 
 def title(name: str) -> str:
@@ -44,7 +54,7 @@ def from_file(name: str) -> type[Worlds]:
     file, _, member = absolute(name).rpartition(":")
     if name.endswith(".py"):
         raise MorlaxError(f"{name} is a file: name a class in it, such as {name}:MyRobot.")
-    if not Path(file).is_file():
+    if not os.path.isfile(file):  # unlike Path.is_file, it never fails
         raise MorlaxError(f"there is no file {file}, which should define the task {member}.")
     module = _run(file)
     own = {key for key, value in vars(module).items() if _is_task(value)}
@@ -73,7 +83,7 @@ def from_entry_point(name: str) -> type[Worlds]:
         )
     try:
         found = next(iter(points)).load()
-    except Exception as error:  # any error of the package's own code
+    except (Exception, SystemExit) as error:  # any error of the package's own code
         raise MorlaxError(
             f"the environment {name!r} cannot be imported from {values[0]}: {_words(error)}"
         ) from None
@@ -117,7 +127,7 @@ def _run(file: str) -> ModuleType:
     sys.modules[file] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # any error of the user's own code
+    except (Exception, SystemExit) as error:  # any error of the user's own code
         del sys.modules[file]
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
         place = f"{file}, line {lines[-1]}," if lines else file
@@ -130,5 +140,5 @@ def _is_task(value: object) -> bool:
     return inspect.isclass(value) and issubclass(value, Worlds) and value not in bases
 
 
-def _words(error: Exception) -> str:
+def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

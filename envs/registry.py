@@ -82,7 +82,7 @@ def make(
         task_options: fields of the task's `Options`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown name, option or backend, or a missing device.
+        MorlaxError: an unknown name, option or backend, a number out of range, or a missing device.
     """
     task = get(name)
     try:
@@ -92,6 +92,8 @@ def make(
     place = resolve_device(device)
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
+    if not 0 <= seed < 2**64:
+        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
     if num_worlds < 1:
         raise MorlaxError(f"num_worlds is {num_worlds}: at least one world is needed.")
     return task.build(

@@ -4,17 +4,14 @@ import math
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import yaml
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
-    PositiveInt,
     ValidationError,
     create_model,
     field_validator,
@@ -23,14 +20,16 @@ from pydantic import (
 
 from . import envs
 from .envs import MorlaxError, ObjectiveOptions, resolve_device
-from .envs.errors import explained
+from .envs.errors import explained, shortened
 from .envs.external import absolute, is_file
+from .envs.worlds.section import Count, Section
+from .files import read
 
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
+MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
 
-
-class Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+Width = Annotated[int, Field(ge=1, le=65536)]
+Layers = Annotated[tuple[Width, ...], Field(max_length=16)]
 
 
 class SamplingConfig(Section):
@@ -42,7 +41,7 @@ class SamplingConfig(Section):
     """K, for sparse sampling; must divide the number of worlds."""
     corners: NonNegativeInt | None = None
     """Number of clusters whose trade-off is a corner: 0 or one per objective (None: the latter)."""
-    alpha: PositiveFloat = 1.0
+    alpha: float = Field(default=1.0, ge=1e-3, le=1e6)
     """Concentration of the Dirichlet distribution; 1 is uniform on the simplex."""
 
 
@@ -51,39 +50,39 @@ class NetworkConfig(Section):
 
     type: Literal["dual", "single"] = "dual"
     """dual: actor and critic have separate hypernetworks; single: they share its features."""
-    hidden: tuple[PositiveInt, ...] = (128, 128)
+    hidden: Layers = (128, 128)
     """Hidden layers of the hypernetworks' feature networks."""
-    features: PositiveInt = 16
+    features: Width = 16
     """F, the number of features that generated parameters are affine in."""
-    scale: NonNegativeFloat = 0.0
+    scale: float = Field(default=0.0, ge=0, le=100)
     """The affine map starts uniform in [-scale, scale]."""
-    actor: tuple[PositiveInt, ...] = (64, 64)
+    actor: Layers = (64, 64)
     """Hidden layers of the generated actors."""
-    critic: tuple[PositiveInt, ...] = (64, 64)
+    critic: Layers = (64, 64)
     """Hidden layers of the generated critics."""
-    initial_std: float = Field(default=math.log(2) + MIN_STD, gt=MIN_STD)
+    initial_std: float = Field(default=math.log(2) + MIN_STD, gt=MIN_STD, le=100)
     """Initial standard deviation of pre-tanh actions."""
 
 
 class PPOConfig(Section):
     """How PPO updates the hypernetworks."""
 
-    learning_rate: PositiveFloat = 3e-4
+    learning_rate: float = Field(default=3e-4, gt=0, le=1)
     """Learning rate of Adam."""
-    critic_learning_rate: PositiveFloat | None = None
+    critic_learning_rate: float | None = Field(default=None, gt=0, le=1)
     """Learning rate of the critic (None: the same)."""
     anneal: bool = False
     """Decay learning rates, entropy bonus and normalizer updates linearly to zero at
     max_env_steps."""
-    epochs: PositiveInt = 4
+    epochs: Count = 4
     """Passes over a rollout."""
-    minibatches: PositiveInt = 8
+    minibatches: Count = 8
     """Minibatches per pass; must divide the worlds of a cluster (dense sampling: all worlds)."""
     discount: float = Field(default=0.99, ge=0, le=1)
     """Discount factor gamma, per control step."""
     gae_lambda: float = Field(default=0.95, ge=0, le=1)
     """Lambda of generalized advantage estimation."""
-    clip: PositiveFloat = 0.2
+    clip: float = Field(default=0.2, gt=0, le=100)
     """Clip range of the probability ratio."""
     entropy: NonNegativeFloat = 0.01
     """Weight of the entropy bonus."""
@@ -102,9 +101,9 @@ class PPOConfig(Section):
 class EvaluationConfig(Section):
     """How fronts are evaluated while training."""
 
-    every: PositiveInt = 2_000_000
+    every: int = Field(default=2_000_000, gt=0, lt=2**63)
     """Environment steps between evaluations."""
-    tradeoffs: int = Field(default=512, ge=2)
+    tradeoffs: int = Field(default=512, ge=2, le=1_000_000)
     """Number of fixed trade-offs to evaluate, one episode each."""
 
 
@@ -123,12 +122,13 @@ class Config(Section):
     """MuJoCo Warp or C MuJoCo (None: Warp on CUDA, C MuJoCo on the CPU)."""
     deterministic: bool = False
     """Make MuJoCo Warp order contacts and constraints alike in every run, at some cost in speed.
-    CUDA runs then repeat closely, though not bit for bit. CPU runs always repeat bit for bit."""
+    CUDA runs then repeat closely, though not bit for bit. CPU runs always repeat bit for bit, with
+    the same number of threads."""
     worlds: int = Field(default=4096, gt=0, lt=2**31)
     """N, the number of parallel worlds."""
-    horizon: PositiveInt = 20
+    horizon: Count = 20
     """T, control steps per world and iteration."""
-    max_env_steps: PositiveInt | None = None
+    max_env_steps: int | None = Field(default=None, gt=0, lt=2**63)
     """Stop after this many environment steps."""
     max_seconds: PositiveFloat | None = None
     """Stop after this much training time, without compiling and evaluating, in seconds."""
@@ -265,24 +265,69 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """Read the keys and values of a YAML file.
 
     Raises:
-        MorlaxError: it cannot be read, or is not a mapping.
+        MorlaxError: it cannot be read, is not a mapping, or has the same key twice.
     """
     try:
-        values = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise MorlaxError(f"cannot read the config {path}: {error.strerror}.") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        values = yaml.load(read(path, "config"), _UniqueKeys)
+    except (yaml.YAMLError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"the config {path} is not valid YAML: {reason}") from None
+    except RecursionError:
+        raise MorlaxError(f"the config {path} is nested too deeply.") from None
     if not isinstance(values, dict):
         raise MorlaxError(f"the config {path} must hold keys and values, such as env: ant.")
     return values
+
+
+class _UniqueKeys(yaml.SafeLoader):
+    """Refuses a key that appears twice, of which YAML would silently take the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        seen: list[str] = []
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {key.value} appears twice", problem_mark=key.start_mark
+                )
+            seen.append(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def write_yaml(config: Config) -> str:
+    """Return a config as YAML, which `read_yaml` and `load_config` read."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def differences(one: Config, other: Config) -> list[str]:
+    """Say which values of `other` differ that a resumed run may not change.
+
+    Each is as "ppo.clip: 0.3 instead of 0.2", with the value of `other` first.
+    """
+    values, others = _flat(one.model_dump(mode="json")), _flat(other.model_dump(mode="json"))
+    return [
+        f"{key}: {others.get(key)} instead of {values.get(key)}"
+        for key in {**values, **others}
+        if key.split(".")[0] not in MAY_CHANGE and values.get(key) != others.get(key)
+    ]
+
+
+def _flat(values: dict[str, Any]) -> dict[str, Any]:
+    """Return nested values by dotted name."""
+    flat = {}
+    for key, value in values.items():
+        parts = _flat(value) if isinstance(value, dict) else None
+        flat |= {f"{key}.{name}": part for name, part in parts.items()} if parts else {key: value}
+    return flat
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
     """Apply the section `cpu`, which overrides values where there is no GPU."""
     values = dict(values)
     cpu = values.pop("cpu", None) or {}
+    if not isinstance(cpu, dict):
+        raise MorlaxError(
+            f"the section cpu of a config holds keys and values for the CPU, not {shortened(cpu)}."
+        )
     return merged(values, cpu) if device_type == "cpu" else values
 
 

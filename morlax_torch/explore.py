@@ -39,8 +39,7 @@ def explore(run: str, host: str, port: int) -> None:
         ) from None
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)
-        place = {"0.0.0.0": "127.0.0.1"}.get(host, host)
-        cli.console.print(f"open http://{place}:{page.server.get_port()}  (Ctrl-C to stop)")
+        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", markup=False)
         page.serve(ended)
         page.stop()
 
@@ -86,10 +85,10 @@ def _check_free(host: str, port: int) -> None:
         with socket.socket(family, kind) as trial:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind(address)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # a name such as ".." is a UnicodeError
+        reason = getattr(error, "strerror", "not a host name")
         raise MorlaxError(
-            f"cannot listen on {host}, port {port} ({error.strerror}): choose another --port or "
-            "--host."
+            f"cannot listen on {host}, port {port} ({reason}): choose another --port or --host."
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""Atomic files: either unchanged or complete, never half-written."""
+"""Whole files: read at once, and written atomically, so never half-written."""
 
 import os
 import secrets
@@ -8,6 +8,30 @@ from pathlib import Path
 from typing import IO
 
 from .envs import MorlaxError
+
+DRAFT = ".tmp"
+
+
+def read(path: Path, what: str = "file") -> bytes:
+    """Read a whole file.
+
+    Args:
+        path: the file.
+        what: what it is, for error messages.
+
+    Raises:
+        MorlaxError: there is none, it is a folder, device or pipe, or it cannot be read.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise MorlaxError(f"cannot read the {what} {path}: it is not a regular file.")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise MorlaxError(f"there is no {what} {path}.") from None
+    except OSError as error:
+        raise MorlaxError(f"cannot read the {what} {path}: {error.strerror or error}.") from None
+    except ValueError:
+        raise MorlaxError(f"there is no {what} {str(path)!r}: a path cannot have NUL.") from None
 
 
 @contextmanager
@@ -27,7 +51,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
     try:
         if target.exists() and not target.is_file():
             raise MorlaxError(f"cannot write {path}: it is not a regular file, name another one.")
-        draft = target.with_name(f".{secrets.token_hex(8)}.tmp")
+        draft = target.with_name(f".{os.getpid()}.{secrets.token_hex(8)}{DRAFT}")
         with open(draft, "xb") as file:
             temporary = draft
             yield file
@@ -39,6 +63,24 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def remove_drafts(folder: Path) -> None:
+    """Remove the temporary files that killed processes have left in a folder."""
+    for draft in folder.glob(f".*{DRAFT}"):
+        process = draft.name.split(".")[1]
+        if process.isdecimal() and not _runs(int(process)):
+            draft.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)  # sends no signal, only asks
+    except ProcessLookupError:
+        return False
+    except OSError:  # it runs, and belongs to another user
+        pass
+    return True
 
 
 def unused(path: Path) -> Path:

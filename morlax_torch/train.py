@@ -44,8 +44,8 @@ def train(
         on_evaluation: called after each evaluation.
 
     Raises:
-        MorlaxError: the folder cannot be written, the simulator's buffers overflow, or a loss is
-            not finite. Checkpoints keep their last good state.
+        MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
+            blows up, or a loss is not finite. Checkpoints keep their last good state.
     """
     session = _prepare(config, run, output, actor, critic)
     with closing(session.train(Limits.of(config))) as evaluations:

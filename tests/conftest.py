@@ -21,6 +21,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do th
     torch.set_num_threads(1)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    about = "try random values for this long in each fuzzer, instead of a few of them"
+    parser.addoption("--fuzz-minutes", type=float, default=0.0, help=about)
+
+
 @pytest.fixture
 def generator() -> torch.Generator:
     return torch.Generator().manual_seed(0)

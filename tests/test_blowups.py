@@ -7,7 +7,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from morlax_torch import MORLAX, config_for, envs
+from morlax_torch import MORLAX, MorlaxError, config_for, envs
+from morlax_torch.train import train
 
 SLIDER = """
 <mujoco>
@@ -133,3 +134,77 @@ def test_training_survives_a_world_with_a_huge_velocity():
     assert all(np.isfinite(value) for value in metrics.values())
     assert all(value.isfinite().all() for value in morlax.agent.state_dict().values())
     assert scale.max() < 1e6
+
+
+SMALL = {
+    "worlds": 8,
+    "horizon": 4,
+    "device": "cpu",
+    "max_env_steps": 320,
+    "sampling.clusters": 4,
+    "ppo.minibatches": 1,
+    "ppo.epochs": 1,
+    "evaluation.tradeoffs": 4,
+    "evaluation.every": 160,
+}
+
+
+@pytest.fixture
+def unsound(slider, monkeypatch) -> list[int]:
+    """Sliders whose reward becomes NaN from a step on; the list holds the first such step."""
+    begin, sound = [10**9], slider.terms
+
+    def terms(self) -> dict[str, Tensor]:
+        self.steps = getattr(self, "steps", 0) + 1
+        named = sound(self)
+        return {**named, "go": named["go"] * float("nan")} if self.steps > begin[0] else named
+
+    monkeypatch.setattr(slider, "terms", terms)
+    return begin
+
+
+def test_a_run_of_which_every_evaluated_episode_blows_up_stops_with_a_reason(unsound, tmp_path):
+    unsound[0] = 2
+    with pytest.raises(MorlaxError, match=r"every episode blew up .* after iteration 0: .*latest"):
+        train(config_for("slider", **SMALL), output=tmp_path / "run")
+
+
+def test_a_run_of_which_every_world_blows_up_stops_with_a_reason(unsound, tmp_path):
+    unsound[0] = 25  # the second of two intervals of training, each of 20 steps
+    with pytest.raises(MorlaxError, match=r"every world blew up in each rollout of iterations"):
+        train(config_for("slider", **SMALL), output=tmp_path / "run")
+    assert (tmp_path / "run" / "checkpoints" / "latest.pt").exists()
+
+
+def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monkeypatch):
+    def terms(self) -> dict[str, Tensor]:
+        speed = self.physics.qvel[:, 0].clone()
+        speed[0] = float("nan")
+        return {"go": speed, "save": -self.physics.ctrl.square().sum(-1)}
+
+    monkeypatch.setattr(slider, "terms", terms)
+    found = []
+    train(config_for("slider", **SMALL), output=tmp_path / "run", on_evaluation=found.append)
+    assert [evaluation.blowups for evaluation in found] == [0, 20, 40]  # a step blows up one world
+    assert found[0].front.blowups.tolist() == [1, 0, 0, 0]
+    assert all(evaluation.indicators["blowup_rate"] == 0.25 for evaluation in found)
+
+
+def test_the_terminal_names_blow_ups(capsys):
+    from morlax_torch.terminal.display import Display
+
+    row = {"env_steps": 8, "train_seconds": 1, "hypervolume": 1.0, "cardinality": 1}
+    row |= {"steps_per_second": 1, "blowups": 3, "blowup_rate": 0.25}
+    evaluation = type("Row", (), {"row": lambda self: row})()
+    Display.evaluated(None, evaluation)
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.endswith("blow-ups: 3 while training, 25.0% of the evaluated episodes")
+
+
+@pytest.mark.parametrize(
+    "mask", [torch.ones(3, dtype=torch.bool), torch.ones(2), torch.ones(2, 1).bool(), [True, False]]
+)
+def test_restart_checks_its_mask(slider, mask):
+    env = envs.make("slider", 2, "cpu")
+    with pytest.raises(MorlaxError, match=r"a mask of shape \(2,\) and torch.bool"):
+        env.restart(mask)

@@ -114,7 +114,7 @@ MISTAKES = {
     "no GPU": (("--env", "ant", "--device", "cuda"), "no CUDA device"),
     "no device": (("--env", "ant", "--device", "gpu"), "'gpu' is not a device"),
     "unknown backend": (("--env", "ant", "--backend", "bullet"), "bullet"),
-    "no config file": (("--config", "none.yaml"), "cannot read the config none.yaml"),
+    "no config file": (("--config", "none.yaml"), "there is no config none.yaml"),
     "resume nothing": (("--resume", "nowhere"), "nowhere is not a run"),
 }
 
@@ -208,7 +208,7 @@ def test_a_resumed_run_keeps_its_config(trained, monkeypatch, capsys):
     assert "640 steps" in sentence(capsys)
     with pytest.raises(SystemExit):
         run(monkeypatch, train, "--resume", "run", "--ppo.clip", "0.5")
-    assert "ppo cannot change when a run is resumed" in sentence(capsys)
+    assert "a resumed run keeps its config (ppo.clip: 0.5 instead of 0.2)" in sentence(capsys)
 
 
 @pytest.mark.parametrize("option", ["config", "output"])

@@ -68,3 +68,62 @@ def test_paper_configs_are_the_same_on_cpu_and_gpu(env, device):
 def test_annealing_requires_max_env_steps():
     with pytest.raises(MorlaxError, match="anneal needs max_env_steps"):
         load_config({"env": "ant", "ppo": {"anneal": True}})
+
+
+UNUSABLE = {
+    "an infinite start": ({"task": {"reset_noise": float("inf")}}, "reset_noise: Input should be"),
+    "a NaN weight": (
+        {"task": {"objectives": {"a": {"run": float("nan")}, "b": {"run": 1}}}},
+        "objectives.a.run: Input should be a finite number",
+    ),
+    "a huge weight": (
+        {"task": {"objectives": {"a": {"run": 1e300}, "b": {"run": 1}}}},
+        r"1e\+300 is too large: use at most 1e\+09",
+    ),
+    "an infinite factor": ({"task": {"randomization": {"friction": (1, float("inf"))}}}, "finite"),
+    "a huge factor": ({"task": {"randomization": {"mass": (1, 1e300)}}}, "mass.1: Input should be"),
+    "a huge alpha": ({"sampling": {"alpha": 1e300}}, "sampling.alpha"),
+    "a huge clip": ({"ppo": {"clip": 1e300}}, "ppo.clip"),
+    "an infinite scale": ({"network": {"scale": float("inf")}}, "network.scale"),
+    "a huge spread": ({"network": {"initial_std": 1e38}}, "network.initial_std"),
+    "a huge count": ({"task": {"solver_iterations": 2**31}}, "solver_iterations"),
+    "a huge layer": ({"network": {"actor": (2**40,)}}, "network.actor.0"),
+    "a formula": ({"task": {"objectives": {"=1+1": {}, "b": {}}}}, "cannot be '=1\\+1'"),
+    "a broken formula": (
+        {"task": {"objectives": {r"$\frac{$": {}, "b": {}}}},
+        "cannot be",
+    ),
+    "markup": ({"task": {"objectives": {"[/red]": {}, "b": {}}}}, "name of an objective cannot be"),
+    "a long name": ({"task": {"objectives": {"a" * 41: {}, "b": {}}}}, "at most 40 letters"),
+    "nesting": ({"task": {"objectives": {"a": {"run": [[[[[[[]]]]]]]}, "b": {}}}}, "valid number"),
+}
+
+
+@pytest.mark.parametrize("name", UNUSABLE)
+def test_unusable_numbers_and_names_are_refused_in_one_sentence(name):
+    changes, expected = UNUSABLE[name]
+    with pytest.raises(MorlaxError, match=expected) as error:
+        load_config({"env": "cheetah", **changes})
+    assert "\n" not in str(error.value) and len(str(error.value)) < 600
+
+
+UNREADABLE = {
+    "the same key twice": ("env: ant\nseed: 1\nseed: 2\n", "the key seed appears twice"),
+    "a scalar section": ("env: ant\ncpu: 4\n", "cpu of a config holds keys and values.*not 4"),
+    "deep nesting": ("a: " + "[" * 2000 + "]" * 2000, "is nested too deeply"),
+    "binary": ("env: \0", "is not valid YAML"),
+    "a list": ("- env\n", "must hold keys and values"),
+    "doubling": (
+        "a: &a [x, x]\n" + "".join(f"a{i}: &a{i} [*a, *a]\n" for i in range(9)) + "env: ant\n",
+        "unknown key 'a'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_unreadable_files_are_refused_in_one_sentence(name, tmp_path):
+    text, expected = UNREADABLE[name]
+    (tmp_path / "x.yaml").write_text(text)
+    with pytest.raises(MorlaxError, match=expected) as error:
+        load_config(file_values(tmp_path / "x.yaml", "cpu"))
+    assert "\n" not in str(error.value) and len(str(error.value)) < 2000

@@ -12,6 +12,7 @@ from morlax_torch.config import Config, file_values, load_config, merged, task_v
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import load
+from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_worlds
 
 ROOT = Path(__file__).parent.parent
@@ -47,7 +48,7 @@ def run(tmp_path_factory) -> Path:
     config: Config = load_config(merged(task_values("cheetah", "cpu"), {"worlds": 32}))
     (folder / "checkpoints").mkdir()
     morlax = MORLAX(make_worlds(config, 32), config)
-    checkpoint.save(folder / "checkpoints" / "best.pt", morlax, {})
+    checkpoint.save(folder / "checkpoints" / "best.pt", morlax, Progress())
     evaluate(load(folder), tradeoffs=5, device="cpu").save(folder / "front.npz")
     return folder
 

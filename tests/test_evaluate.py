@@ -231,6 +231,7 @@ MISTAKES = {
         ("a/hopper", "--reference", "three/front.npz"),
         "three/front.npz has the objectives run, jump, up, but the runs have run, jump",
     ),
+    "a negative seed": (("a/hopper", "--seed", "-1"), "seed is -1: it must be from 0"),
     "no folder": (("a/hopper", "--output", "bad.npz/x"), "cannot make bad.npz/x"),
 }
 
@@ -278,3 +279,10 @@ def test_runs_of_different_domain_randomization_are_not_compared(make_policy):
     with pytest.raises(MorlaxError, match=r"differ in task\.randomization"):
         check_comparable(policies)
     check_comparable({"one": policies["varied"], "other": policies["varied"]})
+
+
+def test_names_that_a_spreadsheet_would_run_are_quoted():
+    from morlax_torch.reports.results import cell
+
+    names = ["=1+1", "+x", "-x", "@x", "\tx", "runs/a", "x=1"]
+    assert [cell(name)[0] == "'" for name in names] == [True] * 5 + [False] * 2

@@ -1,7 +1,6 @@
 """The explorer's page: errors of the command, and its behavior in a real browser."""
 
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -11,13 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from browsing import chromium, exploring
 
 from morlax_torch import explore
 from morlax_torch.terminal import cli
 from morlax_torch.viewers.explorer import library, weights
 from morlax_torch.viewers.explorer.picking import FIELD
-
-ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
@@ -56,12 +54,20 @@ def test_a_port_in_use_is_an_error(workplace, make_run, monkeypatch, capsys):
         text = refused(monkeypatch, capsys, "run", "--port", port)
     assert f"cannot listen on 127.0.0.1, port {port}" in text
     assert "from 0 to 65535" in refused(monkeypatch, capsys, "run", "--port", "70000")
-    assert "cannot listen on" in refused(monkeypatch, capsys, "run", "--host", "192.0.2.1")
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""])
+def test_a_host_that_cannot_be_listened_on_is_an_error(
+    host, workplace, make_run, monkeypatch, capsys
+):
+    make_run(workplace / "run", "hopper", "best")
+    text = refused(monkeypatch, capsys, "run", "--host", host)
+    assert "cannot listen on" in text and "choose another --port or --host" in text
 
 
 def test_without_viser_the_error_names_the_extra(workplace, make_run, monkeypatch, capsys):
     make_run(workplace / "run", "hopper", "best")
-    for name in [name for name in sys.modules if name.startswith("morlax_torch.explorer.")]:
+    for name in [name for name in sys.modules if name.startswith("morlax_torch.viewers.explorer.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "viser", None)
     text = refused(monkeypatch, capsys, "run", "--port", "0")
@@ -70,45 +76,21 @@ def test_without_viser_the_error_names_the_extra(workplace, make_run, monkeypatc
 
 # in a browser
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-FLAGS = (
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync", "--disable-gpu"),
-)
-
 
 @pytest.fixture
 def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
     """Serve a run with three objectives; yields the page's address and the process."""
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
     make_run(workplace / "runs/cheetah3/a", "cheetah3", "best", "latest")
     make_run(workplace / "runs/hopper/b", "hopper", "best")
     make_run(workplace / "runs/bruce/c", "bruce", "best")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch.explore", "runs/cheetah3/a", "--port", "0"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
-    )
-    assert process.stdout is not None
-    try:
-        yield process.stdout.readline().split()[1], process
-    finally:
-        process.kill()
-        process.communicate()
+    with exploring("runs/cheetah3/a") as process:
+        yield process
 
 
 @pytest.fixture
 def browser() -> Iterator:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("there is no chromium on this machine")
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield chromium
-        chromium.close()
+    with chromium() as browser:
+        yield browser
 
 
 class View:

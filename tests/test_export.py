@@ -19,6 +19,7 @@ from morlax_torch.config import load_config
 from morlax_torch.exports.formats import FORMATS, Format
 from morlax_torch.exports.manifest import control, manifest
 from morlax_torch.runs import checkpoint, loading
+from morlax_torch.runs.progress import Progress
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning"),
@@ -213,7 +214,7 @@ def saved(trained, tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     save(trained(), tmp_path / "policy.pt")
     (tmp_path / "metrics.csv").write_text(
-        "env_steps,train_seconds,hypervolume\n0,0,5\n10,1,7.5\n20,2,6\n"
+        "iteration,env_steps,train_seconds,hypervolume\n0,0,0,5\n1,10,1,7.5\n2,20,2,6\n"
     )
     return tmp_path
 
@@ -298,7 +299,9 @@ def test_help_is_complete(monkeypatch, capsys):
 def test_a_run_with_a_custom_actor_explains_how_to_export(tmp_path, monkeypatch, capsys):
     config = load_config({"env": "hopper", "worlds": 32, "ppo": {"minibatches": 4}})
     actor = nn.Sequential(nn.Linear(13, 8))
-    checkpoint.save(tmp_path / "own.pt", MORLAX(envs.make("hopper", 32, "cpu"), config, actor), {})
+    checkpoint.save(
+        tmp_path / "own.pt", MORLAX(envs.make("hopper", 32, "cpu"), config, actor), Progress()
+    )
     with pytest.raises(SystemExit):
         run(monkeypatch, str(tmp_path / "own.pt"))
     assert "holds a user-made actor, which no config describes" in capsys.readouterr().err

@@ -2,11 +2,13 @@
 
 import os
 import stat
+import subprocess
+import sys
 
 import pytest
 
 from morlax_torch import MorlaxError
-from morlax_torch.files import replacing
+from morlax_torch.files import remove_drafts, replacing
 
 
 def write(path, text: bytes = b"new") -> None:
@@ -56,3 +58,14 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
         raise ZeroDivisionError
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_drafts_of_killed_processes_are_removed_and_others_kept(tmp_path):
+    killed = subprocess.Popen([sys.executable, "-c", "pass"])
+    killed.wait()
+    for name in (f".{killed.pid}.abc.tmp", f".{os.getpid()}.abc.tmp", ".hidden.tmp", "file"):
+        (tmp_path / name).touch()
+    remove_drafts(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *(f".{os.getpid()}.abc.tmp", ".hidden.tmp", "file")
+    }

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.func import functional_call
 from torch.nn.functional import silu
 
-from morlax_torch import Hypernetwork
+from morlax_torch import Hypernetwork, MorlaxError
 
 K, B, M = 5, 4, 3  # trade-offs, inputs of each, objectives
 TRADEOFFS = torch.tensor(
@@ -260,3 +260,10 @@ def test_equal_generators_draw_equal_families():
     target = nn.Linear(3, 2)
     first, second = family_of(target).state_dict(), family_of(target).state_dict()
     assert all(torch.equal(value, second[name]) for name, value in first.items())
+
+
+@pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])
+def test_trade_offs_without_a_direction_are_refused(row):
+    family = Hypernetwork(nn.Linear(3, 2), M)
+    with pytest.raises(MorlaxError, match="must be finite, and its weights must not sum to zero"):
+        family(torch.tensor([[0.2, 0.3, 0.5], row]))

@@ -11,6 +11,7 @@ from torch import nn
 from morlax_torch import MORLAX, MorlaxError, Policy, evaluate, load, save, train
 from morlax_torch.config import Config, load_config, merged
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_worlds
 
@@ -118,7 +119,7 @@ def test_a_network_that_does_not_fit_raises_a_clear_error(misfit):
 @pytest.fixture
 def saved(tmp_path: Path) -> tuple[Path, MORLAX]:
     morlax = trainer(tiny(), 2, actor=tanh())
-    checkpoint.save(tmp_path / "own.pt", morlax, {})
+    checkpoint.save(tmp_path / "own.pt", morlax, Progress())
     return tmp_path / "own.pt", morlax
 
 
@@ -148,7 +149,7 @@ def test_a_custom_actor_is_never_confused_with_the_config_s(saved, tmp_path):
         checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
     with pytest.raises(MorlaxError, match=r"the actor passed does not match the one in .*own\.pt"):
         load(path, actor=normed())
-    checkpoint.save(tmp_path / "usual.pt", trainer(tiny(), 0), {})
+    checkpoint.save(tmp_path / "usual.pt", trainer(tiny(), 0), Progress())
     with pytest.raises(MorlaxError, match=r"holds the actor of its config: leave out actor="):
         load(tmp_path / "usual.pt", actor=tanh())
 
@@ -156,7 +157,7 @@ def test_a_custom_actor_is_never_confused_with_the_config_s(saved, tmp_path):
 def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator):
     path, critic = tmp_path / "own.pt", normed(outputs=m)
     morlax = trainer(tiny(), 2, critic=critic)
-    checkpoint.save(path, morlax, {})
+    checkpoint.save(path, morlax, Progress())
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.5, 0.5))
     assert torch.equal(load(path)(observation, (0.5, 0.5)), expected)
@@ -180,6 +181,6 @@ def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypat
         assert "user-made actor, which no config describes" in capsys.readouterr().err
     longer = train.train(tiny(max_env_steps=640), Run.open(run.folder), **networks)
     contents = checkpoint.load(longer.checkpoints / "latest.pt")
-    assert contents["learner"]["iteration"] == 4
+    assert contents.learner["iteration"] == 4
     policy = load(run.folder, actor=normed())
     assert evaluate.evaluate(policy, tradeoffs=4, device="cpu").returns.shape == (4, 2)

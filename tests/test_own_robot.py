@@ -139,6 +139,7 @@ def test_an_unknown_class_or_file_gives_a_clear_error(folder, name, expected):
         ("import no_such_module", "line 3, cannot be imported: ModuleNotFoundError: No module"),
         ("1 / 0", "line 3, cannot be imported: ZeroDivisionError: division by zero"),
         ("def (", "cannot be imported: SyntaxError"),
+        ("import sys; sys.exit()", "line 3, cannot be imported: SystemExit"),
     ],
 )
 def test_a_failing_file_gives_a_clear_error_and_can_be_fixed(folder, line, expected):

@@ -13,6 +13,7 @@ from morlax_torch import MORLAX, MorlaxError, Policy, envs, save
 from morlax_torch.config import load_config, merged
 from morlax_torch.files import replacing
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.progress import Progress
 
 TINY = {
     "env": "hopper",
@@ -43,7 +44,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MORLAX]:
     morlax = tiny()
     noise = torch.randn(100, morlax.env.observation_size, generator=torch.Generator())
     morlax.agent.observation_normalizer.update(1.0 + 2.0 * noise)
-    checkpoint.save(folder / "checkpoints" / "latest.pt", morlax, {"best": 1.0})
+    checkpoint.save(folder / "checkpoints" / "latest.pt", morlax, Progress(best_hypervolume=1.0))
     return folder, morlax
 
 
@@ -171,9 +172,9 @@ def test_the_best_checkpoint_is_loaded_before_the_latest(saved, tmp_path, observ
     folder = tmp_path / "checkpoints"
     folder.mkdir()
     other = tiny(seed=5)
-    checkpoint.save(folder / "latest.pt", saved[1], {})
+    checkpoint.save(folder / "latest.pt", saved[1], Progress())
     assert morlax_torch.load(tmp_path).config.seed == 0
-    checkpoint.save(folder / "best.pt", other, {})
+    checkpoint.save(folder / "best.pt", other, Progress())
     assert morlax_torch.load(tmp_path).config.seed == 5
     latest = morlax_torch.load(folder / "latest.pt")
     assert latest.config.seed == 0
@@ -214,7 +215,7 @@ def test_a_file_that_is_not_a_checkpoint_gives_a_clear_error(latest, tmp_path):
         torch.save(contents, path)
         with pytest.raises(MorlaxError, match="is not a checkpoint of morlax_torch"):
             morlax_torch.load(path)
-    torch.save({**checkpoint.load(latest), "format": 99}, path)
+    torch.save({**torch.load(latest), "format": 99}, path)
     with pytest.raises(MorlaxError, match="format 99"):
         morlax_torch.load(path)
 
@@ -233,7 +234,7 @@ def test_loading_a_checkpoint_runs_no_pickled_code(tmp_path):
 def test_a_checkpoint_restores_everything(saved, latest):
     contents, other = checkpoint.load(latest), tiny(seed=3)
     checkpoint.restore(contents, latest, other)
-    assert contents["progress"] == {"best": 1.0}
+    assert contents.progress == Progress(best_hypervolume=1.0)
     found, stored = other.state_dict(), saved[1].state_dict()
     assert found.keys() == stored.keys()
     for name, value in stored["agent"].items():
@@ -304,7 +305,7 @@ def test_a_reader_of_the_old_file_is_not_affected(tmp_path):
 
 def test_a_failed_checkpoint_write_keeps_the_old_one(saved, tmp_path, monkeypatch):
     path = tmp_path / "latest.pt"
-    checkpoint.save(path, saved[1], {})
+    checkpoint.save(path, saved[1], Progress())
     before = path.read_bytes()
 
     def fail(_: int) -> None:
@@ -312,7 +313,7 @@ def test_a_failed_checkpoint_write_keeps_the_old_one(saved, tmp_path, monkeypatc
 
     monkeypatch.setattr(os, "fsync", fail)
     with pytest.raises(MorlaxError, match="No space left on device"):
-        checkpoint.save(path, saved[1], {})
+        checkpoint.save(path, saved[1], Progress())
     assert path.read_bytes() == before
 
 
@@ -322,7 +323,7 @@ def test_saved_policies_omit_the_critic_and_give_the_same_actions(policy, observ
     for tradeoff in TRADEOFFS:
         assert torch.equal(again(observation, tradeoff), policy(observation, tradeoff))
     contents = checkpoint.load(tmp_path / "family.pt")
-    assert not any("critic" in name for name in contents["policy"])
+    assert not any("critic" in name for name in contents.policy)
 
 
 def test_saved_policies_cannot_be_resumed(policy, tmp_path):
@@ -330,3 +331,26 @@ def test_saved_policies_cannot_be_resumed(policy, tmp_path):
     save(policy, path)
     with pytest.raises(MorlaxError, match="only policies"):
         checkpoint.restore(checkpoint.load(path), path, tiny())
+
+
+def test_observations_can_be_arrays_and_doubles(policy, observation):
+    expected = policy(observation, (0.3, 0.7))
+    for given in (observation.double(), observation.numpy(), observation.double().numpy()):
+        found = policy(given, (0.3, 0.7))
+        assert found.dtype == torch.float32 and torch.equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (torch.zeros(5, 12), r"shape \(5, 12\), but this policy needs \(B, 13\)"),
+        (torch.zeros(2, 5, 13), r"shape \(2, 5, 13\), but this policy needs \(B, 13\)"),
+        (torch.zeros(5, 13, dtype=torch.int64), "must be floats, not torch.int64"),
+        ("nothing", "consist of numbers, not 'nothing'"),
+        (None, "consist of numbers, not None"),
+        ([[1.0], [1.0, 2.0]], "consist of numbers, not"),
+    ],
+)
+def test_other_observations_are_refused_in_one_sentence(policy, given, words):
+    with pytest.raises(MorlaxError, match=words):
+        policy(given, (0.3, 0.7))

@@ -10,6 +10,7 @@ from morlax_torch.envs.worlds.layout import positions
 from morlax_torch.evaluate import evaluate
 from morlax_torch.exports.manifest import manifest
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_worlds
 
 Hopper = envs.get("hopper")
@@ -142,7 +143,7 @@ def test_observations_and_privileged_observations_are_normalized(generator):
 @pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
 def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator):
     morlax = trainer(tiny(), 3)
-    checkpoint.save(tmp_path / "whole.pt", morlax, {})
+    checkpoint.save(tmp_path / "whole.pt", morlax, Progress())
     save(load(tmp_path / "whole.pt"), tmp_path / "alone.pt")
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.2, 0.8))

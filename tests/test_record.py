@@ -189,7 +189,12 @@ MISTAKES = {
     "no size": (("policy.pt", "--width", "0"), "from 64 to 4096 pixels"),
     "no film": (("policy.pt", "--output", "film.avi"), "must end in .mp4 or .gif"),
     "no folder": (("policy.pt", "--output", "no/film.gif"), "cannot write no/film.gif"),
-    "no pictures": (("policy.pt", "--output", "x.png", "--pictures", "1"), "at least 2 pictures"),
+    "many pictures": (
+        ("policy.pt", "--output", "x.png", "--pictures", "10000000"),
+        "2 to 100 pictures",
+    ),
+    "endless": (("policy.pt", "--seconds", "1e12"), "at most 3600 s, not 1e+12 s"),
+    "no pictures": (("policy.pt", "--output", "x.png", "--pictures", "1"), "2 to 100 pictures"),
 }
 
 

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.config import Config
 from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_evaluator, make_worlds
 from morlax_torch.train import train
 
@@ -91,7 +92,7 @@ def own_actor() -> nn.Module:
 )
 def test_ten_iterations_equal_five_and_a_resumed_five(env, networks, tmp_path):
     config, path, given = tiny(env, **CASES[env]), tmp_path / "half.pt", networks()
-    checkpoint.save(path, trainer(config, 5, **given), {})
+    checkpoint.save(path, trainer(config, 5, **given), Progress())
     resumed = trainer(config, 0, **networks())  # like those given, with other parameters
     checkpoint.restore(checkpoint.load(path), path, resumed)
     for _ in range(5):
@@ -109,7 +110,7 @@ def test_a_resumed_run_ends_like_an_uninterrupted_one(noise, tmp_path):
     halves = train(tiny(max_env_steps=1600, **changes), run)
     for name in ("latest", "best"):
         one, other = (checkpoint.load(r.checkpoints / f"{name}.pt") for r in (whole, halves))
-        assert_same(one["learner"], other["learner"])
+        assert_same(one.learner, other.learner)
     indicators = ("iteration", "env_steps", "hypervolume", "sparsity", "cardinality")
     assert [[row[name] for name in indicators] for row in rows(whole)] == [
         [row[name] for name in indicators] for row in rows(halves)
@@ -142,15 +143,15 @@ def test_every_training_seed_is_evaluated_in_the_same_worlds_that_training_never
 
 def test_a_run_moves_between_simulators_whose_state_differs(tmp_path):
     path = tmp_path / "half.pt"
-    checkpoint.save(path, trainer(tiny("bruce"), 2), {})
+    checkpoint.save(path, trainer(tiny("bruce"), 2), Progress())
     for backend in ("warp", "mujoco"):
         resumed = trainer(tiny("bruce").model_copy(update={"backend": backend}), 0)
         checkpoint.restore(checkpoint.load(path), path, resumed)
-        stored = checkpoint.load(path)["learner"]["environment"]["qpos"]
+        stored = checkpoint.load(path).learner["environment"]["qpos"]
         torch.testing.assert_close(resumed.env.physics.qpos.double(), stored.double())
         resumed.iterate()
         assert all(v.isfinite().all() for v in resumed.agent.state_dict().values())
-        checkpoint.save(path, resumed, {})
+        checkpoint.save(path, resumed, Progress())
 
 
 def test_a_generators_state_of_another_device_becomes_its_seed():
@@ -170,8 +171,8 @@ def test_a_checkpoint_of_version_0_1_is_resumed(tmp_path):
     """Format 1 called the learner "morlax" and had no activations."""
     learner = trainer(tiny(), 3)
     path = tmp_path / "old.pt"
-    checkpoint.save(path, learner, {})
-    contents = checkpoint.load(path)
+    checkpoint.save(path, learner, Progress())
+    contents = torch.load(path)
     state = contents.pop("learner")
     del state["scalarization"], state["environment"]["act"]
     torch.save({**contents, "format": 1, "morlax": state}, path)

@@ -296,7 +296,12 @@ def test_equal_actions_give_equal_episodes(task, backend):
         ),
         (
             "ant",
-            {"+x": {"vx": 1.0}, "-x": {"vx": -1.0}, "+y": {"vy": 1.0}, "-y": {"vy": -1.0}},
+            {
+                "east": {"vx": 1.0},
+                "west": {"vx": -1.0},
+                "north": {"vy": 1.0},
+                "south": {"vy": -1.0},
+            },
             {"alive": 1.0, "energy": 0.5},
         ),
     ],

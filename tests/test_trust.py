@@ -29,7 +29,8 @@ def hostile(tmp_path: Path, make_policy) -> Path:
     object.__setattr__(policy.config, "env", f"{robot}:Robot")
     run = tmp_path / "run"
     (run / "checkpoints").mkdir(parents=True)
-    save(policy, run / "checkpoints" / "best.pt")
+    for name in ("best", "latest"):
+        save(policy, run / "checkpoints" / f"{name}.pt")
     (run / "config.yaml").write_text(f"env: {robot}:Robot\n")
     return run
 

@@ -208,7 +208,7 @@ class Environment(Worlds):
         return self.critic_observation()[:, : self.observation_size]
 
     def restart(self, which: Tensor) -> Tensor:
-        """Start a new episode in the worlds of a mask (N,) bool; returns the observation (N, O)."""
+        self.check_mask(which)
         self._restart(which)
         return self.critic_observation()[:, : self.observation_size]
 
@@ -253,6 +253,7 @@ class Environment(Worlds):
             dict(zip(named, terms.unbind(-1), strict=True)),
             seen,
             final_seen,
+            blown_up,
         )
 
     def critic_observation(self) -> Tensor:

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
-from pydantic import PositiveInt
 from torch import Tensor
 
 from ..errors import MorlaxError
 from .interface import TimeStep, Worlds
 from .options import ObjectiveOptions
+from .section import Count
 
 PREFIX = "gymnasium:"
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
@@ -58,7 +58,7 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
     class Options(ObjectiveOptions):
         objectives: dict[str, dict[str, float]] = {term: {term: 1.0} for term in terms}
         reference_point: tuple[float, ...] | None = tuple(least.tolist())
-        episode_length: PositiveInt = time
+        episode_length: Count = time
 
     one.close()
     members = {
@@ -124,6 +124,7 @@ class GymnasiumWorlds(Worlds):
         self._seen = np.zeros((num_worlds, self.observation_size), np.float32)
         self._terminated = np.zeros(num_worlds, np.bool_)
         self._truncated = np.zeros(num_worlds, np.bool_)
+        self._blown_up = np.zeros(num_worlds, np.bool_)
 
     @classmethod
     def build(
@@ -147,6 +148,7 @@ class GymnasiumWorlds(Worlds):
         return self.critic_observation()
 
     def restart(self, which: Tensor) -> Tensor:
+        self.check_mask(which)
         for world in which.nonzero().squeeze(-1).tolist():
             self._restart(world)
         return self.critic_observation()
@@ -155,6 +157,7 @@ class GymnasiumWorlds(Worlds):
         middle, reach = (self._box.high + self._box.low) / 2, (self._box.high - self._box.low) / 2
         boxes = action.clamp(-1, 1).numpy().reshape(-1, *self._box.shape)
         controls = (middle + reach * boxes).astype(self._box.dtype)
+        self._blown_up[:] = False
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)), np.float32)
         for world in np.flatnonzero(~(self._terminated | self._truncated)).tolist():
             rewards[world] = self._advance(world, controls[world])
@@ -174,6 +177,7 @@ class GymnasiumWorlds(Worlds):
             terms=terms,
             critic_observation=observation,
             final_critic_observation=final,
+            blown_up=torch.from_numpy(self._blown_up.copy()),
         )
 
     def critic_observation(self) -> Tensor:
@@ -195,7 +199,7 @@ class GymnasiumWorlds(Worlds):
 
     def _blow_up(self, world: int) -> float:
         """Terminate a world that is no longer finite; returns its reward, zero."""
-        self._terminated[world], self._seen[world] = True, 0.0
+        self._terminated[world], self._blown_up[world], self._seen[world] = True, True, 0.0
         self.blowups += 1
         return 0.0
 

@@ -23,6 +23,7 @@ class TimeStep(NamedTuple):
     terms: dict[str, Tensor]  # (N,) each: the unweighted reward terms
     critic_observation: Tensor  # (N, O + P) the observation, then the privileged features
     final_critic_observation: Tensor  # (N, O + P) the same before any reset
+    blown_up: Tensor | None = None  # (N,) bool: terminated outside sane bounds; None: unknown
 
 
 class Worlds(ABC):
@@ -76,7 +77,11 @@ class Worlds(ABC):
 
     @abstractmethod
     def restart(self, which: Tensor) -> Tensor:
-        """Start a new episode in the worlds of a mask (N,) bool; returns the observation (N, O)."""
+        """Start a new episode in the worlds of a mask (N,) bool; returns the observation (N, O).
+
+        Raises:
+            MorlaxError: the mask has another shape or type.
+        """
 
     @abstractmethod
     def step(self, action: Tensor) -> TimeStep:
@@ -85,6 +90,16 @@ class Worlds(ABC):
     @abstractmethod
     def critic_observation(self) -> Tensor:
         """Return the current observation followed by the privileged features, (N, O + P)."""
+
+    def check_mask(self, which: Tensor) -> None:
+        """Raise MorlaxError unless `which` is (N,) bool, one answer for each world."""
+        kind = getattr(which, "dtype", type(which).__name__)
+        if kind != torch.bool or which.shape != (self.num_worlds,):
+            shape = tuple(getattr(which, "shape", ()))
+            raise MorlaxError(
+                f"restart needs a mask of shape ({self.num_worlds},) and torch.bool, one answer "
+                f"for each world, not {shape} of {kind}."
+            )
 
     def overflow(self) -> Tensor:
         """Return (N,) int32, non-zero where the simulator's buffers overflowed."""

@@ -1,19 +1,16 @@
 """Task options: what users may change without touching Python."""
 
+import re
+from collections.abc import Iterable
 from typing import Annotated, Self, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-    field_validator,
-)
+from pydantic import AfterValidator, Field, NonNegativeFloat, field_validator
+
+from ..errors import shortened
+from .section import Count, Section
 
 T = TypeVar("T", int, float)
+PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_ -]{0,39}")
 
 
 def _ordered(limits: tuple[T, T]) -> tuple[T, T]:
@@ -22,14 +19,27 @@ def _ordered(limits: tuple[T, T]) -> tuple[T, T]:
     return limits
 
 
-Range = Annotated[tuple[PositiveFloat, PositiveFloat], AfterValidator(_ordered)]
-Steps = Annotated[tuple[NonNegativeInt, NonNegativeInt], AfterValidator(_ordered)]
+def check_objectives(names: Iterable[str]) -> None:
+    """Raise ValueError unless these are at least two plain names of objectives."""
+    names = list(names)
+    if len(names) < 2:
+        raise ValueError("a trade-off needs at least two objectives")
+    for name in names:
+        if not PLAIN_NAME.fullmatch(name):
+            raise ValueError(
+                f"the name of an objective cannot be {shortened(name)}: use at most 40 letters "
+                "(A-Z, a-z), digits, spaces, _ and -, and start with a letter or digit"
+            )
 
 
-class ObjectiveOptions(BaseModel):
+Factor = Annotated[float, Field(gt=0, le=1e6)]
+Range = Annotated[tuple[Factor, Factor], AfterValidator(_ordered)]
+Delay = Annotated[int, Field(ge=0, le=1000)]
+Steps = Annotated[tuple[Delay, Delay], AfterValidator(_ordered)]
+
+
+class ObjectiveOptions(Section):
     """The options of every task."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     objectives: dict[str, dict[str, float]]
     """The objectives to trade off; each is a weighted sum of reward terms."""
@@ -37,7 +47,7 @@ class ObjectiveOptions(BaseModel):
     """Weighted reward terms that are added to every objective."""
     reference_point: tuple[float, ...] | None = None
     """Reference point of the hypervolume, one number per objective (None: the origin)."""
-    episode_length: PositiveInt = 500
+    episode_length: Count = 500
     """Control steps after which an episode is truncated."""
 
     def for_evaluation(self) -> Self:
@@ -46,9 +56,8 @@ class ObjectiveOptions(BaseModel):
 
     @field_validator("objectives")
     @classmethod
-    def _at_least_two(cls, objectives: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
-        if len(objectives) < 2:
-            raise ValueError("a trade-off needs at least two objectives")
+    def _plain_names(cls, objectives: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+        check_objectives(objectives)
         return objectives
 
     @property
@@ -57,13 +66,11 @@ class ObjectiveOptions(BaseModel):
         return True
 
 
-class Randomization(BaseModel):
+class Randomization(Section):
     """Domain randomization; by default there is none.
 
     Ranges are of factors, drawn uniformly once for each world and kept in every episode.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     friction: Range | None = None
     """Range of one factor per world on all friction."""
@@ -80,7 +87,7 @@ class Randomization(BaseModel):
     """Smallest and largest action delay in control steps, drawn for each episode."""
     push: NonNegativeFloat = 0.0
     """Change of the robot's velocity by a push, in m/s, in a random horizontal direction."""
-    push_every: PositiveInt = 200
+    push_every: Count = 200
     """Mean number of control steps between pushes."""
 
 
@@ -91,11 +98,11 @@ class TaskOptions(ObjectiveOptions):
     """Spread of the initial state: uniform on positions (m, rad), normal on velocities."""
     stagger: bool = False
     """Start first episodes at random ages, so that time limits do not coincide."""
-    solver_iterations: PositiveInt | None = None
+    solver_iterations: Count | None = None
     """Iteration limit of the constraint solver (None: as in the MJCF)."""
-    nconmax: PositiveInt = 48
+    nconmax: Count = 48
     """Contact buffer of MuJoCo Warp, per world."""
-    njmax: PositiveInt = 64
+    njmax: Count = 64
     """Constraint-row buffer of MuJoCo Warp, per world."""
     randomization: Randomization = Randomization()
     """Domain randomization."""

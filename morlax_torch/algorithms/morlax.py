@@ -71,8 +71,8 @@ class MORLAX:
         self.ppo = PPO(self.agent, config.ppo, loss)
         self.scalarization = Linear()
         self.generator = torch.Generator(env.device).manual_seed(config.seed)
-        clusters = config.num_clusters
-        self.tradeoffs = torch.zeros(clusters, len(env.objectives), device=env.device)  # (K, m)
+        clusters, m = config.num_clusters, len(env.objectives)
+        self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)

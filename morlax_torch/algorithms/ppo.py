@@ -36,7 +36,8 @@ def make_batch(
     """Estimate what to learn from a rollout.
 
     Returns:
-        A batch by world, (K, G, T, ...) each, and the explained variance per objective (m,).
+        A batch by world, (K, G, T, ...) each, and the explained variance per objective (m,), 0
+        where targets do not vary.
     """
     values = agent.values(tradeoffs)
 
@@ -57,7 +58,8 @@ def make_batch(
         config.truncation == "bootstrap",
     )
     target = advantage + value
-    explained = 1 - advantage.var((0, 1, 2)) / target.var((0, 1, 2))
+    spread = target.var((0, 1, 2))
+    explained = torch.where(spread > 0, 1 - advantage.var((0, 1, 2)) / spread, 0.0)
     if config.normalize_values:
         agent.value_normalizer.update(target)
         target = agent.value_normalizer(target)

@@ -52,6 +52,8 @@ class Evaluator:
         self._returns = torch.zeros_like(self.tradeoffs)
         self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
         self._fallen = torch.zeros_like(self._alive)
+        self._blown_up = torch.zeros_like(self._alive)
+        self._knows_blowups = True
         self._lengths = torch.zeros(len(tradeoffs), dtype=torch.int32, device=env.device)
         with torch.no_grad():
             actors = agent.actors(self.tradeoffs)
@@ -78,6 +80,7 @@ class Evaluator:
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
         self._fallen.zero_()
+        self._blown_up.zero_()
         self._lengths.zero_()
         self._returns.zero_()
         if self.protocol == "paper":
@@ -96,12 +99,16 @@ class Evaluator:
             self._lengths.cpu().numpy(),
             np.array(self.env.reference_point),
             self._fallen.cpu().numpy().astype(np.float64),
+            self._blown_up.cpu().numpy().astype(np.float64) if self._knows_blowups else None,
         )
 
     @torch.no_grad()
     def _one_step(self) -> None:
         step = self.env.step(self._actors.act(self._observation[:, None])[:, 0])
         self._fallen |= step.terminated
+        self._knows_blowups = step.blown_up is not None
+        if step.blown_up is not None:
+            self._blown_up |= step.blown_up
         if self.protocol == "paper":
             self._alive.copy_(~step.terminated)
         self._returns += torch.where(self._alive[:, None], step.reward, 0.0)

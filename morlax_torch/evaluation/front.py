@@ -1,5 +1,6 @@
 """A front: the returns of many trade-offs, and its indicators."""
 
+import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -8,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..envs import MorlaxError
-from ..files import replacing
+from ..envs.errors import LONGEST
+from ..envs.worlds.options import check_objectives
+from ..files import read, replacing
 from . import pareto
 
 EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
@@ -23,6 +26,7 @@ class Front(NamedTuple):
     lengths: np.ndarray  # (K,) control steps until the episode ended
     reference_point: np.ndarray  # (m,)
     falls: np.ndarray | None = None  # (K,) share of episodes that failed; None: unknown
+    blowups: np.ndarray | None = None  # (K,) share of episodes that blew up; None: unknown
 
     @property
     def non_dominated(self) -> np.ndarray:
@@ -37,8 +41,8 @@ class Front(NamedTuple):
     def indicators(self, reference_front: ArrayLike | None = None) -> dict[str, float]:
         """Compute hypervolume, sparsity, expected utility, cardinality and obedience, by name.
 
-        Adds `fall_rate` if falls are known, and `igd_plus` if there is a reference front (n, m). A
-        hypervolume that is not exact is called `hypervolume_approximate`.
+        Adds `fall_rate` and `blowup_rate` if they are known, and `igd_plus` if there is a
+        reference front (n, m). A hypervolume that is not exact is called `hypervolume_approximate`.
         """
         returns = self.returns
         exact = pareto.is_exact(*returns.shape)
@@ -51,6 +55,8 @@ class Front(NamedTuple):
         }
         if self.falls is not None:
             found["fall_rate"] = float(self.falls.mean())
+        if self.blowups is not None:
+            found["blowup_rate"] = float(self.blowups.mean())
         if reference_front is not None:
             found["igd_plus"] = pareto.igd_plus(returns, reference_front)
         return found
@@ -60,7 +66,7 @@ class Front(NamedTuple):
         return pareto.hypervolume(self.returns, self.reference_point)
 
     def averaged(self, episodes: int) -> Self:
-        """Average returns, lengths and falls over episodes, from (episodes * K, m) to (K, m).
+        """Average everything over episodes, from (episodes * K, ...) to (K, ...).
 
         The K trade-offs are repeated `episodes` times in a row.
         """
@@ -73,6 +79,7 @@ class Front(NamedTuple):
             returns=mean(self.returns),
             lengths=mean(self.lengths),
             falls=None if self.falls is None else mean(self.falls),
+            blowups=None if self.blowups is None else mean(self.blowups),
         )
 
     def save(self, path: Path) -> None:
@@ -92,16 +99,37 @@ class Front(NamedTuple):
         Raises:
             MorlaxError: there is no such file, or it is damaged.
         """
+        whole = io.BytesIO(read(path, "front"))
         try:
-            with path.open("rb") as file, np.load(file) as arrays:
+            with np.load(whole) as arrays:
                 needed = [f for f in cls._fields if f in arrays or f not in cls._field_defaults]
                 fields = {name: arrays[name] for name in needed}
-        except FileNotFoundError:
-            raise MorlaxError(f"there is no front {path}.") from None
+            front = cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
+            front._check()
+            return front
+        except MemoryError:
+            raise
         except Exception as error:  # numpy, zip and zlib each fail in their own way
-            reason = str(error).rstrip(".")
+            reason = " ".join(str(error).split())[:LONGEST].rstrip(".")
             raise MorlaxError(f"{path} is damaged or not a front: {reason}.") from None
-        return cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
+
+    def _check(self) -> None:
+        """Raise ValueError if sizes disagree, or a number is not finite or out of range."""
+        check_objectives(self.objectives)
+        K, m = len(self.tradeoffs), len(self.objectives)
+        shapes = {"tradeoffs": (K, m), "returns": (K, m), "reference_point": (m,)}
+        for name, values in self._asdict().items():
+            if name == "objectives" or values is None:
+                continue
+            shape = shapes.get(name, (K,))
+            if values.shape != shape or values.dtype.kind not in "fiu":
+                raise ValueError(f"{name} must hold numbers of shape {shape}")
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name} must be finite")
+            if name not in ("returns", "reference_point") and (values < 0).any():
+                raise ValueError(f"{name} must not be negative")
+        if K == 0 or not (self.tradeoffs.sum(1) > 0).all():
+            raise ValueError("there must be trade-offs, each with a weight above zero")
 
 
 def hypervolume_in(names: Iterable[str]) -> str:

@@ -33,10 +33,17 @@ class ClippedAdam:
         return [self.mean, self.square, self.steps, self.rate]
 
     def restore(self, state: Sequence[Tensor]) -> None:
-        """Load what `state` returned, in place, also on another device."""
-        for mine, stored in zip(self.state(), state, strict=True):
-            # step counts are equal in all chunks, whose number depends on the device
-            mine.copy_(stored if stored.shape == mine.shape else stored[0])
+        """Load what `state` returned, in place, also on another device.
+
+        Raises:
+            ValueError: the state is of another number of parameters.
+        """
+        mean, square, steps, rate = state
+        for mine, stored in ((self.mean, mean), (self.square, square), (self.rate, rate)):
+            if stored.shape != mine.shape:
+                raise ValueError(f"Adam's state has shape {stored.shape}, not {mine.shape}")
+            mine.copy_(stored)
+        self.steps.copy_(steps[0])  # equal in all chunks, whose number depends on the device
 
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
+from ..envs import MorlaxError
 from .mlp import mlp
 
 
@@ -58,7 +59,14 @@ class Hypernetwork(nn.Module):
             self.register_buffer(f"target_buffer_{index}", buffer.clone())
 
     def forward(self, tradeoffs: Tensor) -> dict[str, Tensor]:
-        """Map trade-offs (K, m), scaled to sum to one, to parameters: name -> (K, *shape)."""
+        """Map trade-offs (K, m), scaled to sum to one, to parameters: name -> (K, *shape).
+
+        Raises:
+            MorlaxError: a trade-off is not finite or sums to zero. Recorded and exported graphs
+                cannot look at numbers, so there it gives numbers that are not finite.
+        """
+        if not (_is_recorded() or (tradeoffs.isfinite() & (tradeoffs.sum(-1, True) > 0)).all()):
+            raise MorlaxError("a trade-off must be finite, and its weights must not sum to zero.")
         tradeoffs = tradeoffs / tradeoffs.sum(-1, keepdim=True)
         flat = torch.addmm(self.bias, self.features(tradeoffs), self.weight.t()).split(
             self.sizes, dim=-1
@@ -88,3 +96,9 @@ class Hypernetwork(nn.Module):
     def _buffers_of_family(self) -> dict[str, Tensor]:
         names = enumerate(self._names_of_buffers)
         return {name: getattr(self, f"target_buffer_{index}") for index, name in names}
+
+
+def _is_recorded() -> bool:
+    """Return whether torch only records the operations, and no number exists yet."""
+    capturing = torch.cuda.is_available() and torch.cuda.is_current_stream_capturing()
+    return capturing or torch.jit.is_tracing() or torch.compiler.is_compiling()

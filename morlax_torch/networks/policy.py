@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
 from ..config import Config
 from ..envs import MorlaxError
+from ..envs.errors import shortened
 from ..tradeoffs import checked_tradeoff, one_tradeoff
 from .agent import Agent, SpecializedPolicy
 
@@ -16,7 +19,10 @@ class Policy(nn.Module):
 
     policy(observation, tradeoff) maps (B, O) and (m,) or (B, m) to actions (B, A) in (-1, 1); each
     row may have its own trade-off. Trade-offs need not sum to one, but must not be negative or all
-    zero.
+    zero. Observations may be arrays or tensors of any float type.
+
+    Raises:
+        MorlaxError: an observation or trade-off has the wrong shape, type or numbers.
     """
 
     def __init__(self, agent: Agent, config: Config, objectives: Sequence[str]):
@@ -24,7 +30,10 @@ class Policy(nn.Module):
         self.agent, self.config, self.objectives = agent, config, tuple(objectives)
 
     @torch.no_grad()
-    def forward(self, observation: Tensor, tradeoff: Tensor | Sequence[float]) -> Tensor:
+    def forward(
+        self, observation: Tensor | ArrayLike, tradeoff: Tensor | Sequence[float]
+    ) -> Tensor:
+        observation = self._checked(observation)
         tradeoff = checked_tradeoff(tradeoff, self.objectives, observation.device)
         if tradeoff.ndim == 1:
             return self.agent.actors(tradeoff[None]).act(observation[None])[0]
@@ -35,8 +44,30 @@ class Policy(nn.Module):
             )
         return self.agent.actors(tradeoff).act(observation[:, None])[:, 0]
 
+    def _checked(self, observation: Tensor | ArrayLike) -> Tensor:
+        """Convert observations (B, O) or (O,) to float32; arrays move to the policy's device."""
+        if not isinstance(observation, Tensor):
+            try:
+                array = np.asarray(observation)
+                observation = torch.as_tensor(array, device=self._device)
+            except (TypeError, ValueError):
+                given = shortened(observation)
+                raise MorlaxError(f"observations consist of numbers, not {given}.") from None
+        size = self.agent.observation_size
+        if observation.ndim not in (1, 2) or observation.shape[-1] != size:
+            raise MorlaxError(
+                f"observations have the shape {tuple(observation.shape)}, but this policy needs "
+                f"(B, {size}): {size} numbers for each of B robots."
+            )
+        if not observation.is_floating_point():
+            raise MorlaxError(f"observations must be floats, not {observation.dtype}.")
+        return observation.float()
+
+    @property
+    def _device(self) -> torch.device:
+        return self.agent.observation_normalizer.mean.device
+
     def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
         """Return a plain module for one trade-off (m,), with normalizer and tanh inside."""
-        device = self.agent.observation_normalizer.mean.device
-        fixed = self.agent.specialize(one_tradeoff(tradeoff, self.objectives, device))
+        fixed = self.agent.specialize(one_tradeoff(tradeoff, self.objectives, self._device))
         return fixed.requires_grad_(False)

@@ -21,6 +21,7 @@ MEANINGS = {
     "cardinality": "number of non-dominated policies",
     "obedience": "share of trade-offs for which no other policy is clearly better than their own",
     "fall_rate": "share of episodes in which the robot failed",
+    "blowup_rate": "share of episodes that left sane bounds, such as a state that is not finite",
     "igd_plus": "mean distance by which the front falls short of the reference front; 0 is best",
     "episode_length": "mean episode length in control steps",
 }

@@ -117,10 +117,19 @@ def front_rows(front: Front) -> list[list]:
 def indicator_rows(found: Mapping[str, Evaluated]) -> list[list]:
     """Return a header and a row for each run."""
     rows = [
-        [name, run.path, run.policy.config.env, run.policy.config.seed, *run.measures.values()]
+        [
+            *map(cell, (name, run.path, run.policy.config.env)),
+            run.policy.config.seed,
+            *run.measures.values(),
+        ]
         for name, run in found.items()
     ]
     return [["run", "path", "env", "seed", *next(iter(found.values())).measures], *rows]
+
+
+def cell(name: str) -> str:
+    """Quote a name that a spreadsheet would run as a formula."""
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r")) else name
 
 
 def write_rows(path: Path, rows: Iterable[Sequence]) -> None:

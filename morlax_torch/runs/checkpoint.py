@@ -3,34 +3,38 @@
 import io
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import torch
+from pydantic import ValidationError
 
+from .. import envs
 from ..algorithms.learner import Learner
+from ..config import Config, load_config
 from ..envs import MorlaxError, Worlds
-from ..files import replacing
+from ..envs.errors import LONGEST, explained, shortened
+from ..files import read, replacing
+from .contents import FORMAT, Contents, Task, check_state
+from .progress import Progress
 
-FORMAT = 2  # 1, of version 0.1, called the learner "morlax"
 
-
-def describe(env: Worlds) -> dict[str, Any]:
+def describe(env: Worlds) -> Task:
     """Return what a checkpoint and an environment must agree on."""
-    return {
-        "objectives": list(env.objectives),
-        "observation_size": env.observation_size,
-        "action_size": env.action_size,
-        "privileged_size": env.privileged_size,
-    }
+    return Task(
+        objectives=env.objectives,
+        observation_size=env.observation_size,
+        action_size=env.action_size,
+        privileged_size=env.privileged_size,
+    )
 
 
-def save(path: Path, learner: Learner, progress: dict[str, float]) -> None:
+def save(path: Path, learner: Learner, progress: Progress) -> None:
     """Write the whole state of a learner and the run's counters, atomically."""
     contents = {
         "config": learner.config.model_dump(mode="json"),
-        "environment": describe(learner.env),
+        "environment": describe(learner.env).model_dump(mode="json"),
         "own_networks": learner.agent.own_networks(),
-        "progress": progress,
+        "progress": progress.model_dump(),
         "learner": learner.state_dict(),
     }
     write(path, contents)
@@ -44,38 +48,77 @@ def write(path: Path, contents: dict[str, Any]) -> None:
         file.write(whole.getbuffer())
 
 
-def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """Read a file that `save` or `write` wrote, in this or an earlier version.
+def load(path: Path) -> Contents:
+    """Read a file that `save` or `write` wrote, in this or an earlier version, to the CPU.
 
     Raises:
         MorlaxError: there is no file, it is damaged or not a checkpoint, or it has a format that
             this version cannot read.
     """
+    whole = io.BytesIO(read(path, "checkpoint"))
     try:
-        with zipfile.ZipFile(path) as archive:
-            intact = archive.testzip() is None  # compares checksums, which torch.load does not
-        contents = torch.load(path, map_location=device, weights_only=True) if intact else None
-    except FileNotFoundError:
-        raise MorlaxError(f"there is no checkpoint {path}.") from None
+        _check_sums(whole)
+        values = torch.load(whole, map_location="cpu", weights_only=True)
+    except MemoryError:
+        raise
     except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
-        intact = False
-    if not intact:
         raise MorlaxError(
             f"the checkpoint {path} is damaged or not a checkpoint: use another file of its folder."
-        )
-    if not isinstance(contents, dict) or "format" not in contents:
+        ) from None
+    if not isinstance(values, dict) or "format" not in values:
         raise MorlaxError(f"{path} is not a checkpoint of morlax_torch.")
-    if contents["format"] == 1 and "morlax" in contents:
-        contents["learner"] = contents.pop("morlax")
-    elif contents["format"] not in (1, FORMAT):
+    number = values["format"]
+    if not isinstance(number, int) or not 1 <= number <= FORMAT:
         raise MorlaxError(
-            f"the checkpoint {path} has format {contents['format']}, but this version of "
+            f"the checkpoint {path} has format {shortened(number)}, but this version of "
             f"morlax_torch reads formats up to {FORMAT}: use the version that wrote it."
         )
-    return contents
+    if number == 1 and "morlax" in values:
+        values["learner"] = values.pop("morlax")
+    try:
+        return Contents.model_validate(values)
+    except ValidationError as error:
+        raise MorlaxError(
+            f"the checkpoint {path} is damaged: {explained(error, Contents)}"
+        ) from None
 
 
-def restore(contents: dict[str, Any], path: Path, learner: Learner) -> None:
+def _check_sums(whole: IO[bytes]) -> None:
+    """Compare every checksum, which torch.load does not; raises an error of zipfile's."""
+    with zipfile.ZipFile(whole) as archive:
+        for part in archive.infolist():  # testzip reads by name, and so one of two that are alike
+            with archive.open(part) as content:
+                while content.read(2**20):
+                    pass
+            if part.compress_size != part.file_size:
+                raise zipfile.BadZipFile("torch.save compresses nothing")
+        if len(archive.NameToInfo) != len(archive.filelist):
+            raise zipfile.BadZipFile("two parts have the same name")
+    whole.seek(0)
+
+
+def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
+    """Check the config of a checkpoint that was read from `path`.
+
+    Args:
+        contents: as `load` returns them.
+        path: for error messages.
+        trust: allow the config to import the FILE.py or module that its task names.
+
+    Raises:
+        MorlaxError: a value is wrong, or the task would run code that is not trusted.
+    """
+    task = contents.config["env"]
+    if trust:
+        envs.trust(task)
+    envs.check_trusted(task, path)
+    try:
+        return load_config(contents.config)
+    except MorlaxError as error:
+        raise MorlaxError(f"the config in {path} does not fit: {error}") from None
+
+
+def restore(contents: Contents, path: Path, learner: Learner) -> None:
     """Load a checkpoint's contents into `learner`.
 
     Raises:
@@ -88,22 +131,30 @@ def restore(contents: dict[str, Any], path: Path, learner: Learner) -> None:
             f"a run in {config.env} cannot be resumed, because the state of its worlds cannot be "
             "saved: start a new run."
         )
-    if "learner" not in contents:
+    if contents.learner is None:
         raise MorlaxError(f"{path} holds only policies, so training cannot continue from it.")
-    stored_config, stored = contents["config"], contents["environment"]
-    if stored_config["env"] != config.env:
-        raise MorlaxError(f"{path} is of task {stored_config['env']!r}, not {config.env!r}.")
-    for name, value in describe(env).items():
-        if stored.get(name, 0) != value:
-            raise MorlaxError(f"{path} has {name} {stored.get(name, 0)}, but the task has {value}.")
-    network = config.network.model_dump(mode="json")
-    if stored_config["worlds"] != config.worlds or stored_config["network"] != network:
+    task = contents.config["env"]
+    if task != config.env:
+        raise MorlaxError(f"{path} is of task {task!r}, not {config.env!r}.")
+    for name, value in describe(env):
+        found = getattr(contents.environment, name)
+        if found != value:
+            raise MorlaxError(f"{path} has {name} {found}, but the task has {value}.")
+    stored = read_config(contents, path)
+    if (stored.worlds, stored.network) != (config.worlds, config.network):
         raise MorlaxError(
-            f"{path} was made with other sizes (worlds {stored_config['worlds']}, network "
-            f"{stored_config['network']}): resume with the config of its own run."
+            f"{path} was made with other sizes (worlds {stored.worlds}, network "
+            f"{stored.network}): resume with the config of its own run."
         )
-    check_networks(contents.get("own_networks", {}), learner.agent.own_networks(), path)
-    learner.load_state_dict(contents["learner"])
+    check_networks(contents.own_networks, learner.agent.own_networks(), path)
+    try:
+        check_state(contents.learner, learner.state_dict())
+        learner.load_state_dict(contents.learner)
+    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise MorlaxError(
+            f"the state in {path} does not fit this learner: {reason[:LONGEST]}."
+        ) from None
 
 
 def check_networks(stored: dict[str, Any], given: dict[str, Any], path: Path) -> None:

@@ -33,12 +33,14 @@ def evaluate(
         seeds: episodes per trade-off, each with its own random draws, to average returns over.
 
     Raises:
-        MorlaxError: there is no such run, there are too few trade-offs, or nothing in the task is
+        MorlaxError: there is no such run, a number is out of range, or nothing in the task is
             random although `seeds` > 1.
     """
     place = resolve_device(device)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
     task, m = policy.config.task.for_evaluation(), len(policy.objectives)
+    if not 0 <= seed < 2**63:
+        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
     if seeds < 1:
         raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
     if seeds > 1 and not task.varies:

@@ -7,8 +7,8 @@ import torch
 from torch import nn
 
 from .. import envs
-from ..config import load_config
 from ..envs import MorlaxError, resolve_device
+from ..envs.errors import LONGEST
 from ..networks.agent import Agent
 from ..networks.policy import Policy
 from . import checkpoint
@@ -75,28 +75,28 @@ def load(
     """
     place = resolve_device(device)
     path = find_checkpoint(run)
-    contents = checkpoint.load(path, place)
-    if trust:
-        envs.trust(contents["config"]["env"])
-    envs.check_trusted(contents["config"]["env"], path)
-    config, stored = load_config(contents["config"]), contents["environment"]
+    contents = checkpoint.load(path)
+    config, task = checkpoint.read_config(contents, path, trust), contents.environment
     agent = Agent(
-        stored["observation_size"],
-        stored["action_size"],
-        len(stored["objectives"]),
+        task.observation_size,
+        task.action_size,
+        len(task.objectives),
         config.network,
-        privileged_size=stored.get("privileged_size", 0),
+        privileged_size=task.privileged_size,
         actor=actor,
-    ).to(place)
-    own = dict(contents.get("own_networks", {}))
+    )
+    own = dict(contents.own_networks)
     own_critic = own.pop("critic", None)
     checkpoint.check_networks(own, agent.own_networks(), path)
-    whole = "learner" in contents
-    state = contents["learner"]["agent"] if whole else contents["policy"]
+    whole, state = contents.policy is None, contents.agent
     if own_critic:  # policies do not need it
         state = {name: value for name, value in state.items() if not name.startswith("critic.")}
-    agent.load_state_dict(state, strict=whole and not own_critic)
-    return Policy(agent, config, stored["objectives"])
+    try:
+        agent.load_state_dict(state, strict=whole and not own_critic)
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())[:LONGEST]
+        raise MorlaxError(f"the networks in {path} do not fit its config: {reason}.") from None
+    return Policy(agent.to(place), config, task.objectives)
 
 
 def trust_task(run: str | os.PathLike[str]) -> None:
@@ -105,7 +105,7 @@ def trust_task(run: str | os.PathLike[str]) -> None:
     Raises:
         MorlaxError: there is no such run, or it is damaged.
     """
-    envs.trust(checkpoint.load(find_checkpoint(run))["config"]["env"])
+    envs.trust(checkpoint.load(find_checkpoint(run)).config["env"])
 
 
 def save(policy: Policy, path: Path) -> None:

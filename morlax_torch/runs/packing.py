@@ -1,10 +1,13 @@
 """Copy what is needed to use a run into a small folder, to share or to ship."""
 
+import shutil
 from pathlib import Path
 
+from ..config import write_yaml
 from ..envs import MorlaxError
 from ..evaluation.front import Front
-from ..files import replacing
+from ..evaluation.history import read_rows
+from ..files import read, replacing
 from .evaluating import evaluate
 from .loading import find_run, load, save
 
@@ -29,20 +32,23 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
     if output.exists():
         raise MorlaxError(f"{output} exists already: choose another folder.")
     source, policy = find_run(run), load(run)
-    front = evaluate(policy, device=device)
-    kept = {}
-    for name in ("config.yaml", "metrics.csv"):
-        try:
-            kept[name] = (source / name).read_bytes()
-        except OSError as error:
-            raise MorlaxError(f"cannot read {source / name}: {error.strerror}.") from None
+    metrics = read(source / "metrics.csv", "training curve")
+    read_rows(source / "metrics.csv")  # refuses a damaged file
     try:
         (output / "checkpoints").mkdir(parents=True)
     except OSError as error:
         raise MorlaxError(f"cannot make {output}: {error.strerror}.") from None
-    save(policy.cpu(), output / "checkpoints" / "best.pt")
-    front.save(output / "front.npz")
-    for name, contents in kept.items():
-        with replacing(output / name) as file:
-            file.write(contents)
+    try:
+        front = evaluate(policy, device=device)
+        save(policy.cpu(), output / "checkpoints" / "best.pt")
+        front.save(output / "front.npz")
+        for name, contents in (
+            ("config.yaml", write_yaml(policy.config).encode()),
+            ("metrics.csv", metrics),
+        ):
+            with replacing(output / name) as file:
+                file.write(contents)
+    except BaseException:
+        shutil.rmtree(output, ignore_errors=True)
+        raise
     return front

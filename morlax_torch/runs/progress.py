@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from ..evaluation.front import Front, hypervolume_in
 
@@ -15,6 +15,7 @@ class Evaluation(NamedTuple):
     train_seconds: float  # exploring and learning only
     total_seconds: float  # wall-clock time of all sessions of the run
     steps_per_second: float  # environment steps per second of training, just before
+    blowups: int  # how often a training world left sane bounds so far
     front: Front
     indicators: dict[str, float]  # by name
 
@@ -31,11 +32,14 @@ class Evaluation(NamedTuple):
             "total_seconds": round(self.total_seconds, 3),
             **self.indicators,
             "steps_per_second": round(self.steps_per_second),
+            "blowups": self.blowups,
         }
 
 
 class Progress(BaseModel):
     """A run's counters, updated in place while it trains and saved in checkpoints."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
 
     env_steps: int = 0
     train_seconds: float = 0.0
@@ -43,6 +47,8 @@ class Progress(BaseModel):
     total_seconds: float = 0.0
     """Wall-clock time, with compiling, evaluating and saving, over all sessions of the run."""
     steps_per_second: float = 0.0
+    blowups: int = 0
+    """How often a training world left sane bounds."""
     hypervolume: float = 0.0
     best_hypervolume: float = 0.0
 

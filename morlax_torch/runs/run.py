@@ -2,23 +2,26 @@
 
 import csv
 import io
+import math
+import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
 from torch.utils.tensorboard import SummaryWriter
 
-from .. import envs
 from ..algorithms.learner import Learner
-from ..config import Config, load_config, read_yaml
+from ..config import MAY_CHANGE, Config, differences, load_config, read_yaml, write_yaml
 from ..envs import MorlaxError
+from ..envs.errors import shortened
 from ..envs.external import title
 from ..evaluation.figures import front_figure
-from ..files import replacing, unused
+from ..evaluation.history import read_rows
+from ..files import remove_drafts, replacing, unused
 from . import checkpoint
 from .lock import RunLock
 from .progress import Evaluation, Progress
@@ -63,15 +66,14 @@ class Run:
                 f"{folder} exists already: choose another --output, or continue the run with "
                 f"--resume {folder}."
             )
-        if folder.resolve() == Path.cwd():
+        if os.path.realpath(folder) == os.getcwd():
             raise MorlaxError("a run needs its own folder: choose another --output.")
         draft = folder.with_name(f".{folder.name}.draft")
         try:
             shutil.rmtree(draft, ignore_errors=True)
             (draft / "checkpoints").mkdir(parents=True)
-            checkpoint.save(draft / "checkpoints" / "latest.pt", learner, Progress().model_dump())
-            with replacing(draft / "config.yaml") as file:
-                file.write(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False).encode())
+            checkpoint.save(draft / "checkpoints" / "latest.pt", learner, Progress())
+            _write(draft / "config.yaml", write_yaml(config))
             draft.replace(folder)
         except OSError as error:
             raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
@@ -93,22 +95,37 @@ class Run:
         return cls(folder)
 
     def config(self, trust: bool = False) -> Config:
-        """Read the config that the run was started with.
+        """Return the config to resume the run with.
+
+        It is that of the latest checkpoint, with what MAY_CHANGE as config.yaml has it.
 
         Args:
             trust: allow it to import the FILE.py or module that its task names.
 
         Raises:
-            MorlaxError: it is damaged, or its task would run code that is not trusted.
+            MorlaxError: a file is damaged, config.yaml was edited where it may not change, or the
+                task would run code that is not trusted.
         """
-        path = self.folder / "config.yaml"
-        values = read_yaml(path)
+        file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
+        values = read_yaml(file)
+        stored = checkpoint.read_config(checkpoint.load(path), path, trust)
         task = values.get("env")
-        if isinstance(task, str):
-            if trust:
-                envs.trust(task)
-            envs.check_trusted(task, path)
-        return load_config(values)
+        if task != stored.env:
+            raise MorlaxError(
+                f"{path} is of task {stored.env!r}, not {shortened(task)}, as {file} says."
+            )
+        try:
+            edited = load_config(values)
+        except MorlaxError as error:
+            raise MorlaxError(f"{file} does not fit: {error}") from None
+        found = differences(stored, edited)
+        if found:
+            raise MorlaxError(
+                f"{file} was edited since the run began ({'; '.join(found)}): undo that, or start "
+                f"a new run with --config {file}. A resumed run may change only "
+                f"{', '.join(MAY_CHANGE)}."
+            )
+        return stored.model_copy(update={name: getattr(edited, name) for name in MAY_CHANGE})
 
     def restore(self, learner: Learner) -> Progress:
         """Load the latest checkpoint into `learner` and drop what was logged after it.
@@ -117,16 +134,22 @@ class Run:
             MorlaxError: another process trains the run, or the checkpoint does not fit.
         """
         self._lock.acquire()
-        path = self.checkpoints / "latest.pt"
-        contents = checkpoint.load(path, learner.env.device)
-        checkpoint.restore(contents, path, learner)
-        metrics = self.folder / "metrics.csv"
-        if metrics.is_file():
-            with metrics.open(newline="") as file:
-                rows = list(csv.DictReader(file))
-            self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
+        try:
+            path = self.checkpoints / "latest.pt"
+            contents = checkpoint.load(path)
+            checkpoint.restore(contents, path, learner)
+            metrics = self.folder / "metrics.csv"
+            if metrics.exists():
+                rows = read_rows(metrics)
+                self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
+            _write(self.folder / "config.yaml", write_yaml(learner.config))
+            for folder in (self.folder, self.checkpoints):
+                remove_drafts(folder)
+        except BaseException:
+            self._lock.release()
+            raise
         self._purge_step = learner.env_steps + 1
-        return Progress(**contents["progress"])
+        return contents.progress
 
     @property
     def checkpoints(self) -> Path:
@@ -135,7 +158,7 @@ class Run:
     def save(self, learner: Learner, progress: Progress, best: bool = False) -> None:
         """Write the latest checkpoint, and best.pt too if it is the `best`."""
         for name in ("best", "latest") if best else ("latest",):
-            checkpoint.save(self.checkpoints / f"{name}.pt", learner, progress.model_dump())
+            checkpoint.save(self.checkpoints / f"{name}.pt", learner, progress)
 
     def has_evaluation(self, iteration: int) -> bool:
         """Return whether metrics.csv has a row for this iteration."""
@@ -159,17 +182,17 @@ class Run:
             for indicator, value in evaluation.indicators.items():
                 events.add_scalar(f"front/{indicator}", value, steps)
                 events.add_scalar(f"front_by_train_ms/{indicator}", value, milliseconds)
-            events.add_figure("front", front_figure(front, name), steps)
+            if _shows_picture(len(self._rows)):
+                events.add_figure("front", front_figure(front, name), steps)
             events.flush()
         front.save(self.folder / "front.npz")
         row = evaluation.row()
         self._rows.append(row)
         table = io.StringIO()
-        writer = csv.DictWriter(table, row)
+        writer = csv.DictWriter(table, dict.fromkeys(chain(row, *self._rows)))
         writer.writeheader()
         writer.writerows(self._rows)
-        with replacing(self.folder / "metrics.csv") as file:
-            file.write(table.getvalue().encode())
+        _write(self.folder / "metrics.csv", table.getvalue())
 
     @contextmanager
     def _written(self) -> Iterator[SummaryWriter]:
@@ -191,3 +214,19 @@ class Run:
                 events.close()
         finally:
             self._lock.release()
+
+
+def _shows_picture(evaluation: int) -> bool:
+    """Return whether TensorBoard gets a picture of an evaluation, counted from 0.
+
+    After the first ten, each is a tenth later than the last, so that a long run stays small.
+    """
+    if evaluation < 10:
+        return True
+    steps = [int(math.log(number, 1.1)) for number in (evaluation - 1, evaluation)]
+    return steps[0] < steps[1]
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as file:
+        file.write(text.encode())

@@ -16,6 +16,10 @@ from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from .progress import Evaluation, Progress
 from .run import Run
 
+UNSTABLE = (
+    "numbers of the simulation or the reward are not finite or far too large, so nothing can be "
+    "learned: check the task's rewards and observations, or use a smaller time step in its MJCF"
+)
 REPORT_EVERY = 10  # iterations between reads of the metrics, each of which waits for the GPU
 
 
@@ -57,8 +61,8 @@ def training(
         progress: of a resumed run; updated in place.
 
     Raises:
-        MorlaxError: the folder cannot be written, the simulator's buffers overflow, or a loss is
-            not finite. Checkpoints keep their last good state.
+        MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
+            blows up, or a loss is not finite. Checkpoints keep their last good state.
     """
     progress = Progress() if progress is None else progress
     began = time.perf_counter() - progress.total_seconds
@@ -74,6 +78,7 @@ def training(
             if due and evaluated != learner.iteration:
                 evaluated = learner.iteration
                 front = evaluator.evaluate()
+                _check_front(front, learner, run)
                 progress.total_seconds = time.perf_counter() - began
                 evaluation = _evaluation(learner, progress, front)
                 best = progress.improved(evaluation.hypervolume)
@@ -182,10 +187,16 @@ def _iterate(
             break
     metrics = learner.metrics()
     elapsed = time.perf_counter() - start
+    blowups, progress.blowups = progress.blowups, int(metrics["blowups"])
     progress.train_seconds += elapsed
     progress.env_steps = learner.env_steps
     progress.steps_per_second = (learner.iteration - first) * learner.steps_per_iteration / elapsed
     _check(metrics, learner, first, run)
+    if progress.blowups - blowups >= learner.config.worlds * (learner.iteration - first):
+        raise MorlaxError(
+            f"every world blew up in each rollout of {_span(learner, first)}: "
+            f"{UNSTABLE}.{_kept(run)}"
+        )
     if run:
         run.log_metrics(metrics, learner.env_steps, progress.steps_per_second)
 
@@ -197,6 +208,7 @@ def _evaluation(learner: Learner, progress: Progress, front: Front) -> Evaluatio
         progress.train_seconds,
         progress.total_seconds,
         progress.steps_per_second,
+        progress.blowups,
         front,
         front.indicators(),
     )
@@ -204,15 +216,31 @@ def _evaluation(learner: Learner, progress: Progress, front: Front) -> Evaluatio
 
 def _check(metrics: dict[str, float], learner: Learner, first: int, run: Run | None) -> None:
     """Raise MorlaxError if the iterations after `first` cannot be trusted."""
-    span = f"iterations {first + 1} to {learner.iteration}"
-    kept = f" The last good checkpoint is {run.checkpoints / 'latest.pt'}." if run else ""
+    span = _span(learner, first)
     if metrics["overflow"]:
         remedy = learner.env.remedy(int(metrics["overflow"]))
-        raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}.{kept}")
+        raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}.{_kept(run)}")
     for name, value in metrics.items():
         if (name == "entropy" or name.endswith("_loss")) and not math.isfinite(value):
             raise MorlaxError(
                 f"the {name.replace('_', ' ')} became {value} in {span} "
                 f"({metrics['blowups']:.0f} worlds have blown up so far): "
-                f"try a lower --ppo.learning-rate.{kept}"
+                f"try a lower --ppo.learning-rate.{_kept(run)}"
             )
+
+
+def _check_front(front: Front, learner: Learner, run: Run | None) -> None:
+    """Raise MorlaxError if every episode of the evaluation blew up."""
+    if front.blowups is not None and front.blowups.all():
+        raise MorlaxError(
+            f"every episode blew up in the evaluation after iteration {learner.iteration}: "
+            f"{UNSTABLE}.{_kept(run)}"
+        )
+
+
+def _span(learner: Learner, first: int) -> str:
+    return f"iterations {first + 1} to {learner.iteration}"
+
+
+def _kept(run: Run | None) -> str:
+    return f" The last good checkpoint is {run.checkpoints / 'latest.pt'}." if run else ""

@@ -7,13 +7,22 @@ from pathlib import Path
 from pydantic import create_model
 
 from .. import envs
-from ..config import Config, Section, config_class, file_values, load_config, merged, task_values
+from ..config import (
+    MAY_CHANGE,
+    Config,
+    config_class,
+    differences,
+    file_values,
+    load_config,
+    merged,
+    task_values,
+)
 from ..envs import MorlaxError
+from ..envs.worlds.section import Section
 from ..runs.run import Run
 from . import cli
 
 ABOUT = "Train one hypernetwork to hold a whole Pareto front of policies."
-MAY_CHANGE_ON_RESUME = ("max_env_steps", "max_seconds", "device", "backend")
 
 
 class Command(Section):
@@ -22,7 +31,7 @@ class Command(Section):
     output: Path | None = None
     """Folder of the run (None: runs/<task>/<time>-<seed>)."""
     resume: Path | None = None
-    """Continue the run in this folder; only limits, device and backend may change."""
+    """Continue the run in this folder; only limits, evaluation, device and backend may change."""
     trust: bool = False
     """Let the resumed run import the FILE.py or module that its task names."""
 
@@ -54,13 +63,12 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
     if values["backend"] is None or (moved and values["backend"] == below.backend):
         values["backend"] = "warp" if place.type == "cuda" else "mujoco"
     config = load_config({**values, "device": str(place)})
-    if run is not None:
-        for name, value in below.model_dump().items():
-            if name not in MAY_CHANGE_ON_RESUME and config.model_dump()[name] != value:
-                raise MorlaxError(
-                    f"{name} cannot change when a run is resumed: leave it out, or start a new "
-                    f"run. Only {', '.join(MAY_CHANGE_ON_RESUME)} may."
-                )
+    found = differences(below, config) if run else []
+    if found:
+        raise MorlaxError(
+            f"a resumed run keeps its config ({'; '.join(found)}): leave that out, or start a new "
+            f"run. Only {', '.join(MAY_CHANGE)} may change."
+        )
     return config, run, own["output"]
 
 

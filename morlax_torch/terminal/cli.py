@@ -1,5 +1,6 @@
 """What the commands share: command-line parsing and error messages."""
 
+import errno
 import os
 import sys
 import threading
@@ -58,16 +59,26 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     usual = threading.excepthook
     # if TensorBoard's writer thread fails, its next call raises the error here
     threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
+    arguments = sys.argv[1:]
     try:
+        _check_text(arguments)
         with exiting_on_signals():
-            main(sys.argv[1:])
+            main(arguments)
+        sys.stdout.flush()
     except MorlaxError as error:
         fail(str(error))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:  # the reader closed the pipe, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence_output()
+    except OSError as error:
+        if error.filename is None and error.errno == errno.ENOSPC:
+            _silence_output()
+            fail("cannot print: no space left on the device that the output goes to.")
+        if not _is_named(error.filename, arguments):
+            raise  # of code that is not ours, such as a user's robot
+        fail(f"cannot use {error.filename}: {error.strerror}.")
     except (MemoryError, RuntimeError) as error:
         # NumPy, torch and Warp each report a lack of memory in their own way
         words = ("out of memory", "allocate")
@@ -78,6 +89,25 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
             free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
         fail(f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold.")
+
+
+def _check_text(arguments: Sequence[str]) -> None:
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            raise MorlaxError(f"the argument {argument!a} is not valid UTF-8.") from None
+
+
+def _is_named(path: object, arguments: Sequence[str]) -> bool:
+    """Return whether a path is, or lies in, one that the command line names."""
+    named = (argument.rpartition("=")[2] for argument in arguments)
+    return any(name and str(path).startswith(name) for name in named)
+
+
+def _silence_output() -> None:
+    """Drop what is still to be printed, which Python would complain about at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def fail(sentence: str) -> NoReturn:

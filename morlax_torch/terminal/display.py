@@ -1,7 +1,7 @@
 """Live progress in the terminal."""
 
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from rich.progress import BarColumn, ProgressColumn, Task, TimeElapsedColumn
 from rich.progress import Progress as Bar
@@ -59,7 +59,7 @@ class Display:
         console.print(
             f"{_count(row['env_steps']):>8} steps {row['train_seconds']:7.1f} s  "
             f"{name.replace('_', ' ')} {row[name]:.4e}  front of {row['cardinality']:3d}  "
-            f"{_count(row['steps_per_second']):>8} steps/s"
+            f"{_count(row['steps_per_second']):>8} steps/s{_blowups(row)}"
         )
 
     def finished(self, interrupted: bool) -> None:
@@ -102,6 +102,14 @@ class _Status(ProgressColumn):
             f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)} steps/s, "
             f"hypervolume {progress.hypervolume:.3e} (best {progress.best_hypervolume:.3e}){until}"
         )
+
+
+def _blowups(row: dict[str, Any]) -> str:
+    """Say how many worlds have blown up, while training and in the evaluation, if any has."""
+    found = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
+    if row.get("blowup_rate"):
+        found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
+    return f"  blow-ups: {', '.join(found)}" if found else ""
 
 
 def _count(number: float) -> str:

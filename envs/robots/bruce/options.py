@@ -2,9 +2,10 @@
 
 from typing import Self
 
-from pydantic import Field, NonNegativeFloat, PositiveInt, field_validator
+from pydantic import Field, NonNegativeFloat, field_validator
 
 from ...worlds.options import TaskOptions
+from ...worlds.section import Count
 from . import model as bruce
 from .beginnings import FASTEST
 
@@ -35,7 +36,7 @@ class BruceOptions(TaskOptions):
     """Share of drawn velocities that are zero."""
     fastest: tuple[float, float] = FASTEST
     """Limits of drawn velocities in m/s, forward or backward, and to either side."""
-    redraw_every: PositiveInt | None = None
+    redraw_every: Count | None = None
     """Control steps after which a new velocity is drawn within an episode (None: never)."""
     noise: NonNegativeFloat = 0.0
     """Scale of the uniform sensor noise (1: as published; 0: exact sensors)."""

@@ -4,11 +4,12 @@ from functools import cached_property
 
 import mujoco
 import torch
-from pydantic import NonNegativeFloat, PositiveInt
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from ...worlds.layout import Part
 from ...worlds.options import TaskOptions
+from ...worlds.section import Count
 from ..bodies import Bodies, sense_contacts
 from ..gymnasium_robot import GymnasiumRobot
 
@@ -33,7 +34,7 @@ class Ant(GymnasiumRobot):
         }
         shared: dict[str, float] = {"healthy": 1.0, "contact_cost": -0.0005}
         reference_point: tuple[float, ...] | None = (-100.0, -100.0, -8000.0)
-        episode_length: PositiveInt = 1000
+        episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.1
         nconmax: int = 32
         njmax: int = 136

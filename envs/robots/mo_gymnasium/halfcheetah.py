@@ -1,9 +1,10 @@
 """Half-cheetah: run fast, use little control."""
 
-from pydantic import NonNegativeFloat, PositiveInt
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from ...worlds.options import TaskOptions
+from ...worlds.section import Count
 from ..gymnasium_robot import GymnasiumRobot
 
 
@@ -19,7 +20,7 @@ class HalfCheetah(GymnasiumRobot):
             "control": {"ctrl_cost": -1.0},
         }
         reference_point: tuple[float, ...] | None = (-100.0, -6000.0)
-        episode_length: PositiveInt = 1000
+        episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.1
         nconmax: int = 16
         njmax: int = 64

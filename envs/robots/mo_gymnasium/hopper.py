@@ -1,9 +1,10 @@
 """Planar one-legged hopper: run, jump high and, with three objectives, use little control."""
 
-from pydantic import NonNegativeFloat, PositiveInt
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from ...worlds.options import TaskOptions
+from ...worlds.section import Count
 from ..gymnasium_robot import GymnasiumRobot
 
 STANDING = 1.25  # m
@@ -24,7 +25,7 @@ class Hopper(GymnasiumRobot):
         }
         shared: dict[str, float] = {"healthy": 1.0}
         reference_point: tuple[float, ...] | None = (-100.0, -100.0, -3000.0)
-        episode_length: PositiveInt = 1000
+        episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.005
         nconmax: int = 12
         njmax: int = 40

@@ -1,8 +1,9 @@
 """Humanoid: run fast, use little control."""
 
-from pydantic import NonNegativeFloat, PositiveInt
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
+from ...worlds.section import Count
 from ..gymnasium_humanoid import GymnasiumHumanoid, HumanoidOptions
 
 
@@ -16,7 +17,7 @@ class Humanoid(GymnasiumHumanoid):
         }
         shared: dict[str, float] = {"healthy": 5.0, "contact_cost": -1.0}
         reference_point: tuple[float, ...] | None = (-100.0, -2720.0)
-        episode_length: PositiveInt = 1000
+        episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.01
 
     def terms(self) -> dict[str, Tensor]:

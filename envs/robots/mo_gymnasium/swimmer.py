@@ -1,9 +1,10 @@
 """Three links in a viscous fluid: swim fast, use little control."""
 
-from pydantic import NonNegativeFloat, PositiveInt
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from ...worlds.options import TaskOptions
+from ...worlds.section import Count
 from ..gymnasium_robot import GymnasiumRobot
 
 
@@ -20,7 +21,7 @@ class Swimmer(GymnasiumRobot):
             "control": {"ctrl_cost": -1.0},
         }
         reference_point: tuple[float, ...] | None = (-100.0, -2000.0)
-        episode_length: PositiveInt = 1000
+        episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.1
         nconmax: int = 1
         njmax: int = 4

@@ -1,9 +1,10 @@
 """Humanoid: run fast, use little energy."""
 
 import torch
-from pydantic import NonNegativeFloat, PositiveInt
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
+from ...worlds.section import Count
 from ..gymnasium_humanoid import GymnasiumHumanoid, HumanoidOptions
 
 
@@ -17,7 +18,7 @@ class Humanoid(GymnasiumHumanoid):
     class Options(HumanoidOptions):
         objectives: dict[str, dict[str, float]] = {"run": {"run": 1.25}, "energy": {"energy": 1.0}}
         shared: dict[str, float] = {"alive": 3.0}
-        episode_length: PositiveInt = 1000
+        episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.01
 
     def terms(self) -> dict[str, Tensor]:

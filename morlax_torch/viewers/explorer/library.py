@@ -22,7 +22,7 @@ def trained() -> list[str]:
     for depth in ("*", "*/*"):
         for file in RUNS.glob(f"{depth}/checkpoints/*.pt"):
             run = str(file.parent.parent)
-            with suppress(FileNotFoundError):  # deleted meanwhile
+            with suppress(OSError):  # deleted meanwhile, or not readable
                 times[run] = max(times.get(run, 0.0), file.stat().st_mtime)
     return sorted(times, key=times.__getitem__, reverse=True)
 

@@ -1,7 +1,10 @@
 """The page: widgets that control a session and show its state."""
 
+import logging
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from queue import Empty, SimpleQueue
 
 import rich
@@ -9,7 +12,7 @@ import viser
 
 from ...envs import MorlaxError
 from ...envs.external import title
-from . import library
+from . import access, library
 from .charts import Charts
 from .drawing import Drawing
 from .picking import FIELD, copy_button
@@ -23,6 +26,7 @@ CHART = 1 / 5  # s between updates of the charts
 SCAN = 3.0  # s between searches for new runs
 USUAL_SIZE = 1.6  # m; the camera moves closer to smaller robots
 PAUSE, RESUME = "pause", "resume"
+_log = logging.getLogger(__name__)
 
 
 class Page:
@@ -30,6 +34,8 @@ class Page:
 
     Callbacks run on viser's event loop, so they only queue requests; the loop of `serve` executes
     them between two steps. Only its thread uses the session, so no browser can interrupt a step.
+    A request or a step that fails becomes a notification on the page. `address` is what a browser
+    must open; it contains a secret token.
 
     Args:
         run: a run's folder, a checkpoint file, or a shipped policy.
@@ -37,7 +43,8 @@ class Page:
         port: TCP port to listen on; 0 selects a free one.
 
     Raises:
-        MorlaxError: there is no such run, or it has no checkpoint.
+        MorlaxError: there is no such run, it has no checkpoint, or this version of viser cannot be
+            protected from other web pages.
     """
 
     def __init__(self, run: str, host: str, port: int):
@@ -45,21 +52,22 @@ class Page:
         self._session = Session(self._choice)
         self._requests: SimpleQueue[Callable[[], None]] = SimpleQueue()
         rich.get_console().quiet = True  # hides viser's banner; the command prints the address
-        self.server = viser.ViserServer(host, port, verbose=False)
+        self.server, self.address = access.start(host, port)
         self.server.scene.world_axes.visible = False
         self.server.scene.configure_fog(10.0, 30.0)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.server.initial_camera.fov = 0.8
         self.server.on_client_connect(self._fit_camera)
         self._add_widgets()
-        self._add_session()
+        self._add_session(RobotScene(self.server, self._session.player.model))
 
     def serve(self, ended: Callable[[], bool]) -> None:
         """Run the session in real time and serve browsers until `ended` returns true."""
         frame = chart = scan = 0.0
         while not ended():
             now = time.perf_counter()
-            self._session.advance(now)
+            if not self._attempt(partial(self._session.advance, now)):
+                self._pause(True)
             if now >= frame:
                 frame = now + FRAME
                 self._draw()
@@ -69,7 +77,7 @@ class Page:
                 self._status.content = status(self._session)
             if now >= scan:
                 scan = now + SCAN
-                self._update_runs()
+                self._attempt(self._update_runs)
             wait = min(self._session.until_next(), frame - time.perf_counter())
             self._execute_requests(max(wait, 0.0))
 
@@ -79,12 +87,27 @@ class Page:
 
     def _execute_requests(self, seconds: float) -> None:
         """Wait up to `seconds` for a request, then execute all that are queued."""
+        with suppress(Empty):
+            self._attempt(self._requests.get(timeout=seconds))
+            for _ in range(self._requests.qsize()):
+                self._attempt(self._requests.get_nowait())
+
+    def _attempt(self, action: Callable[[], object]) -> bool:
+        """Run `action` and return whether it succeeded; if it fails, notify all browsers."""
         try:
-            self._requests.get(timeout=seconds)()
-            while True:
-                self._requests.get_nowait()()
-        except Empty:
-            return
+            action()
+        except MorlaxError as error:
+            self._notify(str(error))
+        except Exception as error:  # in the robot's own code, for example
+            _log.exception("The page goes on after this error:")
+            self._notify(f"{type(error).__name__}: {error}")
+        else:
+            return True
+        return False
+
+    def _notify(self, text: str) -> None:
+        for client in self.server.get_clients().values():
+            client.add_notification("Error", text, color="red")
 
     def _update_runs(self) -> None:
         runs = tuple(self._runs())
@@ -146,13 +169,13 @@ class Page:
             value = event.target.value
             self._requests.put(lambda: self._set_pace(value))
 
-    def _add_session(self) -> None:
-        """Add what depends on the session: the robot, its objectives, commands and front."""
+    def _add_session(self, scene: RobotScene) -> None:
+        """Add what depends on the session: its objectives, commands and front."""
         session, gui = self._session, self.server.gui
         gui.set_panel_label(title(session.player.policy.config.env))
         camera, size = self.server.initial_camera, self._size
         camera.position, camera.look_at = (0.0, -4.6 * size, 1.6 * size), (0.0, 0.0, 0.55 * size)
-        self._scene = RobotScene(self.server, session.player.model)
+        self._scene = scene
         self._drawing = Drawing(session.objectives, session.front)
         self._shown: Weights | None = None
         self._folder = gui.add_folder("objective weights", order=2)
@@ -175,8 +198,8 @@ class Page:
         self._commands = gui.add_folder("command", order=1.5, visible=bool(limits))
         with self._commands:
             for index, (name, ends) in enumerate(limits.items()):
-                commanded = session.player.command[index]
-                slider = gui.add_slider(name, *ends, 0.01, round(commanded, 2))
+                commanded = min(max(round(session.player.command[index], 2), ends[0]), ends[1])
+                slider = gui.add_slider(name, *ends, 0.01, commanded)
                 self._send_commands(slider, session, index)
         with self._chart_tab:
             self._charts = Charts(self.server, session)
@@ -226,26 +249,25 @@ class Page:
         elif action == "push":
             session.push()
         else:
-            session.paused = action == PAUSE
-            self._actions.options = (RESUME if session.paused else PAUSE, "reset", "push")
+            self._pause(action == PAUSE)
+
+    def _pause(self, paused: bool) -> None:
+        self._session.paused = paused
+        self._actions.options = (RESUME if paused else PAUSE, "reset", "push")
 
     def _change(self, run: str, checkpoint: str | None) -> None:
-        """Show another run or checkpoint; if that fails, notify the user and keep this one."""
+        """Show another run or checkpoint; if that fails, keep this one."""
         try:
             choice = library.choose(run, checkpoint)
-            session = Session(choice)
-        except MorlaxError as error:
-            for client in self.server.get_clients().values():
-                client.add_notification("Cannot show this run", str(error), color="red")
-            choice = self._choice
-        else:
-            self._replace_session(session)
-        self._choice = choice
-        self._run_choice.value = choice.run
-        self._checkpoint_choice.options = list(choice.files)
-        self._checkpoint_choice.value = choice.checkpoint
+            self._replace_session(Session(choice))
+            self._choice = choice
+        finally:  # the dropdowns name the run that is shown
+            self._run_choice.value = self._choice.run
+            self._checkpoint_choice.options = list(self._choice.files)
+            self._checkpoint_choice.value = self._choice.checkpoint
 
     def _replace_session(self, session: Session) -> None:
+        scene = RobotScene(self.server, session.player.model)  # may fail, so it comes first
         old, self._session = self._session, session
         session.paused, session.pace = old.paused, old.pace
         if session.objectives == old.objectives:
@@ -256,7 +278,7 @@ class Page:
         self._folder.remove()
         self._commands.remove()
         self._charts.remove()
-        self._add_session()
+        self._add_session(scene)
 
     def _draw(self) -> None:
         session = self._session
@@ -275,6 +297,8 @@ class Page:
     def _fit_camera(self, client: viser.ClientHandle) -> None:
         """Show the robot in the upper half on a phone, where the panel covers the lower half."""
         camera, size = client.camera, self._size
-        if camera.image_height > camera.image_width:
+        if camera.image_height <= camera.image_width:
+            return
+        with suppress(ValueError):  # viser cannot move a camera that looks at its own position
             camera.position = (0.0, -6.0 * size, 2.6 * size)
             camera.look_at = (0.0, 0.0, -1.35 * size)

@@ -19,14 +19,13 @@ class RobotScene:
     """
 
     def __init__(self, server: viser.ViserServer, model: mujoco.MjModel):
+        shown = [geom for geom in range(model.ngeom) if model.geom_group[geom] < HIDDEN_GROUP]
+        meshes = {geom: geom_mesh(model, geom) for geom in shown}  # may fail: nothing is added yet
         self._server = server
         root = f"/robot{next(_numbers)}"
         self._root = server.scene.add_frame(root, show_axes=False)
         self._bodies = {}
-        for geom in range(model.ngeom):
-            if model.geom_group[geom] >= HIDDEN_GROUP:
-                continue
-            mesh = geom_mesh(model, geom)
+        for geom, mesh in meshes.items():
             if mesh is None:
                 continue
             body = int(model.geom_bodyid[geom])

@@ -14,6 +14,8 @@ from . import panels
 from .rendering import Scene
 
 FASTEST = 30  # frames per second
+LONGEST = 3600.0  # simulated seconds of a film
+MOST_PICTURES = 100
 LINGER = 1.0  # seconds that a film continues after every robot has failed
 
 
@@ -51,11 +53,12 @@ class Film:
         """Convert simulated seconds to control steps.
 
         Raises:
-            MorlaxError: `seconds` is shorter than a control step, or infinite.
+            MorlaxError: `seconds` is shorter than a control step, or longer than LONGEST.
         """
-        if not self.dt <= seconds < math.inf:
+        if not self.dt <= seconds <= LONGEST:
             raise MorlaxError(
-                f"a film must last at least one control step ({self.dt:g} s), not {seconds:g} s."
+                f"a film must last at least one control step ({self.dt:g} s) and at most "
+                f"{LONGEST:g} s, not {seconds:g} s."
             )
         return round(seconds / self.dt)
 
@@ -100,8 +103,10 @@ class Film:
         Raises:
             MorlaxError: an unusable duration, number or size, or no OpenGL.
         """
-        if pictures < 2:
-            raise MorlaxError(f"a film strip needs at least 2 pictures, not {pictures}.")
+        if not 2 <= pictures <= MOST_PICTURES:
+            raise MorlaxError(
+                f"a film strip needs 2 to {MOST_PICTURES} pictures in a row, not {pictures}."
+            )
         steps = np.linspace(0, self.steps(seconds), pictures).round().astype(int).tolist()
         columns = list(self._pictures(steps))
         times = [f"{step * self.dt:.2f} s" for step in steps[: len(columns)]]

@@ -1,0 +1,206 @@
+"""What a run's files may hold: everything else is refused in a sentence that names the file."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from morlax_torch import MorlaxError, config_for, load
+from morlax_torch.config import Config
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.history import History
+from morlax_torch.runs import Run
+from morlax_torch.runs.training import make_worlds
+from morlax_torch.train import MORLAX, train
+
+NAN = float("nan")
+
+
+def tiny(**changes: Any) -> Config:
+    small = {
+        "device": "cpu",
+        "backend": "mujoco",
+        "worlds": 8,
+        "horizon": 4,
+        "max_env_steps": 64,
+        "sampling.clusters": 4,
+        "ppo.minibatches": 1,
+        "ppo.epochs": 1,
+        "network.hidden": (4,),
+        "network.features": 2,
+        "network.actor": (4,),
+        "network.critic": (4,),
+        "evaluation.tradeoffs": 4,
+        "evaluation.every": 32,
+        "task.episode_length": 5,
+    }
+    return config_for("hopper", **{**small, **changes})
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Path:
+    return train(tiny(), output=tmp_path_factory.mktemp("trained") / "run").folder
+
+
+@pytest.fixture
+def run(trained, tmp_path) -> Path:
+    """A copy of the trained run, to damage."""
+    folder = tmp_path / "run"
+    for file in trained.rglob("*.*"):
+        if file.suffix in (".pt", ".csv", ".npz", ".yaml"):
+            copy = folder / file.relative_to(trained)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(file.read_bytes())
+    return folder
+
+
+def edit(file: Path, *keys: Any, value: Any) -> None:
+    """Change one value in a checkpoint."""
+    contents = torch.load(file)
+    place = contents
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    torch.save(contents, file)
+
+
+def resume(run: Path) -> Run:
+    opened = Run.open(run)
+    config = opened.config()
+    learner = MORLAX(make_worlds(config, config.worlds), config)
+    try:
+        opened.restore(learner)
+    finally:
+        opened.close()
+    return opened
+
+
+BAD_POLICIES = {
+    "a NaN parameter": (("learner", "agent", "actor.bias"), torch.full((53,), NAN), "not finite"),
+    "no agent": (("learner", "agent"), None, "an agent, which consists of tensors"),
+    "another size": (("environment", "observation_size"), 14, "do not fit its config"),
+    "a huge size": (("environment", "action_size"), 2**40, "environment.action_size"),
+    "a formula as a name": (("environment", "objectives"), ["run", "=1+1"], "cannot be '=1\\+1'"),
+    "an unknown part": (("surprise",), 1, "unknown key 'surprise'"),
+    "no task": (("config", "env"), 7, "env must name the task"),
+    "a NaN in the config": (("config", "ppo", "clip"), NAN, "ppo.clip: Input should be a finite"),
+    "negative seeds": (("config", "seed"), -1, "seed"),
+}
+
+
+@pytest.mark.parametrize("damage", BAD_POLICIES)
+def test_a_policy_is_not_loaded_from_wrong_contents(damage, run):
+    keys, value, words = BAD_POLICIES[damage]
+    file = run / "checkpoints" / "best.pt"
+    edit(file, *keys, value=value)
+    with pytest.raises(MorlaxError, match=words) as error:
+        load(file)
+    assert "best.pt" in str(error.value) and "\n" not in str(error.value)
+
+
+BAD_STATES = {
+    "a NaN position": (
+        ("learner", "environment", "qpos"),
+        torch.full((8, 7), NAN).double(),
+        "not finite",
+    ),
+    "fewer worlds": (("learner", "environment", "qvel"), torch.zeros(1, 6), "instead of"),
+    "an unknown moment": (("learner", "optimizers"), [torch.zeros(3)], "state.optimizers"),
+    "a text": (("learner", "iteration"), "five", "state.iteration is 'five'"),
+    "a past": (("learner", "iteration"), -5, "state.iteration is -5"),
+    "no observation": (("learner", "observation"), None, "state.observation is None"),
+    "a NaN counter": (("progress", "train_seconds"), NAN, "progress.train_seconds"),
+}
+
+
+@pytest.mark.parametrize("damage", BAD_STATES)
+def test_a_run_is_not_resumed_from_wrong_contents(damage, run):
+    keys, value, words = BAD_STATES[damage]
+    edit(run / "checkpoints" / "latest.pt", *keys, value=value)
+    with pytest.raises(MorlaxError, match=words) as error:
+        resume(run)
+    assert "latest.pt" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_run_resumes_with_the_config_of_its_checkpoint(run):
+    file = run / "config.yaml"
+    edited = yaml.safe_load(file.read_text())
+    edited["ppo"]["clip"], edited["network"]["actor"] = 0.5, [5]
+    file.write_text(yaml.safe_dump(edited))
+    words = r"ppo.clip: 0.5 instead of 0.2.*may change only max_env_steps"
+    with pytest.raises(MorlaxError, match=rf"config.yaml was edited.*network.actor.*{words}"):
+        Run.open(run).config()
+
+
+def test_limits_and_evaluation_may_change_in_a_run_s_config(run):
+    file = run / "config.yaml"
+    edited = yaml.safe_load(file.read_text())
+    edited["max_env_steps"], edited["evaluation"]["every"] = 128, 64
+    file.write_text(yaml.safe_dump(edited))
+    config = Run.open(run).config()
+    assert (config.max_env_steps, config.evaluation.every) == (128, 64)
+    assert train(config, Run.open(run)).folder == run
+    assert torch.load(run / "checkpoints" / "latest.pt")["learner"]["iteration"] == 4
+
+
+def test_config_yaml_shows_what_a_resumed_run_was_told(run):
+    config = tiny(max_env_steps=96)
+    train(config, Run.open(run))
+    assert yaml.safe_load((run / "config.yaml").read_text())["max_env_steps"] == 96
+
+
+CURVES = {
+    "no rows": lambda text: text.splitlines()[0],
+    "a NaN": lambda text: text.replace(text.splitlines()[-1].split(",")[4], "nan"),
+    "a word": lambda text: text.replace(text.splitlines()[-1].split(",")[1], "many"),
+    "a cell too many": lambda text: text.rstrip() + ",5\n",
+    "half a row": lambda text: text.rstrip()[:-40],
+    "no CSV": lambda text: "\0" * 9,
+}
+
+
+@pytest.mark.parametrize("damage", CURVES)
+def test_a_damaged_training_curve_is_refused(damage, run):
+    file = run / "metrics.csv"
+    file.write_text(CURVES[damage](file.read_text()))
+    for use in (lambda: History.load(file), lambda: resume(run)):
+        with pytest.raises(MorlaxError, match=r"metrics.csv is damaged"):
+            use()
+
+
+def test_a_training_curve_may_lack_columns_that_are_newer(run):
+    file = run / "metrics.csv"
+    rows = list(csv.DictReader(file.read_text().splitlines()))
+    kept = [name for name in rows[0] if name not in ("blowups", "blowup_rate")]
+    lines = [",".join(row[name] for name in kept) for row in rows]
+    file.write_text("\n".join([",".join(kept), *lines, ""]))
+    train(tiny(max_env_steps=96), Run.open(run))
+    again = list(csv.DictReader(file.read_text().splitlines()))
+    assert [row["blowups"] for row in again] == ["", "", "", "0"]
+    assert len(History.load(file).hypervolume) == 4
+
+
+FRONTS = {
+    "a NaN": ({"returns": np.full((4, 2), NAN)}, "returns must be finite"),
+    "another number of points": ({"returns": np.ones((3, 2))}, r"numbers of shape \(4, 2\)"),
+    "text": ({"lengths": np.array(["a"] * 4)}, r"lengths must hold numbers of shape \(4,\)"),
+    "no trade-off": ({"tradeoffs": np.zeros((4, 2))}, "a weight above zero"),
+    "a negative length": ({"lengths": np.full(4, -1)}, "lengths must not be negative"),
+    "one objective": ({"objectives": np.array(["run"])}, "at least two objectives"),
+    "markup": ({"objectives": np.array(["run", "<b>"])}, "name of an objective"),
+}
+
+
+@pytest.mark.parametrize("damage", FRONTS)
+def test_a_front_with_wrong_contents_is_refused(damage, run):
+    changes, words = FRONTS[damage]
+    file = run / "front.npz"
+    with np.load(file) as arrays:
+        contents = {**arrays, **changes}
+    np.savez(file, **contents)
+    with pytest.raises(MorlaxError, match=f"front.npz is damaged or not a front: .*{words}"):
+        Front.load(file)

@@ -1,0 +1,261 @@
+"""The explorer's server: who may use it, and what it does with input that no page would send."""
+
+import math
+import signal
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from functools import partial
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from browsing import POSE, Client, chromium, exploring
+
+from morlax_torch import MorlaxError, envs, save
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
+    """Serve a run with a velocity command; another run lies beside it, and one outside ./runs."""
+    make_run(workplace / "runs/bruce/a", "bruce", "best")
+    make_run(workplace / "runs/hopper/b", "hopper", "best")
+    make_run(workplace / "secret", "cheetah", "best")
+    with exploring("runs/bruce/a") as process:
+        yield process
+
+
+def ended(process: subprocess.Popen) -> str:
+    """Stop a server that must still be running, and return what it wrote to stderr."""
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 0
+    return errors
+
+
+def request(address: str, **headers: str) -> tuple[int, str]:
+    """Return the status and the text of a page."""
+    try:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers)) as page:
+            return page.status, page.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode()
+
+
+def test_only_the_printed_address_opens_the_page(served):
+    from websockets.exceptions import InvalidStatus
+
+    address, process = served
+    base, _, token = address.rpartition("/")
+    host = base.removeprefix("http://")
+    assert len(token) >= 32
+    for wrong in (base, f"{base}/", f"{base}/index.html", f"{address[:-1]}", f"{base}/?{token}"):
+        status, text = request(wrong)
+        assert status == 403
+        assert "Open the address that the command printed" in text
+
+    assert request(address)[0] == 200
+    assert "<html" in request(f"{address}/")[1]
+    assert request(address, Host=host.replace("127.0.0.1", "localhost"))[0] == 200
+    for headers in ({"Host": f"rebound.example:{host.rpartition(':')[2]}"}, {"Origin": "null"}):
+        assert request(address, **headers)[0] == 403
+
+    # websockets: without the token, or from another page
+    Client(address, {"Origin": base}).close()
+    for wrong, origin in ((base, base), (f"{base}/x", base), (address, "http://127.0.0.1:1")):
+        with pytest.raises(InvalidStatus, match="403"):
+            Client(wrong, {"Origin": origin})
+    assert ended(process) == ""
+
+
+ATTACK = """
+<script>
+const socket = new WebSocket('{address}', ['viser-v{version}']);
+socket.onopen = () => document.title = 'connected';
+socket.onerror = () => document.title = 'refused';
+</script>
+"""
+
+
+@pytest.fixture
+def foreign() -> Iterator[tuple[str, dict[str, str]]]:
+    """Another web server on this machine: its address, and its pages by path."""
+    pages: dict[str, str] = {}
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(pages.get(self.path, "").encode())
+
+        def log_message(self, format: str, *args: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}", pages
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.slow
+def test_a_foreign_page_cannot_connect(served, foreign):
+    import viser
+
+    address, process = served
+    elsewhere, pages = foreign
+    base = address.rpartition("/")[0]
+    for path, target in (("/blind", base), ("/knowing", address)):
+        websocket = "ws" + target.removeprefix("http")
+        pages[path] = ATTACK.format(address=websocket, version=viser.__version__)
+    with chromium() as browser:
+        context = browser.new_context()  # whose user has opened the explorer too
+        page = context.new_page()
+        page.goto(address)
+        page.wait_for_selector("[data-tradeoff]", state="attached")
+        assert context.cookies() == []  # browsers would send them to the other server
+        for path in pages:
+            tab = context.new_page()
+            tab.goto(elsewhere + path)
+            tab.wait_for_function("document.title")
+            assert tab.title() == "refused"
+        page.reload()
+        page.wait_for_selector("[data-tradeoff]", state="attached")
+
+        stranger = context.new_page()
+        assert stranger.goto(base).status == 403
+        assert "the command printed" in stranger.inner_text("body")
+    assert ended(process) == ""
+
+
+def test_the_explorer_does_not_start_unprotected(monkeypatch):
+    viser = pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer import access
+
+    stopped = []
+
+    class OtherServer:
+        gui = SimpleNamespace(_gui_input_handle_from_uuid={})
+
+        def __init__(self, host: str, port: int, verbose: bool):
+            pass
+
+        def stop(self) -> None:
+            stopped.append(True)
+
+    monkeypatch.setattr(viser, "ViserServer", OtherServer)
+    with pytest.raises(MorlaxError, match="would let any web page steer the robot"):
+        access.start("127.0.0.1", 0)
+    assert stopped
+
+
+FORWARD = "m/s forward"
+
+
+def test_only_values_that_the_page_offers_are_accepted(served):
+    address, process = served
+    client, other = Client(address), Client(address)
+    slider, text, button = (client.uuid(label) for label in ("pace", "trade-off", "robot"))
+
+    for raw in (b"", b"\xc1", b"\x00" * 1000, b"\x91" * 60_000, "text", '{"type": 1}', "\0"):
+        client.send_bytes(raw)
+    client.send("ShareUrlRequest")  # would publish the page on the internet
+    client.send("NoSuchMessage", uuid=slider)
+    client.send("ViewerCameraMessage", **{**POSE, "position": "here"})
+    client.send("ViewerCameraMessage", **{**POSE, "fov": math.nan})
+    client.send("GuiUpdateMessage", uuid="unknown", updates={"value": 1.0})
+    client.send("GuiUpdateMessage", uuid=["a list"], updates={"value": 1.0})
+    for updates in ({}, None, {"removed": True}, {"gui_api": None}, {"update_cb": []}):
+        client.send("GuiUpdateMessage", uuid=slider, updates=updates)
+    for uuid in (slider, text, button):
+        for value in (None, True, [], [1.0], {}, {"a": 1}, b"bytes", math.nan, math.inf, -math.inf):
+            client.send("GuiUpdateMessage", uuid=uuid, updates={"value": value})
+    for label in ("pace", "joints", FORWARD):
+        client.set(label, "0.5")
+    for label in ("policy", "checkpoint", "robot"):
+        for value in (0, "", "secret", "../secret", "/etc/passwd", "x" * 5000, "a\0b"):
+            client.set(label, value)
+    for typed in ("", "1", "1, nan", "inf, 1, 1, 1, 1, 1", "1, " * 20_000, "1" * 300):
+        client.set("trade-off", typed)
+
+    # nobody was disconnected, nothing has changed, and the robot still moves
+    moments = {other.html()}
+    other.until(lambda: moments.add(other.html()) or len(moments) > 5, "the robot stands still")
+    assert other.value("policy") == "runs/bruce/a"
+    assert other.value("pace") == 1
+    assert f'data-tradeoff="{", ".join(["0.167"] * 6)}"' in other.html()
+    assert client.notifications == other.notifications == []
+
+    # numbers are clamped to the limits of their slider
+    limits = other.widgets[other.uuid(FORWARD)]
+    for label, value, expected in (
+        *(("pace", value, 0.05) for value in (0, -1, -1e300, 5e-324)),
+        ("pace", 1e300, 1),
+        (FORWARD, 1e9, limits["max"]),
+        (FORWARD, -7, limits["min"]),
+    ):
+        client.set(label, 0.1)
+        other.until(partial(has, other, label, 0.1), f"{label} does not change")
+        client.set(label, value)
+        other.until(partial(has, other, label, expected), f"{label} is not clamped")
+    assert ended(process) == ""
+
+
+def has(client: Client, label: str, value: float) -> bool:
+    return client.value(label) == value
+
+
+def test_a_run_that_cannot_be_shown_is_a_notification(served, workplace):
+    address, process = served
+    client = Client(address)
+    (workplace / "runs/hopper/b/checkpoints/best.pt").write_bytes(b"not a checkpoint")
+    client.set("policy", "runs/hopper/b")
+    client.until(lambda: bool(client.notifications), "there is no notification")
+    assert "best.pt is damaged" in client.notifications[0]
+    client.until(lambda: client.value("policy") == "runs/bruce/a", "the dropdown is wrong")
+    assert ended(process) == ""
+
+
+FRAGILE = """
+from pathlib import Path
+from morlax_torch.envs.robots.hopper import Hopper
+class Robot(Hopper):
+    model_file = {model!r}
+    def apply(self, action):
+        if Path("broken").exists():
+            raise RuntimeError("a joint broke")
+        super().apply(action)
+"""
+
+
+def test_an_error_in_the_robot_s_code_pauses_it(workplace, make_policy):
+    model = Path(sys.modules[envs.get("hopper").__module__].__file__).parent / "assets/hopper.xml"
+    (workplace / "robot.py").write_text(FRAGILE.format(model=str(model)))
+    policy = make_policy("hopper", network={"actor": [8]})
+    object.__setattr__(policy.config, "env", f"{workplace}/robot.py:Robot")
+    (workplace / "run/checkpoints").mkdir(parents=True)
+    save(policy, workplace / "run/checkpoints/best.pt")
+    with exploring("run", "--trust") as (address, process):
+        client = Client(address)
+        (workplace / "broken").touch()
+        client.until(lambda: bool(client.notifications), "there is no notification")
+        assert client.notifications == ["RuntimeError: a joint broke"]
+        buttons = client.widgets[client.uuid("robot")]
+        client.until(lambda: "resume" in buttons["options"], "the robot is not paused")
+        (workplace / "broken").unlink()
+        client.set("robot", "resume")
+        moments: set[str] = set()
+        client.until(lambda: moments.add(client.html()) or len(moments) > 5, "it stands still")
+        assert ended(process).count("RuntimeError: a joint broke") == 1

@@ -1,0 +1,410 @@
+"""Random configs, files and messages: each is accepted and works, or is refused in one sentence.
+
+CI tries a few of each. To try them for half an hour each, two at a time:
+
+    python -m pytest tests/test_fuzz.py --fuzz-minutes 30 -n 2 -s
+"""
+
+import contextlib
+import io
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import hypothesis
+import numpy as np
+import pytest
+import torch
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from morlax_torch import MORLAX, MorlaxError, config_for, load
+from morlax_torch.config import Config, file_values, load_config
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.history import History
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.training import Limits, make_evaluator, make_worlds, training
+from morlax_torch.train import train
+
+HANG = 30.0  # seconds
+
+Fuzz = Callable[[Callable[[Any], None], st.SearchStrategy, int], None]
+
+
+@pytest.fixture
+def fuzz(request: pytest.FixtureRequest) -> Fuzz:
+    """Return a function that tries a property on `few` drawn values, or for --fuzz-minutes."""
+    minutes = request.config.getoption("--fuzz-minutes")
+
+    def run(holds: Callable[[Any], None], values: st.SearchStrategy, few: int) -> None:
+        tried, started = 0, time.monotonic()
+
+        def timed(value: Any) -> None:
+            nonlocal tried
+            tried += 1
+            begun = time.monotonic()
+            holds(value)
+            assert time.monotonic() - begun < HANG, "it hung"
+
+        unhurried = settings(
+            max_examples=few,
+            deadline=None,
+            database=None,
+            suppress_health_check=list(HealthCheck),
+        )
+        attempt = unhurried(given(values)(timed))
+        if not minutes:
+            hypothesis.seed(0)(attempt)()
+            return
+        while time.monotonic() - started < 60 * minutes:
+            hypothesis.seed(time.time_ns())(attempt)()
+        print(f"\n{request.node.name}: {tried} values in {minutes:g} minutes, none failed")
+
+    return run
+
+
+@contextlib.contextmanager
+def one_sentence():
+    """Let a MorlaxError pass if it is something that a user can read."""
+    try:
+        yield
+    except MorlaxError as error:
+        text = str(error)
+        assert "\n" not in text and 10 < len(text) < 3000, text
+
+
+# Configs
+
+TASKS = ("ant", "bruce", "cheetah", "cheetah3", "hopper", "humanoid", "walker")
+TERMS = {
+    "ant": ("vx", "vy"),
+    "bruce": ("gait", "energy"),
+    "cheetah": ("run", "energy"),
+    "cheetah3": ("run", "energy"),
+    "hopper": ("run", "jump"),
+    "humanoid": ("run", "energy"),
+    "walker": ("run", "energy"),
+}
+ODD = st.one_of(
+    st.floats(),
+    st.integers(-(2**70), 2**70),
+    st.text(max_size=5),
+    st.none(),
+    st.booleans(),
+    st.lists(st.integers(-1, 3), max_size=3),
+    st.dictionaries(st.text(max_size=3), st.integers(), max_size=2),
+)
+WEIGHT = st.floats(-1e9, 1e9)
+SHARE = st.floats(0, 1)
+LAYERS = st.lists(st.integers(1, 32), max_size=3).map(tuple)
+FACTORS = st.tuples(st.floats(0.01, 1), st.floats(1, 100))
+USUAL: dict[str, st.SearchStrategy] = {
+    "seed": st.integers(0, 2**63 - 1),
+    "worlds": st.sampled_from((8, 16, 24, 32)),
+    "horizon": st.integers(1, 8),
+    "sampling.mode": st.sampled_from(("sparse", "dense")),
+    "sampling.clusters": st.sampled_from((2, 4, 8)),
+    "sampling.corners": st.sampled_from((None, 0, 2)),
+    "sampling.alpha": st.floats(1e-3, 1e6),
+    "network.type": st.sampled_from(("dual", "single")),
+    "network.hidden": LAYERS,
+    "network.features": st.integers(1, 16),
+    "network.scale": st.floats(0, 100),
+    "network.actor": LAYERS,
+    "network.critic": LAYERS,
+    "network.initial_std": st.floats(0.0011, 100),
+    "ppo.learning_rate": st.floats(1e-12, 1e-2),
+    "ppo.anneal": st.booleans(),
+    "ppo.epochs": st.integers(1, 3),
+    "ppo.minibatches": st.sampled_from((1, 2, 4)),
+    "ppo.discount": SHARE,
+    "ppo.gae_lambda": SHARE,
+    "ppo.clip": st.floats(1e-6, 100),
+    "ppo.entropy": st.floats(0, 10),
+    "ppo.mean_penalty": st.floats(0, 10),
+    "ppo.value_coefficient": st.floats(1e-6, 100),
+    "ppo.max_grad_norm": st.floats(1e-6, 1e6),
+    "ppo.normalize_values": st.booleans(),
+    "ppo.truncation": st.sampled_from(("bootstrap", "mask")),
+    "task.episode_length": st.integers(1, 40),
+    "task.reset_noise": st.floats(0, 0.5),
+    "task.stagger": st.booleans(),
+    "task.solver_iterations": st.integers(1, 100),
+    "task.randomization.friction": FACTORS,
+    "task.randomization.mass": FACTORS,
+    "task.randomization.strength": FACTORS,
+    "task.randomization.fields": st.just({"dof_damping": (0.5, 2.0)}),
+    "task.randomization.action_delay": st.sampled_from(((0, 0), (0, 2), (3, 3))),
+    "task.randomization.push": st.floats(0, 5),
+    "task.randomization.push_every": st.integers(1, 100),
+}
+NAMES = st.text(st.sampled_from("abcXYZ019_ -=+$[]{}\\/<>\"'é\n\0"), min_size=1, max_size=45)
+
+
+@st.composite
+def configs(draw: st.DrawFn) -> tuple[str, dict[str, Any]]:
+    """A task, and changes to its config: usual ones and, in a third of the cases, odd ones."""
+    env = draw(st.sampled_from(TASKS))
+    names = draw(st.lists(st.sampled_from(sorted(USUAL)), unique=True, max_size=12))
+    changes = {name: draw(USUAL[name]) for name in names}
+    if draw(st.booleans()):
+        objectives = draw(st.lists(NAMES, unique=True, min_size=2, max_size=4))
+        weights = st.dictionaries(st.sampled_from(TERMS[env]), WEIGHT, max_size=2)
+        changes["task.objectives"] = {name: draw(weights) for name in objectives}
+    if draw(st.integers(0, 2)) == 0:
+        changes[draw(st.sampled_from([*sorted(USUAL), "task.reference_point", "x"]))] = draw(ODD)
+    return env, changes
+
+
+def trains_or_is_refused(drawn: tuple[str, dict[str, Any]]) -> None:
+    env, changes = drawn
+    small = {"worlds": 16, "horizon": 4, "sampling.clusters": 4, "ppo.minibatches": 2}
+    fixed = {"device": "cpu", "backend": "mujoco", "max_env_steps": 10**6}
+    with one_sentence():
+        config = config_for(env, **{**small, **changes, **fixed, "evaluation.tradeoffs": 8})
+        assert load_config(yaml.safe_load(yaml.safe_dump(config.model_dump(mode="json")))) == config
+        assume_small(config)
+        learner = MORLAX(make_worlds(config, config.worlds), config)
+        limits = Limits(max_env_steps=2 * learner.steps_per_iteration)
+        for evaluation in training(learner, make_evaluator(learner), limits):
+            assert np.isfinite(evaluation.front.returns).all()
+            assert all(math.isfinite(value) for value in evaluation.row().values())
+        assert all(math.isfinite(value) for value in learner.metrics().values())
+        assert all(value.isfinite().all() for value in learner.agent.state_dict().values())
+
+
+def assume_small(config: Config) -> None:
+    """Skip valid configs that odd values made too large to train here."""
+    layers = (*config.network.hidden, *config.network.actor, *config.network.critic)
+    sizes = (config.worlds, config.horizon, config.ppo.epochs, config.network.features, *layers)
+    hypothesis.assume(max(sizes) <= 128 and config.task.episode_length <= 500)
+
+
+def test_a_random_config_trains_or_is_refused(fuzz):
+    fuzz(trains_or_is_refused, configs(), 6)
+
+
+YAML = """env: cheetah
+seed: 3
+worlds: 64
+ppo: {clip: 0.2, epochs: 2}
+task:
+  objectives:
+    run: {run: 1.0}
+    energy: {energy: -1.0}
+cpu:
+  worlds: 32
+"""
+CUTS = st.lists(
+    st.tuples(st.integers(0, len(YAML)), st.integers(0, 8), st.text(max_size=4)), max_size=4
+)
+
+
+def test_a_random_yaml_file_is_read_or_refused(fuzz, tmp_path):
+    file = tmp_path / "x.yaml"
+
+    def holds(cuts: list[tuple[int, int, str]]) -> None:
+        text = YAML
+        for at, length, new in cuts:
+            text = text[:at] + new + text[at + length :]
+        file.write_text(text, errors="surrogatepass")
+        with one_sentence():
+            config = load_config(file_values(file, "cpu"))
+            assert math.isfinite(config.ppo.clip) and len(config.task.objectives) >= 2
+
+    fuzz(holds, CUTS, 300)
+
+
+# Files
+
+
+def tiny() -> Config:
+    small = {
+        "device": "cpu",
+        "backend": "mujoco",
+        "worlds": 8,
+        "horizon": 4,
+        "max_env_steps": 96,
+        "sampling.clusters": 4,
+        "ppo.minibatches": 1,
+        "ppo.epochs": 1,
+        "network.hidden": (4,),
+        "network.features": 2,
+        "network.actor": (4,),
+        "network.critic": (4,),
+        "evaluation.tradeoffs": 4,
+        "evaluation.every": 32,
+        "task.episode_length": 5,
+    }
+    return config_for("hopper", **small)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    return train(tiny(), output=tmp_path_factory.mktemp("fuzz") / "run").folder
+
+
+class Damage(NamedTuple):
+    """Bytes of a file that are flipped, cut out and inserted."""
+
+    flips: list[tuple[int, int]]  # a position, and the bits to flip there
+    start: int
+    length: int
+    new: bytes
+
+    def __call__(self, data: bytes) -> bytes:
+        changed = bytearray(data)
+        for at, bits in self.flips:
+            changed[at] ^= bits
+        return bytes(changed[: self.start] + self.new + changed[self.start + self.length :])
+
+
+def damages(size: int) -> st.SearchStrategy[Damage]:
+    """Damages of a file of `size` bytes."""
+    return st.builds(
+        Damage,
+        st.lists(st.tuples(st.integers(0, size - 1), st.integers(1, 255)), max_size=8),
+        st.integers(0, size),
+        st.sampled_from((0, 0, 1, 10, size)),
+        st.sampled_from((b"", b"", b"\0", b"PK\3\4", b"nan", b"\xff" * 20)),
+    )
+
+
+def test_a_damaged_checkpoint_gives_an_equal_policy_or_is_refused(fuzz, run, tmp_path):
+    whole = (run / "checkpoints" / "best.pt").read_bytes()
+    expected, file = load(run).agent.state_dict(), tmp_path / "damaged.pt"
+
+    def holds(damage: Damage) -> None:
+        file.write_bytes(damage(whole))
+        with one_sentence():
+            found = load(file).agent.state_dict()
+            assert all(torch.equal(found[name], value) for name, value in expected.items())
+
+    fuzz(holds, damages(len(whole)), 100)
+
+
+LEAVES = st.one_of(
+    ODD,
+    st.sampled_from([torch.zeros(()), torch.zeros(3), torch.full((2, 2), math.nan), torch.ones(1)]),
+    st.sampled_from([b"bytes", (1, 2), {"agent": {}}, [torch.zeros(2)] * 9, "cheetah", 2**63]),
+)
+
+
+@st.composite
+def edits(draw: st.DrawFn, contents: dict[str, Any]) -> tuple[tuple[Any, ...], Any]:
+    """A place in a checkpoint's contents, and what to put there."""
+    path, place = [], contents
+    while True:
+        keys = sorted(place) if isinstance(place, dict) else list(range(len(place)))
+        key = draw(st.sampled_from(keys))
+        path.append(key)
+        place = place[key]
+        if not isinstance(place, dict | list) or not place or draw(st.integers(0, 9)) == 0:
+            return tuple(path), draw(LEAVES)
+
+
+def test_an_edited_checkpoint_works_or_is_refused(fuzz, run, tmp_path):
+    whole = (run / "checkpoints" / "latest.pt").read_bytes()
+    file, observation = tmp_path / "edited.pt", torch.randn(3, 13)
+    learner = MORLAX(make_worlds(tiny(), 8), tiny())
+
+    def holds(edit: tuple[tuple[Any, ...], Any]) -> None:
+        path, value = edit
+        contents = place = torch.load(io.BytesIO(whole))
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = value
+        torch.save(contents, file)
+        with one_sentence():
+            assert load(file)(observation, (0.3, 0.7)).isfinite().all()
+        with one_sentence():
+            checkpoint.restore(checkpoint.load(file), file, learner)
+            learner.iterate()
+            assert all(v.isfinite().all() for v in learner.agent.state_dict().values())
+
+    fuzz(holds, edits(torch.load(io.BytesIO(whole))), 30)
+
+
+@pytest.mark.parametrize("name", ["metrics.csv", "front.npz"])
+def test_a_damaged_result_is_finite_or_refused(fuzz, name, run, tmp_path):
+    whole, file = (run / name).read_bytes(), tmp_path / name
+
+    def holds(damage: Damage) -> None:
+        file.write_bytes(damage(whole))
+        with one_sentence():
+            found = History.load(file) if name == "metrics.csv" else Front.load(file)
+            numbers = [value for value in found if isinstance(value, np.ndarray)]
+            assert numbers and all(np.isfinite(values).all() for values in numbers)
+
+    fuzz(holds, damages(len(whole)), 200)
+
+
+# Messages to the explorer
+
+LABELS = st.sampled_from(("policy", "checkpoint", "robot", "pace", "run", "jump", "trade-off"))
+CHOICES = st.sampled_from(
+    ("runs/a", "runs/b", "runs/damaged", "best", "latest", "pause", "resume", "reset", "push", "..")
+)
+FIELDS = st.sampled_from(("value", "visible", "gui_api", "options", "max", "uuid"))
+KINDS = st.sampled_from(("GuiUpdateMessage", "ViewerCameraMessage", "ShareUrlRequest", "x", ""))
+MESSAGES = st.one_of(
+    st.tuples(st.just("set"), LABELS, st.one_of(CHOICES, ODD, st.floats(), st.text(max_size=300))),
+    st.tuples(st.just("update"), LABELS, st.dictionaries(FIELDS, ODD, max_size=3)),
+    st.tuples(st.just("send"), KINDS, st.dictionaries(FIELDS, ODD, max_size=3)),
+    st.tuples(st.just("bytes"), st.just(""), st.binary(max_size=200)),
+    st.tuples(st.just("text"), st.just(""), st.text(max_size=50)),
+)
+
+
+def deliver(client: Any, message: tuple[str, str, Any]) -> None:
+    kind, name, content = message
+    with contextlib.suppress(OverflowError, StopIteration):  # not a message at all; no such widget
+        match kind:
+            case "set":
+                client.set(name, content)
+            case "update":
+                client.send("GuiUpdateMessage", uuid=client.uuid(name), updates=content)
+            case "send":
+                client.send(name, **content)
+            case _:
+                client.send_bytes(content)
+
+
+def test_random_messages_leave_the_explorer_at_work(fuzz, make_run, tmp_path, monkeypatch):
+    from browsing import Client, exploring
+
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b"):
+        make_run(tmp_path / "runs" / name, "hopper", "best", "latest")
+    damaged = tmp_path / "runs" / "damaged" / "checkpoints"
+    damaged.mkdir(parents=True)
+    (damaged / "best.pt").write_bytes(b"no checkpoint")
+    with exploring("runs/a") as (address, process):
+        weight = 0
+
+        def holds(messages: list[tuple[str, str, Any]]) -> None:
+            nonlocal weight
+            client = Client(address)
+            for message in messages:
+                deliver(client, message)
+            client.close()
+            visitor = Client(address)  # still finds a page that does what it says
+            weight = weight % 99 + 1
+
+            def obeys() -> bool:
+                with contextlib.suppress(StopIteration):  # another run's widgets are on their way
+                    if visitor.value("run") == weight / 100:
+                        return True
+                    visitor.set("trade-off", f"{weight / 100:.2f}, {1 - weight / 100:.2f}")
+                return False
+
+            visitor.until(obeys, "the sliders do not move")
+            assert 0.05 <= visitor.value("pace") <= 1
+            assert visitor.value("policy") in ("runs/a", "runs/b")
+            visitor.close()
+            assert process.poll() is None
+
+        fuzz(holds, st.lists(MESSAGES, max_size=20), 20)

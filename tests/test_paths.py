@@ -1,0 +1,106 @@
+"""A path that cannot be used gets one sentence, from every command, and never hangs it."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from morlax_torch import MorlaxError, evaluate, explore, export, load, pack, record, train
+
+LONG = "a" * 5000
+COMMANDS = {
+    "evaluate": (evaluate, ("{}", "--device", "cpu")),
+    "evaluate reference": (evaluate, ("cheetah", "--device", "cpu", "--reference", "{}.npz")),
+    "record": (record, ("{}",)),
+    "export": (export, ("{}",)),
+    "explore": (explore, ("{}", "--port", "0")),
+    "pack": (pack, ("{}", "packed")),
+    "pack output": (pack, ("cheetah", "{}", "--device", "cpu")),
+    "resume": (train, ("--resume", "{}")),
+    "config": (train, ("--config", "{}")),
+    "output": (train, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
+    "robot": (train, ("--env", "{}.py:Robot")),
+}
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys) -> Callable[..., str]:
+    """Return a function that runs a command which must fail with one sentence, and returns it."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(name: str, path: str) -> str:
+        module, arguments = COMMANDS[name]
+        typed = [argument.replace("{}", path) for argument in arguments]
+        monkeypatch.setattr(sys, "argv", [name, *typed])
+        before = set(tmp_path.rglob("*"))
+        with pytest.raises(SystemExit) as stopped:
+            module.main()
+        assert stopped.value.code == 2
+        assert set(tmp_path.rglob("*")) == before
+        text = " ".join(capsys.readouterr().err.split())
+        assert text.startswith("error: ") and "Traceback" not in text
+        return text
+
+    return run
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_path_that_is_too_long(refused, name):
+    assert "File name too long" in refused(name, LONG) or name in ("robot", "explore")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_link_to_itself(refused, name, tmp_path):
+    for ending in ("", ".npz", ".py"):
+        (tmp_path / f"loop{ending}").symlink_to(f"loop{ending}")
+    refused(name, "loop")
+
+
+@pytest.mark.parametrize("name", [n for n in COMMANDS if n not in ("pack output", "output")])
+def test_a_pipe_is_not_waited_for(refused, name, tmp_path):
+    for ending in ("", ".npz", ".py"):
+        os.mkfifo(tmp_path / f"pipe{ending}")
+    refused(name, "pipe")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_folder_that_cannot_be_entered(refused, name, tmp_path):
+    (tmp_path / "closed").mkdir()
+    (tmp_path / "closed").chmod(0)
+    try:
+        assert "Permission denied" in refused(name, "closed/x")
+    finally:
+        (tmp_path / "closed").chmod(0o700)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_argument_that_is_not_text(refused, name):
+    assert r"'\udcff" in refused(name, os.fsdecode(b"\xff\xfe"))
+
+
+def test_a_home_of_nobody(refused):
+    assert "is not the path of a file" in refused("robot", "~no-such-user/robot")
+
+
+def test_a_nul_in_a_path():
+    with pytest.raises(MorlaxError, match=r"'a\\x00b.npz' *|does not exist"):
+        load("a\0b")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_device_for_the_output():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "morlax_torch.export", "--help"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 2
+    assert (
+        done.stderr == "error: cannot print: no space left on the device that the output goes to.\n"
+    )
