@@ -204,3 +204,15 @@ def test_a_front_with_wrong_contents_is_refused(damage, run):
     np.savez(file, **contents)
     with pytest.raises(MorlaxError, match=f"front.npz is damaged or not a front: .*{words}"):
         Front.load(file)
+
+
+def test_a_part_that_claims_to_be_a_folder_is_damage(run):
+    """PyTorch would return memory that nobody has written; no checksum covers this bit."""
+    file = run / "checkpoints" / "best.pt"
+    data = bytearray(file.read_bytes())
+    name = data.rindex(b"/data/0")  # of the last list of parts; 46 bytes of header come before
+    start = data.rindex(b"PK\1\2", 0, name)
+    data[start + 38] ^= 0x10
+    file.write_bytes(data)
+    with pytest.raises(MorlaxError, match=r"best.pt is damaged"):
+        load(file)

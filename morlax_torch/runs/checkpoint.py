@@ -90,8 +90,9 @@ def _check_sums(whole: IO[bytes]) -> None:
             with archive.open(part) as content:
                 while content.read(2**20):
                     pass
-            if part.compress_size != part.file_size:
-                raise zipfile.BadZipFile("torch.save compresses nothing")
+            if part.compress_size != part.file_size or part.external_attr:
+                # torch.load would leave the memory of what claims to be a folder as it is
+                raise zipfile.BadZipFile("torch.save writes neither compressed parts nor folders")
         if len(archive.NameToInfo) != len(archive.filelist):
             raise zipfile.BadZipFile("two parts have the same name")
     whole.seek(0)
