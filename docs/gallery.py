@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from morlax_torch.config import Config, load_config, task_values
+from morlax_torch.config import Config, load_config
+from morlax_torch.config_files import task_values
 from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.history import History

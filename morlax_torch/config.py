@@ -2,11 +2,8 @@
 
 import math
 from functools import cache
-from importlib import resources
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
 from pydantic import (
     Field,
     NonNegativeFloat,
@@ -19,11 +16,11 @@ from pydantic import (
 )
 
 from . import envs
+from .config_files import merged, task_values
 from .envs import MorlaxError, ObjectiveOptions, resolve_device
-from .envs.errors import explained, shortened
-from .envs.external import absolute, is_file
+from .envs.errors import explained
+from .envs.external import absolute
 from .envs.worlds.section import Count, Section
-from .files import read
 
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
@@ -239,65 +236,6 @@ def config_for(env: str, **changes: Any) -> Config:
     return load_config(values)
 
 
-def task_values(env: str, device_type: str) -> dict[str, Any]:
-    """Return the tuned values of a task for "cuda" or "cpu".
-
-    They come from configs/<env>.yaml, for every "gymnasium:ID" from configs/gymnasium.yaml, and
-    for other tasks from configs/default.yaml.
-    """
-    envs.get(env)
-    configs = resources.files("morlax_torch.configs")
-    file = configs / f"{env.partition(':')[0]}.yaml"
-    if is_file(env) or not file.is_file():
-        file = configs / "default.yaml"
-    return {**_fitted(yaml.safe_load(file.read_text()), device_type), "env": env}
-
-
-def file_values(path: Path, device_type: str) -> dict[str, Any]:
-    """Return the values of a YAML file over those of the task that it names."""
-    values = _fitted(read_yaml(path), device_type)
-    if not isinstance(values.get("env"), str):
-        return values
-    return merged(task_values(values["env"], device_type), values)
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Read the keys and values of a YAML file.
-
-    Raises:
-        MorlaxError: it cannot be read, is not a mapping, or has the same key twice.
-    """
-    try:
-        values = yaml.load(read(path, "config"), _UniqueKeys)
-    except (yaml.YAMLError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise MorlaxError(f"the config {path} is not valid YAML: {reason}") from None
-    except RecursionError:
-        raise MorlaxError(f"the config {path} is nested too deeply.") from None
-    if not isinstance(values, dict):
-        raise MorlaxError(f"the config {path} must hold keys and values, such as env: ant.")
-    return values
-
-
-class _UniqueKeys(yaml.SafeLoader):
-    """Refuses a key that appears twice, of which YAML would silently take the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        seen: list[str] = []
-        for key, _ in node.value:
-            if key.value in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key.value} appears twice", problem_mark=key.start_mark
-                )
-            seen.append(key.value)
-        return super().construct_mapping(node, deep)
-
-
-def write_yaml(config: Config) -> str:
-    """Return a config as YAML, which `read_yaml` and `load_config` read."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
-
-
 def differences(one: Config, other: Config) -> list[str]:
     """Say which values of `other` differ that a resumed run may not change.
 
@@ -318,24 +256,3 @@ def _flat(values: dict[str, Any]) -> dict[str, Any]:
         parts = _flat(value) if isinstance(value, dict) else None
         flat |= {f"{key}.{name}": part for name, part in parts.items()} if parts else {key: value}
     return flat
-
-
-def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
-    """Apply the section `cpu`, which overrides values where there is no GPU."""
-    values = dict(values)
-    cpu = values.pop("cpu", None) or {}
-    if not isinstance(cpu, dict):
-        raise MorlaxError(
-            f"the section cpu of a config holds keys and values for the CPU, not {shortened(cpu)}."
-        )
-    return merged(values, cpu) if device_type == "cpu" else values
-
-
-def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Merge `above` over `below`, section by section; groups of reward terms are replaced whole."""
-    result = dict(below)
-    for key, value in above.items():
-        both = isinstance(value, dict) and isinstance(result.get(key), dict)
-        whole = key in ("objectives", "shared")
-        result[key] = merged(result[key], value) if both and not whole else value
-    return result

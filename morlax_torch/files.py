@@ -17,10 +17,10 @@ def read(path: Path, what: str = "file") -> bytes:
 
     Args:
         path: the file.
-        what: what it is, for error messages.
+        what: the kind of file, for error messages, such as "config".
 
     Raises:
-        MorlaxError: there is none, it is a folder, device or pipe, or it cannot be read.
+        MorlaxError: the file is missing, is a folder, device or pipe, or cannot be read.
     """
     try:
         if path.exists() and not path.is_file():

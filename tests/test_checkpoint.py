@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from tiny import tiny
 
-from morlax_torch import MorlaxError, config_for, load
-from morlax_torch.config import Config
+from morlax_torch import MorlaxError, load
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.history import History
 from morlax_torch.runs import Run
@@ -18,27 +18,6 @@ from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import MORLAX, train
 
 NAN = float("nan")
-
-
-def tiny(**changes: Any) -> Config:
-    small = {
-        "device": "cpu",
-        "backend": "mujoco",
-        "worlds": 8,
-        "horizon": 4,
-        "max_env_steps": 64,
-        "sampling.clusters": 4,
-        "ppo.minibatches": 1,
-        "ppo.epochs": 1,
-        "network.hidden": (4,),
-        "network.features": 2,
-        "network.actor": (4,),
-        "network.critic": (4,),
-        "evaluation.tradeoffs": 4,
-        "evaluation.every": 32,
-        "task.episode_length": 5,
-    }
-    return config_for("hopper", **{**small, **changes})
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.config import file_values, load_config, task_values
+from morlax_torch.config import load_config
+from morlax_torch.config_files import file_values, task_values
 
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])

@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from morlax_torch import MORLAX, envs, export
-from morlax_torch.config import Config, file_values, load_config, merged, task_values
+from morlax_torch.config import Config, load_config
+from morlax_torch.config_files import file_values, merged, task_values
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import load

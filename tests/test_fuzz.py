@@ -20,9 +20,11 @@ import torch
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, config_for, load
-from morlax_torch.config import Config, file_values, load_config
+from morlax_torch.config import Config, load_config
+from morlax_torch.config_files import file_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.history import History
 from morlax_torch.runs import checkpoint
@@ -221,30 +223,9 @@ def test_a_random_yaml_file_is_read_or_refused(fuzz, tmp_path):
 # Files
 
 
-def tiny() -> Config:
-    small = {
-        "device": "cpu",
-        "backend": "mujoco",
-        "worlds": 8,
-        "horizon": 4,
-        "max_env_steps": 96,
-        "sampling.clusters": 4,
-        "ppo.minibatches": 1,
-        "ppo.epochs": 1,
-        "network.hidden": (4,),
-        "network.features": 2,
-        "network.actor": (4,),
-        "network.critic": (4,),
-        "evaluation.tradeoffs": 4,
-        "evaluation.every": 32,
-        "task.episode_length": 5,
-    }
-    return config_for("hopper", **small)
-
-
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
-    return train(tiny(), output=tmp_path_factory.mktemp("fuzz") / "run").folder
+    return train(tiny(max_env_steps=96), output=tmp_path_factory.mktemp("fuzz") / "run").folder
 
 
 class Damage(NamedTuple):

@@ -14,7 +14,8 @@ from gymnasium.spaces import Box, Dict, Discrete
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs, evaluate, train
-from morlax_torch.config import load_config, task_values
+from morlax_torch.config import load_config
+from morlax_torch.config_files import task_values
 from morlax_torch.viewers.player import Player
 
 CAR = "gymnasium:mo-mountaincarcontinuous-v0"

@@ -10,11 +10,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 BUILD_EVERY_TASK = """
 import morlax_torch
-from morlax_torch import config, envs
+from morlax_torch import config, config_files, envs
 for name in envs.names():
     env = envs.make(name, num_worlds=2, device="cpu")
     assert env.step(env.reset().new_zeros(2, env.action_size)).reward.shape[0] == 2
-    config.load_config(config.task_values(name, "cpu"))
+    config.load_config(config_files.task_values(name, "cpu"))
 print(morlax_torch.__file__)
 """
 

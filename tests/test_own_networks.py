@@ -9,7 +9,8 @@ import torch
 from torch import nn
 
 from morlax_torch import MORLAX, MorlaxError, Policy, evaluate, load, save, train
-from morlax_torch.config import Config, load_config, merged
+from morlax_torch.config import Config, load_config
+from morlax_torch.config_files import merged
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run

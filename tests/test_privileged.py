@@ -5,7 +5,8 @@ import torch
 from torch import Tensor
 
 from morlax_torch import MORLAX, Policy, envs, export, load, save
-from morlax_torch.config import Config, load_config, merged
+from morlax_torch.config import Config, load_config
+from morlax_torch.config_files import merged
 from morlax_torch.envs.worlds.layout import positions
 from morlax_torch.evaluate import evaluate
 from morlax_torch.exports.manifest import manifest

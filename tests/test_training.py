@@ -16,7 +16,8 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlax_torch import MORLAX, MorlaxError
-from morlax_torch.config import Config, load_config, merged, task_values
+from morlax_torch.config import Config, load_config
+from morlax_torch.config_files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from ..config import write_yaml
+from ..config_files import write_yaml
 from ..envs import MorlaxError
 from ..evaluation.front import Front
 from ..evaluation.history import read_rows

@@ -15,7 +15,8 @@ from typing import Any, Self
 from torch.utils.tensorboard import SummaryWriter
 
 from ..algorithms.learner import Learner
-from ..config import MAY_CHANGE, Config, differences, load_config, read_yaml, write_yaml
+from ..config import MAY_CHANGE, Config, differences, load_config
+from ..config_files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.external import title

@@ -7,16 +7,8 @@ from pathlib import Path
 from pydantic import create_model
 
 from .. import envs
-from ..config import (
-    MAY_CHANGE,
-    Config,
-    config_class,
-    differences,
-    file_values,
-    load_config,
-    merged,
-    task_values,
-)
+from ..config import MAY_CHANGE, Config, config_class, differences, load_config
+from ..config_files import file_values, merged, task_values
 from ..envs import MorlaxError
 from ..envs.worlds.section import Section
 from ..runs.run import Run

@@ -34,8 +34,9 @@ class Page:
 
     Callbacks run on viser's event loop, so they only queue requests; the loop of `serve` executes
     them between two steps. Only its thread uses the session, so no browser can interrupt a step.
-    A request or a step that fails becomes a notification on the page. `address` is what a browser
-    must open; it contains a secret token.
+    A request or a step that fails becomes a notification on the page; a failed step also pauses the
+    robot, and browsers that connect later are told why. `address` is what a browser must open; it
+    contains a secret token.
 
     Args:
         run: a run's folder, a checkpoint file, or a shipped policy.
@@ -51,13 +52,14 @@ class Page:
         self._choice = library.choose(run)
         self._session = Session(self._choice)
         self._requests: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._failure: str | None = None  # why the robot paused by itself
         rich.get_console().quiet = True  # hides viser's banner; the command prints the address
         self.server, self.address = access.start(host, port)
         self.server.scene.world_axes.visible = False
         self.server.scene.configure_fog(10.0, 30.0)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.server.initial_camera.fov = 0.8
-        self.server.on_client_connect(self._fit_camera)
+        self.server.on_client_connect(self._welcome)
         self._add_widgets()
         self._add_session(RobotScene(self.server, self._session.player.model))
 
@@ -66,8 +68,9 @@ class Page:
         frame = chart = scan = 0.0
         while not ended():
             now = time.perf_counter()
-            if not self._attempt(partial(self._session.advance, now)):
-                self._pause(True)
+            failure = self._attempt(partial(self._session.advance, now))
+            if failure is not None:
+                self._pause(True, failure)
             if now >= frame:
                 frame = now + FRAME
                 self._draw()
@@ -92,22 +95,20 @@ class Page:
             for _ in range(self._requests.qsize()):
                 self._attempt(self._requests.get_nowait())
 
-    def _attempt(self, action: Callable[[], object]) -> bool:
-        """Run `action` and return whether it succeeded; if it fails, notify all browsers."""
+    def _attempt(self, action: Callable[[], object]) -> str | None:
+        """Run `action`; if it fails, tell all browsers why, and return it."""
         try:
             action()
         except MorlaxError as error:
-            self._notify(str(error))
+            text = str(error)
         except Exception as error:  # in the robot's own code, for example
             _log.exception("The page goes on after this error:")
-            self._notify(f"{type(error).__name__}: {error}")
+            text = f"{type(error).__name__}: {error}"
         else:
-            return True
-        return False
-
-    def _notify(self, text: str) -> None:
+            return None
         for client in self.server.get_clients().values():
-            client.add_notification("Error", text, color="red")
+            _tell(client, text)
+        return text
 
     def _update_runs(self) -> None:
         runs = tuple(self._runs())
@@ -251,8 +252,8 @@ class Page:
         else:
             self._pause(action == PAUSE)
 
-    def _pause(self, paused: bool) -> None:
-        self._session.paused = paused
+    def _pause(self, paused: bool, failure: str | None = None) -> None:
+        self._session.paused, self._failure = paused, failure
         self._actions.options = (RESUME if paused else PAUSE, "reset", "push")
 
     def _change(self, run: str, checkpoint: str | None) -> None:
@@ -268,7 +269,7 @@ class Page:
 
     def _replace_session(self, session: Session) -> None:
         scene = RobotScene(self.server, session.player.model)  # may fail, so it comes first
-        old, self._session = self._session, session
+        old, self._session, self._failure = self._session, session, None
         session.paused, session.pace = old.paused, old.pace
         if session.objectives == old.objectives:
             session.tradeoff = old.tradeoff
@@ -294,6 +295,12 @@ class Page:
         """Size of the robot relative to `USUAL_SIZE`."""
         return self._session.player.model.stat.extent / USUAL_SIZE
 
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        """Fit the camera of a new browser, and tell it why the robot stands still."""
+        if self._failure is not None:
+            _tell(client, self._failure)
+        self._fit_camera(client)
+
     def _fit_camera(self, client: viser.ClientHandle) -> None:
         """Show the robot in the upper half on a phone, where the panel covers the lower half."""
         camera, size = client.camera, self._size
@@ -302,3 +309,7 @@ class Page:
         with suppress(ValueError):  # viser cannot move a camera that looks at its own position
             camera.position = (0.0, -6.0 * size, 2.6 * size)
             camera.look_at = (0.0, 0.0, -1.35 * size)
+
+
+def _tell(client: viser.ClientHandle, text: str) -> None:
+    client.add_notification("Error", text, color="red")
