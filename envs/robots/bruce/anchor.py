@@ -4,7 +4,6 @@ import torch
 from torch import Tensor
 
 from . import rotations
-from .beginnings import ANGLES, POSITION
 
 
 class Anchor:
@@ -12,6 +11,8 @@ class Anchor:
 
     `now` is the current pose, `former` that of the previous control step. Whenever feet change, the
     reference is moved to the robot, so drift in position and heading is not penalized.
+
+    Poses of a base, (N, 7), are its position (m) and quaternion.
 
     Args:
         like: (N, ...) tensor that sets the number of worlds, dtype and device.
@@ -27,39 +28,42 @@ class Anchor:
 
     def begin(self, fresh: Tensor, anchors: Tensor) -> None:
         """Reset to `anchors` (N, 3) where `fresh` (N,) bool."""
-        here = fresh[:, None]
-        self.now.copy_(torch.where(here, anchors, self.now))
-        self.former.copy_(torch.where(here, self.now, self.former))
+        for pose in (self.now, self.former):
+            torch.where(fresh[:, None], anchors, pose, out=pose)
 
     def advance(self, changed: Tensor, target: Tensor, pose: Tensor) -> None:
         """Advance one control step; move the reference to the robot where feet changed.
 
         Args:
             changed: (N,) bool, true where feet changed.
-            target: joints and base of the reference, (N, 22).
-            pose: position and quaternion of the robot's base, (N, 7).
+            target: pose of the reference's base, in its own frame.
+            pose: of the robot's base, in the world.
         """
         self.former.copy_(self.now)
-        difference = rotations.multiply(
-            rotations.conjugate(rotations.from_angles(target[:, ANGLES])), pose[:, 3:]
-        )
-        yaw = rotations.yaw_of(difference)
-        xy = pose[:, :2] - rotations.turned(target[:, POSITION][:, :2], yaw)
+        inverse = rotations.conjugate(target[:, 3:])
+        yaw = rotations.yaw_of(rotations.multiply(inverse, pose[:, 3:]))
+        xy = pose[:, :2] - rotations.turned(target[:, :2], yaw)
         there = torch.cat([xy, yaw[:, None]], -1)
-        self.now.copy_(torch.where(changed[:, None], there, self.now))
+        torch.where(changed[:, None], there, self.now, out=self.now)
 
-    def seen_from(self, attitude: Tensor) -> Tensor:
-        """Return a world attitude (N, 4) relative to the heading of the reference."""
-        heading = rotations.conjugate(rotations.from_yaw(self.now[:, 2]))
-        return rotations.multiply(heading, attitude)
+    def seen_from(self, attitude: Tensor, tilt: Tensor) -> Tensor:
+        """Return a world attitude (N, 4) relative to the reference's heading, then tilted.
 
-    def placed(self, base: Tensor) -> tuple[Tensor, Tensor]:
+        Args:
+            attitude: (N, 4).
+            tilt: roll, pitch and yaw of another rotation on top, (N, 3) in rad.
+        """
+        yaw = tilt[:, 2:] - self.now[:, 2:]  # both turn about the same axis
+        turn = rotations.from_angles(torch.cat([tilt[:, :2], yaw], -1))
+        return rotations.positive(rotations.multiply(turn, attitude))
+
+    def placed(self, target: Tensor) -> tuple[Tensor, Tensor]:
         """Transform the reference's base (N, 7) of the previous control step to the world.
 
         Returns:
             Position (N, 3) in m and attitude (N, 4).
         """
         yaw = self.former[:, 2]
-        xy = rotations.turned(base[:, :2], yaw) + self.former[:, :2]
-        attitude = rotations.multiply(rotations.from_yaw(yaw), base[:, 3:])
-        return torch.cat([xy, base[:, 2:3]], -1), attitude
+        xy = rotations.turned(target[:, :2], yaw) + self.former[:, :2]
+        attitude = rotations.multiply(rotations.from_yaw(yaw), target[:, 3:])
+        return torch.cat([xy, target[:, 2:3]], -1), attitude

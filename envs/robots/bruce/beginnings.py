@@ -11,11 +11,25 @@ from torch import Tensor
 from ...worlds.starts import Start
 from . import model as bruce
 from .library import Library
-from .reference import Reference
+from .reference import JOINTS, POSITION, Reference
 
 FASTEST = (0.2, 0.1)  # largest commands, m/s, forward and sideways
 COMMANDS = 2048  # number of commands that episodes draw from
-POSITION, ANGLES = slice(16, 19), slice(19, 22)  # of the reference's base, after 16 joints
+
+
+class TaskState(NamedTuple):
+    """What episodes begin with besides the physics; one row per initial condition or world."""
+
+    command: Tensor  # (B, 2) m/s, forward and to the left
+    leg: Tensor  # (B,) first swing leg: 0 left, 1 right
+    anchor: Tensor  # (B, 3) pose of the reference: x, y (m) and yaw (rad)
+    points: Tensor  # (B, 8, 22) control points of the first step
+    target: Tensor  # (B, 23) of the reference
+    rates: Tensor  # (B, 22) of the reference
+
+    def at(self, rows: Tensor) -> Self:
+        """Return the given rows (N,)."""
+        return type(self)(*(values[rows] for values in self))
 
 
 class Beginnings(NamedTuple):
@@ -63,8 +77,7 @@ class Beginnings(NamedTuple):
         Returns:
             B states, and the pose of the reference in each: x, y (m) and yaw (rad), (B, 3).
         """
-        walk = Reference(library, torch.zeros(len(self.commands), 1, dtype=torch.float64))
-        walk.begin(torch.ones(len(self.commands), dtype=torch.bool), self.commands, self.legs)
+        walk = self._walk(library, self.commands)
         walk.elapsed.zero_()
         poses, rates = (t.numpy() for t in walk.now())
         standing = (self.commands == 0).all(-1).numpy()
@@ -74,12 +87,30 @@ class Beginnings(NamedTuple):
         starts = []
         for pose, rate, stands, height in zip(poses, rates, standing, self.heights, strict=True):
             qpos, qvel, ctrl = rest.copy(), np.zeros(model.nv), np.zeros(model.nu)
-            crank = bruce.DEFAULT_POSE if stands else pose[:16]
+            crank = bruce.DEFAULT_POSE if stands else pose[JOINTS]
             if stands:
                 qpos[2] *= height
             else:
                 qpos[:3], qpos[7:] = pose[POSITION], expand @ crank
-                qvel[:3], qvel[6:] = rate[POSITION], expand @ rate[:16]
+                qvel[:3], qvel[6:] = rate[POSITION], expand @ rate[JOINTS]
             ctrl[:16] = bruce.motors_from_crank() @ crank
             starts.append(Start(qpos, qvel, ctrl))
         return starts, torch.from_numpy(anchors)
+
+    def task_states(self, library: Library, anchors: Tensor, like: Tensor) -> TaskState:
+        """Return the task state of each initial condition.
+
+        Args:
+            library: the gaits.
+            anchors: (B, 3) as from `states`.
+            like: tensor that sets dtype and device.
+        """
+        walk = self._walk(library, like)
+        return TaskState(walk.velocity, walk.leg, anchors.to(like), walk.points, *walk.now())
+
+    def _walk(self, library: Library, like: Tensor) -> Reference:
+        """Return the reference walk of each initial condition, at its start."""
+        velocity, leg = self.commands.to(like), self.legs.to(like.device)
+        walk, everywhere = Reference(library, velocity), torch.ones_like(leg, dtype=torch.bool)
+        walk.begin(everywhere, velocity, leg, walk.gaits(velocity, leg))
+        return walk

@@ -17,9 +17,8 @@ class PairSums:
     def __init__(self, matrix: NDArray[np.float64], like: Tensor):
         # The second largest entry of a row may be zero; it then adds nothing.
         columns = np.argsort(-np.abs(matrix), axis=1, kind="stable")[:, :2]
-        self._columns = torch.from_numpy(columns.T.copy()).to(like.device)
+        self._columns = torch.from_numpy(columns.T.copy()).to(like.device)  # (2, R)
         self._factors = torch.from_numpy(np.take_along_axis(matrix, columns, 1).T.copy()).to(like)
 
     def __call__(self, values: Tensor) -> Tensor:
-        first, second = (values[:, columns] for columns in self._columns)
-        return first * self._factors[0] + second * self._factors[1]
+        return (values[:, self._columns] * self._factors).sum(1)

@@ -4,13 +4,15 @@ Each world follows a segment: the rest of its current step, reparametrized to [0
 are in-place arithmetic on whole tensors, so that a CUDA graph can record them.
 """
 
-from math import comb
-
 import torch
 from torch import Tensor
 
+from . import rotations
 from .library import Library
 from .planner import DEGREE
+
+JOINTS, POSITION, ANGLES = slice(16), slice(16, 19), slice(19, 22)  # of control points and rates
+BASE = slice(16, 23)  # of targets: position and quaternion
 
 BLENDING = 0.7  # phase after which a step is no longer changed
 LATE = 0.005  # s already elapsed when a step begins: half the lag in detecting its start
@@ -28,15 +30,18 @@ class Reference:
     def __init__(self, library: Library, like: Tensor):
         curves = torch.cat([torch.from_numpy(library.joints), torch.from_numpy(library.base)], -1)
         self.step_time = library.constants.step_time
-        self._gaits = curves.to(like).flatten(3)  # (X, Y, 2, 8 * 22)
-        self._shape = curves.shape[3:]
-        self._vx, self._vy = (torch.from_numpy(v).to(like) for v in (library.vx, library.vy))
-        self._binomial = {
-            n: like.new_tensor([[comb(n, k) for k in range(n + 1)], [*range(n + 1)]])[..., None]
-            for n in (DEGREE - 1, DEGREE)
-        }
+        # The four gaits around each cell of the library's grid, (X - 1, Y - 1, 2, 2, 2, 8, 22).
+        corners = curves.to(like).unfold(0, 2, 1).unfold(1, 2, 1)
+        self._corners = corners.movedim((-2, -1), (3, 4)).contiguous()
+        grid = [torch.from_numpy(v).to(like) for v in (library.vx, library.vy)]
+        self._slowest = torch.stack([v[0] for v in grid])
+        self._spacing = torch.stack([(v[-1] - v[0]) / (len(v) - 1) for v in grid])
+        self._last_cell = torch.tensor([len(v) - 2 for v in grid], device=like.device)
+        self._first_cell, self._end = torch.zeros_like(self._last_cell), self._last_cell + 1
+        # A blended segment starts like the former one and ends like the new gait.
+        self._blend = like.new_tensor([0.0, 0.0, 0.0, 0.5, 0.5, 1.0, 1.0, 1.0])[:, None]
         N = len(like)
-        self.points = like.new_zeros(N, *self._shape)  # (N, 8, 22)
+        self.points = like.new_zeros(N, *curves.shape[3:])  # (N, 8, 22)
         self.duration = like.new_full((N,), self.step_time)  # s, of the segment
         self.elapsed = like.new_zeros(N)  # s, of the segment
         self.step_elapsed = like.new_zeros(N)  # s, of the step
@@ -60,80 +65,83 @@ class Reference:
             velocity: (N, 2) in m/s, forward and to the left.
             leg: (N,) swing leg, 0 left and 1 right.
         """
-        i, u = _cell(self._vx, velocity[:, 0])
-        j, v = _cell(self._vy, velocity[:, 1])
-        near = torch.lerp(self._gaits[i, j, leg], self._gaits[i + 1, j, leg], u[:, None])
-        far = torch.lerp(self._gaits[i, j + 1, leg], self._gaits[i + 1, j + 1, leg], u[:, None])
-        return torch.lerp(near, far, v[:, None]).unflatten(1, self._shape)
+        at = ((velocity - self._slowest) / self._spacing).clamp(self._first_cell, self._end)
+        # clamped again to keep the index valid if a velocity is NaN
+        cell = at.long().clamp(self._first_cell, self._last_cell)
+        forward, left = (at - cell)[..., None, None].unbind(1)
+        corners = self._corners[*cell.unbind(1), leg]
+        sides = torch.lerp(corners[:, 0], corners[:, 1], forward[:, None])
+        return torch.lerp(sides[:, 0], sides[:, 1], left)
 
-    def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor) -> None:
-        """Restart the walk where `fresh` (N,) bool, with velocities (N, 2) and swing legs (N,)."""
-        self._start_segment(fresh, velocity, leg, EARLY)
-        self.velocity.copy_(torch.where(fresh[:, None], velocity, self.velocity))
+    def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor, points: Tensor) -> None:
+        """Restart the walk where `fresh` (N,) bool.
 
-    def blend(self, velocity: Tensor) -> None:
-        """Blend toward the gaits for velocities (N, 2) where the phase is below BLENDING.
+        Args:
+            fresh: the worlds to restart.
+            velocity: (N, 2) in m/s.
+            leg: (N,) first swing leg.
+            points: `gaits(velocity, leg)`.
+        """
+        torch.where(fresh[:, None], velocity, self.velocity, out=self.velocity)
+        torch.where(fresh, leg, self.leg, out=self.leg)
+        self._start_step(fresh, points, EARLY)
 
-        The rests of the current segment and of the new gait are split off; the new segment starts
-        like the former and ends like the latter.
+    def advance(self, velocity: Tensor, dt: float) -> Tensor:
+        """Blend toward the gaits for velocities (N, 2) and advance time by `dt` (s).
+
+        Steps are blended while their phase is below BLENDING: the rests of the current segment and
+        of the new gait become the new segment.
+
+        Returns:
+            Where feet changed (N,) bool.
         """
         blendable = self.phase < BLENDING
-        done = self.elapsed / self.duration
-        rest = self.duration - self.elapsed
-        target = self.gaits(velocity, self.leg)
-        old, new = self._rest(self.points, done), self._rest(target, 1 - rest / self.step_time)
-        blended = torch.cat(
-            [old[..., :3, :], (old[..., 3:5, :] + new[..., 3:5, :]) / 2, new[..., 5:, :]], -2
-        )
-        self.points.copy_(torch.where(blendable[:, None, None], blended, self.points))
-        self.duration.copy_(torch.where(blendable, rest, self.duration))
+        done, rest = self.elapsed / self.duration, self.duration - self.elapsed
+        torch.where(blendable[:, None], velocity, self.velocity, out=self.velocity)
+        torch.where(blendable, rest, self.duration, out=self.duration)
         self.elapsed.masked_fill_(blendable, 0.0)
-        self.velocity.copy_(torch.where(blendable[:, None], velocity, self.velocity))
-
-    def advance(self, dt: float) -> Tensor:
-        """Advance time by `dt` (s); returns where feet changed (N,) bool."""
         self.elapsed += dt
         self.step_elapsed += dt
         changed = self.elapsed >= self.duration
-        self._start_segment(changed, self.velocity, 1 - self.leg, LATE)
+        self.leg ^= changed
+        # Feet change long after BLENDING, so no world needs a gait for both.
+        gaits = self.gaits(self.velocity, self.leg)
+        rests = _rest(
+            torch.stack([self.points, gaits], 1), torch.stack([done, 1 - rest / self.step_time], 1)
+        )
+        blended = torch.lerp(rests[:, 0], rests[:, 1], self._blend)
+        torch.where(blendable[:, None, None], blended, self.points, out=self.points)
+        self._start_step(changed, gaits, LATE)
         return changed
 
     def now(self) -> tuple[Tensor, Tensor]:
-        """Return the current joints and base, and their rates, (N, 22) each."""
-        s = (self.elapsed / self.duration).clamp(0, 1)
-        slopes = DEGREE * self.points.diff(dim=1) / self.duration[:, None, None]
-        # Sums of products, because training may allow TF32 in matrix products.
-        value = (self._bernstein(s, DEGREE) * self.points).sum(1)
-        return value, (self._bernstein(s, DEGREE - 1) * slopes).sum(1)
+        """Return the current target and its rates.
 
-    def _bernstein(self, s: Tensor, degree: int) -> Tensor:
-        """Return the Bernstein weights (N, degree + 1, 1) of a Bezier curve at s (N,)."""
-        choose, k = self._binomial[degree]
-        s = s[:, None, None]
-        return choose * s**k * (1 - s) ** (degree - k)
+        Returns:
+            Joints, position and quaternion of the base, (N, 23).
+            Rates of joints, position and angles of the base, (N, 22).
+        """
+        s = (self.elapsed / self.duration).clamp(0, 1)[:, None, None]
+        points = self.points
+        for _ in range(DEGREE - 1):  # de Casteljau
+            points = torch.lerp(points[:, :-1], points[:, 1:], s)
+        first, last = points.unbind(1)
+        value = torch.lerp(first, last, s[:, 0])
+        target = torch.cat([value[:, :19], rotations.from_angles(value[:, ANGLES])], -1)
+        return target, DEGREE * (last - first) / self.duration[:, None]
 
-    def _start_segment(self, where: Tensor, velocity: Tensor, leg: Tensor, elapsed: float) -> None:
-        points = self.gaits(velocity, leg)
-        self.points.copy_(torch.where(where[:, None, None], points, self.points))
-        self.leg.copy_(torch.where(where, leg, self.leg))
+    def _start_step(self, where: Tensor, points: Tensor, elapsed: float) -> None:
+        torch.where(where[:, None, None], points, self.points, out=self.points)
         self.duration.masked_fill_(where, self.step_time)
         self.elapsed.masked_fill_(where, elapsed)
         self.step_elapsed.masked_fill_(where, elapsed)
 
-    @staticmethod
-    def _rest(points: Tensor, s: Tensor) -> Tensor:
-        """Return the control points of the curves (N, 8, C) restricted to [s, 1], s (N,)."""
-        s = s[:, None, None]
-        lasts = []
-        for _ in range(DEGREE):  # de Casteljau
-            lasts.append(points[..., -1:, :])
-            points = torch.lerp(points[..., :-1, :], points[..., 1:, :], s)
-        return torch.cat([points, *reversed(lasts)], -2)
 
-
-def _cell(grid: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
-    """Return each value's (N,) cell in an even grid and its position in the cell, 0 to 1."""
-    spacing = (grid[-1] - grid[0]) / (len(grid) - 1)
-    at = ((value - grid[0]) / spacing).clamp(0, len(grid) - 1)
-    i = at.long().clamp(0, len(grid) - 2)  # keeps the index valid if the value is NaN
-    return i, at - i
+def _rest(points: Tensor, s: Tensor) -> Tensor:
+    """Return the control points of curves (..., 8, C) restricted to [s, 1], s (...,)."""
+    s = s[..., None, None]
+    lasts = []
+    for _ in range(DEGREE):  # de Casteljau
+        lasts.append(points[..., -1:, :])
+        points = torch.lerp(points[..., :-1, :], points[..., 1:, :], s)
+    return torch.cat([points, *reversed(lasts)], -2)

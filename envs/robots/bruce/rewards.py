@@ -1,36 +1,60 @@
 """Building blocks of BRUCE's reward terms."""
 
 import math
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
+from torch.linalg import vector_norm
 
 
-def closeness(difference: Tensor, width: float) -> Tensor:
-    """Return exp(-|difference|^2 / width) (N,) of differences (N, C): 1 where they are zero."""
-    return torch.exp(-difference.square().sum(-1) / width)
+class Closeness:
+    """Rewards exp(-|difference|^2 / width) for differences near zero.
+
+    Args:
+        widths: of each reward, by name.
+        like: tensor that sets dtype and device.
+    """
+
+    def __init__(self, widths: Mapping[str, float], like: Tensor):
+        self._names = tuple(widths)
+        self._widths = like.new_tensor(list(widths.values()))
+
+    def __call__(self, differences: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Return the rewards (N,) of differences (N, C): 1 where they are zero."""
+        distances = [vector_norm(differences[name], dim=-1) for name in self._names]
+        close = torch.exp(-torch.stack(distances, -1).square() / self._widths)
+        return dict(zip(self._names, close.unbind(-1), strict=True))
 
 
 def roughness(history: Tensor) -> Tensor:
-    """Return the summed norms of the first and second difference (N,) of the newest value.
+    """Return the summed norms of the first and second difference (...,) of the newest value.
 
     Args:
-        history: (N, K, C), newest first.
+        history: (..., 3, C), newest first.
     """
-    now, last, before = history[:, 0], history[:, 1], history[:, 2]
-    return (now - last).norm(dim=-1) + (now - 2 * last + before).norm(dim=-1)
+    steps = history.diff(dim=-2)
+    bends = steps.diff(dim=-2)
+    return vector_norm(steps[..., 0, :], dim=-1) + vector_norm(bends[..., 0, :], dim=-1)
 
 
-def swinging_arms(phase: Tensor, leg: Tensor) -> Tensor:
-    """Return arm joints (N, 6) in rad that swing with the opposite legs.
+class SwingingArms:
+    """Arm joints that swing with the opposite legs.
 
     Args:
-        phase: (N,) elapsed share of the step, 0 to 1.
-        leg: (N,) swing leg, 0 left and 1 right.
+        like: tensor that sets dtype and device.
     """
-    c = torch.cos(math.pi * (phase + leg))
-    one = torch.ones_like(c)
-    pitch = -0.4 * c
-    right = [pitch, one, 0.3 * (1 - c)]
-    left = [pitch, -one, -0.3 * (1 + c)]
-    return torch.stack([*right, *left], -1)
+
+    def __init__(self, like: Tensor):
+        self._middle = like.new_tensor([0.0, 1.0, 0.3, 0.0, -1.0, -0.3])  # rad
+        self._amplitude = like.new_tensor([-0.4, 0.0, -0.3, -0.4, 0.0, -0.3])  # rad
+
+    def __call__(self, phase: Tensor, leg: Tensor) -> Tensor:
+        """Return the joints (N, 6) in rad.
+
+        Args:
+            phase: (N,) elapsed share of the step, 0 to 1.
+            leg: (N,) swing leg, 0 left and 1 right.
+        """
+        swing = torch.cos(math.pi * (phase + leg))[:, None]
+        return self._middle + swing * self._amplitude

@@ -6,10 +6,11 @@ from torch import Tensor
 
 def multiply(a: Tensor, b: Tensor) -> Tensor:
     """Return the product of `a` and `b`: the rotation `b` followed by `a`."""
-    (aw, av), (bw, bv) = a.split([1, 3], -1), b.split([1, 3], -1)
-    w = aw * bw - (av * bv).sum(-1, keepdim=True)
-    v = torch.addcmul(torch.addcmul(torch.linalg.cross(av, bv), aw, bv), bw, av)
-    return torch.cat([w, v], -1)
+    w, x, y, z = a.unbind(-1)
+    nx, ny, nz = (-a[..., 1:]).unbind(-1)
+    rows = torch.stack([w, nx, ny, nz, x, w, nz, y, y, z, w, nx, z, ny, x, w], -1)
+    # A sum of products, because training may allow TF32 in matrix products.
+    return (rows.unflatten(-1, (4, 4)) * b[..., None, :]).sum(-1)
 
 
 def conjugate(q: Tensor) -> Tensor:
@@ -25,26 +26,28 @@ def positive(q: Tensor) -> Tensor:
 def yaw_of(q: Tensor) -> Tensor:
     """Return the yaw angle (...,) in rad."""
     w, x, y, z = q.unbind(-1)
-    return torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return torch.atan2(w * z + x * y, 0.5 - (y * y + z * z))
 
 
 def from_yaw(yaw: Tensor) -> Tensor:
     """Return the rotation about z by an angle (...,) in rad."""
+    half = yaw / 2
     zero = torch.zeros_like(yaw)
-    return torch.stack([(yaw / 2).cos(), zero, zero, (yaw / 2).sin()], -1)
+    return torch.stack([half.cos(), zero, zero, half.sin()], -1)
 
 
 def from_angles(angles: Tensor) -> Tensor:
     """Return the rotation of roll, pitch and yaw (..., 3) in rad: about z, then y, then x."""
-    half = torch.stack([(angles / 2).cos(), (angles / 2).sin()], -1)
-    roll, pitch, yaw = half.unbind(-2)
+    half = angles / 2
+    roll, pitch, yaw = torch.stack([half.cos(), half.sin()], -1).unbind(-2)
     pairs = roll[..., :, None] * pitch[..., None, :]
     products = (pairs[..., None] * yaw[..., None, None, :]).flatten(-3).unbind(-1)
     ccc, ccs, csc, css, scc, scs, ssc, sss = products
-    return positive(torch.stack([ccc - sss, scc + css, csc - scs, ccs + ssc], -1))
+    return torch.stack([ccc - sss, scc + css, csc - scs, ccs + ssc], -1)
 
 
 def turned(xy: Tensor, yaw: Tensor) -> Tensor:
     """Rotate vectors (..., 2) by an angle (...,) in rad."""
-    (x, y), cos, sin = xy.unbind(-1), yaw.cos(), yaw.sin()
-    return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
+    cos, sin = yaw.cos(), yaw.sin()
+    rows = torch.stack([cos, -sin, sin, cos], -1).unflatten(-1, (2, 2))
+    return (rows * xy[..., None, :]).sum(-1)

@@ -1,7 +1,5 @@
 """BRUCE's task: walk at a commanded velocity, following a gait library, with six objectives."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 import torch
@@ -12,18 +10,26 @@ from ...worlds.environment import Environment
 from ...worlds.layout import Part
 from ...worlds.starts import Starts
 from . import model as bruce
-from . import rotations
 from .anchor import Anchor
-from .beginnings import ANGLES, FASTEST, POSITION, Beginnings
-from .history import History
+from .beginnings import FASTEST, Beginnings
+from .history import Histories
 from .library import Library
 from .options import BruceOptions
 from .pair_sums import PairSums
 from .randomization import randomized
-from .reference import Reference
-from .rewards import closeness, roughness, swinging_arms
+from .reference import BASE, JOINTS, Reference
+from .rewards import Closeness, SwingingArms, roughness
 
 SEEN = 5  # values of each history in the observation
+HISTORIES = {
+    "actions": (SEEN, 18),
+    "gyro": (SEEN, 3),
+    "accelerometer": (SEEN, 3),
+    "measured": (SEEN, 20),  # attitude and joints, with noise
+    "joints": (3, 16),  # without noise
+    "asked_joints": (SEEN, 16),  # of the reference
+    "asked_base": (SEEN, 7),  # of the reference
+}
 LAG = 0.03  # s, time constant of the action filter
 LEG_REACH, ARM_REACH, VELOCITY_REACH = 0.6, 0.4, 0.05  # rad, rad and m/s, of an action of 1
 RESTING_HEIGHT = 0.427  # m; the soles are 2 mm above the floor in the default pose
@@ -32,6 +38,15 @@ FALLEN = 0.2  # m; a robot with a lower base has fallen
 # Half the width of uniform noise: rad/s, m/s^2, rad, rad.
 GYRO_NOISE, ACCELEROMETER_NOISE, JOINT_NOISE, ATTITUDE_NOISE = 0.03, 0.1, 0.02, 0.05
 MOST_ENERGY = 54.0  # (N m)^2: 0.9 of the squared force limits of the arm motors
+WIDTHS = {  # of rewards for closeness
+    "gait": 0.15,
+    "base_position": 0.004,
+    "base_attitude": 0.02,
+    "arm_swing": 0.15,
+    "arm_hold": 0.15,
+    "shift_size": 0.001,
+    "shift_rate": 0.002,
+}
 
 
 class Bruce(Environment):
@@ -63,19 +78,17 @@ class Bruce(Environment):
         self._to_motors = PairSums(bruce.motors_from_crank(), like)
         self._default = torch.from_numpy(bruce.DEFAULT_POSE).to(like)
         legs = bruce.NUM_LEG_JOINTS
-        self._reach = like.new_tensor([LEG_REACH] * legs + [ARM_REACH] * (16 - legs))
+        reach = [LEG_REACH] * legs + [ARM_REACH] * (16 - legs) + [VELOCITY_REACH] * 2
+        self._reach = like.new_tensor(reach)
         self._fastest = like.new_tensor(FASTEST)
-        self._offset = like.new_zeros(len(like), 16)  # rad, filtered offset from the default pose
-        self._shift = like.new_zeros(len(like), 2)  # m/s, filtered velocity shift
+        self._closeness, self._swinging_arms = Closeness(WIDTHS, like), SwingingArms(like)
+        self._action = like.new_zeros(len(like), 18)  # of this control step, until it is pushed
+        self._filtered = like.new_zeros(len(like), 18)
+        # Filtered offset from the default pose in rad, and shift of the velocity in m/s.
+        self._offset, self._shift = self._filtered.split([16, 2], -1)
         self._anchor = Anchor(like)
         self._rates = like.new_zeros(len(like), 22)  # of the reference
-        # The names of these attributes are keys of saved states.
-        self._actions = History(like, SEEN, 18)
-        self._gyro, self._accelerometer = History(like, SEEN, 3), History(like, SEEN, 3)
-        self._measured = History(like, SEEN, 20)  # attitude and joints, with noise
-        self._joints = History(like, 3, 16)  # without noise
-        self._asked_joints = History(like, SEEN, 16)  # of the reference
-        self._asked_base = History(like, SEEN, 7)  # of the reference
+        self._histories = Histories(like, HISTORIES)
         super().__init__(physics, options, seed, auto_reset)
 
     @classmethod
@@ -99,8 +112,7 @@ class Bruce(Environment):
         else:
             beginnings = Beginnings.only(options.command)
         states, anchors = beginnings.states(self._library, self.initial_qpos(), self.physics.model)
-        self._commands, self._anchors = beginnings.commands.to(like), anchors.to(like)
-        self._legs = beginnings.legs.to(self.physics.device)
+        self._first = beginnings.task_states(self._library, anchors, like)
         return Starts(states, self.physics)
 
     def vary_model(self, seed: int) -> dict[str, np.ndarray]:
@@ -113,34 +125,27 @@ class Bruce(Environment):
         return 16 + 2
 
     def begin(self, fresh: Tensor) -> None:
-        rows, here = self.starts.rows, fresh[:, None]
-        self.command.copy_(torch.where(here, self._commands[rows], self.command))
-        self._anchor.begin(fresh, self._anchors[rows])
-        for filtered in (self._offset, self._shift):
-            filtered.masked_fill_(here, 0.0)
-        self.reference.begin(fresh, self.command, self._legs[rows])
-        target, rates = self.reference.now()
-        self._rates.copy_(torch.where(here, rates, self._rates))
-        for history, value in self._readings(target):
-            history.refill(fresh, value)
-        self._actions.refill(fresh, torch.zeros_like(self._actions.values[:, 0]))
+        first, here = self._first.at(self.starts.rows), fresh[:, None]
+        torch.where(here, first.command, self.command, out=self.command)
+        self._filtered.masked_fill_(here, 0.0)
+        self._anchor.begin(fresh, first.anchor)
+        self.reference.begin(fresh, first.command, first.leg, first.points)
+        torch.where(here, first.rates, self._rates, out=self._rates)
+        no_action = torch.zeros_like(self._action)
+        self._histories.refill(fresh, {"actions": no_action, **self._readings(first.target)})
 
     def apply(self, action: Tensor) -> None:
-        action = action.clamp(-1, 1).to(self._offset)
-        self._offset.lerp_(self._reach * action[:, :16], self.dt / LAG)
-        self._shift.lerp_(VELOCITY_REACH * action[:, 16:], self.dt / LAG)
-        velocity = self.command + self._shift
-        self.reference.blend(torch.clamp(velocity, -self._fastest, self._fastest))
-        self._actions.push(action)
+        self._action.copy_(action.detach().clamp(-1, 1))
+        self._filtered.lerp_(self._reach * self._action, self.dt / LAG)
         self.physics.ctrl[:, :16] = self._to_motors(self._default + self._offset)
 
     def advance(self) -> None:
-        changed = self.reference.advance(self.dt)
+        velocity = torch.clamp(self.command + self._shift, -self._fastest, self._fastest)
+        changed = self.reference.advance(velocity, self.dt)
         target, rates = self.reference.now()
         self._rates.copy_(rates)
-        self._anchor.advance(changed, target, self.physics.qpos[:, :7])
-        for history, value in self._readings(target):
-            history.push(value)
+        self._anchor.advance(changed, target[:, BASE], self.physics.qpos[:, :7])
+        self._histories.push({"actions": self._action, **self._readings(target)})
         if self.options.draw_commands and self.options.redraw_every:
             self._redraw(self.options.redraw_every)
 
@@ -148,51 +153,52 @@ class Bruce(Environment):
         """Draw new commands in the worlds whose episode age reaches a multiple of `every` steps."""
         due = (self.age + 1) % every == 0  # age does not count this step yet
         rows = torch.empty_like(self.starts.rows)
-        rows.random_(0, len(self._commands), generator=self.generator)
-        self.command.copy_(torch.where(due[:, None], self._commands[rows], self.command))
+        commands = self._first.command
+        rows.random_(0, len(commands), generator=self.generator)
+        torch.where(due[:, None], commands[rows], self.command, out=self.command)
 
-    def _readings(self, target: Tensor) -> list[tuple[History, Tensor]]:
-        """Return each history with its next value (N, C); sensors include noise."""
-        qpos = self.physics.qpos
+    def _readings(self, target: Tensor) -> dict[str, Tensor]:
+        """Return the next value (N, C) of each history but the actions; sensors include noise."""
+        qpos, sensors = self.physics.qpos, self.physics.sensors
+        tilt = self._noisy(torch.zeros_like(qpos[:, :3]), ATTITUDE_NOISE)
+        gyro = self._noisy(sensors[:, :3], GYRO_NOISE)
+        accelerometer = self._noisy(sensors[:, 3:6], ACCELEROMETER_NOISE)
         joints = self._from_joints(qpos[:, 7:])
-        attitude = self._anchor.seen_from(qpos[:, 3:7])
-        tilt = rotations.from_angles(self._noisy(qpos[:, :3], ATTITUDE_NOISE))
-        seen = rotations.positive(rotations.multiply(tilt, attitude))
-        gyro, accelerometer = self.physics.sensors[:, :3], self.physics.sensors[:, 3:6]
-        base = [target[:, POSITION], rotations.from_angles(target[:, ANGLES])]
-        return [
-            (self._gyro, gyro + self._noisy(gyro, GYRO_NOISE)),
-            (
-                self._accelerometer,
-                accelerometer + self._noisy(accelerometer, ACCELEROMETER_NOISE),
-            ),
-            (self._measured, torch.cat([seen, joints + self._noisy(joints, JOINT_NOISE)], -1)),
-            (self._joints, joints),
-            (self._asked_joints, target[:, :16]),
-            (self._asked_base, torch.cat(base, -1)),
-        ]
+        seen = [self._anchor.seen_from(qpos[:, 3:7], tilt), self._noisy(joints, JOINT_NOISE)]
+        return {
+            "gyro": gyro,
+            "accelerometer": accelerometer,
+            "measured": torch.cat(seen, -1),
+            "joints": joints,
+            "asked_joints": target[:, JOINTS],
+            "asked_base": target[:, BASE],
+        }
 
-    def _noisy(self, like: Tensor, width: float) -> Tensor:
-        """Draw uniform noise in [-width, width] times the option `noise`, shaped like `like`."""
+    def _noisy(self, exact: Tensor, width: float) -> Tensor:
+        """Add uniform noise in [-width, width] times the option `noise`."""
         scale = self.options.noise * width
         if not scale:
-            return torch.zeros_like(like)
-        return torch.empty_like(like).uniform_(-scale, scale, generator=self.generator)
+            return exact
+        return exact + torch.empty_like(exact).uniform_(-scale, scale, generator=self.generator)
 
     def observe(self) -> Tensor:
         reference = self.reference
         step = torch.stack([reference.leg.to(self.command), reference.phase], -1)
+
+        def history(name: str) -> Tensor:
+            return self._histories[name].flatten(1)
+
         return torch.cat(
             [
-                self._gyro.values.flatten(1),
-                self._accelerometer.values.flatten(1),
+                history("gyro"),
+                history("accelerometer"),
                 self._rates,
                 step,
-                self._actions.values.flatten(1),
+                history("actions"),
                 self.command,
-                self._measured.values.flatten(1),
-                self._asked_joints.values.flatten(1),
-                self._asked_base.values.flatten(1),
+                history("measured"),
+                history("asked_joints"),
+                history("asked_base"),
             ],
             -1,
         )
@@ -229,45 +235,45 @@ class Bruce(Environment):
 
     def terms(self) -> dict[str, Tensor]:
         legs = bruce.NUM_LEG_JOINTS
-        joints = self._joints.values[:, 0]
-        target_joints, target_base = self._asked_joints.values[:, 1], self._asked_base.values[:, 1]
-        position, attitude = self._anchor.placed(target_base)
-        overlap = (self.physics.qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
-        arms = joints[:, legs:]
-        swing = swinging_arms(self.reference.phase, self.reference.leg)
-        torques = self.physics.sensors[:, 6:]
-        shift, former_shift = (VELOCITY_REACH * self._actions.values[:, k, 16:] for k in (0, 1))
+        qpos, torques = self.physics.qpos, self.physics.sensors[:, 6:]
+        joints, actions = self._histories["joints"], self._reach * self._histories["actions"]
+        target_joints = self._histories["asked_joints"][:, 1]
+        position, attitude = self._anchor.placed(self._histories["asked_base"][:, 1])
+        overlap = (qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
+        arms = joints[:, 0, legs:]
+        swing = self._swinging_arms(self.reference.phase, self.reference.leg)
+        shift, former_shift = actions[:, 0, 16:], actions[:, 1, 16:]
+        close = self._closeness(
+            {
+                "gait": joints[:, 0, :legs] - target_joints[:, :legs],
+                "base_position": qpos[:, :3] - position,
+                "base_attitude": 2 * torch.acos(overlap)[:, None],
+                "arm_swing": arms - swing,
+                "arm_hold": arms - self._default[legs:],
+                "shift_size": shift,
+                "shift_rate": shift - former_shift,
+            }
+        )
+        rough = roughness(torch.stack([actions[:, :3, :16], joints]))
         return {
-            "gait": closeness(joints[:, :legs] - target_joints[:, :legs], 0.15),
-            "base_position": closeness(self.physics.qpos[:, :3] - position, 0.004),
-            "base_attitude": closeness(2 * torch.acos(overlap)[:, None], 0.02),
-            "arm_swing": closeness(arms - swing, 0.15),
-            "arm_hold": closeness(arms - self._default[legs:], 0.15),
-            "action_smoothness": 1.0 - roughness(self._reach * self._actions.values[..., :16]),
-            "joint_smoothness": 0.2 - roughness(self._joints.values),
+            **close,
+            "action_smoothness": 1.0 - rough[0],
+            "joint_smoothness": 0.2 - rough[1],
             "energy": (MOST_ENERGY - torques.square().sum(-1)).clamp(min=0.0),
-            "shift_size": closeness(shift, 0.001),
-            "shift_rate": closeness(shift - former_shift, 0.002),
         }
 
     def failed(self) -> Tensor:
         return self.physics.qpos[:, 2] < FALLEN
 
     def _state(self) -> dict[str, Tensor]:
-        histories = {
-            name: value.values for name, value in vars(self).items() if isinstance(value, History)
-        }
-        own: dict[str, Any] = {
+        return {
+            **super()._state(),
             "command": self.command,
             "offset": self._offset,
             "shift": self._shift,
             "rates": self._rates,
             "starts": self.starts.rows,
-        }
-        return {
-            **super()._state(),
-            **own,
-            **histories,
+            **self._histories.state(),
             **self._anchor.state(),
             **self.reference.state(),
         }
