@@ -17,6 +17,9 @@ from morlax_torch.gpu.threads import one_thread
 from morlax_torch.networks.agent import Agent
 from morlax_torch.viewers.filming.rendering import choose_opengl
 
+if not torch.cuda.is_available():
+    os.environ.setdefault("TRITON_INTERPRET", "1")  # Triton reads it when it is imported
+
 if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do their subprocesses
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     torch.set_num_threads(1)

@@ -1,0 +1,94 @@
+"""Triton kernels against their torch definitions: on a GPU, or interpreted on the CPU."""
+
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.func import functional_call, vmap
+
+from morlax_torch.gpu.optimizer import ClippedAdam
+from morlax_torch.networks.mlp import mlp
+
+pytest.importorskip("triton", reason="Triton is not installed")
+
+from morlax_torch.gpu import adam_kernels, affine_kernels, mlp_kernels
+
+DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
+TF32_ERROR = 1e-5 if mlp_kernels.INTERPRETED else 2e-3  # TF32 has 10 bits
+
+NETWORKS = [  # sizes, K, S
+    ((27, 128, 128, 16), 8, 640),
+    ((17, 128, 64, 12), 3, 97),
+    ((5, 1, 2), 1, 1),
+    ((3, 20, 2), 64, 17),
+    ((9, 64, 33, 256, 7), 2, 40),
+    ((4, 16, 32, 16, 8, 3), 5, 33),
+]
+
+
+@pytest.fixture(autouse=True)
+def seeded() -> None:
+    torch.manual_seed(0)
+
+
+def relative_error(found: Tensor, true: Tensor) -> float:
+    return ((found.double() - true).norm() / true.norm()).item()
+
+
+def draw_family(sizes: tuple[int, ...], K: int) -> tuple[nn.Module, dict[str, Tensor]]:
+    """Return an MLP and the parameters of K like it, of unequal scale."""
+    target = mlp(sizes[0], sizes[1:-1], sizes[-1]).to(DEVICE)
+    named = {
+        name: (value + torch.randn(K, *value.shape, device=DEVICE) / value.shape[-1] ** 0.5) / 2
+        for name, value in target.named_parameters()
+    }
+    return target, {name: value.detach().requires_grad_() for name, value in named.items()}
+
+
+@pytest.mark.parametrize(("sizes", "K", "S"), NETWORKS)
+def test_mlps_and_their_gradients_equal_vmap_and_repeat(sizes, K, S):
+    target, parameters = draw_family(sizes, K)
+    table = torch.randn(K, S, sizes[0] + 5, device=DEVICE)
+    x = table[..., : sizes[0]]  # columns of a table, as in minibatches
+    dy = torch.randn(K, S, sizes[-1], device=DEVICE)
+
+    def run() -> list[Tensor]:
+        leaves = list(parameters.values())
+        y = mlp_kernels.run(sizes, leaves, x)
+        return [y, *torch.autograd.grad(y, leaves, dy)]
+
+    exact = {name: value.detach().double().requires_grad_() for name, value in parameters.items()}
+    y = vmap(lambda own, rows: functional_call(target, own, rows))(exact, x.double())
+    expected = [y, *torch.autograd.grad(y, list(exact.values()), dy.double())]
+    found = run()
+    for mine, true in zip(found, expected, strict=True):
+        assert relative_error(mine, true) < TF32_ERROR
+    assert all(torch.equal(*pair) for pair in zip(found, run(), strict=True))
+
+
+@pytest.mark.parametrize(("K", "F", "P"), [(8, 16, 1000), (64, 3, 131), (1, 1, 1), (2, 40, 64)])
+def test_the_affine_map_and_its_gradients_equal_addmm(K, F, P):
+    inputs = [torch.randn(*shape, device=DEVICE) for shape in ((K, F), (P, F), (P,))]
+    slope = torch.randn(K, P, device=DEVICE)
+    leaves = [value.clone().requires_grad_() for value in inputs]
+    exact = [value.double().requires_grad_() for value in inputs]
+    y = affine_kernels.affine(*leaves)
+    true = torch.addmm(exact[2], exact[0], exact[1].t())
+    expected = [true, *torch.autograd.grad(true, exact, slope.double())]
+    for mine, value in zip([y, *torch.autograd.grad(y, leaves, slope)], expected, strict=True):
+        assert relative_error(mine, value) < 1e-5
+
+
+def test_thirty_steps_of_adam_equal_torch():
+    size = 2 * adam_kernels.BLOCK + 100
+    parameter = nn.Parameter(torch.randn(size, device=DEVICE))
+    optimizer = ClippedAdam([parameter], 3e-4, max_norm=1.0)
+    vector = optimizer.vector.clone()
+    means, squares, steps = torch.zeros_like(vector), torch.zeros_like(vector), vector.new_zeros(1)
+    for index in range(30):
+        gradient = torch.randn(size, device=DEVICE) * (1e-3 if index % 2 else 1)  # some clipped
+        optimizer.step((parameter * gradient).sum())
+        adam_kernels.step(vector, gradient, means, squares, steps, optimizer.rate, 1.0)
+    torch.testing.assert_close(vector, optimizer.vector, rtol=1e-6, atol=1e-6)
+    torch.testing.assert_close(means, optimizer.mean, rtol=1e-5, atol=1e-8)
+    torch.testing.assert_close(squares, optimizer.square, rtol=1e-5, atol=1e-10)
+    assert steps.item() == 30
