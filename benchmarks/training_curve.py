@@ -1,10 +1,16 @@
 """Train for a fixed time with regular evaluations; shared by `search` and `table1`."""
 
+import subprocess
+import sys
+import time
 from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.config import Config
+from morlax_torch.config_files import write_yaml
 from morlax_torch.evaluation.evaluator import Protocol
 from morlax_torch.runs.training import Limits, make_evaluator, make_worlds, training
 from morlax_torch.terminal.cli import console
@@ -25,6 +31,7 @@ class Point(NamedTuple):
     total_seconds: float  # compiling and evaluating included
     env_steps: int
     hypervolume: dict[str, float]  # by protocol
+    command_seconds: float | None = None  # of a command that ends at this training time
 
 
 def training_curve(
@@ -62,6 +69,24 @@ def training_curve(
     return points
 
 
-def reached(points: Sequence[Point], target: float, protocol: Protocol = "latched") -> float | None:
-    """Return the training seconds until the hypervolume reaches `target`, or None."""
-    return next((p.train_seconds for p in points if p.hypervolume[protocol] >= target), None)
+def command_seconds(config: Config, seconds: float) -> float:
+    """Return how long `python -m morlax_torch.train` takes for `seconds` of training.
+
+    It evaluates as it does by default: at the start, at the end and in between.
+    """
+    with TemporaryDirectory() as place:
+        file = Path(place) / "config.yaml"
+        file.write_text(write_yaml(config))
+        options = ("--config", file, "--max-seconds", seconds, "--output", Path(place) / "run")
+        start = time.perf_counter()
+        subprocess.run(
+            [sys.executable, "-m", "morlax_torch.train", *map(str, options)],
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+        return time.perf_counter() - start
+
+
+def reached(points: Sequence[Point], target: float) -> Point | None:
+    """Return the first point whose hypervolume reaches `target`, or None."""
+    return next((p for p in points if p.hypervolume["latched"] >= target), None)

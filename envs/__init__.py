@@ -1,18 +1,47 @@
-"""Multi-objective robot tasks on MuJoCo Warp and C MuJoCo; knows nothing of learning."""
+"""Multi-objective robot tasks on MuJoCo Warp and C MuJoCo; knows nothing of learning.
+
+torch and the simulators are imported with the first name that needs them.
+"""
 
 if __name__ == "envs":
     raise ImportError("import this package as morlax_torch.envs, not as envs.")
 
-from .device import resolve_device
+from typing import TYPE_CHECKING
+
 from .errors import MorlaxError
-from .physics.interface import Physics
-from .registry import get, make, make_robot, names, register
+from .lazy import handed_on
 from .trust import check_trusted, trust
-from .worlds.environment import Environment
-from .worlds.gymnasium import from_gymnasium
-from .worlds.interface import TimeStep, Worlds
-from .worlds.layout import Part, positions, velocities
 from .worlds.options import ObjectiveOptions, Randomization, TaskOptions
+
+if TYPE_CHECKING:
+    from .device import resolve_device
+    from .making import make, make_robot
+    from .physics.interface import Physics
+    from .registry import get, names, register
+    from .worlds.environment import Environment
+    from .worlds.gymnasium import from_gymnasium
+    from .worlds.interface import TimeStep, Worlds
+    from .worlds.layout import Part, positions, velocities
+
+__getattr__, __dir__ = handed_on(
+    __name__,
+    {
+        "Environment": "worlds.environment",
+        "Part": "worlds.layout",
+        "Physics": "physics.interface",
+        "TimeStep": "worlds.interface",
+        "Worlds": "worlds.interface",
+        "from_gymnasium": "worlds.gymnasium",
+        "get": "registry",
+        "make": "making",
+        "make_robot": "making",
+        "names": "registry",
+        "positions": "worlds.layout",
+        "register": "registry",
+        "resolve_device": "device",
+        "velocities": "worlds.layout",
+    },
+)
 
 __all__ = [
     "Environment",

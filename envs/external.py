@@ -7,42 +7,15 @@ import sys
 import traceback
 from functools import cache
 from importlib import metadata
-from pathlib import Path
 from types import ModuleType
 
 from pydantic import ValidationError
 
-from .errors import MorlaxError, shortened, unknown
+from .errors import MorlaxError, unknown
+from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.gymnasium import GymnasiumWorlds
 from .worlds.interface import Worlds
-
-GROUP = "morlax_torch.envs"
-
-
-def is_file(name: str) -> bool:
-    """Return whether `name` is FILE.py:CLASS."""
-    return name.rpartition(":")[0].endswith(".py") or name.endswith(".py")
-
-
-def absolute(name: str) -> str:
-    """Return FILE.py:CLASS with an absolute path, so that it works from any folder.
-
-    Raises:
-        MorlaxError: FILE.py is not a path: it names an unknown user, or links in a circle.
-    """
-    file, colon, member = name.rpartition(":")
-    if not colon or not is_file(name):
-        return name
-    try:
-        return f"{Path(file).expanduser().resolve()}:{member}"
-    except (OSError, RuntimeError, ValueError) as error:
-        raise MorlaxError(f"{shortened(file)} is not the path of a file: {error}.") from None
-
-
-def title(name: str) -> str:
-    """Return the task's name for folders and pictures: of FILE.py:CLASS only the class."""
-    return name.rpartition(":")[2] if is_file(name) else name
 
 
 def from_file(name: str) -> type[Worlds]:
@@ -61,11 +34,6 @@ def from_file(name: str) -> type[Worlds]:
     if member not in own:
         raise unknown(f"task of {file}", member, own)
     return checked(getattr(module, member))
-
-
-def offered() -> set[str]:
-    """Return the names of installed packages' entry points, without loading them."""
-    return metadata.entry_points(group=GROUP).names
 
 
 def from_entry_point(name: str) -> type[Worlds]:

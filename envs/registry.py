@@ -1,42 +1,42 @@
-"""The tasks by name, and how to make their worlds."""
+"""The tasks by name. torch and the simulators are imported with the first task, not with this."""
 
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING
 
-import torch
-from pydantic import ValidationError
-
-from .device import resolve_device
-from .errors import MorlaxError, explained, unknown
-from .external import checked, from_entry_point, from_file, is_file, offered
+from .errors import MorlaxError, unknown
 from .gymnasium_ids import announce
+from .naming import GYMNASIUM, is_file, offered
 from .robots import TASKS
 from .trust import trust
-from .worlds.environment import Environment
-from .worlds.gymnasium import PREFIX, from_id
-from .worlds.interface import Worlds
 
-_REGISTRY: dict[str, type[Worlds]] = {}
+if TYPE_CHECKING:
+    from .worlds.interface import Worlds
+
+_REGISTRY: dict[str, "type[Worlds]"] = {}  # built-in tasks once they are used, and registered ones
 
 
-def register(name: str, task: type[Worlds]) -> None:
+def register(name: str, task: "type[Worlds]") -> None:
     """Register `task` as `name` for `make`, every command and Gymnasium.
 
     Raises:
         MorlaxError: the name belongs to another class, or the class is incomplete.
     """
-    if name not in _REGISTRY:
+    from .external import checked
+
+    known = _known(name)
+    if known is None:
         _REGISTRY[name] = checked(task)
         announce(name)
-    elif _REGISTRY[name] is not task:
+    elif known is not task:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
 
 
 def names() -> tuple[str, ...]:
     """Return every registered name and every entry point of installed packages, unloaded."""
-    return tuple(sorted({*_REGISTRY, *offered()}))
+    return tuple(sorted({*TASKS, *_REGISTRY, *offered()}))
 
 
-def get(name: str) -> type[Worlds]:
+def get(name: str) -> "type[Worlds]":
     """Return the class registered as `name`, or the one of "FILE.py:CLASS" or "gymnasium:ID".
 
     The code of such a class runs, and files may name it from now on (see `trust`).
@@ -45,83 +45,34 @@ def get(name: str) -> type[Worlds]:
         MorlaxError: there is no such task, or it cannot be loaded.
     """
     trust(name)
-    if name.startswith(PREFIX):
+    if name.startswith(GYMNASIUM):
+        from .worlds.gymnasium import from_id
+
         return from_id(name)
     if is_file(name):
+        from .external import from_file
+
         return from_file(name)
-    if name not in _REGISTRY:
-        if name not in offered():
-            raise unknown("environment", name, names())
-        register(name, from_entry_point(name))
-    return _REGISTRY[name]
+    known = _known(name)
+    if known is not None:
+        return known
+    if name not in offered():
+        raise unknown("environment", name, names())
+    from .external import from_entry_point
+
+    task = from_entry_point(name)
+    register(name, task)
+    return task
 
 
-def make(
-    name: str,
-    num_worlds: int,
-    device: str | torch.device | None = None,
-    backend: str | None = None,
-    seed: int = 0,
-    *,
-    auto_reset: bool = True,
-    deterministic: bool = False,
-    **task_options: object,
-) -> Worlds:
-    """Make N worlds of the task `name`.
-
-    Args:
-        name: one of `names()`, "FILE.py:CLASS" for your own task, or "gymnasium:ID" for any
-            environment in Gymnasium's registry with a vector reward.
-        num_worlds: N.
-        device: "cuda", "cpu", "cuda:1", ...; None selects CUDA if there is a GPU.
-        backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None (chosen by device).
-        seed: random seed of the worlds (most tasks draw nothing unless an option asks for it).
-        auto_reset: start a new episode in the step that ended the last one.
-        deterministic: make MuJoCo Warp order contacts and constraints alike in every run, at some
-            cost in speed. CUDA runs then repeat closely, though not bit for bit.
-        task_options: fields of the task's `Options`, for example `episode_length=200`.
-
-    Raises:
-        MorlaxError: an unknown name, option or backend, a number out of range, or a missing device.
-    """
-    task = get(name)
-    try:
-        options: Any = task.Options.model_validate(task_options)
-    except ValidationError as error:
-        raise explained(error, task.Options) from None
-    place = resolve_device(device)
-    if backend not in (None, "mujoco", "warp"):
-        raise unknown("backend", str(backend), ("mujoco", "warp"))
-    if not 0 <= seed < 2**64:
-        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
-    if num_worlds < 1:
-        raise MorlaxError(f"num_worlds is {num_worlds}: at least one world is needed.")
-    return task.build(
-        options,
-        num_worlds,
-        place,
-        backend,
-        seed,
-        auto_reset=auto_reset,
-        deterministic=deterministic,
-    )
+def _known(name: str) -> "type[Worlds] | None":
+    """Return a registered class, or a built-in one, whose module is imported only now."""
+    if name in TASKS and name not in _REGISTRY:
+        module, _, member = TASKS[name].partition(":")
+        robots = f"{__package__}.robots"
+        _REGISTRY[name] = getattr(import_module(f"{robots}.{module}"), member)
+    return _REGISTRY.get(name)
 
 
-def make_robot(name: str, seed: int = 0, **task_options: Any) -> Environment:
-    """Make one world of a MuJoCo robot on C MuJoCo, without automatic reset, to look at.
-
-    Raises:
-        MorlaxError: as `make`, or the task has no MuJoCo robot.
-    """
-    if not issubclass(get(name), Environment):
-        raise MorlaxError(
-            f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "
-            "trained and evaluated."
-        )
-    env = make(name, 1, "cpu", "mujoco", seed, auto_reset=False, **task_options)
-    assert isinstance(env, Environment)
-    return env
-
-
-for _name, _task in TASKS.items():
-    register(_name, _task)
+for _name in TASKS:
+    announce(_name)

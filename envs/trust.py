@@ -1,8 +1,7 @@
 """Which code outside this package may run because a file, such as a checkpoint, names it."""
 
 from .errors import MorlaxError
-from .external import absolute, is_file
-from .worlds.gymnasium import PREFIX
+from .naming import GYMNASIUM, absolute, is_file
 
 _TRUSTED: set[str] = set()
 
@@ -22,7 +21,9 @@ def check_trusted(name: str, source: object) -> None:
     Raises:
         MorlaxError: the user has not allowed this code.
     """
-    runs_code = is_file(name) or (name.startswith(PREFIX) and ":" in name.removeprefix(PREFIX))
+    runs_code = is_file(name) or (
+        name.startswith(GYMNASIUM) and ":" in name.removeprefix(GYMNASIUM)
+    )
     if runs_code and absolute(name) not in _TRUSTED:
         raise MorlaxError(
             f"{source} would run the code of {name}: if you trust it, add --trust, or from Python "

@@ -17,9 +17,9 @@ from pydantic import (
 
 from . import envs
 from .config_files import merged, task_values
-from .envs import MorlaxError, ObjectiveOptions, resolve_device
+from .envs import MorlaxError, ObjectiveOptions
 from .envs.errors import explained
-from .envs.external import absolute
+from .envs.naming import absolute
 from .envs.worlds.section import Count, Section
 
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
@@ -98,8 +98,9 @@ class PPOConfig(Section):
 class EvaluationConfig(Section):
     """How fronts are evaluated while training."""
 
-    every: int = Field(default=2_000_000, gt=0, lt=2**63)
-    """Environment steps between evaluations."""
+    every: int | None = Field(default=None, gt=0, lt=2**63)
+    """Environment steps between evaluations (None: spaced so that they take at most about 8 % of
+    the time)."""
     tradeoffs: int = Field(default=512, ge=2, le=1_000_000)
     """Number of fixed trade-offs to evaluate, one episode each."""
 
@@ -228,7 +229,7 @@ def config_for(env: str, **changes: Any) -> Config:
     Raises:
         MorlaxError: an unknown task or key, a wrong type or a combination that cannot work.
     """
-    values = task_values(env, resolve_device(changes.get("device")).type)
+    values = task_values(env, envs.resolve_device(changes.get("device")).type)
     for name, value in changes.items():
         for part in reversed(name.split(".")):
             value = {part: value}

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from . import envs
 from .envs import MorlaxError
 from .envs.errors import shortened
-from .envs.external import is_file
+from .envs.naming import is_file
 from .files import read
 
 
@@ -21,11 +21,20 @@ def task_values(env: str, device_type: str) -> dict[str, Any]:
     for other tasks from configs/default.yaml.
     """
     envs.get(env)
-    configs = resources.files("morlax_torch.configs")
-    file = configs / f"{env.partition(':')[0]}.yaml"
-    if is_file(env) or not file.is_file():
-        file = configs / "default.yaml"
-    return {**_fitted(yaml.safe_load(file.read_text()), device_type), "env": env}
+    name = env.partition(":")[0]
+    if is_file(env) or not (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file():
+        return {**default_values(device_type), "env": env}
+    return {**_packaged(name, device_type), "env": env}
+
+
+def default_values(device_type: str) -> dict[str, Any]:
+    """Return the values of tasks without a file in configs/, for "cuda" or "cpu"."""
+    return _packaged("default", device_type)
+
+
+def _packaged(name: str, device_type: str) -> dict[str, Any]:
+    text = (resources.files("morlax_torch.configs") / f"{name}.yaml").read_text()
+    return _fitted(yaml.safe_load(text), device_type)
 
 
 def file_values(path: Path, device_type: str) -> dict[str, Any]:

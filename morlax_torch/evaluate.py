@@ -1,34 +1,20 @@
 """Evaluate trained runs: fronts, indicators, figures and a report."""
 
 import shlex
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 import tyro
-from rich import box
-from rich.table import Table
 
-from .envs import MorlaxError, resolve_device
-from .evaluation.evaluator import Protocol
-from .evaluation.front import Front
-from .evaluation.history import History
-from .files import unused
-from .networks.policy import Policy
-from .reports import comparison
-from .reports.page import number, words
-from .reports.results import Evaluated, write
-from .runs.evaluating import evaluate
-from .runs.loading import SHIPPED, find_run, load, trust_task
+from .envs import MorlaxError
+from .envs.lazy import handed_on
 from .terminal import cli
 
-PROTOCOLS = {
-    "latched": "a return ends with the first failed step",
-    "paper": "failed steps earn no reward, and the reward of the reset is added",
-}
-MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them
+if TYPE_CHECKING:
+    from .runs.evaluating import evaluate as evaluate
+
+__getattr__, __dir__ = handed_on(__name__, {"evaluate": "runs.evaluating"})
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -39,7 +25,7 @@ def command(arguments: Sequence[str]) -> None:
             tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)"),
         ],
         tradeoffs: int = 512,
-        protocol: Protocol = "latched",
+        protocol: Literal["latched", "paper"] = "latched",
         device: str | None = None,
         backend: str | None = None,
         seed: int = 0,
@@ -74,109 +60,26 @@ def command(arguments: Sequence[str]) -> None:
             raise MorlaxError(
                 "name at least one run: its folder, such as runs/ant/..., or a .pt file."
             )
-        for run in runs if trust else ():
-            trust_task(run)
-        place = resolve_device(device)
-        named = dict(zip(comparison.names(runs), runs, strict=True))
-        policies = {name: load(run, place) for name, run in named.items()}
-        comparison.check_comparable(policies)
-        histories = {name: history(run) for name, run in named.items()}
+        from .reports.evaluating import evaluate_runs, table  # imports torch
 
-        def evaluated(policy: Policy) -> Front:
-            return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
-
-        target = None if reference is None else reference_front(reference, policies, evaluated)
-        fronts = {name: evaluated(policy) for name, policy in policies.items()}
-        if target is None and len(fronts) > 1:
-            target = comparison.union(list(fronts.values()))
-        found = {
-            name: Evaluated(
-                run,
-                policies[name],
-                fronts[name],
-                histories[name],
-                comparison.measures(fronts[name], target),
-            )
-            for name, run in named.items()
-        }
-        folder = output or default_output(runs)
-        objectives = ", ".join(next(iter(fronts.values())).objectives)
-        about = (
-            f"Objectives: {objectives}. {tradeoffs} trade-offs on {place}, "
-            f"{f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
-            f"Protocol {protocol}: {PROTOCOLS[protocol]}."
-        )
-        if target is not None:
-            source = reference or "the non-dominated points of all runs"
-            about += f" Reference of IGD+: {source}, {len(target)} points."
         typed = shlex.join(["python", "-m", "morlax_torch.evaluate", *arguments])
-        write(found, folder, about, typed)
+        found, folder = evaluate_runs(
+            runs,
+            typed,
+            tradeoffs,
+            protocol,
+            device,
+            backend,
+            seed,
+            seeds,
+            reference,
+            output,
+            trust,
+        )
         cli.console.print(table(found))
         cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
     tyro.cli(main, args=arguments, prog="python -m morlax_torch.evaluate")
-
-
-def history(run: str) -> History | None:
-    """Load the training history of a run, if it has a metrics.csv."""
-    path = find_run(run) / "metrics.csv"
-    return History.load(path) if path.is_file() else None
-
-
-def reference_front(
-    source: str, policies: Mapping[str, Policy], evaluated: Callable[[Policy], Front]
-) -> np.ndarray:
-    """Return the non-dominated points (n, m) of a reference front.
-
-    Args:
-        source: an .npz file, or a run to evaluate.
-        policies: of the evaluated runs, by name.
-        evaluated: evaluates a policy.
-
-    Raises:
-        MorlaxError: the reference cannot be loaded or compared, or has no finite returns.
-    """
-    if source.endswith(".npz"):
-        front = Front.load(Path(source))
-    else:
-        other = load(source)
-        comparison.check_comparable({**policies, source: other})
-        front = evaluated(other)
-    objectives = next(iter(policies.values())).objectives
-    if front.objectives != objectives:
-        raise MorlaxError(
-            f"the reference {source} has the objectives {', '.join(front.objectives)}, but the "
-            f"runs have {', '.join(objectives)}: choose a front with the same objectives."
-        )
-    if not front.non_dominated.any():
-        raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
-    return front.returns[front.non_dominated]
-
-
-def default_output(runs: Sequence[str]) -> Path:
-    """Return the run's folder; for several runs or a shipped policy, evaluations/<time>."""
-    folder = find_run(runs[0])
-    if len(runs) > 1 or folder.parent == SHIPPED:
-        return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
-    return folder
-
-
-def table(found: Mapping[str, Evaluated]) -> Table:
-    """Return the indicators as a table for the terminal."""
-    measured = {name: run.measures for name, run in found.items()}
-    shown = measured if len(measured) <= MOST_COLUMNS else {}
-    quartiles = comparison.quartiles(list(measured.values())) if len(measured) > 1 else {}
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("indicator", no_wrap=True)
-    for head in [*shown, *([f"median of {len(found)}", "quartiles"] if quartiles else [])]:
-        table.add_column(head, justify="right", overflow="fold")
-    for name in next(iter(measured.values())):
-        cells = [number(values[name]) for values in shown.values()]
-        if quartiles:
-            low, median, high = quartiles[name]
-            cells += [number(median), f"{number(low)} - {number(high)}"]
-        table.add_row(words(name), *cells)
-    return table
 
 
 def main() -> None:

@@ -4,15 +4,11 @@ import socket
 from collections.abc import Sequence
 from typing import Annotated
 
-import torch
 import tyro
 
 from .envs import MorlaxError
-from .gpu.threads import one_thread
-from .runs.loading import trust_task
 from .terminal import cli
 from .terminal.interrupt import interruptible
-from .viewers.explorer import library
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -27,6 +23,8 @@ def explore(run: str, host: str, port: int) -> None:
         MorlaxError: there is no such run, it has no checkpoint, viser is not installed, or the
             address cannot be listened on.
     """
+    from .viewers.explorer import library
+
     library.choose(run)  # importing viser takes seconds: report a wrong name first
     _check_free(host, port)
     try:
@@ -37,6 +35,10 @@ def explore(run: str, host: str, port: int) -> None:
         raise MorlaxError(
             "the page needs viser, which is not installed: pip install 'morlax-torch[explore]'."
         ) from None
+    import torch
+
+    from .gpu.threads import one_thread
+
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", markup=False)
@@ -62,6 +64,9 @@ def command(arguments: Sequence[str]) -> None:
             port: TCP port to listen on; 0 selects a free one.
             trust: Let the run import the FILE.py or module that its task names.
         """
+        from .runs.loading import trust_task  # imports torch
+        from .viewers.explorer import library
+
         chosen = run or library.first()
         if trust:
             trust_task(chosen)

@@ -2,16 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .exports.exporting import export
-from .exports.formats import FORMATS
-from .exports.manifest import provenance
-from .runs.loading import SHIPPED, find_run, load
+from .envs.lazy import handed_on
 from .terminal import cli
-from .tradeoffs import parse_tradeoff
+
+if TYPE_CHECKING:
+    from .exports.exporting import export as export
+
+__getattr__, __dir__ = handed_on(__name__, {"export": "exports.exporting"})
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -38,6 +39,12 @@ def command(arguments: Sequence[str]) -> None:
                 policy).
             trust: Let the run import the FILE.py or module that its task names.
         """
+        from .exports.exporting import export  # imports torch
+        from .exports.formats import FORMATS
+        from .exports.manifest import provenance
+        from .runs.loading import load
+        from .tradeoffs import parse_tradeoff
+
         policy = load(run, trust=trust)
         weights = None if tradeoff is None else parse_tradeoff(tradeoff, policy.objectives)
         name = ("family" if weights is None else "policy") + FORMATS[format].ending
@@ -49,6 +56,8 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _default_folder(run: Path) -> Path:
+    from .runs.loading import SHIPPED, find_run
+
     folder = find_run(run)
     return Path() if folder.parent == SHIPPED else folder
 

@@ -3,13 +3,17 @@
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from .runs.loading import trust_task
-from .runs.packing import pack
+from .envs.lazy import handed_on
 from .terminal import cli
+
+if TYPE_CHECKING:
+    from .runs.packing import pack as pack
+
+__getattr__, __dir__ = handed_on(__name__, {"pack": "runs.packing"})
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -29,6 +33,9 @@ def command(arguments: Sequence[str]) -> None:
             device: Device that evaluates the front: cuda, cpu, ... (None: CUDA if there is a GPU).
             trust: Let the run import the FILE.py or module that its task names.
         """
+        from .runs.loading import trust_task  # imports torch
+        from .runs.packing import pack
+
         if trust:
             trust_task(run)
         front = pack(run, output, device)

@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from .runs.loading import SHIPPED, find_run, load
+from .envs.lazy import handed_on
 from .terminal import cli
-from .tradeoffs import parse_tradeoff
-from .viewers.filming.recording import record
+
+if TYPE_CHECKING:
+    from .viewers.filming.recording import record as record
+
+__getattr__, __dir__ = handed_on(__name__, {"record": "viewers.filming.recording"})
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -47,6 +50,10 @@ def command(arguments: Sequence[str]) -> None:
             seed: Random seed of the world.
             trust: Let the run import the FILE.py or module that its task names.
         """
+        from .runs.loading import load  # imports torch
+        from .tradeoffs import parse_tradeoff
+        from .viewers.filming.recording import record
+
         policy = load(run, trust=trust)
         place = output or _default_output(run)
         tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
@@ -68,6 +75,8 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _default_output(run: Path) -> Path:
+    from .runs.loading import SHIPPED, find_run
+
     folder = find_run(run)
     return Path(f"{folder.name}.mp4") if folder.parent == SHIPPED else folder / "film.mp4"
 

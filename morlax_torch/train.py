@@ -1,24 +1,28 @@
 """Train one hypernetwork to hold a whole Pareto front of policies."""
 
+from __future__ import annotations
+
 import sys
+import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from torch import nn
-
-from .algorithms.learner import Learner
-from .algorithms.morlax import MORLAX
 from .config import Config
-from .evaluation.evaluator import Evaluator
-from .runs.progress import Evaluation, Progress
-from .runs.run import Run
-from .runs.training import Limits, make_evaluator, make_worlds, training
 from .terminal import cli
 from .terminal.arguments import read
-from .terminal.display import Display
+from .terminal.clock import command_began
 from .terminal.interrupt import interruptible
+
+if TYPE_CHECKING:  # torch takes seconds to import: not before the command line is read
+    from torch import nn
+
+    from .algorithms.learner import Learner
+    from .evaluation.evaluator import Evaluator
+    from .runs.progress import Evaluation, Progress
+    from .runs.run import Run
+    from .runs.schedule import Limits
 
 
 def train(
@@ -41,14 +45,17 @@ def train(
         output: folder of a new run (None: runs/<task>/<time>-<seed>).
         actor: replaces the config's actor, see `MORLAX`.
         critic: replaces the config's critic, see `MORLAX`.
-        on_evaluation: called after each evaluation.
+        on_evaluation: called with each evaluation once it is written; training may be ahead of it.
 
     Raises:
         MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
             blows up, or a loss is not finite. Checkpoints keep their last good state.
     """
+    began = time.perf_counter()
+    from .runs.schedule import Limits
+
     session = _prepare(config, run, output, actor, critic)
-    with closing(session.train(Limits.of(config))) as evaluations:
+    with closing(session.train(Limits.of(config), began)) as evaluations:
         for evaluation in evaluations:
             if on_evaluation is not None:
                 on_evaluation(evaluation)
@@ -63,8 +70,10 @@ class _Session(NamedTuple):
     run: Run
     progress: Progress
 
-    def train(self, limits: Limits) -> Generator[Evaluation, None, None]:
-        return training(self.learner, self.evaluator, limits, self.run, self.progress)
+    def train(self, limits: Limits, began: float) -> Generator[Evaluation, None, None]:
+        from .runs.training import training
+
+        return training(self.learner, self.evaluator, limits, self.run, self.progress, began)
 
 
 def _prepare(
@@ -74,6 +83,11 @@ def _prepare(
     actor: nn.Module | None = None,
     critic: nn.Module | None = None,
 ) -> _Session:
+    from .algorithms.morlax import MORLAX
+    from .runs.progress import Progress
+    from .runs.run import Run
+    from .runs.training import make_evaluator, make_worlds
+
     learner = MORLAX(make_worlds(config, config.worlds), config, actor, critic)
     evaluator = make_evaluator(learner)
     if run is None:
@@ -82,12 +96,16 @@ def _prepare(
 
 
 def command(arguments: Sequence[str]) -> None:
+    began = command_began()
     config, run, output = read(arguments)
+    from .runs.schedule import Limits
+    from .terminal.display import Display
+
     session = _prepare(config, run, output)
     with (
         interruptible() as interrupted,
         Display(session.learner, session.run.folder, session.progress) as display,
-        closing(session.train(Limits.of(config, interrupted))) as evaluations,
+        closing(session.train(Limits.of(config, interrupted), began)) as evaluations,
     ):
         for evaluation in evaluations:
             display.evaluated(evaluation)

@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
+from morlax_torch.evaluation.front import Front
+from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.train import train
 
 SLIDER = """
@@ -190,15 +192,21 @@ def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monke
     assert all(evaluation.indicators["blowup_rate"] == 0.25 for evaluation in found)
 
 
-def test_the_terminal_names_blow_ups(capsys):
+def test_the_terminal_names_blow_ups(slider, tmp_path, capsys):
     from morlax_torch.terminal.display import Display
 
-    row = {"env_steps": 8, "train_seconds": 1, "hypervolume": 1.0, "cardinality": 1}
-    row |= {"steps_per_second": 1, "blowups": 3, "blowup_rate": 0.25}
-    evaluation = type("Row", (), {"row": lambda self: row})()
-    Display.evaluated(None, evaluation)
-    said = " ".join(capsys.readouterr().out.split())
-    assert said.endswith("blow-ups: 3 while training, 25.0% of the evaluated episodes")
+    learner = MORLAX(envs.make("slider", 8, "cpu"), config_for("slider", **SMALL))
+    front = Front(("go", "save"), np.eye(2), np.ones((2, 2)), np.ones(2), np.zeros(2))
+    indicators = {"hypervolume": 1.0, "cardinality": 1, "blowup_rate": 0.25}
+    evaluation = Evaluation(0, 8, 1.5, 20.25, 900.0, 3, front, indicators)
+    display = Display(learner, tmp_path, Progress())
+    display.evaluated(evaluation)
+    display.evaluated(evaluation)
+    names, *lines = capsys.readouterr().out.splitlines()
+    assert " ".join(names.split()) == "steps train (s) total (s) hypervolume front steps/s"
+    assert len(lines) == 2  # the columns are named once
+    assert lines[0].split()[:3] == ["8", "1.5", "20.2"]
+    assert lines[0].endswith("  blow-ups: 3 while training, 25.0% of the evaluated episodes")
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from morlax_torch import MorlaxError, evaluate, load
 from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
+from morlax_torch.reports import evaluating
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
 from morlax_torch.runs import loading
 from morlax_torch.train import command as train
@@ -116,7 +117,7 @@ def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
     shipped = workplace / "shipped"
     shutil.copytree(workplace / "a" / "hopper", shipped / "jumper")
     monkeypatch.setattr(loading, "SHIPPED", shipped)
-    monkeypatch.setattr(evaluate, "SHIPPED", shipped)
+    monkeypatch.setattr(evaluating, "SHIPPED", shipped)
     before = sorted(shipped.rglob("*"))
     evaluate.command(["jumper", *FEW])
     assert sorted(shipped.rglob("*")) == before

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browsing import chromium, exploring
+from browsing import PATIENCE, chromium, exploring
 
 from morlax_torch import explore
 from morlax_torch.terminal import cli
@@ -98,6 +98,7 @@ class View:
 
     def __init__(self, browser, address: str, width: int = 800, height: int = 780):
         self.tab = browser.new_page(viewport={"width": width, "height": height})
+        self.tab.set_default_timeout(1000 * PATIENCE)
         self.elsewhere: list[str] = []
         self.tab.on("request", lambda request: self._note(request.url, address))
         self.tab.goto(address)
@@ -127,7 +128,7 @@ class View:
         return self.tab.locator("b", has_text="this episode").locator("..").inner_text()
 
     def until(self, happened, what: str) -> None:
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + PATIENCE
         while not happened():
             assert time.monotonic() < deadline, what
             self.tab.wait_for_timeout(50)

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from browsing import POSE, Client, chromium, exploring
+from browsing import PATIENCE, POSE, Client, chromium, exploring
 
 from morlax_torch import MorlaxError, envs, save
 
@@ -122,6 +122,7 @@ def test_a_foreign_page_cannot_connect(served, foreign):
         pages[path] = ATTACK.format(address=websocket, version=viser.__version__)
     with chromium() as browser:
         context = browser.new_context()  # whose user has opened the explorer too
+        context.set_default_timeout(1000 * PATIENCE)
         page = context.new_page()
         page.goto(address)
         page.wait_for_selector("[data-tradeoff]", state="attached")

@@ -246,7 +246,6 @@ def test_each_format_has_its_own_file_ending(saved, format, name, monkeypatch):
 
 def test_a_shipped_policy_is_exported_into_the_working_directory(saved, monkeypatch, trained):
     monkeypatch.setattr(loading, "SHIPPED", saved / "shipped")
-    monkeypatch.setattr(export, "SHIPPED", saved / "shipped")
     folder = saved / "shipped" / "hopper"
     (folder / "checkpoints").mkdir(parents=True)
     save(trained(), folder / "checkpoints" / "best.pt")

@@ -292,9 +292,9 @@ ROBOTS = {
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_pg_morl_robots_match_the_published_constants(name):
-    robot, task = ROBOTS[name], pgmorl.TASKS[f"pgmorl/{name}"]
+    robot, task = ROBOTS[name], envs.get(f"pgmorl/{name}")
     model = task.load_model()
-    plain = mo_tasks.TASKS[f"mo-gymnasium/{robot.like}"].load_model()
+    plain = envs.get(f"mo-gymnasium/{robot.like}").load_model()
     assert (task.substeps, model.opt.timestep) == (robot.substeps, robot.timestep)
     assert model.opt.integrator == plain.opt.integrator
     np.testing.assert_allclose(model.actuator_ctrlrange, [[-r, r] for r in robot.reach])
@@ -309,7 +309,7 @@ def test_pg_morl_robots_match_the_published_constants(name):
 
 
 def test_pg_morl_walker_has_different_foot_frictions():
-    model = pgmorl.TASKS["pgmorl/walker2d"].load_model()
+    model = envs.get("pgmorl/walker2d").load_model()
     assert model.geom("foot_geom").friction[0] == 0.9
     assert model.geom("foot_left_geom").friction[0] == 1.9
 
@@ -325,8 +325,8 @@ def test_pg_morl_halfcheetah_matches_mo_gymnasium():
 
 
 def test_pg_morl_episode_length_and_noise_are_as_published():
-    for name, task in pgmorl.TASKS.items():
-        options = task.Options()
+    for name in pgmorl.TASKS:
+        options = envs.get(name).Options()
         noisy = name == "pgmorl/humanoid"
         assert options.episode_length == (1000 if noisy else 500)
         assert options.reset_noise == (0.01 if noisy else 0.0)

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.nn.functional import softplus
 
-from morlax_torch.algorithms.ppo import PPO, Batch, make_batch, minibatches
+from morlax_torch.algorithms.ppo import PPO, Batch, Table, make_batch
 from morlax_torch.algorithms.rollout import advantages
 from morlax_torch.algorithms.scalarization import Linear
 from morlax_torch.config import PPOConfig
@@ -45,7 +45,8 @@ Parts = list[tuple[Tensor, Batch]]
 def drawn(batch: Batch, tradeoffs: Tensor, number: int, epochs: int = 1) -> list[Parts]:
     """Return the minibatches of several epochs."""
     generator = torch.Generator().manual_seed(0)
-    return [minibatches(batch, tradeoffs, number, generator) for _ in range(epochs)]
+    table = Table(batch)
+    return [table.minibatches(tradeoffs, number, generator) for _ in range(epochs)]
 
 
 def test_an_epoch_uses_every_step_once_in_whole_trajectories():

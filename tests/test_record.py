@@ -12,7 +12,7 @@ from PIL import Image
 
 from morlax_torch import MorlaxError, record, save
 from morlax_torch.runs import loading
-from morlax_torch.viewers.filming import video
+from morlax_torch.viewers.filming import recording, video
 from morlax_torch.viewers.filming.film import Film
 from morlax_torch.viewers.filming.video import write_video
 from morlax_torch.viewers.player import Player
@@ -166,10 +166,9 @@ def test_any_control_step_gives_a_steady_frame_rate(dt, speed, every, fps, make_
 def test_recordings_of_shipped_policies_go_to_the_working_directory(saved, monkeypatch):
     shipped = saved / "package" / "shipped"
     (shipped / "hopper" / "checkpoints").mkdir(parents=True)
-    for module in (loading, record):
-        monkeypatch.setattr(module, "SHIPPED", shipped)
+    monkeypatch.setattr(loading, "SHIPPED", shipped)
     outputs = []
-    monkeypatch.setattr(record, "record", lambda _, output, *__, **___: outputs.append(output))
+    monkeypatch.setattr(recording, "record", lambda _, output, *__, **___: outputs.append(output))
     checkpoints = shipped / "hopper" / "checkpoints"
     (checkpoints / "best.pt").write_bytes((saved / "policy.pt").read_bytes())
     run(monkeypatch, "hopper")

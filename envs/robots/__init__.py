@@ -1,22 +1,15 @@
-"""The built-in tasks, by name."""
+"""The built-in tasks, by name, each as the module and the class that define it."""
 
-from ..worlds.interface import Worlds
 from . import mo_gymnasium, pgmorl
-from .ant import Ant
-from .bruce import Bruce
-from .cheetah import Cheetah, Cheetah3
-from .hopper import Hopper
-from .humanoid import Humanoid
-from .walker import Walker
 
-TASKS: dict[str, type[Worlds]] = {
-    "ant": Ant,
-    "bruce": Bruce,
-    "cheetah": Cheetah,
-    "cheetah3": Cheetah3,
-    "hopper": Hopper,
-    "humanoid": Humanoid,
-    "walker": Walker,
+TASKS = {
+    "ant": "ant:Ant",
+    "bruce": "bruce:Bruce",
+    "cheetah": "cheetah:Cheetah",
+    "cheetah3": "cheetah:Cheetah3",
+    "hopper": "hopper:Hopper",
+    "humanoid": "humanoid:Humanoid",
+    "walker": "walker:Walker",
     **pgmorl.TASKS,
     **mo_gymnasium.TASKS,
 }

@@ -3,6 +3,7 @@
 import sys
 from abc import abstractmethod
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar, Self
 
 import mujoco
@@ -14,7 +15,7 @@ from ..errors import MorlaxError
 from ..physics import build_physics
 from ..physics.interface import Physics
 from ..random import restore_generator
-from . import checks, episode_kernels, episodes, randomization
+from . import checks, episodes, randomization
 from .disturbances import Delay, Noise, Pushes
 from .interface import TimeStep, Worlds
 from .layout import Part
@@ -57,7 +58,7 @@ class Environment(Worlds):
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
-        self._episodes = episode_kernels if self.device.type == "cuda" else episodes
+        self._episodes = _episodes_on(self.device)
         self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
@@ -331,3 +332,12 @@ class Environment(Worlds):
     def paper_reset_reward(self) -> Tensor:
         terms = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
         return (torch.tensor(terms).to(self._weights)[:, None] * self._weights).sum(0).float()
+
+
+def _episodes_on(device: torch.device) -> ModuleType:
+    """Return the module that ends and restarts episodes on a device."""
+    if device.type != "cuda":
+        return episodes
+    from . import episode_kernels  # Warp takes a second to import
+
+    return episode_kernels

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import MorlaxError
+from ..naming import GYMNASIUM
 from .interface import TimeStep, Worlds
 from .options import ObjectiveOptions
 from .section import Count
 
-PREFIX = "gymnasium:"
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
 
 
@@ -77,14 +77,14 @@ def from_id(name: str) -> type["GymnasiumWorlds"]:
     Raises:
         MorlaxError: there is no such environment, or it is not supported.
     """
-    identity = name.removeprefix(PREFIX)
+    identity = name.removeprefix(GYMNASIUM)
     if identity not in gymnasium.registry and ":" not in identity:
         try:
             importlib.import_module("mo_gymnasium")  # most users mean its environments
         except ImportError:
             raise MorlaxError(
                 f"Gymnasium knows no {identity!r}: name the module that registers it, "
-                f"{PREFIX}MODULE:{identity}, or pip install mo-gymnasium."
+                f"{GYMNASIUM}MODULE:{identity}, or pip install mo-gymnasium."
             ) from None
     make = partial(gymnasium.make, identity, disable_env_checker=True)  # rewards are vectors
     try:

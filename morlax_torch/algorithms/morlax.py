@@ -8,14 +8,13 @@ from torch import nn
 from ..config import Config
 from ..envs import MorlaxError, Worlds
 from ..envs.random import restore_generator
-from ..gpu import gaussian_kernels
 from ..gpu.graph import Graph
 from ..gpu.threads import one_thread
 from ..networks import gaussian
 from ..networks.agent import Agent
 from ..tradeoffs import sample_tradeoffs
 from . import ppo
-from .ppo import PPO, make_batch, minibatches
+from .ppo import PPO, Table, make_batch
 from .rollout import Rollout, collect
 from .scalarization import Linear
 
@@ -64,10 +63,12 @@ class MORLAX:
             critic=critic,
         ).to(env.device)
         cuda = env.device.type == "cuda"
+        self._sample, loss = gaussian.sample, ppo.policy_loss
         if cuda:
+            from ..gpu import gaussian_kernels  # imports Warp
+
             torch.set_float32_matmul_precision("high")  # TF32
-        self._sample = gaussian_kernels.sample if cuda else gaussian.sample
-        loss = gaussian_kernels.policy_loss if cuda else ppo.policy_loss
+            self._sample, loss = gaussian_kernels.sample, gaussian_kernels.policy_loss
         self.ppo = PPO(self.agent, config.ppo, loss)
         self.scalarization = Linear()
         self.generator = torch.Generator(env.device).manual_seed(config.seed)
@@ -140,8 +141,9 @@ class MORLAX:
             self.agent, self.tradeoffs, self.rollout, config, self.scalarization
         )
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
+        table = Table(batch)
         for _ in range(config.epochs):
-            parts = minibatches(batch, self.tradeoffs, config.minibatches, self.generator)
+            parts = table.minibatches(self.tradeoffs, config.minibatches, self.generator)
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Annealed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.

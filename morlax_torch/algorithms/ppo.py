@@ -72,33 +72,42 @@ def make_batch(
     return Batch(*(column.permute(1, 2, 0, 3) for column in batch)), explained
 
 
-def minibatches(
-    batch: Batch, tradeoffs: Tensor, number: int, generator: torch.Generator
-) -> list[tuple[Tensor, Batch]]:
-    """Split a batch into the minibatches of one epoch.
+class Table:
+    """A batch as one table, so that shuffling is one gather.
 
-    Worlds are shuffled within their clusters and dealt out, so that every minibatch holds all
-    clusters and generates each cluster's parameters once. If every world has its own trade-off,
-    whole clusters are dealt out instead.
-
-    Returns:
-        The trade-offs (K, m) and samples (K, S, ...) of each minibatch.
+    Args:
+        batch: by world, (K, G, T, ...) each.
     """
-    widths = [column.shape[-1] for column in batch]
-    dense = batch.log_prob.shape[1] == 1
-    packed = torch.cat(batch, -1)  # (K, G, T, ...): one table, so that shuffling is one gather
-    packed = packed.transpose(0, 1) if dense else packed
-    rows = torch.arange(len(packed), device=packed.device)[:, None]
-    draws = torch.empty(packed.shape[:2], device=packed.device).uniform_(generator=generator)
-    order = draws.argsort(1)
-    dealt = []
-    for part, chosen in zip(
-        packed[rows, order].chunk(number, 1), order.chunk(number, 1), strict=True
-    ):
-        part = part.transpose(0, 1) if dense else part
-        own = tradeoffs[chosen[0]] if dense else tradeoffs
-        dealt.append((own, Batch(*part.flatten(1, 2).split(widths, -1))))
-    return dealt
+
+    def __init__(self, batch: Batch):
+        self._widths = [column.shape[-1] for column in batch]
+        self._dense = batch.log_prob.shape[1] == 1
+        packed = torch.cat(batch, -1)
+        self._rows = packed.transpose(0, 1) if self._dense else packed
+        self._firsts = torch.arange(len(self._rows), device=packed.device)[:, None]
+
+    def minibatches(
+        self, tradeoffs: Tensor, number: int, generator: torch.Generator
+    ) -> list[tuple[Tensor, Batch]]:
+        """Deal the table out to the minibatches of one epoch.
+
+        Worlds are shuffled within their clusters and dealt out, so that every minibatch holds all
+        clusters and generates each cluster's parameters once. If every world has its own trade-off,
+        whole clusters are dealt out instead.
+
+        Returns:
+            The trade-offs (K, m) and samples (K, S, ...) of each minibatch.
+        """
+        draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
+        order = draws.argsort(1)
+        dealt = []
+        for part, chosen in zip(
+            self._rows[self._firsts, order].chunk(number, 1), order.chunk(number, 1), strict=True
+        ):
+            part = part.transpose(0, 1) if self._dense else part
+            own = tradeoffs[chosen[0]] if self._dense else tradeoffs
+            dealt.append((own, Batch(*part.flatten(1, 2).split(self._widths, -1))))
+        return dealt
 
 
 def policy_loss(

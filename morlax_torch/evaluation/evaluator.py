@@ -14,6 +14,7 @@ from ..networks.agent import Agent
 from .front import Front
 
 Protocol = Literal["latched", "paper"]
+STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
 
 
 class Evaluator:
@@ -47,6 +48,7 @@ class Evaluator:
             raise ValueError("an evaluator needs one world per trade-off and auto_reset=False")
         self.agent, self.env, self.protocol = agent, env, protocol
         self.tradeoffs = tradeoffs.to(env.device)
+        self._points = tradeoffs.cpu().numpy()
         self._seed = EVALUATION_SEEDS + seed
         self._observation = env.reset().clone()
         self._returns = torch.zeros_like(self.tradeoffs)
@@ -60,12 +62,14 @@ class Evaluator:
         # a recorded graph reads parameters at fixed addresses
         parameters = {name: value.clone() for name, value in actors.parameters.items()}
         self._actors = actors._replace(parameters=parameters)
-        self._step = Graph(self._one_step, env.device, [env.generator])
+        possible = range(1, STEPS_PER_GRAPH + 1)
+        self._stride = max(n for n in possible if env.episode_length % n == 0)
+        self._steps = Graph(self._some_steps, env.device, [env.generator])
 
     def compile(self) -> None:
-        """Compile kernels and record the step; worlds that cannot be recorded run eagerly."""
+        """Compile kernels and record some steps; worlds that cannot be recorded run eagerly."""
         if self.env.recordable:
-            self._step.record()
+            self._steps.record()
 
     @torch.no_grad()
     def evaluate(self) -> Front:
@@ -86,21 +90,32 @@ class Evaluator:
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         with one_thread(self.env.device):
-            for _ in range(self.env.episode_length):
-                self._step()
-        overflow = int(self.env.overflow().max())
-        if overflow:
-            remedy = self.env.remedy(overflow)
+            for _ in range(self.env.episode_length // self._stride):
+                self._steps()
+        return self._front()
+
+    def _front(self) -> Front:
+        """Copy the results to the CPU, all at once because each copy waits for the GPU."""
+        flags = (self._lengths, self._fallen, self._blown_up, self.env.overflow())
+        columns = (self._returns, *(values[:, None] for values in flags))
+        table = torch.cat([values.double() for values in columns], 1).cpu().numpy()
+        *returns, lengths, falls, blowups, overflow = table.T.copy()
+        if overflow.any():
+            remedy = self.env.remedy(int(overflow.max()))
             raise MorlaxError(f"contacts overflowed their buffers in an evaluation: {remedy}.")
         return Front(
             self.env.objectives,
-            self.tradeoffs.cpu().numpy(),
-            self._returns.cpu().numpy().astype(np.float64),
-            self._lengths.cpu().numpy(),
+            self._points.copy(),
+            np.stack(returns, 1),
+            lengths.astype(np.int32),
             np.array(self.env.reference_point),
-            self._fallen.cpu().numpy().astype(np.float64),
-            self._blown_up.cpu().numpy().astype(np.float64) if self._knows_blowups else None,
+            falls,
+            blowups if self._knows_blowups else None,
         )
+
+    def _some_steps(self) -> None:
+        for _ in range(self._stride):
+            self._one_step()
 
     @torch.no_grad()
     def _one_step(self) -> None:

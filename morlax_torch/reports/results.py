@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..envs import MorlaxError
-from ..envs.external import title
+from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front
 from ..evaluation.history import History

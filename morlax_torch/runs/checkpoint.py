@@ -7,6 +7,7 @@ from typing import IO, Any
 
 import torch
 from pydantic import ValidationError
+from torch import Tensor
 
 from .. import envs
 from ..algorithms.learner import Learner
@@ -28,16 +29,35 @@ def describe(env: Worlds) -> Task:
     )
 
 
-def save(path: Path, learner: Learner, progress: Progress) -> None:
-    """Write the whole state of a learner and the run's counters, atomically."""
-    contents = {
+def snapshot(learner: Learner) -> dict[str, Any]:
+    """Copy the whole state of a learner to the CPU, so that any thread can write it later."""
+    return {
         "config": learner.config.model_dump(mode="json"),
         "environment": describe(learner.env).model_dump(mode="json"),
         "own_networks": learner.agent.own_networks(),
-        "progress": progress.model_dump(),
-        "learner": learner.state_dict(),
+        "learner": _on_cpu(learner.state_dict()),
     }
-    write(path, contents)
+
+
+def save(path: Path, learner: Learner, progress: Progress) -> None:
+    """Write the whole state of a learner and the run's counters, atomically."""
+    write_snapshot(path, snapshot(learner), progress)
+
+
+def write_snapshot(path: Path, contents: dict[str, Any], progress: Progress) -> None:
+    """Write a `snapshot` and the run's counters, atomically."""
+    write(path, {**contents, "progress": progress.model_dump()})
+
+
+def _on_cpu(state: Any) -> Any:
+    """Return nested values with their tensors on the CPU."""
+    if isinstance(state, Tensor):
+        return state.cpu()
+    if isinstance(state, dict):
+        return {name: _on_cpu(value) for name, value in state.items()}
+    if isinstance(state, list | tuple):
+        return type(state)(map(_on_cpu, state))
+    return state
 
 
 def write(path: Path, contents: dict[str, Any]) -> None:

@@ -43,5 +43,6 @@ class RunLock:
     def release(self) -> None:
         """Give the lock back, if it is held."""
         if self._lock.is_locked:
-            self._owner.unlink(missing_ok=True)
+            with suppress(OSError):
+                self._owner.unlink()
             self._lock.release()

@@ -13,7 +13,7 @@ class Evaluation(NamedTuple):
     iteration: int
     env_steps: int
     train_seconds: float  # exploring and learning only
-    total_seconds: float  # wall-clock time of all sessions of the run
+    total_seconds: float  # since the command began, over all sessions of the run
     steps_per_second: float  # environment steps per second of training, just before
     blowups: int  # how often a training world left sane bounds so far
     front: Front
@@ -45,7 +45,7 @@ class Progress(BaseModel):
     train_seconds: float = 0.0
     """Time spent exploring and learning, without compiling, evaluating and saving."""
     total_seconds: float = 0.0
-    """Wall-clock time, with compiling, evaluating and saving, over all sessions of the run."""
+    """Wall-clock time since the command began, over all sessions of the run."""
     steps_per_second: float = 0.0
     blowups: int = 0
     """How often a training world left sane bounds."""

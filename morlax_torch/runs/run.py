@@ -10,22 +10,23 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import Any, Self
-
-from torch.utils.tensorboard import SummaryWriter
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 from ..algorithms.learner import Learner
 from ..config import MAY_CHANGE, Config, differences, load_config
 from ..config_files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..envs.external import title
-from ..evaluation.figures import front_figure
+from ..envs.naming import title
 from ..evaluation.history import read_rows
 from ..files import remove_drafts, replacing, unused
 from . import checkpoint
 from .lock import RunLock
 from .progress import Evaluation, Progress
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
 
 
 class Run:
@@ -36,6 +37,8 @@ class Run:
     front.npz       the latest evaluation
     checkpoints/    latest.pt, and best.pt by hypervolume
     events.*        TensorBoard
+
+    One thread at a time may use it. As a context manager it closes itself.
     """
 
     def __init__(self, folder: Path):
@@ -156,10 +159,10 @@ class Run:
     def checkpoints(self) -> Path:
         return self.folder / "checkpoints"
 
-    def save(self, learner: Learner, progress: Progress, best: bool = False) -> None:
-        """Write the latest checkpoint, and best.pt too if it is the `best`."""
+    def save(self, contents: dict[str, Any], progress: Progress, best: bool = False) -> None:
+        """Write a `checkpoint.snapshot` to latest.pt, and to best.pt too if it is the `best`."""
         for name in ("best", "latest") if best else ("latest",):
-            checkpoint.save(self.checkpoints / f"{name}.pt", learner, progress)
+            checkpoint.write_snapshot(self.checkpoints / f"{name}.pt", contents, progress)
 
     def has_evaluation(self, iteration: int) -> bool:
         """Return whether metrics.csv has a row for this iteration."""
@@ -184,7 +187,10 @@ class Run:
                 events.add_scalar(f"front/{indicator}", value, steps)
                 events.add_scalar(f"front_by_train_ms/{indicator}", value, milliseconds)
             if _shows_picture(len(self._rows)):
-                events.add_figure("front", front_figure(front, name), steps)
+                from ..evaluation.figures import front_figure, pixels  # matplotlib loads slowly
+
+                image = pixels(front_figure(front, name))
+                events.add_image("front", image, steps, dataformats="HWC")
             events.flush()
         front.save(self.folder / "front.npz")
         row = evaluation.row()
@@ -196,10 +202,12 @@ class Run:
         _write(self.folder / "metrics.csv", table.getvalue())
 
     @contextmanager
-    def _written(self) -> Iterator[SummaryWriter]:
+    def _written(self) -> "Iterator[SummaryWriter]":
         """Open the TensorBoard events for writing."""
         try:
             if self._events is None:
+                from torch.utils.tensorboard import SummaryWriter  # loads slowly
+
                 self._events = SummaryWriter(str(self.folder), purge_step=self._purge_step)
                 config = (self.folder / "config.yaml").read_text()
                 self._events.add_text("config", "\n".join(f"    {x}" for x in config.splitlines()))
@@ -215,6 +223,21 @@ class Run:
                 events.close()
         finally:
             self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except MorlaxError:
+            if kind is None or issubclass(kind, GeneratorExit):
+                raise  # else on a full disk this error would hide the first one
 
 
 def _shows_picture(evaluation: int) -> bool:

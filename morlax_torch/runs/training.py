@@ -2,8 +2,9 @@
 
 import math
 import time
-from collections.abc import Callable, Generator
-from typing import NamedTuple, Self
+from collections.abc import Generator
+from contextlib import nullcontext
+from functools import partial
 
 from .. import envs
 from ..algorithms.learner import Learner
@@ -13,31 +14,17 @@ from ..envs.random import EVALUATION_SEEDS
 from ..evaluation.evaluator import Evaluator, Protocol
 from ..evaluation.front import Front
 from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
+from . import checkpoint
 from .progress import Evaluation, Progress
 from .run import Run
+from .schedule import Limits, Schedule
+from .writer import Job, Writer
 
 UNSTABLE = (
     "numbers of the simulation or the reward are not finite or far too large, so nothing can be "
     "learned: check the task's rewards and observations, or use a smaller time step in its MJCF"
 )
-REPORT_EVERY = 10  # iterations between reads of the metrics, each of which waits for the GPU
-
-
-class Limits(NamedTuple):
-    """When to evaluate and when to stop."""
-
-    max_env_steps: int | None = None
-    max_seconds: float | None = None  # of training time
-    evaluate_every: int = 2_000_000  # environment steps
-    evaluate_seconds: float | None = None  # of training time, instead of `evaluate_every`
-    stopped: Callable[[], bool] = lambda: False  # asked after each iteration
-
-    @classmethod
-    def of(cls, config: Config, stopped: Callable[[], bool] = lambda: False) -> Self:
-        """Return the limits of a config."""
-        return cls(
-            config.max_env_steps, config.max_seconds, config.evaluation.every, stopped=stopped
-        )
+MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
 
 
 def training(
@@ -46,12 +33,16 @@ def training(
     limits: Limits,
     run: Run | None = None,
     progress: Progress | None = None,
+    began: float | None = None,
 ) -> Generator[Evaluation, None, None]:
     """Train, and yield each evaluation, the first of them before training.
 
-    Evaluations and checkpoints are in the run's folder when an evaluation is yielded, so the
-    iterator may be closed at any time. It prints nothing and installs no signal handlers, so it
-    works in threads and notebooks.
+    A thread writes the run's folder while training goes on, so the learner may be ahead of an
+    evaluation when it is yielded. The evaluation and its checkpoint are in the folder by then.
+    However training ends, everything evaluated so far is written first, so the iterator may be
+    closed at any time. Without a run, each evaluation is yielded before training goes on.
+
+    It prints nothing and installs no signal handlers, so it works in threads and notebooks.
 
     Args:
         learner: trained in place.
@@ -59,43 +50,68 @@ def training(
         limits: when to evaluate and when to stop.
         run: where to write; None: nowhere.
         progress: of a resumed run; updated in place.
+        began: value of `time.perf_counter()` from which `total_seconds` counts (None: now).
 
     Raises:
         MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
             blows up, or a loss is not finite. Checkpoints keep their last good state.
     """
     progress = Progress() if progress is None else progress
-    began = time.perf_counter() - progress.total_seconds
-    schedule = _Schedule(learner, limits, progress)
+    began = time.perf_counter() if began is None else began
+    began -= progress.total_seconds
+    schedule = Schedule(learner, limits, progress)
     evaluated = learner.iteration if run and run.has_evaluation(learner.iteration) else None
-    try:
-        learner.compile()
-        evaluator.compile()
-        while True:
-            stopped = limits.stopped()
-            finished = stopped or schedule.over()
-            due = schedule.evaluation_due() or (finished and not stopped)
-            if due and evaluated != learner.iteration:
-                evaluated = learner.iteration
-                front = evaluator.evaluate()
-                _check_front(front, learner, run)
-                progress.total_seconds = time.perf_counter() - began
-                evaluation = _evaluation(learner, progress, front)
-                best = progress.improved(evaluation.hypervolume)
-                if run:
-                    run.log_evaluation(evaluation, learner.config.env)
-                    run.save(learner, progress, best)
-                schedule.evaluated()
-                yield evaluation
-            if finished:
-                break
-            _iterate(learner, schedule, limits, progress, run)
+    with run or nullcontext(), Writer(MOST_WAITING if run else 0) as writer:
+        try:
+            learner.compile()
+            evaluator.compile()
+            while True:
+                stopped = limits.stopped()
+                finished = stopped or schedule.over()
+                due = schedule.evaluation_due() or (finished and not stopped)
+                if due and evaluated != learner.iteration:
+                    evaluated, start = learner.iteration, time.perf_counter()
+                    front = evaluator.evaluate()
+                    _check_front(front, learner, run)
+                    progress.total_seconds = time.perf_counter() - began
+                    writer.put(_report(learner, front, progress, run))
+                    schedule.evaluated(time.perf_counter() - start)
+                yield from writer.results(all_of_them=finished)
+                if finished:
+                    break
+                _iterate(learner, schedule, limits, progress, run, writer)
+        except MorlaxError:
+            yield from writer.results(all_of_them=True)
+            raise
         progress.total_seconds = time.perf_counter() - began
         if stopped and run:
-            run.save(learner, progress)
-    finally:
+            run.save(checkpoint.snapshot(learner), progress)
+
+
+def _report(learner: Learner, front: Front, progress: Progress, run: Run | None) -> Job:
+    """Copy the state that an evaluation is of, and return a job that measures and writes it."""
+    iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
+    contents = checkpoint.snapshot(learner) if run else {}
+
+    def work() -> Evaluation:
+        evaluation = Evaluation(
+            iteration,
+            env_steps,
+            now.train_seconds,
+            now.total_seconds,
+            now.steps_per_second,
+            now.blowups,
+            front,
+            front.indicators(),
+        )
+        best = progress.improved(evaluation.hypervolume)
         if run:
-            run.close()
+            now.hypervolume, now.best_hypervolume = progress.hypervolume, progress.best_hypervolume
+            run.log_evaluation(evaluation, learner.config.env)
+            run.save(contents, now, best)
+        return evaluation
+
+    return work
 
 
 def make_worlds(config: Config, number: int) -> Worlds:
@@ -135,48 +151,13 @@ def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluato
     return Evaluator(learner.agent, env, tradeoffs, protocol)
 
 
-class _Schedule:
-    """The limits in iterations."""
-
-    def __init__(self, learner: Learner, limits: Limits, progress: Progress):
-        self.learner, self.limits, self.progress = learner, limits, progress
-        steps = learner.steps_per_iteration
-        self.interval = max(1, limits.evaluate_every // steps)
-        self.last = math.inf
-        if limits.max_env_steps is not None:
-            self.last = math.ceil(limits.max_env_steps / steps)
-        self._next_second = progress.train_seconds
-
-    def over(self) -> bool:
-        most = self.limits.max_seconds
-        timed_out = most is not None and self.progress.train_seconds >= most
-        return timed_out or self.learner.iteration >= self.last
-
-    def evaluation_due(self) -> bool:
-        if self.limits.evaluate_seconds is not None:
-            return self.progress.train_seconds >= self._next_second
-        return self.learner.iteration % self.interval == 0
-
-    def evaluated(self) -> None:
-        if self.limits.evaluate_seconds is not None:
-            self._next_second = self.progress.train_seconds + self.limits.evaluate_seconds
-
-    def iterations(self) -> int:
-        """How many iterations may pass until the next look at limits and metrics."""
-        count = min(REPORT_EVERY, self.last - self.learner.iteration)
-        if self.limits.evaluate_seconds is None:
-            count = min(count, self.interval - self.learner.iteration % self.interval)
-        return int(count)
-
-    def seconds(self) -> float:
-        """How many seconds may pass until then."""
-        if self.limits.evaluate_seconds is None:
-            return math.inf
-        return self._next_second - self.progress.train_seconds
-
-
 def _iterate(
-    learner: Learner, schedule: _Schedule, limits: Limits, progress: Progress, run: Run | None
+    learner: Learner,
+    schedule: Schedule,
+    limits: Limits,
+    progress: Progress,
+    run: Run | None,
+    writer: Writer,
 ) -> None:
     """Run some iterations, then read and check the metrics."""
     first, start = learner.iteration, time.perf_counter()
@@ -198,20 +179,8 @@ def _iterate(
             f"{UNSTABLE}.{_kept(run)}"
         )
     if run:
-        run.log_metrics(metrics, learner.env_steps, progress.steps_per_second)
-
-
-def _evaluation(learner: Learner, progress: Progress, front: Front) -> Evaluation:
-    return Evaluation(
-        learner.iteration,
-        learner.env_steps,
-        progress.train_seconds,
-        progress.total_seconds,
-        progress.steps_per_second,
-        progress.blowups,
-        front,
-        front.indicators(),
-    )
+        speed = progress.steps_per_second
+        writer.put(partial(run.log_metrics, metrics, learner.env_steps, speed))
 
 
 def _check(metrics: dict[str, float], learner: Learner, first: int, run: Run | None) -> None:

@@ -1,19 +1,27 @@
 """The command line of `train`: options over a file, a task's config or an earlier run."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from pydantic import create_model
+import tyro
+from pydantic import BaseModel, create_model
 
 from .. import envs
 from ..config import MAY_CHANGE, Config, config_class, differences, load_config
-from ..config_files import file_values, merged, task_values
+from ..config_files import default_values, file_values, merged, task_values
 from ..envs import MorlaxError
+from ..envs.worlds.options import TaskOptions
 from ..envs.worlds.section import Section
-from ..runs.run import Run
 from . import cli
 
+if TYPE_CHECKING:
+    from ..runs.run import Run
+
+PROGRAM = "python -m morlax_torch.train"
+PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
 ABOUT = "Train one hypernetwork to hold a whole Pareto front of policies."
 
 
@@ -28,7 +36,13 @@ class Command(Section):
     """Let the resumed run import the FILE.py or module that its task names."""
 
 
-def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
+class AnyTask(TaskOptions):
+    objectives: dict[str, dict[str, float]] = {}
+    """The objectives to trade off; each is a weighted sum of reward terms. Each task has its
+    own."""
+
+
+def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     """Read the command line over the config of the file, task or run that it names."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for name in ("--env", "--config", "--resume", "--device", "--output"):
@@ -41,14 +55,16 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
                 f"--resume continues a run with its own config, in its own folder: "
                 f"leave out --{name}."
             )
-    run = Run.open(Path(early.resume)) if early.resume else None
+    if {"-h", "--help"} & set(arguments) and not (early.env or early.config or early.resume):
+        _help_for_any_task(early.device)
+    run = _run(Path(early.resume)) if early.resume else None
     if run and early.env:
         envs.get(early.env)  # the user names this code
-    below = run.config(early.trust) if run else load_config(_values(early, arguments))
+    below = run.config(early.trust) if run else load_config(_values(early))
     model = create_model("Train", __base__=(Command, config_class(below.env)))
     about = f"{ABOUT} The defaults below are those of --env {below.env}, from configs/."
     default = model.model_validate(below.model_dump())
-    values = cli.parse(default, arguments, "python -m morlax_torch.train", about)
+    values = cli.parse(default, arguments, PROGRAM, about)
     own = {name: values.pop(name) for name in Command.model_fields}
     place = envs.resolve_device(values["device"])
     moved = run is not None and str(place) != below.device
@@ -64,13 +80,37 @@ def read(arguments: Sequence[str]) -> tuple[Config, Run | None, Path | None]:
     return config, run, own["output"]
 
 
-def _values(early: argparse.Namespace, arguments: Sequence[str]) -> dict:
-    device_type = envs.resolve_device(early.device).type
+def _help_for_any_task(device: str | None) -> NoReturn:
+    """Print the options that all robots have, and exit, without importing torch."""
+    device_type = "cpu" if device == "cpu" else "cuda"
+    values: dict[str, Any] = default_values(device_type)
+    for name, field in Config.model_fields.items():
+        kind = field.annotation
+        if name in values and isinstance(kind, type) and issubclass(kind, BaseModel):
+            values[name] = kind.model_validate(values[name])
+    model = create_model("Train", __base__=(Command, Config), task=(AnyTask, AnyTask()))
+    about = (
+        f"{ABOUT} The defaults below are those of a new robot on {PLACES[device_type]}. Add "
+        "--env NAME for the options and defaults of a task."
+    )
+    cli.parse(model.model_construct(env=tyro.MISSING, **values), ["--help"], PROGRAM, about)
+    sys.exit(0)
+
+
+def _run(folder: Path) -> "Run":
+    from ..runs.run import Run  # imports torch
+
+    return Run.open(folder)
+
+
+def _values(early: argparse.Namespace) -> dict:
     if early.config is None:
-        if early.env is None and not {"-h", "--help"} & set(arguments):
+        if early.env is None:
             names = ", ".join(envs.names())
             raise MorlaxError(f"name a task: --env NAME, one of {names}, or FILE.py:CLASS.")
-        return task_values(early.env or "cheetah", device_type)
+        envs.get(early.env)  # an unknown name is told before torch is imported
+        return task_values(early.env, envs.resolve_device(early.device).type)
+    device_type = envs.resolve_device(early.device).type
     values = file_values(Path(early.config), device_type)
     if early.env is None:
         return values

@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-import torch
 import tyro
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
@@ -84,6 +83,8 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         words = ("out of memory", "allocate")
         if not isinstance(error, MemoryError) and not any(w in str(error) for w in words):
             raise
+        import torch  # it, or what it computes with, is what failed
+
         free = "the memory is full"
         if torch.cuda.is_available():
             sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())

@@ -8,7 +8,7 @@ from rich.progress import Progress as Bar
 from rich.text import Text
 
 from ..algorithms.learner import Learner
-from ..envs.external import title
+from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
 from ..runs.progress import Evaluation, Progress
 from .cli import console
@@ -35,6 +35,7 @@ class Display:
             disable=not console.is_terminal,
         )
         self._bar.add_task("", total=1.0)
+        self._named = False  # the columns
 
     def __enter__(self) -> Self:
         config, env = self._learner.config, self._learner.env
@@ -53,13 +54,17 @@ class Display:
         self._bar.stop()
 
     def evaluated(self, evaluation: Evaluation) -> None:
-        """Print a line for an evaluation."""
+        """Print a line for an evaluation, and the names of its columns before the first line."""
         row = evaluation.row()
         name = hypervolume_in(row)
+        volume = name.replace("_", " ")
+        if not self._named:
+            self._named = True
+            console.print(f"   steps  train (s)  total (s)  {volume}  front    steps/s")
         console.print(
-            f"{_count(row['env_steps']):>8} steps {row['train_seconds']:7.1f} s  "
-            f"{name.replace('_', ' ')} {row[name]:.4e}  front of {row['cardinality']:3d}  "
-            f"{_count(row['steps_per_second']):>8} steps/s{_blowups(row)}"
+            f"{_count(row['env_steps']):>8}  {row['train_seconds']:9.1f}  "
+            f"{row['total_seconds']:9.1f}  {row[name]:{len(volume)}.4e}  "
+            f"{row['cardinality']:5d}  {_count(row['steps_per_second']):>9}{_blowups(row)}"
         )
 
     def finished(self, interrupted: bool) -> None:
@@ -68,7 +73,7 @@ class Display:
         console.print(
             f"{'interrupted' if interrupted else 'done'}: {_count(self._learner.env_steps)} steps "
             f"in {progress.train_seconds:.1f} s of training ({progress.total_seconds:.1f} s in "
-            f"all), best hypervolume {progress.best_hypervolume:.4e}"
+            f"total), best hypervolume {progress.best_hypervolume:.4e}"
         )
         more = "train --resume" if interrupted and self._learner.env.resumable else "evaluate"
         console.print(f"next: python -m morlax_torch.{more} {self._folder}")

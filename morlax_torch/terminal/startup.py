@@ -1,7 +1,9 @@
-"""Ctrl-C while a command still imports its libraries: one line instead of a traceback."""
+"""A command's first moments, while it still imports its libraries: its first line, and Ctrl-C."""
 
 import os
+import shlex
 import sys
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
@@ -9,12 +11,32 @@ from types import TracebackType
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
 
 
+def command_words() -> list[str] | None:
+    """Return the command that this process was started as, such as ["train", "--env", "ant"].
+
+    None: it was not started as a command of morlax_torch.
+    """
+    for position, (option, module) in enumerate(pairwise(sys.orig_argv)):
+        if option == "-m" and module.startswith("morlax_torch"):
+            return [*module.split(".")[1:], *sys.orig_argv[position + 2 :]]
+    for position, word in enumerate(sys.orig_argv[:2]):
+        name = Path(word).stem
+        if name == "morlax" or name.startswith("morlax-"):
+            return [*name.split("-")[1:], *sys.orig_argv[position + 1 :]]
+    return None
+
+
 def runs_a_command() -> bool:
     """Return whether this process was started as one of the commands of morlax_torch."""
-    by_module = any(a == "-m" and b.startswith("morlax_torch") for a, b in pairwise(sys.orig_argv))
-    names = [Path(word).stem for word in sys.orig_argv[:2]]
-    by_script = any(name == "morlax" or name.startswith("morlax-") for name in names)
-    return by_module or by_script
+    return command_words() is not None
+
+
+def announce_training() -> None:
+    """Print what `train` starts with, since importing torch takes seconds."""
+    words = command_words() or []
+    if words[:1] == ["train"] and not {"-h", "--help"} & set(words):
+        with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8
+            print(f"starting: {shlex.join(words)}", flush=True)
 
 
 def report_interrupts_in_one_line() -> None:

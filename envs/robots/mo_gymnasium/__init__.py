@@ -6,20 +6,13 @@ originals. The reference points are our choice: -100 per objective, and for cont
 largest possible cost of an episode. mo-reacher-v5 is missing because its actions are discrete.
 """
 
-from .ant import Ant, Ant2
-from .halfcheetah import HalfCheetah
-from .hopper import Hopper, Hopper2
-from .humanoid import Humanoid
-from .swimmer import Swimmer
-from .walker2d import Walker2d
-
 TASKS = {
-    "mo-gymnasium/ant": Ant,
-    "mo-gymnasium/ant-2obj": Ant2,
-    "mo-gymnasium/halfcheetah": HalfCheetah,
-    "mo-gymnasium/hopper": Hopper,
-    "mo-gymnasium/hopper-2obj": Hopper2,
-    "mo-gymnasium/humanoid": Humanoid,
-    "mo-gymnasium/swimmer": Swimmer,
-    "mo-gymnasium/walker2d": Walker2d,
+    "mo-gymnasium/ant": "mo_gymnasium.ant:Ant",
+    "mo-gymnasium/ant-2obj": "mo_gymnasium.ant:Ant2",
+    "mo-gymnasium/halfcheetah": "mo_gymnasium.halfcheetah:HalfCheetah",
+    "mo-gymnasium/hopper": "mo_gymnasium.hopper:Hopper",
+    "mo-gymnasium/hopper-2obj": "mo_gymnasium.hopper:Hopper2",
+    "mo-gymnasium/humanoid": "mo_gymnasium.humanoid:Humanoid",
+    "mo-gymnasium/swimmer": "mo_gymnasium.swimmer:Swimmer",
+    "mo-gymnasium/walker2d": "mo_gymnasium.walker2d:Walker2d",
 }

@@ -6,19 +6,12 @@ robots are gymnasium's, edited at load where the benchmark's MJCF differs. The r
 older MuJoCo, in which the same actions give similar but not identical motions.
 """
 
-from .ant import Ant
-from .halfcheetah import HalfCheetah
-from .hopper import Hopper, Hopper3
-from .humanoid import Humanoid
-from .swimmer import Swimmer
-from .walker2d import Walker2d
-
 TASKS = {
-    "pgmorl/ant": Ant,
-    "pgmorl/halfcheetah": HalfCheetah,
-    "pgmorl/hopper": Hopper,
-    "pgmorl/hopper3": Hopper3,
-    "pgmorl/humanoid": Humanoid,
-    "pgmorl/swimmer": Swimmer,
-    "pgmorl/walker2d": Walker2d,
+    "pgmorl/ant": "pgmorl.ant:Ant",
+    "pgmorl/halfcheetah": "pgmorl.halfcheetah:HalfCheetah",
+    "pgmorl/hopper": "pgmorl.hopper:Hopper",
+    "pgmorl/hopper3": "pgmorl.hopper:Hopper3",
+    "pgmorl/humanoid": "pgmorl.humanoid:Humanoid",
+    "pgmorl/swimmer": "pgmorl.swimmer:Swimmer",
+    "pgmorl/walker2d": "pgmorl.walker2d:Walker2d",
 }

@@ -1,15 +1,19 @@
-"""Figures of fronts and training. Each function returns a matplotlib figure; `save` writes it."""
+"""Figures of fronts and training. Each function returns a matplotlib figure.
+
+`save` writes it to files, `pixels` renders it to an array.
+"""
 
 from .front import front_figure, fronts_figure, parallel_figure
 from .hypervolume import hypervolume_figure
 from .returns import returns_figure
-from .style import save
+from .style import pixels, save
 
 __all__ = [
     "front_figure",
     "fronts_figure",
     "hypervolume_figure",
     "parallel_figure",
+    "pixels",
     "returns_figure",
     "save",
 ]

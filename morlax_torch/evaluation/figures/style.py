@@ -5,8 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ...files import replacing
 
@@ -83,3 +86,10 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = FORMATS) -> None:
         dates = {"png": {}, "svg": {"Date": None}}.get(ending, {"CreationDate": None})
         with mpl.rc_context(FILES), replacing(stem.with_name(f"{stem.name}.{ending}")) as file:
             figure.savefig(file, format=ending, dpi=150, metadata=dates)
+
+
+def pixels(figure: Figure) -> NDArray[np.uint8]:
+    """Render a figure to (height, width, 3), without pyplot, so that any thread may do it."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]

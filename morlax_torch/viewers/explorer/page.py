@@ -11,7 +11,7 @@ import rich
 import viser
 
 from ...envs import MorlaxError
-from ...envs.external import title
+from ...envs.naming import title
 from . import access, library
 from .charts import Charts
 from .drawing import Drawing

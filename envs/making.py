@@ -1,0 +1,79 @@
+"""Worlds of a task by name."""
+
+from typing import Any
+
+import torch
+from pydantic import ValidationError
+
+from .device import resolve_device
+from .errors import MorlaxError, explained, unknown
+from .registry import get
+from .worlds.environment import Environment
+from .worlds.interface import Worlds
+
+
+def make(
+    name: str,
+    num_worlds: int,
+    device: str | torch.device | None = None,
+    backend: str | None = None,
+    seed: int = 0,
+    *,
+    auto_reset: bool = True,
+    deterministic: bool = False,
+    **task_options: object,
+) -> Worlds:
+    """Make N worlds of the task `name`.
+
+    Args:
+        name: one of `names()`, "FILE.py:CLASS" for your own task, or "gymnasium:ID" for any
+            environment in Gymnasium's registry with a vector reward.
+        num_worlds: N.
+        device: "cuda", "cpu", "cuda:1", ...; None selects CUDA if there is a GPU.
+        backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None (chosen by device).
+        seed: random seed of the worlds (most tasks draw nothing unless an option asks for it).
+        auto_reset: start a new episode in the step that ended the last one.
+        deterministic: make MuJoCo Warp order contacts and constraints alike in every run, at some
+            cost in speed. CUDA runs then repeat closely, though not bit for bit.
+        task_options: fields of the task's `Options`, for example `episode_length=200`.
+
+    Raises:
+        MorlaxError: an unknown name, option or backend, a number out of range, or a missing device.
+    """
+    task = get(name)
+    try:
+        options: Any = task.Options.model_validate(task_options)
+    except ValidationError as error:
+        raise explained(error, task.Options) from None
+    place = resolve_device(device)
+    if backend not in (None, "mujoco", "warp"):
+        raise unknown("backend", str(backend), ("mujoco", "warp"))
+    if not 0 <= seed < 2**64:
+        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
+    if num_worlds < 1:
+        raise MorlaxError(f"num_worlds is {num_worlds}: at least one world is needed.")
+    return task.build(
+        options,
+        num_worlds,
+        place,
+        backend,
+        seed,
+        auto_reset=auto_reset,
+        deterministic=deterministic,
+    )
+
+
+def make_robot(name: str, seed: int = 0, **task_options: Any) -> Environment:
+    """Make one world of a MuJoCo robot on C MuJoCo, without automatic reset, to look at.
+
+    Raises:
+        MorlaxError: as `make`, or the task has no MuJoCo robot.
+    """
+    if not issubclass(get(name), Environment):
+        raise MorlaxError(
+            f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "
+            "trained and evaluated."
+        )
+    env = make(name, 1, "cpu", "mujoco", seed, auto_reset=False, **task_options)
+    assert isinstance(env, Environment)
+    return env

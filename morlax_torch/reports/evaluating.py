@@ -1,0 +1,153 @@
+"""Evaluate runs, compare them, and write what was found."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.table import Table
+
+from ..envs import MorlaxError, resolve_device
+from ..evaluation.evaluator import Protocol
+from ..evaluation.front import Front
+from ..evaluation.history import History
+from ..files import unused
+from ..networks.policy import Policy
+from ..runs.evaluating import evaluate
+from ..runs.loading import SHIPPED, find_run, load, trust_task
+from . import comparison
+from .page import number, words
+from .results import Evaluated, write
+
+PROTOCOLS = {
+    "latched": "a return ends with the first failed step",
+    "paper": "failed steps earn no reward, and the reward of the reset is added",
+}
+MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them
+
+
+def evaluate_runs(
+    runs: Sequence[str],
+    typed: str,
+    tradeoffs: int = 512,
+    protocol: Protocol = "latched",
+    device: str | None = None,
+    backend: str | None = None,
+    seed: int = 0,
+    seeds: int = 1,
+    reference: str | None = None,
+    output: Path | None = None,
+    trust: bool = False,
+) -> tuple[dict[str, Evaluated], Path]:
+    """Evaluate runs and write fronts, figures, indicators and a report.
+
+    Args:
+        runs: run folders, checkpoint files, or shipped policies.
+        typed: the command, for the report; see `evaluate --help` for the other arguments.
+
+    Returns:
+        The evaluations by name, and the folder that they were written to.
+
+    Raises:
+        MorlaxError: a run or the reference cannot be loaded, or they cannot be compared.
+    """
+    for run in runs if trust else ():
+        trust_task(run)
+    place = resolve_device(device)
+    named = dict(zip(comparison.names(runs), runs, strict=True))
+    policies = {name: load(run, place) for name, run in named.items()}
+    comparison.check_comparable(policies)
+    histories = {name: history(run) for name, run in named.items()}
+
+    def evaluated(policy: Policy) -> Front:
+        return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
+
+    target = None if reference is None else reference_front(reference, policies, evaluated)
+    fronts = {name: evaluated(policy) for name, policy in policies.items()}
+    if target is None and len(fronts) > 1:
+        target = comparison.union(list(fronts.values()))
+    found = {
+        name: Evaluated(
+            run,
+            policies[name],
+            fronts[name],
+            histories[name],
+            comparison.measures(fronts[name], target),
+        )
+        for name, run in named.items()
+    }
+    folder = output or default_output(runs)
+    objectives = ", ".join(next(iter(fronts.values())).objectives)
+    about = (
+        f"Objectives: {objectives}. {tradeoffs} trade-offs on {place}, "
+        f"{f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
+        f"Protocol {protocol}: {PROTOCOLS[protocol]}."
+    )
+    if target is not None:
+        source = reference or "the non-dominated points of all runs"
+        about += f" Reference of IGD+: {source}, {len(target)} points."
+    write(found, folder, about, typed)
+    return found, folder
+
+
+def history(run: str) -> History | None:
+    """Load the training history of a run, if it has a metrics.csv."""
+    path = find_run(run) / "metrics.csv"
+    return History.load(path) if path.is_file() else None
+
+
+def reference_front(
+    source: str, policies: Mapping[str, Policy], evaluated: Callable[[Policy], Front]
+) -> np.ndarray:
+    """Return the non-dominated points (n, m) of a reference front.
+
+    Args:
+        source: an .npz file, or a run to evaluate.
+        policies: of the evaluated runs, by name.
+        evaluated: evaluates a policy.
+
+    Raises:
+        MorlaxError: the reference cannot be loaded or compared, or has no finite returns.
+    """
+    if source.endswith(".npz"):
+        front = Front.load(Path(source))
+    else:
+        other = load(source)
+        comparison.check_comparable({**policies, source: other})
+        front = evaluated(other)
+    objectives = next(iter(policies.values())).objectives
+    if front.objectives != objectives:
+        raise MorlaxError(
+            f"the reference {source} has the objectives {', '.join(front.objectives)}, but the "
+            f"runs have {', '.join(objectives)}: choose a front with the same objectives."
+        )
+    if not front.non_dominated.any():
+        raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
+    return front.returns[front.non_dominated]
+
+
+def default_output(runs: Sequence[str]) -> Path:
+    """Return the run's folder; for several runs or a shipped policy, evaluations/<time>."""
+    folder = find_run(runs[0])
+    if len(runs) > 1 or folder.parent == SHIPPED:
+        return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
+    return folder
+
+
+def table(found: Mapping[str, Evaluated]) -> Table:
+    """Return the indicators as a table for the terminal."""
+    measured = {name: run.measures for name, run in found.items()}
+    shown = measured if len(measured) <= MOST_COLUMNS else {}
+    quartiles = comparison.quartiles(list(measured.values())) if len(measured) > 1 else {}
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("indicator", no_wrap=True)
+    for head in [*shown, *([f"median of {len(found)}", "quartiles"] if quartiles else [])]:
+        table.add_column(head, justify="right", overflow="fold")
+    for name in next(iter(measured.values())):
+        cells = [number(values[name]) for values in shown.values()]
+        if quartiles:
+            low, median, high = quartiles[name]
+            cells += [number(median), f"{number(low)} - {number(high)}"]
+        table.add_row(words(name), *cells)
+    return table

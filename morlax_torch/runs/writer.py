@@ -1,0 +1,72 @@
+"""Write a run's files in a thread, while training goes on."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from types import TracebackType
+from typing import Self
+
+from .progress import Evaluation
+
+Job = Callable[[], Evaluation | None]
+
+
+class Writer:
+    """Runs jobs one after the other in a thread of its own.
+
+    The first error of a job is raised by `results`, and jobs after it are dropped. As a context
+    manager it waits for every job before it ends, also when training fails, and then raises an
+    error that `results` has not raised, unless another error came first.
+
+    Args:
+        most_waiting: jobs that may be unfinished when `put` returns.
+    """
+
+    def __init__(self, most_waiting: int):
+        self._most_waiting = most_waiting
+        self._thread = ThreadPoolExecutor(1, "morlax-writer")
+        self._jobs: deque[Future[Evaluation | None]] = deque()
+        self._failed = False
+
+    def put(self, job: Job) -> None:
+        """Queue a job, and wait while too many are unfinished."""
+        self._jobs.append(self._thread.submit(self._run, job))
+        wait(list(self._jobs)[: max(0, len(self._jobs) - self._most_waiting)])
+
+    def results(self, all_of_them: bool = False) -> Iterator[Evaluation]:
+        """Yield the evaluations of finished jobs, in order, each once.
+
+        Args:
+            all_of_them: wait for unfinished jobs too.
+
+        Raises:
+            Exception: whatever a job raised.
+        """
+        while self._jobs and (all_of_them or self._jobs[0].done()):
+            wait([self._jobs[0]])
+            evaluation = self._jobs.popleft().result()
+            if evaluation is not None:
+                yield evaluation
+
+    def _run(self, job: Job) -> Evaluation | None:
+        if self._failed:
+            return None
+        try:
+            return job()
+        except BaseException:
+            self._failed = True
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._thread.shutdown()
+        if kind is None or issubclass(kind, GeneratorExit):
+            for _ in self.results():
+                pass

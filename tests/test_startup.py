@@ -1,0 +1,123 @@
+"""What a command imports, when, and the kernels that are compiled before the first step."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "viser", "tensorboard", "onnx"}
+TINY = (
+    *("--env", "cheetah", "--device", "cpu", "--worlds", "8", "--horizon", "2"),
+    *("--sampling.clusters", "2", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "2"),
+    *("--task.episode-length", "4", "--max-env-steps", "16", "--output", "run"),
+)
+
+
+def python(
+    folder: Path, *words: str, first: Path | None = None, **variables: str
+) -> subprocess.CompletedProcess:
+    """Run Python in `folder`; modules in the folder `first` hide others of the same name."""
+    path = os.pathsep.join([*([str(first)] if first else []), *sys.path])
+    return subprocess.run(
+        [sys.executable, *words],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path, **variables},
+    )
+
+
+def imported(done: subprocess.CompletedProcess) -> set[str]:
+    """Return the top-level modules that `python -X importtime` reports."""
+    assert done.returncode == 0, done.stderr
+    lines = [x for x in done.stderr.splitlines() if x.startswith("import time:")]
+    return {line.rpartition("|")[2].strip().partition(".")[0] for line in lines}
+
+
+@pytest.fixture
+def no_torch(tmp_path: Path) -> Path:
+    """A folder with a `torch` that cannot be imported."""
+    folder = tmp_path / "broken"
+    folder.mkdir()
+    (folder / "torch.py").write_text("raise SystemExit('torch was imported')\n")
+    return folder
+
+
+def test_importing_the_package_imports_nothing_heavy(tmp_path):
+    done = python(tmp_path, "-X", "importtime", "-c", "import morlax_torch")
+    assert not imported(done) & HEAVY
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "explore", "record", "export", "pack"])
+def test_help_imports_nothing_heavy(command, tmp_path):
+    done = python(tmp_path, "-X", "importtime", "-m", f"morlax_torch.{command}", "--help")
+    assert not imported(done) & HEAVY
+    assert "usage:" in done.stdout and "starting" not in done.stdout
+
+
+def test_public_names_are_listed_and_resolve(tmp_path):
+    done = python(
+        tmp_path,
+        "-c",
+        "import morlax_torch\n"
+        "for module in (morlax_torch, morlax_torch.envs):\n"
+        "    assert set(module.__all__) <= set(dir(module))\n"
+        "    for name in module.__all__:\n"
+        "        getattr(module, name)\n"
+        "assert callable(morlax_torch.envs.trust)\n"
+        "assert not hasattr(morlax_torch, 'nothing')\n"
+        "from morlax_torch import *\n"
+        "print(pareto.__name__, load.__module__)",
+    )
+    assert done.stdout.split() == ["morlax_torch.evaluation.pareto", "morlax_torch.runs.loading"], (
+        done.stderr
+    )
+
+
+@pytest.mark.parametrize("module", [["morlax_torch.train"], ["morlax_torch", "train"]])
+def test_training_prints_a_line_before_torch_is_imported(module, tmp_path, no_torch):
+    done = python(tmp_path, "-m", *module, *TINY, first=no_torch)
+    assert "torch was imported" in done.stderr
+    (line,) = done.stdout.splitlines()
+    assert line.startswith("starting: train --env cheetah")
+
+
+def test_mistakes_are_told_without_torch(tmp_path, no_torch):
+    done = python(tmp_path, "-m", "morlax_torch.train", "--env", "chetah", first=no_torch)
+    assert "did you mean 'cheetah'?" in done.stderr and done.returncode == 2
+
+
+def test_training_on_c_mujoco_imports_no_warp_and_no_viewer(tmp_path):
+    done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch.train", *TINY)
+    assert not imported(done) & {"warp", "mujoco_warp", "viser", "onnx", "pandas", "torchvision"}
+    assert (tmp_path / "run" / "front.npz").is_file()
+
+
+COMPILE = """
+import threading
+import warp as wp
+from morlax_torch import envs
+
+known, load = set(), wp.Module.load
+def noted(module, device, block_dim=None):
+    if not module.execs:
+        known.add((threading.current_thread() is threading.main_thread(), module.name))
+    return load(module, device, block_dim)
+wp.Module.load = noted
+
+env = envs.make(TASK, 4, "cpu", "warp")
+import torch
+for _ in range(2):
+    env.step(torch.zeros(4, env.action_size))
+assert not any(main for main, _ in known), known
+print(len(known))
+"""
+
+
+@pytest.mark.parametrize("task", ["cheetah", pytest.param("bruce", marks=pytest.mark.slow)])
+def test_threads_compile_every_kernel_before_the_first_step(task, tmp_path):
+    done = python(tmp_path, "-c", COMPILE.replace("TASK", repr(task)))
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 20

@@ -1,0 +1,273 @@
+"""Files are written beside training, and nothing that was evaluated is lost."""
+
+import csv
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from tiny import tiny
+
+from morlax_torch import MORLAX, MorlaxError
+from morlax_torch.evaluation.front import Front
+from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.schedule import Limits, Schedule
+from morlax_torch.runs.training import make_evaluator, make_worlds, training
+from morlax_torch.runs.writer import Writer
+from morlax_torch.terminal.clock import command_began
+from morlax_torch.train import train
+
+IMPORTED = time.perf_counter()
+EVERY = 64  # steps, or two iterations
+
+
+class Trial:
+    """A run that evaluates after every second iteration and calls `during` before each one."""
+
+    def __init__(self, folder: Path, during: Callable[[int], None]):
+        config = tiny(max_env_steps=99_999)
+        self.learner = MORLAX(make_worlds(config, config.worlds), config)
+        self.run = Run.create(self.learner, folder)
+        self.found: list[int] = []
+        iterate = self.learner.iterate
+
+        def observed() -> None:
+            during(self.learner.iteration)
+            iterate()
+
+        self.learner.iterate = observed
+
+    def train(self, limits: Limits) -> None:
+        limits = limits._replace(evaluate_every=EVERY)
+        evaluator = make_evaluator(self.learner)
+        for evaluation in training(self.learner, evaluator, limits, self.run):
+            self.found.append(evaluation.iteration)
+
+    def wait_for(self, iteration: int) -> None:
+        """Wait until the checkpoint of an iteration is written."""
+        limit = time.monotonic() + 60
+        while self.latest < iteration:
+            assert time.monotonic() < limit
+            time.sleep(0.01)
+
+    @property
+    def rows(self) -> list[int]:
+        return [int(row["iteration"]) for row in rows(self.run)]
+
+    @property
+    def latest(self) -> int:
+        learner = checkpoint.load(self.run.checkpoints / "latest.pt").learner
+        assert learner is not None
+        return learner["iteration"]
+
+
+def rows(run: Run) -> list[dict[str, str]]:
+    file = run.folder / "metrics.csv"
+    return list(csv.DictReader(file.read_text().splitlines())) if file.exists() else []
+
+
+@pytest.fixture
+def disk(monkeypatch) -> threading.Event:
+    """Make evaluations wait for this event before they are written."""
+    ready, usual = threading.Event(), Run.log_evaluation
+
+    def slow(*arguments: Any) -> None:
+        assert ready.wait(60)
+        usual(*arguments)
+
+    monkeypatch.setattr(Run, "log_evaluation", slow)
+    return ready
+
+
+def test_training_goes_on_beside_a_slow_disk_and_an_interrupt_loses_nothing(disk, tmp_path):
+    trial = Trial(tmp_path / "run", lambda iteration: None)
+
+    def stopped() -> bool:
+        if trial.learner.iteration < 7:
+            return False
+        assert not trial.rows
+        disk.set()
+        return True
+
+    trial.train(Limits(stopped=stopped))
+    assert trial.found == trial.rows == [0, 2, 4, 6]
+    assert trial.latest == 7
+
+
+def test_an_error_in_training_comes_after_what_was_evaluated_before_it(disk, tmp_path):
+    def fail(iteration: int) -> None:
+        if iteration == 5:
+            assert not trial.rows
+            disk.set()
+            raise MorlaxError("the robot caught fire.")
+
+    trial = Trial(tmp_path / "run", fail)
+    with pytest.raises(MorlaxError, match="caught fire"):
+        trial.train(Limits())
+    assert trial.found == trial.rows == [0, 2, 4]
+    assert trial.latest == 4
+
+
+def test_closing_waits_until_everything_is_written(disk, tmp_path):
+    disk.set()
+    trial = Trial(tmp_path / "run", lambda iteration: None)
+    evaluations = training(
+        trial.learner, make_evaluator(trial.learner), Limits(evaluate_every=EVERY), trial.run
+    )
+    next(evaluations)
+    disk.clear()
+    threading.Timer(0.2, disk.set).start()
+    next(evaluations)
+    evaluations.close()
+    assert trial.rows == list(range(0, trial.learner.iteration + 1, 2))
+    again = Run.open(trial.run.folder)
+    again.restore(trial.learner)  # the lock was given back
+    again.close()
+
+
+def test_evaluations_are_yielded_in_order_when_their_files_are_complete(tmp_path):
+    trial = Trial(tmp_path / "run", lambda iteration: None)
+    limits, evaluator = Limits(320, evaluate_every=EVERY), make_evaluator(trial.learner)
+    for evaluation in training(trial.learner, evaluator, limits, trial.run):
+        trial.found.append(evaluation.iteration)
+        assert trial.rows[: len(trial.found)] == trial.found
+        assert trial.latest >= evaluation.iteration
+        assert len(Front.load(trial.run.folder / "front.npz").returns) == 4
+        assert (trial.run.checkpoints / "best.pt").exists()
+    assert trial.found == [0, 2, 4, 6, 8, 10]
+
+
+def test_a_full_disk_ends_training_with_one_error(tmp_path, monkeypatch, capfd):
+    def fill(iteration: int) -> None:
+        def full(_: int) -> None:
+            raise OSError(28, "No space left on device")
+
+        if iteration == 3:
+            trial.wait_for(2)
+            monkeypatch.setattr(os, "fsync", full)
+
+    trial = Trial(tmp_path / "run", fill)
+    with pytest.raises(MorlaxError, match=r"cannot write .*front.npz: No space left") as error:
+        trial.train(Limits())
+    assert trial.found == trial.rows == [0, 2]
+    assert error.value.__context__ is None or isinstance(error.value.__context__, OSError)
+    assert capfd.readouterr() == ("", "")
+    monkeypatch.undo()
+    resumed = train(tiny(max_env_steps=160), Run.open(trial.run.folder))
+    assert [row["iteration"] for row in rows(resumed)] == ["0", "2", "3", "4", "5"]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # TensorBoard's
+def test_a_run_s_folder_that_disappears_ends_training_with_one_error(tmp_path):
+    def replace(iteration: int) -> None:
+        if iteration == 3:
+            trial.wait_for(2)
+            shutil.rmtree(tmp_path / "run")
+            (tmp_path / "run").write_text("not a folder")
+
+    trial = Trial(tmp_path / "run", replace)
+    with pytest.raises(MorlaxError, match=r"cannot write .*run.*: Not a directory"):
+        trial.train(Limits())
+    assert trial.found == [0, 2]
+
+
+def test_a_writer_runs_jobs_in_order_and_lets_few_of_them_wait():
+    order, ahead, returned = [], [], 0
+
+    def job(number: int) -> None:
+        order.append(number)
+        ahead.append(returned - number)
+        time.sleep(0.01)
+
+    with Writer(most_waiting=2) as writer:
+        for number in range(8):
+            writer.put(lambda number=number: job(number))
+            returned += 1
+    assert order == list(range(8))
+    assert max(ahead) <= 2
+
+
+def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
+    done: list[str] = []
+
+    def fail() -> None:
+        raise MorlaxError("full.")
+
+    with pytest.raises(MorlaxError, match="full"), Writer(most_waiting=4) as writer:
+        for job in (lambda: done.append("before"), fail, lambda: done.append("after")):
+            writer.put(job)
+    assert done == ["before"]
+    assert not list(writer.results())
+
+
+def test_evaluations_are_spaced_by_their_cost():
+    learner = SimpleNamespace(iteration=0, steps_per_iteration=100)
+    progress = Progress(train_seconds=3.0)
+    schedule = Schedule(cast(Any, learner), Limits(), progress)
+    assert schedule.evaluation_due()
+    schedule.evaluated(cost=0.8)  # 8 % of ten seconds
+    progress.steps_per_second = 200.0
+    for seconds, due, iterations in ((3.0, False, 10), (11.0, False, 3), (12.3, True, 1)):
+        progress.train_seconds = seconds
+        assert schedule.evaluation_due() == due
+        assert schedule.iterations() == iterations
+
+
+def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tmp_path):
+    config = tiny(**{"evaluation.every": None})
+    run = train(config, output=tmp_path / "run")
+    assert [row["iteration"] for row in rows(run)][:: len(rows(run)) - 1] == ["0", "2"]
+    assert (run.checkpoints / "best.pt").exists()
+    longer = config.model_copy(update={"max_env_steps": 320})
+    resumed = train(longer, Run.open(run.folder))
+    reached = [int(row["iteration"]) for row in rows(resumed)]
+    assert reached == sorted(set(reached)) and {0, 2, 10} <= set(reached)
+
+
+def test_rows_have_both_clocks(tmp_path):
+    run = train(tiny(), output=tmp_path / "run")
+    clocks = [(float(row["train_seconds"]), float(row["total_seconds"])) for row in rows(run)]
+    assert clocks == sorted(clocks)
+    assert all(total >= trained for trained, total in clocks)
+    trial, began = Trial(tmp_path / "other", lambda iteration: None), time.perf_counter() - 1000
+    evaluator = make_evaluator(trial.learner)
+    (first,) = training(trial.learner, evaluator, Limits(0), trial.run, began=began)
+    assert first.total_seconds > 1000
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
+def test_a_command_s_clock_starts_before_its_imports(monkeypatch):
+    assert command_began() > IMPORTED
+    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "morlax_torch.train"])
+    assert 0 < command_began() < IMPORTED
+
+
+LAZY = """
+import sys
+import morlax_torch.train
+assert not {"matplotlib", "tensorboard"} & set(sys.modules)
+from pathlib import Path
+from tiny import tiny
+morlax_torch.train.train(tiny(), output=Path("run"))
+assert "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules
+"""
+
+
+def test_training_draws_without_pyplot_and_only_then_loads_matplotlib(tmp_path):
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", LAZY],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
