@@ -221,6 +221,17 @@ def test_evaluations_are_spaced_by_their_cost():
         assert schedule.iterations() == iterations
 
 
+def test_a_slow_learner_stops_at_its_time_limit():
+    learner = SimpleNamespace(iteration=3, steps_per_iteration=100)
+    progress = Progress(train_seconds=3.0, steps_per_second=50.0)
+    schedule = Schedule(cast(Any, learner), Limits(max_seconds=6.5, evaluate_every=10**6), progress)
+    assert not schedule.over()
+    assert schedule.seconds() == 3.5
+    assert schedule.iterations() == 2
+    progress.train_seconds = 6.5
+    assert schedule.over()
+
+
 def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tmp_path):
     config = tiny(**{"evaluation.every": None})
     run = train(config, output=tmp_path / "run")

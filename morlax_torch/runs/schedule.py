@@ -60,7 +60,7 @@ class Schedule:
 
     def evaluation_due(self) -> bool:
         if self._interval is None:
-            return self.seconds() <= 0
+            return self._until_evaluation() <= 0
         return self._learner.iteration % self._interval == 0
 
     def evaluated(self, cost: float) -> None:
@@ -72,17 +72,21 @@ class Schedule:
 
     def iterations(self) -> int:
         """Return how many iterations may pass until the next look at limits and metrics."""
-        iteration = self._learner.iteration
+        iteration, seconds = self._learner.iteration, self.seconds()
         count = min(REPORT_EVERY, self._last - iteration)
         if self._interval is not None:
             count = min(count, self._interval - iteration % self._interval)
-        elif self._progress.steps_per_second:  # a GPU is too far behind to watch the clock instead
+        if self._progress.steps_per_second and seconds < math.inf:
+            # a GPU is too far behind to watch the clock instead
             speed = self._progress.steps_per_second / self._learner.steps_per_iteration
-            count = min(count, max(1, math.ceil(self.seconds() * speed)))
+            count = min(count, max(1, math.ceil(seconds * speed)))
         return int(count)
 
     def seconds(self) -> float:
         """Return how many seconds of training may pass until then."""
-        if self._interval is not None:
-            return math.inf
+        most = self._limits.max_seconds
+        left = math.inf if most is None else most - self._progress.train_seconds
+        return left if self._interval is not None else min(left, self._until_evaluation())
+
+    def _until_evaluation(self) -> float:
         return self._next_second - self._progress.train_seconds
