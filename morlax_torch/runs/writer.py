@@ -40,7 +40,7 @@ class Writer:
             all_of_them: wait for unfinished jobs too.
 
         Raises:
-            Exception: whatever a job raised.
+            Exception: the first error of a job.
         """
         while self._jobs and (all_of_them or self._jobs[0].done()):
             wait([self._jobs[0]])
