@@ -59,7 +59,7 @@ def command(arguments: Sequence[str]) -> None:
 
         Args:
             run: Run folder, checkpoint file, or shipped policy (None: the first shipped policy,
-                or the latest run under ./runs if there is none).
+                or the latest run under ./runs if no policy is shipped).
             host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
             port: TCP port to listen on; 0 selects a free one.
             trust: Let the run import the FILE.py or module that its task names.

@@ -28,7 +28,7 @@ def trained() -> list[str]:
 
 
 def first() -> str:
-    """Return the default choice: the first shipped policy, or the latest run if there is none.
+    """Return the default choice: the first shipped policy, or else the latest run.
 
     Raises:
         MorlaxError: there is neither.
