@@ -6,7 +6,10 @@ python benchmarks/throughput.py --env cheetah --worlds 1024 4096 16384
 import csv
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Literal
+from unittest import mock
 
 import torch
 import tyro
@@ -14,14 +17,18 @@ from rich.table import Table
 
 from morlax_torch import MORLAX, config_for
 from morlax_torch.envs import resolve_device
+from morlax_torch.gpu import fused
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.terminal.cli import console
+
+Kernels = Literal["fused", "torch"]
 
 
 def main(
     env: tuple[str, ...] = ("cheetah", "walker", "hopper", "ant", "humanoid"),
     worlds: tuple[int, ...] = (),
+    kernels: tuple[Kernels, ...] = ("fused",),
     device: str | None = None,
     seconds: float = 1.5,
     output: Path | None = None,
@@ -31,6 +38,7 @@ def main(
     Args:
         env: Tasks to measure.
         worlds: Numbers of worlds to try (none: from the task's config).
+        kernels: With Triton's kernels (on CUDA), without, or both side by side.
         device: cuda or cpu (None: CUDA if available).
         seconds: Approximate duration of each measurement, in seconds.
         output: CSV file to write.
@@ -39,7 +47,10 @@ def main(
     rows = []
     for task in env:
         for number in worlds or (config_for(task, device=str(place)).worlds,):
-            rows.append(measure(task, number, place, seconds))
+            for kind in kernels:
+                without = mock.patch.object(fused, "available", lambda device: False)
+                with without if kind == "torch" else nullcontext():
+                    rows.append({"kernels": kind, **measure(task, number, place, seconds)})
     table = Table(title=str(place))
     for column in rows[0]:
         table.add_column(column.replace("_", " "), justify="right")

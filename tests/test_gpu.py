@@ -11,6 +11,7 @@ from torch import nn
 from morlax_torch import MORLAX, envs
 from morlax_torch.config import load_config
 from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.gpu import fused
 from morlax_torch.gpu.graph import Branch, Graph
 from morlax_torch.tradeoffs import evaluation_tradeoffs
 
@@ -226,6 +227,44 @@ def test_a_branch_uses_streams_of_its_own_device(recorded):
 def test_a_learner_trains_on_the_second_gpu():
     torch.cuda.set_device(0)
     assert_same_training(*(trainer("cheetah", r, device="cuda:1") for r in (False, True)))
+
+
+def an_update(task: str, device: str, **changes: Any) -> list[torch.Tensor]:
+    """Return the clipped gradients of the actor's and the critic's parameters, times 0.1."""
+    ppo = {"minibatches": 1, "epochs": 1}
+    config = load_config({"env": task, **SMALL, "ppo": ppo, **changes})
+    morlax = MORLAX(envs.make(task, config.worlds, device, deterministic=True), config)
+    scale = {"std": 0.1, "generator": torch.Generator(device).manual_seed(0)}
+    for family in (morlax.agent.actor, morlax.agent.critic):
+        nn.init.normal_(family.weight, **scale)  # from zero, all features' gradients would vanish
+    morlax.explore()
+    morlax.learn()
+    return [optimizer.mean for optimizer in morlax.ppo.optimizers]
+
+
+@pytest.mark.parametrize("device", ["cuda", pytest.param("cuda:1", marks=two_gpus)])
+@pytest.mark.parametrize("task", ["cheetah", "ant", "humanoid"])
+def test_an_update_with_fused_kernels_is_that_of_torch(task: str, device: str, monkeypatch):
+    found = an_update(task, device)
+    monkeypatch.setattr(fused, "available", lambda device: False)
+    for mine, expected in zip(found, an_update(task, device), strict=True):
+        assert (mine - expected).norm() < 1e-2 * expected.norm()  # both round to TF32
+
+
+@pytest.mark.parametrize("task", ["cheetah", "ant"])
+def test_a_recorded_update_with_fused_kernels_repeats_the_eager_one_bit_for_bit(task: str):
+    config = load_config({"env": task, **SMALL})
+    morlax = MORLAX(envs.make(task, config.worlds, "cuda", deterministic=True), config)
+    morlax.explore()
+    state, rollout = morlax.state_dict(), [column.clone() for column in morlax.rollout]
+    morlax.learn()
+    eager = learned(morlax)
+    morlax.load_state_dict(state)
+    morlax.compile()
+    for column, value in zip(morlax.rollout, rollout, strict=True):
+        column.copy_(value)
+    morlax.learn()
+    assert torch.equal(learned(morlax), eager)
 
 
 def test_recording_restores_the_garbage_collector_setting():

@@ -83,7 +83,7 @@ def test_thirty_steps_of_adam_equal_torch():
     parameter = nn.Parameter(torch.randn(size, device=DEVICE))
     optimizer = ClippedAdam([parameter], 3e-4, max_norm=1.0)
     vector = optimizer.vector.clone()
-    means, squares, steps = torch.zeros_like(vector), torch.zeros_like(vector), vector.new_zeros(1)
+    means, squares, steps = torch.zeros_like(vector), torch.zeros_like(vector), vector.new_zeros(())
     for index in range(30):
         gradient = torch.randn(size, device=DEVICE) * (1e-3 if index % 2 else 1)  # some clipped
         optimizer.step((parameter * gradient).sum())

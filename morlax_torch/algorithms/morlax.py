@@ -8,13 +8,13 @@ from torch import nn
 from ..config import Config
 from ..envs import MorlaxError, Worlds
 from ..envs.random import restore_generator
+from ..gpu import fused
 from ..gpu.graph import Graph
 from ..gpu.threads import one_thread
 from ..networks import gaussian
 from ..networks.agent import Agent
 from ..tradeoffs import sample_tradeoffs
-from . import ppo
-from .ppo import PPO, Table, make_batch
+from .ppo import PPO, Losses, Table, make_batch
 from .rollout import Rollout, collect
 from .scalarization import Linear
 
@@ -62,14 +62,15 @@ class MORLAX:
             actor=actor,
             critic=critic,
         ).to(env.device)
-        cuda = env.device.type == "cuda"
-        self._sample, loss = gaussian.sample, ppo.policy_loss
-        if cuda:
-            from ..gpu import gaussian_kernels  # imports Warp
-
+        self._sample, losses = gaussian.sample, Losses()
+        if env.device.type == "cuda":
             torch.set_float32_matmul_precision("high")  # TF32
-            self._sample, loss = gaussian_kernels.sample, gaussian_kernels.policy_loss
-        self.ppo = PPO(self.agent, config.ppo, loss)
+        if fused.available(env.device):
+            from ..gpu import gaussian_kernels, loss_kernels
+
+            self._sample = gaussian_kernels.sample
+            losses = Losses(loss_kernels.policy_loss, loss_kernels.value_loss)
+        self.ppo = PPO(self.agent, config.ppo, losses)
         self.scalarization = Linear()
         self.generator = torch.Generator(env.device).manual_seed(config.seed)
         clusters, m = config.num_clusters, len(env.objectives)

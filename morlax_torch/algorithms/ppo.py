@@ -123,8 +123,8 @@ def policy_loss(
     """Compute PPO's clipped surrogate minus the entropy bonus plus the penalty on large means.
 
     (Schulman et al., 2017, eq. 7 and 9. The KL from the policy that acted to the current one uses
-    the estimator E[r - 1 - log r].) On CUDA, `gpu.gaussian_kernels.policy_loss` does the same in
-    one kernel.
+    the estimator E[r - 1 - log r].) On CUDA, `gpu.loss_kernels.policy_loss` does the same in two
+    kernels.
 
     Args:
         output: of the actors, (K, S, 2A).
@@ -155,6 +155,26 @@ def policy_loss(
     return loss, found
 
 
+def value_loss(value: Tensor, target: Tensor, coefficient: float) -> Tensor:
+    """Compute the squared error of the vector value, summed over objectives: ().
+
+    On CUDA, `gpu.loss_kernels.value_loss` does the same in two kernels.
+
+    Args:
+        value: (K, S, m)
+        target: (K, S, m)
+        coefficient: of the loss.
+    """
+    return coefficient * (value - target).square().sum(-1).mean()
+
+
+class Losses(NamedTuple):
+    """The losses, or fused kernels for them."""
+
+    policy: Callable[..., tuple[Tensor, Tensor]] = policy_loss
+    value: Callable[[Tensor, Tensor, float], Tensor] = value_loss
+
+
 class PPO:
     """Updates an agent's hypernetworks; actor and critic have separate losses and optimizers.
 
@@ -164,7 +184,7 @@ class PPO:
     Args:
         agent: updated in place.
         config: of the updates.
-        loss: `policy_loss`, or its fused kernel.
+        losses: of policy and value.
     """
 
     metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
@@ -173,9 +193,9 @@ class PPO:
         self,
         agent: Agent,
         config: PPOConfig,
-        loss: Callable[..., tuple[Tensor, Tensor]] = policy_loss,
+        losses: Losses = Losses(),
     ):
-        self.agent, self.config, self._loss = agent, config, loss
+        self.agent, self.config, self._losses = agent, config, losses
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
         self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
         norm = config.max_grad_norm
@@ -237,7 +257,7 @@ class PPO:
     ) -> tuple[Tensor, Tensor]:
         """Compute `policy_loss` of the current actors on a minibatch."""
         policy = self.agent.policies(tradeoffs)(batch.observation)
-        return self._loss(
+        return self._losses.policy(
             policy.output,
             batch.action,
             policy.noise(generator),
@@ -249,9 +269,9 @@ class PPO:
         )
 
     def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
-        """Compute the squared error of the vector value, summed over objectives."""
-        error = self.agent.values(tradeoffs)(batch.observation) - batch.target
-        return self.config.value_coefficient * error.square().sum(-1).mean()
+        """Compute `value_loss` of the current critics on a minibatch."""
+        value = self.agent.values(tradeoffs)(batch.observation)
+        return self._losses.value(value, batch.target, self.config.value_coefficient)
 
     def anneal(self, left: Tensor) -> None:
         """Scale learning rates and the entropy bonus by the share of the run that is `left`."""

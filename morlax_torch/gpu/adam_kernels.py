@@ -11,8 +11,9 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from .optimizer import BETA1, BETA2, EPSILON
+
 BLOCK = 1024  # numbers per program
-BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
 _LOG1, _LOG2 = tl.constexpr(math.log(BETA1)), tl.constexpr(math.log(BETA2))
 _B1, _B2, _EPSILON = tl.constexpr(BETA1), tl.constexpr(BETA2), tl.constexpr(EPSILON)
 
@@ -33,7 +34,7 @@ def _step(
     gradient,
     means,
     squares_,
-    steps,  # (1,)
+    steps,  # ()
     rate,  # ()
     squares,  # of the gradient, one sum per program
     size,
@@ -78,7 +79,7 @@ def step(
         gradient: (P,).
         means: the first moments (P,).
         squares: the second moments (P,).
-        steps: the number of steps taken (1,).
+        steps: the number of steps taken ().
         rate: the learning rate ().
         max_norm: largest norm of the gradient.
     """

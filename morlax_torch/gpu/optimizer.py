@@ -6,7 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
-CHUNK = 4096  # parameters per block of the fused kernel
+from . import fused
+
+BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
 
 
 class ClippedAdam:
@@ -22,14 +24,11 @@ class ClippedAdam:
         parts = self.vector.split([p.numel() for p in self.parameters])
         for parameter, part in zip(self.parameters, parts, strict=True):
             parameter.data = part.view_as(parameter)
-        # torch's fused kernel gives one tensor only a few blocks, too few for the whole vector
-        self._chunk = CHUNK if self.vector.is_cuda else len(self.vector)
         self.mean, self.square = torch.zeros_like(self.vector), torch.zeros_like(self.vector)
-        self.steps = self.vector.new_zeros(len(self.vector.split(self._chunk)))
-        self.rate = self.vector.new_tensor(rate)
+        self.steps, self.rate = self.vector.new_zeros(()), self.vector.new_tensor(rate)
 
     def state(self) -> list[Tensor]:
-        """Return the moments, step counts and learning rate."""
+        """Return the moments, the number of steps and the learning rate."""
         return [self.mean, self.square, self.steps, self.rate]
 
     def restore(self, state: Sequence[Tensor]) -> None:
@@ -43,29 +42,33 @@ class ClippedAdam:
             if stored.shape != mine.shape:
                 raise ValueError(f"Adam's state has shape {stored.shape}, not {mine.shape}")
             mine.copy_(stored)
-        self.steps.copy_(steps[0])  # equal in all chunks, whose number depends on the device
+        self.steps.copy_(steps.flatten()[0])  # version 0.1 stored several equal counts
 
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
         gradients = torch.autograd.grad(loss, self.parameters)
         gradient = torch.cat([g.flatten() for g in gradients])
-        excess = (gradient.norm() / self.max_norm).clamp(min=1.0)
         vectors = (self.vector, gradient, self.mean, self.square)
-        parameters, gradients, means, squares = (list(v.split(self._chunk)) for v in vectors)
+        if fused.available(gradient.device):
+            from . import adam_kernels
+
+            adam_kernels.step(*vectors, self.steps, self.rate, self.max_norm)
+            return
+        parameters, gradients, means, squares = ([vector] for vector in vectors)
         adam(
             parameters,
             gradients,
             means,
             squares,
             max_exp_avg_sqs=[],
-            state_steps=list(self.steps.unbind()),
+            state_steps=[self.steps],
             fused=True,
-            grad_scale=excess,
+            grad_scale=(gradient.norm() / self.max_norm).clamp(min=1.0),
             amsgrad=False,
-            beta1=0.9,
-            beta2=0.999,
+            beta1=BETA1,
+            beta2=BETA2,
             lr=self.rate,
             weight_decay=0.0,
-            eps=1e-8,
+            eps=EPSILON,
             maximize=False,
         )

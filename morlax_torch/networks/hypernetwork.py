@@ -8,7 +8,8 @@ from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
 from ..envs import MorlaxError
-from .mlp import mlp
+from ..gpu import fused
+from .mlp import mlp, mlp_sizes
 
 
 class Hypernetwork(nn.Module):
@@ -54,6 +55,7 @@ class Hypernetwork(nn.Module):
         self.bias = nn.Parameter(torch.cat([p.detach().flatten() for p in parameters.values()]))
         # The tuple hides the target from nn.Module: its own parameters are not used.
         self._target = (copy.deepcopy(target).requires_grad_(False),)
+        self._mlp, self._features_mlp = mlp_sizes(target), mlp_sizes(self.features)
         self._names_of_buffers = list(dict(target.named_buffers()))
         for index, buffer in enumerate(target.buffers()):
             self.register_buffer(f"target_buffer_{index}", buffer.clone())
@@ -68,14 +70,20 @@ class Hypernetwork(nn.Module):
         if not (_is_recorded() or (tradeoffs.isfinite() & (tradeoffs.sum(-1, True) > 0)).all()):
             raise MorlaxError("a trade-off must be finite, and its weights must not sum to zero.")
         tradeoffs = tradeoffs / tradeoffs.sum(-1, keepdim=True)
-        flat = torch.addmm(self.bias, self.features(tradeoffs), self.weight.t()).split(
-            self.sizes, dim=-1
-        )
-        named = zip(self.shapes.items(), flat, strict=True)
+        flat = fused.affine(self._featurize(tradeoffs), self.weight, self.bias)
+        named = zip(self.shapes.items(), flat.split(self.sizes, dim=-1), strict=True)
         return {name: values.reshape(-1, *shape) for (name, shape), values in named}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...)."""
+        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
+
+        MLPs run in fused kernels where there are some; the result is always that of `torch.vmap`.
+        """
+        if self._mlp and len(inputs) == 1:
+            generated = [parameters[name] for name in self.shapes]
+            outputs = fused.mlps(self._mlp, generated, inputs[0])
+            if outputs is not None:
+                return outputs
         return vmap(self.run_one, randomness="different")(parameters, *inputs)
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
@@ -92,6 +100,15 @@ class Hypernetwork(nn.Module):
             for name, buffer in self._buffers_of_family().items():
                 network.get_buffer(name).copy_(buffer)
         return network
+
+    def _featurize(self, tradeoffs: Tensor) -> Tensor:
+        """f: trade-offs (K, m) on the simplex to features (K, F)."""
+        if self._features_mlp:
+            parameters = [value[None] for value in self.features.parameters()]
+            features = fused.mlps(self._features_mlp, parameters, tradeoffs[None])
+            if features is not None:
+                return features[0]
+        return self.features(tradeoffs)
 
     def _buffers_of_family(self) -> dict[str, Tensor]:
         names = enumerate(self._names_of_buffers)

@@ -37,6 +37,21 @@ def mlp(
     return nn.Sequential(*layers[:-1])
 
 
+def mlp_sizes(network: nn.Module) -> tuple[int, ...] | None:
+    """Return inputs, hidden layers and outputs of a network like those of `mlp`, None of others."""
+    if type(network) is not nn.Sequential or len(network) < 3 or len(network) % 2 == 0:
+        return None
+    layers, activations = list(network)[::2], list(network)[1::2]
+    if any(type(activation) is not nn.SiLU for activation in activations):
+        return None
+    sizes = []
+    for layer in layers:
+        if type(layer) not in (Linear, nn.Linear) or layer.bias is None:
+            return None
+        sizes.append(layer.in_features)
+    return *sizes, layers[-1].out_features
+
+
 def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> None:
     """Raise MorlaxError unless a user's network maps (B, inputs) to (B, outputs)."""
     first = next(network.parameters(), None)

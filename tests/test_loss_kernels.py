@@ -1,28 +1,21 @@
-"""The fused kernels equal the torch definitions, in values and gradients."""
+"""The losses' Triton kernels equal the torch definitions, in values and gradients."""
 
 import pytest
 import torch
-import warp as wp
 
-from morlax_torch.algorithms.ppo import Batch, policy_loss
-from morlax_torch.gpu import gaussian_kernels
+from morlax_torch.algorithms.ppo import Batch, policy_loss, value_loss
 from morlax_torch.networks import gaussian
 from morlax_torch.networks.gaussian import TanhNormal
 
-DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
+pytest.importorskip("triton", reason="Triton is not installed")
 
+from morlax_torch.gpu import gaussian_kernels, loss_kernels, mlp_kernels
 
-@pytest.fixture(params=DEVICES)
-def device(request) -> str:
-    if request.param == "cuda" and not torch.cuda.is_available():
-        pytest.skip("there is no CUDA device")
-    wp.config.log_level = wp.LOG_ERROR
-    wp.init()
-    return request.param
+DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
 
 
 @pytest.fixture
-def samples(device) -> tuple[torch.Tensor, Batch, torch.Tensor]:
+def samples() -> tuple[torch.Tensor, Batch, torch.Tensor]:
     """The networks' output, a minibatch that is a strided view, and noise."""
     K, S, A = 3, 200, 4
     torch.manual_seed(0)
@@ -31,9 +24,9 @@ def samples(device) -> tuple[torch.Tensor, Batch, torch.Tensor]:
     output = torch.randn(K, S, 2 * A) * 0.7
     near = TanhNormal(output).log_prob(batch.action) + 0.3 * torch.randn(K, S)
     table[..., 5 + A] = near
-    table = table.to(device)
+    table = table.to(DEVICE)
     batch = Batch(*table.split([5, A, 1, 1, 2], -1))
-    return output.to(device).requires_grad_(), batch, torch.randn(K, S, A).to(device)
+    return output.to(DEVICE).requires_grad_(), batch, torch.randn(K, S, A).to(DEVICE)
 
 
 def test_a_fused_action_is_the_sample_and_its_log_probability(samples):
@@ -54,7 +47,7 @@ def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, cl
         plain, *(x.cpu() for x in given), clip, penalty, torch.tensor(bonus)
     )
     weight = torch.tensor(bonus).to(output)
-    loss, found = gaussian_kernels.policy_loss(output, *given, clip, penalty, weight)
+    loss, found = loss_kernels.policy_loss(output, *given, clip, penalty, weight)
     torch.testing.assert_close(loss.cpu(), expected, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(found.cpu(), metrics, rtol=1e-4, atol=1e-5)
     (slope,) = torch.autograd.grad(loss, output)
@@ -73,8 +66,18 @@ def test_a_steeper_loss_has_a_steeper_gradient(samples):
         0.01,
         torch.tensor(0.01).to(output),
     )
-    once, _ = gaussian_kernels.policy_loss(output, *arguments)
+    once, _ = loss_kernels.policy_loss(output, *arguments)
     (slope,) = torch.autograd.grad(once, output)
-    twice, _ = gaussian_kernels.policy_loss(output, *arguments)
+    twice, _ = loss_kernels.policy_loss(output, *arguments)
     (double,) = torch.autograd.grad(2 * twice, output)
     torch.testing.assert_close(double, 2 * slope)
+
+
+def test_the_fused_value_loss_and_its_gradient_are_those_of_the_definition(samples):
+    target = samples[1].target
+    value = torch.randn_like(target, requires_grad=True)
+    expected = value_loss(value, target, 0.25)
+    loss = loss_kernels.value_loss(value, target, 0.25)
+    torch.testing.assert_close(loss, expected)
+    (slope,), (exact,) = (torch.autograd.grad(each, value) for each in (loss, expected))
+    torch.testing.assert_close(slope, exact)

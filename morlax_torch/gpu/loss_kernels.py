@@ -1,0 +1,234 @@
+"""The losses of policy and value, with their gradients, in Triton, for CUDA.
+
+`algorithms.ppo` has the definitions. This module needs Triton, so import it only where there is
+CUDA.
+"""
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+from .gaussian_kernels import ROWS, entropy_at, log_density, to_std
+
+
+@triton.jit
+def _tanh(x):
+    double = tl.exp(-2.0 * tl.abs(x))
+    return tl.where(x < 0, double - 1.0, 1.0 - double) / (1.0 + double)
+
+
+@triton.jit
+def _add(found, part, program, programs, live, value):
+    tl.store(found + part * programs + program, tl.sum(tl.where(live, value, 0.0), 0))
+
+
+@triton.jit(do_not_specialize=("S",))
+def _policy(
+    output,  # (K, S, 2A)
+    action,  # (K, S, A)
+    noise,  # (K, S, A)
+    old_log_prob,  # (K, S, 1)
+    advantage,  # (K, S, 1)
+    action_k,  # strides
+    action_s,
+    old_k,
+    old_s,
+    advantage_k,
+    advantage_s,
+    entropy_weight,  # ()
+    slope,  # (K, S, 2A), of the loss by the output
+    found,  # (5, programs), the sums over each program's samples
+    rows,
+    S,
+    clip,
+    mean_penalty,
+    A: tl.constexpr,
+    PADDED: tl.constexpr,
+    ROWS: tl.constexpr,
+):
+    program, programs = tl.program_id(0), tl.num_programs(0)
+    row, a = program * ROWS + tl.arange(0, ROWS), tl.arange(0, PADDED)
+    live = row < rows
+    inside = live[:, None] & (a < A)[None, :]
+    k, s = (row // S).to(tl.int64), row % S
+    place = row[:, None] * 2 * A + a[None, :]
+    mean = tl.load(output + place, mask=inside, other=0.0)
+    spread = tl.load(output + place + A, mask=inside, other=0.0)
+    own = (k * action_k + s * action_s)[:, None] + a[None, :]
+    u = tl.load(action + own, mask=inside, other=0.0)
+    e = tl.load(noise + row[:, None] * A + a[None, :], mask=inside, other=0.0)
+    old = tl.load(old_log_prob + k * old_k + s * old_s, mask=live, other=0.0)
+    gain = tl.load(advantage + k * advantage_k + s * advantage_s, mask=live, other=0.0)
+    bonus = tl.load(entropy_weight)
+
+    std = to_std(spread)
+    log_ratio = tl.sum(tl.where(inside, log_density(mean, std, u), 0.0), 1) - old
+    ratio = tl.exp(log_ratio)
+    clipped = tl.minimum(tl.maximum(ratio, 1.0 - clip), 1.0 + clip)
+    drawn = mean + std * e
+    entropy = tl.sum(tl.where(inside, entropy_at(mean, std, drawn), 0.0), 1)
+    _add(found, 0, program, programs, live, -tl.minimum(ratio * gain, clipped * gain))
+    _add(found, 1, program, programs, live, entropy)
+    _add(found, 2, program, programs, live, ratio - 1.0 - log_ratio)
+    _add(found, 3, program, programs, live, tl.where(ratio == clipped, 0.0, 1.0))
+    _add(found, 4, program, programs, live, tl.sum(mean * mean, 1))
+
+    by_log_ratio = tl.where(ratio * gain <= clipped * gain, -ratio * gain, 0.0)[:, None]
+    standard = (u - mean) / std
+    by_drawn = 2.0 * bonus * _tanh(drawn)  # d log_slope(u) / du = -2 tanh(u)
+    by_mean = by_log_ratio * standard / std + by_drawn + 2.0 * mean_penalty * mean
+    by_std = (by_log_ratio * (standard * standard - 1.0) - bonus) / std + by_drawn * e
+    tl.store(slope + place, by_mean / rows, mask=inside)
+    tl.store(slope + place + A, by_std / (1.0 + tl.exp(-spread)) / rows, mask=inside)
+
+
+@triton.jit
+def _total(found, part, programs, rows, PROGRAMS: tl.constexpr):
+    i = tl.arange(0, PROGRAMS)
+    return tl.sum(tl.load(found + part * programs + i, mask=i < programs, other=0.0), 0) / rows
+
+
+@triton.jit
+def _policy_means(
+    found,  # (5, programs)
+    entropy_weight,
+    loss,  # ()
+    parts,  # (4,)
+    programs,
+    rows,
+    mean_penalty,
+    PROGRAMS: tl.constexpr,  # padded
+):
+    for part in tl.static_range(4):
+        tl.store(parts + part, _total(found, part, programs, rows, PROGRAMS))
+    total = _total(found, 0, programs, rows, PROGRAMS)
+    total -= tl.load(entropy_weight) * _total(found, 1, programs, rows, PROGRAMS)
+    total += mean_penalty * _total(found, 4, programs, rows, PROGRAMS)
+    tl.store(loss, total)
+
+
+@triton.jit(do_not_specialize=("S",))
+def _value(
+    value,  # (K, S, m)
+    target,  # (K, S, m)
+    target_k,  # strides
+    target_s,
+    slope,  # (K, S, m), of the loss by the value
+    found,  # (programs,)
+    rows,
+    S,
+    coefficient,
+    M: tl.constexpr,
+    PADDED: tl.constexpr,
+    ROWS: tl.constexpr,
+):
+    row, j = tl.program_id(0) * ROWS + tl.arange(0, ROWS), tl.arange(0, PADDED)
+    inside = (row < rows)[:, None] & (j < M)[None, :]
+    k, s = (row // S).to(tl.int64), row % S
+    place = row[:, None] * M + j[None, :]
+    goal = target + (k * target_k + s * target_s)[:, None] + j[None, :]
+    error = tl.load(value + place, mask=inside, other=0.0)
+    error -= tl.load(goal, mask=inside, other=0.0)
+    tl.store(slope + place, 2.0 * coefficient / rows * error, mask=inside)
+    square = tl.sum(tl.sum(error * error, 1), 0)
+    tl.store(found + tl.program_id(0), coefficient / rows * square)
+
+
+def policy_loss(
+    output: Tensor,
+    action: Tensor,
+    noise: Tensor,
+    old_log_prob: Tensor,
+    advantage: Tensor,
+    clip: float,
+    mean_penalty: float,
+    entropy_weight: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """`algorithms.ppo.policy_loss`, differentiable with respect to `output` alone."""
+    return _PolicyLoss.apply(
+        output, action, noise, old_log_prob, advantage, clip, mean_penalty, entropy_weight
+    )
+
+
+def value_loss(value: Tensor, target: Tensor, coefficient: float) -> Tensor:
+    """`algorithms.ppo.value_loss`, differentiable with respect to `value` alone."""
+    return _ValueLoss.apply(value, target, coefficient)
+
+
+class _PolicyLoss(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx, output, action, noise, old_log_prob, advantage, clip, mean_penalty, entropy_weight
+    ):
+        K, S, A = action.shape
+        programs = triton.cdiv(K * S, ROWS)
+        output = output.contiguous()
+        slope, found = torch.empty_like(output), output.new_empty(5, programs)
+        loss, parts = output.new_empty(()), output.new_empty(4)
+        with torch.cuda.device_of(output):
+            _policy[(programs,)](
+                output,
+                action,
+                noise.contiguous(),
+                old_log_prob,
+                advantage,
+                *action.stride()[:2],
+                *old_log_prob.stride()[:2],
+                *advantage.stride()[:2],
+                entropy_weight,
+                slope,
+                found,
+                K * S,
+                S,
+                clip,
+                mean_penalty,
+                A=A,
+                PADDED=triton.next_power_of_2(A),
+                ROWS=ROWS,
+            )
+            _policy_means[(1,)](
+                found,
+                entropy_weight,
+                loss,
+                parts,
+                programs,
+                K * S,
+                mean_penalty,
+                PROGRAMS=triton.next_power_of_2(programs),
+            )
+        ctx.slope = slope
+        ctx.mark_non_differentiable(parts)
+        return loss, parts
+
+    @staticmethod
+    def backward(ctx, gradient, _):
+        return ctx.slope * gradient, *(None,) * 7
+
+
+class _ValueLoss(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, value, target, coefficient):
+        K, S, M = value.shape
+        programs = triton.cdiv(K * S, ROWS)
+        value = value.contiguous()
+        ctx.slope, found = torch.empty_like(value), value.new_empty(programs)
+        with torch.cuda.device_of(value):
+            _value[(programs,)](
+                value,
+                target,
+                *target.stride()[:2],
+                ctx.slope,
+                found,
+                K * S,
+                S,
+                coefficient,
+                M=M,
+                PADDED=triton.next_power_of_2(M),
+                ROWS=ROWS,
+            )
+        return found.sum()
+
+    @staticmethod
+    def backward(ctx, gradient):
+        return ctx.slope * gradient, None, None

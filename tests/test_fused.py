@@ -1,0 +1,62 @@
+"""Triton stays out of the way where it cannot help."""
+
+import subprocess
+import sys
+import warnings
+
+import pytest
+import torch
+from torch import nn
+
+from morlax_torch.gpu import fused
+from morlax_torch.networks.hypernetwork import Hypernetwork
+from morlax_torch.networks.mlp import mlp, mlp_sizes
+
+TRAINS = """
+import sys
+from pathlib import Path
+from morlax_torch import config_for
+from morlax_torch.train import train
+short = {"worlds": 8, "max_env_steps": 2000, "device": "cpu", "sampling": {"clusters": 2}}
+train(config_for("hopper", **short), output=Path(sys.argv[1]))
+assert "triton" not in sys.modules
+"""
+
+
+def test_training_on_the_cpu_imports_no_triton(tmp_path):
+    done = subprocess.run([sys.executable, "-c", TRAINS, tmp_path / "run"], capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+def test_without_triton_training_on_cuda_says_once_what_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "triton", None)
+    monkeypatch.delitem(sys.modules, "morlax_torch.gpu.mlp_kernels", raising=False)
+    fused.available.cache_clear()
+    try:
+        with pytest.warns(UserWarning, match="pip install triton") as said:
+            assert not fused.available(torch.device("cuda"))
+        assert len(said) == 1
+        with warnings.catch_warnings(action="error"):
+            assert not fused.available(torch.device("cuda"))
+    finally:
+        fused.available.cache_clear()
+
+
+def test_only_mlps_have_sizes():
+    assert mlp_sizes(mlp(3, (5, 4), 2)) == (3, 5, 4, 2)
+    assert mlp_sizes(nn.Sequential(nn.Linear(3, 5), nn.SiLU(), nn.Linear(5, 2))) == (3, 5, 2)
+    for other in (
+        nn.Linear(3, 2),
+        nn.Sequential(nn.Linear(3, 5), nn.ELU(), nn.Linear(5, 2)),
+        nn.Sequential(nn.Linear(3, 5, bias=False), nn.SiLU(), nn.Linear(5, 2)),
+        nn.Sequential(nn.Linear(3, 5), nn.SiLU(), nn.Linear(5, 2), nn.SiLU()),
+        nn.GRUCell(3, 2),
+    ):
+        assert mlp_sizes(other) is None
+
+
+def test_the_affine_map_on_the_cpu_is_that_of_torch():
+    family = Hypernetwork(nn.Linear(3, 2), 2, scale=0.5)
+    features = torch.randn(4, 16)
+    flat = fused.affine(features, family.weight, family.bias)
+    torch.testing.assert_close(flat, features @ family.weight.t() + family.bias)
