@@ -60,3 +60,13 @@ def test_the_affine_map_on_the_cpu_is_that_of_torch():
     features = torch.randn(4, 16)
     flat = fused.affine(features, family.weight, family.bias)
     torch.testing.assert_close(flat, features @ family.weight.t() + family.bias)
+
+
+def test_generated_parameters_are_known_as_the_columns_of_one_tensor():
+    parameters = Hypernetwork(nn.Linear(3, 2), 2)(torch.rand(4, 2))
+    whole = fused._whole(list(parameters.values()))
+    assert whole is not None
+    assert whole.shape == (4, 8)
+    assert fused._whole(list(parameters.values())[::-1]) is None
+    assert fused._whole([value.clone() for value in parameters.values()]) is None
+    assert fused._whole([value[:2] for value in parameters.values()]) is not whole

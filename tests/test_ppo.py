@@ -196,9 +196,13 @@ def near(batch: Batch, agent) -> Batch:
     return batch._replace(log_prob=log_prob.unsqueeze(-1) + 0.3 * batch.log_prob)
 
 
+def noise(samples: Batch, generator: torch.Generator) -> Tensor:
+    return torch.randn(samples.action.shape, generator=generator)
+
+
 def losses_of(ppo: PPO, samples: Batch, generator: torch.Generator) -> dict[str, float]:
     """Return the losses and metrics of one minibatch, by name."""
-    _, (surrogate, *others) = ppo.policy_loss(TRADEOFFS, samples, generator)
+    _, (surrogate, *others) = ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))
     values = surrogate, ppo.value_loss(TRADEOFFS, samples), *others
     return {name: value.item() for name, value in zip(PPO.metrics, values, strict=True)}
 
@@ -244,7 +248,9 @@ def test_losses_equal_those_of_specialized_networks(learner, samples, generator,
 def test_the_policy_loss_is_the_surrogate_minus_the_entropy_bonus(learner, samples, generator):
     agent = learner()
     ppo = PPO(agent, PPOConfig(entropy=0.25))
-    total, (surrogate, entropy, *_) = ppo.policy_loss(TRADEOFFS, near(samples, agent), generator)
+    total, (surrogate, entropy, *_) = ppo.policy_loss(
+        TRADEOFFS, near(samples, agent), noise(samples, generator)
+    )
     torch.testing.assert_close(total, surrogate - 0.25 * entropy)
 
 
@@ -269,7 +275,11 @@ def test_dual_network_losses_reach_only_their_own_hypernetwork(
     agent = learner(type="dual")
     ppo, samples = PPO(agent, PPOConfig(entropy=entropy)), near(samples, agent)
     for loss, own, other in (
-        (ppo.policy_loss(TRADEOFFS, samples, generator)[0], agent.actor, agent.critic),
+        (
+            ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))[0],
+            agent.actor,
+            agent.critic,
+        ),
         (ppo.value_loss(TRADEOFFS, samples), agent.critic, agent.actor),
     ):
         assert all(gradient.any() for gradient in gradients(loss, own))
@@ -280,7 +290,11 @@ def test_single_network_losses_both_reach_the_features(learner, samples, generat
     agent = learner(type="single")
     ppo, samples = PPO(agent, PPOConfig()), near(samples, agent)
     for loss, own, other in (
-        (ppo.policy_loss(TRADEOFFS, samples, generator)[0], agent.actor, agent.critic),
+        (
+            ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))[0],
+            agent.actor,
+            agent.critic,
+        ),
         (ppo.value_loss(TRADEOFFS, samples), agent.critic, agent.actor),
     ):
         assert all(gradient.any() for gradient in gradients(loss, own))
@@ -320,7 +334,7 @@ def test_updates_are_adam_steps_on_clipped_gradients(learner, samples, type):
     ppo, generator = PPO(oracle, config), torch.Generator().manual_seed(4)
     for _ in range(3):
         oracle.zero_grad()
-        policy_loss, _ = ppo.policy_loss(TRADEOFFS, samples, generator)
+        policy_loss, _ = ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))
         (policy_loss + ppo.value_loss(TRADEOFFS, samples)).backward()
         for group, optimizer in zip(groups, optimizers, strict=True):
             norm = torch.cat([p.grad.flatten() for p in group]).norm()
@@ -361,7 +375,7 @@ def test_a_gradient_below_the_limit_is_not_scaled(learner, samples, generator):
     config = PPOConfig(learning_rate=1.0, max_grad_norm=limit, entropy=0.0)
     samples = near(samples, agent)
     samples = samples._replace(advantage=1e-5 * samples.advantage)
-    loss, _ = PPO(agent, config).policy_loss(TRADEOFFS, samples, generator)
+    loss, _ = PPO(agent, config).policy_loss(TRADEOFFS, samples, noise(samples, generator))
     own = torch.cat([gradient.flatten() for gradient in gradients(loss, agent.actor)])
     expected = own.double().norm().item()
     assert 0.1 * limit < expected < 0.9 * limit

@@ -5,6 +5,7 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
+from morlax_torch.gpu import fused
 from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.networks.mlp import mlp
 
@@ -64,6 +65,12 @@ def test_mlps_and_their_gradients_equal_vmap_and_repeat(sizes, K, S):
         assert relative_error(mine, true) < TF32_ERROR
     assert all(torch.equal(*pair) for pair in zip(found, run(), strict=True))
 
+    in_one = torch.cat([leaf.detach().flatten(1) for leaf in parameters.values()], 1)
+    y = mlp_kernels.run(sizes, [in_one.requires_grad_()], x)
+    (gradient,) = torch.autograd.grad(y, in_one, dy)
+    assert torch.equal(y, found[0])
+    assert torch.equal(gradient, torch.cat([each.flatten(1) for each in found[1:]], 1))
+
 
 @pytest.mark.parametrize(("K", "F", "P"), [(8, 16, 1000), (64, 3, 131), (1, 1, 1), (2, 40, 64)])
 def test_the_affine_map_and_its_gradients_equal_addmm(K, F, P):
@@ -78,16 +85,18 @@ def test_the_affine_map_and_its_gradients_equal_addmm(K, F, P):
         assert relative_error(mine, value) < 1e-5
 
 
-def test_thirty_steps_of_adam_equal_torch():
-    size = 2 * adam_kernels.BLOCK + 100
-    parameter = nn.Parameter(torch.randn(size, device=DEVICE))
-    optimizer = ClippedAdam([parameter], 3e-4, max_norm=1.0)
+def test_thirty_steps_of_adam_equal_torch(monkeypatch):
+    monkeypatch.setattr(fused, "available", lambda device: False)
+    shapes = [(2, adam_kernels.BLOCK), (100,), (3, 7), (adam_kernels.BLOCK + 1,)]
+    parameters = [nn.Parameter(torch.randn(shape, device=DEVICE)) for shape in shapes]
+    optimizer = ClippedAdam(parameters, 3e-4, max_norm=1.0)
     vector = optimizer.vector.clone()
     means, squares, steps = torch.zeros_like(vector), torch.zeros_like(vector), vector.new_zeros(())
     for index in range(30):
-        gradient = torch.randn(size, device=DEVICE) * (1e-3 if index % 2 else 1)  # some clipped
-        optimizer.step((parameter * gradient).sum())
-        adam_kernels.step(vector, gradient, means, squares, steps, optimizer.rate, 1.0)
+        scale = 1e-3 if index % 2 else 1  # some clipped
+        gradients = [scale * torch.randn(shape, device=DEVICE) for shape in shapes]
+        optimizer.step(sum((p * g).sum() for p, g in zip(parameters, gradients, strict=True)))
+        adam_kernels.step(vector, gradients, means, squares, steps, optimizer.rate, 1.0)
     torch.testing.assert_close(vector, optimizer.vector, rtol=1e-6, atol=1e-6)
     torch.testing.assert_close(means, optimizer.mean, rtol=1e-5, atol=1e-8)
     torch.testing.assert_close(squares, optimizer.square, rtol=1e-5, atol=1e-10)

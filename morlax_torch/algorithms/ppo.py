@@ -230,9 +230,13 @@ class PPO:
     def improve(self, parts: list[tuple[Tensor, Batch]], generator: torch.Generator) -> Tensor:
         """Take an optimizer step on every minibatch; returns the means of `metrics`, (5,)."""
         policies, values = [], []
+        shapes = [batch.action.shape for _, batch in parts]
+        drawn = self.entropy.new_empty(sum(shape.numel() for shape in shapes))
+        drawn = drawn.normal_(generator=generator).split([shape.numel() for shape in shapes])
+        noises = [noise.view(shape) for noise, shape in zip(drawn, shapes, strict=True)]
         if self.single:
-            for tradeoffs, batch in parts:
-                policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
+            for (tradeoffs, batch), noise in zip(parts, noises, strict=True):
+                policy_loss, found = self.policy_loss(tradeoffs, batch, noise)
                 value_loss = self.value_loss(tradeoffs, batch)
                 self.optimizers[0].step(policy_loss + value_loss)
                 policies.append(found)
@@ -244,23 +248,21 @@ class PPO:
                     value_loss = self.value_loss(tradeoffs, batch)
                     critic.step(value_loss)
                     values.append(value_loss.detach())
-            for tradeoffs, batch in parts:
-                policy_loss, found = self.policy_loss(tradeoffs, batch, generator)
+            for (tradeoffs, batch), noise in zip(parts, noises, strict=True):
+                policy_loss, found = self.policy_loss(tradeoffs, batch, noise)
                 actor.step(policy_loss)
                 policies.append(found)
             self._branch.join()
         policy = torch.stack(policies).mean(0)
         return torch.cat([policy[:1], torch.stack(values).mean(0, keepdim=True), policy[1:]])
 
-    def policy_loss(
-        self, tradeoffs: Tensor, batch: Batch, generator: torch.Generator
-    ) -> tuple[Tensor, Tensor]:
-        """Compute `policy_loss` of the current actors on a minibatch."""
+    def policy_loss(self, tradeoffs: Tensor, batch: Batch, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute `policy_loss` of the current actors on a minibatch with noise (K, S, A)."""
         policy = self.agent.policies(tradeoffs)(batch.observation)
         return self._losses.policy(
             policy.output,
             batch.action,
-            policy.noise(generator),
+            noise,
             batch.log_prob,
             batch.advantage,
             self.config.clip,

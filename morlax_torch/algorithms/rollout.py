@@ -62,25 +62,28 @@ def collect(
         sample: draws actions before the tanh.
         generator: draws the noise.
     """
-    clusters = rollout.reward.shape[1]
-    for t in range(len(rollout.reward)):
-        seen = observation[:, : env.observation_size].unflatten(0, (clusters, -1))
-        policy = actors.distribution(seen)
-        action, log_prob = sample(policy.output, policy.noise(generator))
+    rollout.observation[0].copy_(observation.view_as(rollout.observation[0]))
+    noise = torch.empty_like(rollout.action).normal_(generator=generator)
+    last = len(noise) - 1
+    for t in range(len(noise)):
+        seen = rollout.observation[t, ..., : env.observation_size]
+        action, log_prob = sample(actors.distribution(seen).output, noise[t])
         step = env.step(action.tanh().flatten(0, 1))
-        taken = Rollout(
-            observation,
-            action,
-            log_prob,
-            step.reward,
-            step.terminated,
-            step.truncated,
-            step.final_critic_observation,
+        following = observation if t == last else rollout.observation[t + 1]
+        _copy(
+            (following, step.critic_observation),
+            (rollout.action[t], action),
+            (rollout.log_prob[t], log_prob),
+            (rollout.reward[t], step.reward),
+            (rollout.final_observation[t], step.final_critic_observation),
         )
-        slots = [column[t] for column in rollout]
-        values = [value.view_as(slot) for slot, value in zip(slots, taken, strict=True)]
-        torch._foreach_copy_(slots, values)  # one kernel for all tensors of a dtype
-        observation.copy_(step.critic_observation)
+        _copy((rollout.terminated[t], step.terminated), (rollout.truncated[t], step.truncated))
+
+
+def _copy(*pairs: tuple[Tensor, Tensor]) -> None:
+    """Copy tensors of one dtype, each into the one before it; a single kernel on CUDA."""
+    into = [target for target, _ in pairs]
+    torch._foreach_copy_(into, [source.view_as(target) for target, source in pairs])
 
 
 def advantages(

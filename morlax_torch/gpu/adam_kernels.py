@@ -1,10 +1,12 @@
-"""Clipping and Adam over one flat vector as two Triton kernels, for CUDA.
+"""Clipping and Adam as two Triton kernels, for CUDA.
 
 `gpu.optimizer.ClippedAdam` has the definition. This module needs Triton, so import it only where
 there is CUDA.
 """
 
 import math
+from collections.abc import Sequence
+from itertools import accumulate
 
 import torch
 import triton
@@ -19,10 +21,27 @@ _B1, _B2, _EPSILON = tl.constexpr(BETA1), tl.constexpr(BETA2), tl.constexpr(EPSI
 
 
 @triton.jit
-def _squares(gradient, squares, steps, size, B: tl.constexpr):
+def _gradient(gradients, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.constexpr):
+    """Load a program's numbers of its one gradient; return where they are in the vector, too."""
+    program = tl.program_id(0)
+    i = tl.zeros([B], tl.int32)
+    inside = i < 0
+    g = tl.zeros([B], tl.float32)
+    place = 0
+    for j in tl.static_range(len(SIZES)):
+        if (program >= FIRSTS[j]) & (program < FIRSTS[j + 1]):
+            own = (program - FIRSTS[j]) * B + tl.arange(0, B)
+            inside = own < SIZES[j]
+            g = tl.load(gradients[j] + own, mask=inside, other=0.0)
+            i = place + own
+        place += SIZES[j]
+    return g, i, inside
+
+
+@triton.jit
+def _squares(gradients, squares, steps, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.constexpr):
     """Sum the squares of each program's numbers, and count the step, which `_step` only reads."""
-    i = tl.program_id(0) * B + tl.arange(0, B)
-    g = tl.load(gradient + i, mask=i < size, other=0.0)
+    g, _, _ = _gradient(gradients, FIRSTS, SIZES, B)
     tl.store(squares + tl.program_id(0), tl.sum(g * g, 0))
     if tl.program_id(0) == 0:
         tl.store(steps, tl.load(steps) + 1.0)
@@ -31,26 +50,26 @@ def _squares(gradient, squares, steps, size, B: tl.constexpr):
 @triton.jit
 def _step(
     vector,
-    gradient,
+    gradients,
     means,
     squares_,
     steps,  # ()
     rate,  # ()
-    squares,  # of the gradient, one sum per program
-    size,
-    programs,
+    squares,  # of the gradients, one sum per program
     max_norm,
+    FIRSTS: tl.constexpr,  # programs of each gradient
+    SIZES: tl.constexpr,  # of each gradient
     B: tl.constexpr,
     PROGRAMS: tl.constexpr,  # padded
 ):
     part = tl.arange(0, PROGRAMS)
-    norm = tl.sqrt(tl.sum(tl.load(squares + part, mask=part < programs, other=0.0), 0))
+    sums = tl.load(squares + part, mask=part < FIRSTS[len(SIZES)], other=0.0)
+    norm = tl.sqrt(tl.sum(sums, 0))
     count = tl.load(steps)
     first = 1.0 - tl.exp(count.to(tl.float64) * _LOG1)
     second = 1.0 - tl.exp(count.to(tl.float64) * _LOG2)
-    i = tl.program_id(0) * B + tl.arange(0, B)
-    inside = i < size
-    g = tl.load(gradient + i, mask=inside, other=0.0) / tl.maximum(norm / max_norm, 1.0)
+    g, i, inside = _gradient(gradients, FIRSTS, SIZES, B)
+    g /= tl.maximum(norm / max_norm, 1.0)
     m = tl.load(means + i, mask=inside, other=0.0)
     v = tl.load(squares_ + i, mask=inside, other=0.0)
     m += (1.0 - _B1) * (g - m)
@@ -65,40 +84,42 @@ def _step(
 
 def step(
     vector: Tensor,
-    gradient: Tensor,
+    gradients: Sequence[Tensor],
     means: Tensor,
     squares: Tensor,
     steps: Tensor,
     rate: Tensor,
     max_norm: float,
 ) -> None:
-    """Scale `gradient` (P,) down to a norm of `max_norm` and take a step of Adam, in place.
+    """Scale gradients down to a joint norm of `max_norm` and take a step of Adam, in place.
 
     Args:
         vector: the parameters (P,).
-        gradient: (P,).
+        gradients: of consecutive parts of the vector, of any shapes.
         means: the first moments (P,).
         squares: the second moments (P,).
         steps: the number of steps taken ().
         rate: the learning rate ().
-        max_norm: largest norm of the gradient.
+        max_norm: largest norm of the gradients.
     """
-    size = len(vector)
-    programs = triton.cdiv(size, BLOCK)
+    gradients = tuple(gradient.contiguous() for gradient in gradients)
+    sizes = tuple(gradient.numel() for gradient in gradients)
+    firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))
+    programs = firsts[-1]
     sums = vector.new_empty(programs)
     with torch.cuda.device_of(vector):
-        _squares[(programs,)](gradient, sums, steps, size, B=BLOCK)
+        _squares[(programs,)](gradients, sums, steps, FIRSTS=firsts, SIZES=sizes, B=BLOCK)
         _step[(programs,)](
             vector,
-            gradient,
+            gradients,
             means,
             squares,
             steps,
             rate,
             sums,
-            size,
-            programs,
             max_norm,
+            FIRSTS=firsts,
+            SIZES=sizes,
             B=BLOCK,
             PROGRAMS=triton.next_power_of_2(programs),
         )

@@ -56,6 +56,18 @@ def _backward(
     tl.store(by_bias + row, db, mask=row < P)
 
 
+@triton.jit(do_not_specialize=("K", "programs"))
+def _sum(parts, total, K, programs, F: tl.constexpr, FP: tl.constexpr, B: tl.constexpr):
+    """Sum (programs, K, F) to (K, F), a trade-off per program."""
+    k, row, column = tl.program_id(0), tl.arange(0, B), tl.arange(0, FP)
+    found = tl.zeros([B, FP], tl.float32)
+    for first in range(0, programs, B):
+        inside = (first + row < programs)[:, None] & (column < F)[None, :]
+        place = ((first + row) * K + k)[:, None] * F + column[None, :]
+        found += tl.load(parts + place, mask=inside, other=0.0)
+    tl.store(total + k * F + column, tl.sum(found, 0), mask=column < F)
+
+
 def affine(features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """Return features (K, F) @ weight (P, F).T + bias (P,), differentiable by all three."""
     return _Affine.apply(features, weight, bias)
@@ -80,7 +92,8 @@ class _Affine(torch.autograd.Function):
         (K, F), P = features.shape, len(weight)
         programs = triton.cdiv(P, ROWS)
         by_weight, by_bias = torch.empty_like(weight), weight.new_empty(P)
-        by_features = features.new_empty(programs, K, F)
+        parts, by_features = features.new_empty(programs, K, F), features.new_empty(K, F)
+        padded = triton.next_power_of_2(F)
         with torch.cuda.device_of(slope):
             _backward[(programs,)](
                 slope.contiguous(),
@@ -88,11 +101,12 @@ class _Affine(torch.autograd.Function):
                 weight,
                 by_weight,
                 by_bias,
-                by_features,
+                parts,
                 K,
                 P,
                 F=F,
-                FP=triton.next_power_of_2(F),
+                FP=padded,
                 B=ROWS,
             )
-        return by_features.sum(0), by_weight, by_bias
+            _sum[(K,)](parts, by_features, K, programs, F=F, FP=padded, B=ROWS)
+        return by_features, by_weight, by_bias

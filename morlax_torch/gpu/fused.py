@@ -51,7 +51,27 @@ def mlps(sizes: tuple[int, ...], parameters: Sequence[Tensor], x: Tensor) -> Ten
         return None
     from . import mlp_kernels
 
-    return mlp_kernels.run(sizes, parameters, x) if mlp_kernels.fits(sizes, x.device) else None
+    if not mlp_kernels.fits(sizes, x.device):
+        return None
+    whole = _whole(parameters)
+    return mlp_kernels.run(sizes, parameters if whole is None else [whole], x)
+
+
+def _whole(parameters: Sequence[Tensor]) -> Tensor | None:
+    """Return the tensor (K, P) that a family's parameters are consecutive columns of, if any.
+
+    Its gradient then needs no kernel to put the pieces together.
+    """
+    whole = parameters[0]._base
+    if whole is None or whole.dim() != 2 or not whole.is_contiguous():
+        return None
+    start = whole.storage_offset()
+    for parameter in parameters:
+        mine = parameter._base is whole and parameter.storage_offset() == start
+        if not mine or (len(parameter), parameter.stride(0)) != whole.shape:
+            return None
+        start += parameter[0].numel()
+    return whole if start == whole.storage_offset() + whole.shape[1] else None
 
 
 def affine(features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ in a fixed order, so results repeat bit for bit.
 import it only where there is CUDA.
 """
 
+import sys
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
@@ -220,7 +221,7 @@ def run(sizes: tuple[int, ...], parameters: Sequence[Tensor], x: Tensor) -> Tens
     Args:
         sizes: O, the hidden layers, C. There is a SiLU after each hidden layer.
         parameters: the weights (K, outputs, inputs) and bias (K, outputs) of each layer in turn,
-            each contiguous within a network.
+            each contiguous within a network; or one tensor with all of them in a row, (K, P).
         x: float32 (K, S, O), contiguous in the last dimension.
 
     Returns:
@@ -232,12 +233,15 @@ def run(sizes: tuple[int, ...], parameters: Sequence[Tensor], x: Tensor) -> Tens
 @cache
 def fits(sizes: tuple[int, ...], device: torch.device) -> bool:
     """Return whether the weights and gradients of a network fit on chip. Compiles the kernels."""
-    shapes = _shapes(sizes)
-    parameters = [torch.zeros(1, *shape, device=device, requires_grad=True) for shape in shapes]
+    weights = sum(4 * b * a for a, b in pairwise(_padded(sizes)))
+    if weights > _memory(device):
+        return False
+    P = sum(shape.numel() for shape in _shapes(sizes))
+    parameters = torch.zeros(1, P, device=device, requires_grad=True)
     x = torch.zeros(1, FORWARD_ROWS, sizes[0], device=device)
     try:
         with torch.enable_grad():
-            torch.autograd.grad(run(sizes, parameters, x).sum(), parameters)
+            torch.autograd.grad(run(sizes, [parameters], x).sum(), parameters)
     except triton.runtime.errors.OutOfResources:
         return False
     return True
@@ -247,16 +251,19 @@ class _FamilyMLP(torch.autograd.Function):
     @staticmethod
     def forward(ctx, x: Tensor, sizes: tuple[int, ...], *parameters: Tensor) -> Tensor:
         K, S, _ = x.shape
-        P = sum(b * a + b for a, b in pairwise(sizes))
+        numbers = [shape.numel() for shape in _shapes(sizes)]
+        P = sum(numbers)
         packed, y = x.new_empty(K, P), x.new_empty(K, S, sizes[-1])
-        stretch, number = _stretches(S, PROGRAMS * _processors(x.device) // K, FORWARD_ROWS)
-        largest = max(b * a for a, b in pairwise(sizes))
-        strides = tuple(parameter.stride(0) for parameter in parameters)
+        rows = min(FORWARD_ROWS, max(SMALLEST, triton.next_power_of_2(S)))
+        stretch, number = _stretches(S, PROGRAMS * _processors(x.device) // K, rows)
+        ctx.in_one = len(parameters) == 1
+        pieces = parameters[0].split(numbers, 1) if ctx.in_one else parameters
+        strides = tuple(piece.stride(0) for piece in pieces)
         with torch.cuda.device_of(x):
-            _pack[triton.cdiv(largest, BLOCK), K](
-                parameters, strides, packed, P, SIZES=sizes, BLOCK=BLOCK, TF32=not INTERPRETED
+            _pack[triton.cdiv(max(numbers), BLOCK), K](
+                tuple(pieces), strides, packed, P, SIZES=sizes, BLOCK=BLOCK, TF32=not INTERPRETED
             )
-            constants = _constants(sizes, FORWARD_ROWS)
+            constants = _constants(sizes, rows)
             _forward[number, K](
                 x, packed, y, x.stride(0), x.stride(1), P, S, stretch, **constants, num_warps=4
             )
@@ -288,9 +295,12 @@ class _FamilyMLP(torch.autograd.Function):
                 **_constants(ctx.sizes, rows),
                 num_warps=warps,
             )
+        gradient = parts.sum(1) if number > 1 else parts[:, 0]
+        if ctx.in_one:
+            return None, None, gradient
         shapes = _shapes(ctx.sizes)
-        gradients = parts.sum(1).split([shape.numel() for shape in shapes], 1)
-        return None, None, *(g.view(K, *s) for g, s in zip(gradients, shapes, strict=True))
+        pieces = gradient.split([shape.numel() for shape in shapes], 1)
+        return None, None, *(g.view(K, *s) for g, s in zip(pieces, shapes, strict=True))
 
 
 def _shapes(sizes: tuple[int, ...]) -> list[torch.Size]:
@@ -303,6 +313,14 @@ def _padded(sizes: tuple[int, ...]) -> tuple[int, ...]:
 
 def _constants(sizes: tuple[int, ...], rows: int) -> dict[str, Any]:
     return {"SIZES": sizes, "PADDED": _padded(sizes), "ROWS": rows, "TF32": not INTERPRETED}
+
+
+@cache
+def _memory(device: torch.device) -> int:
+    """Return the most bytes of shared memory that a program can have."""
+    if INTERPRETED:
+        return sys.maxsize
+    return torch.cuda.get_device_properties(device).shared_memory_per_block_optin
 
 
 @cache

@@ -47,19 +47,18 @@ class ClippedAdam:
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
         gradients = torch.autograd.grad(loss, self.parameters)
-        gradient = torch.cat([g.flatten() for g in gradients])
-        vectors = (self.vector, gradient, self.mean, self.square)
-        if fused.available(gradient.device):
+        if fused.available(self.vector.device):
             from . import adam_kernels
 
-            adam_kernels.step(*vectors, self.steps, self.rate, self.max_norm)
+            state = self.mean, self.square, self.steps, self.rate
+            adam_kernels.step(self.vector, gradients, *state, self.max_norm)
             return
-        parameters, gradients, means, squares = ([vector] for vector in vectors)
+        gradient = torch.cat([g.flatten() for g in gradients])
         adam(
-            parameters,
-            gradients,
-            means,
-            squares,
+            [self.vector],
+            [gradient],
+            [self.mean],
+            [self.square],
             max_exp_avg_sqs=[],
             state_steps=[self.steps],
             fused=True,
