@@ -239,10 +239,21 @@ def tf32_learner(task: str, device: str = "cuda", **ppo: Any) -> MORLAX:
     return morlax
 
 
-def continue_from(morlax: MORLAX, state: dict[str, Any], rollout: list[torch.Tensor]) -> None:
+def explored(morlax: MORLAX) -> tuple[dict[str, Any], list[torch.Tensor]]:
+    """Collect a rollout; return all that the update depends on."""
+    morlax.explore()
+    return morlax.state_dict(), [value.clone() for value in (morlax.tradeoffs, *morlax.rollout)]
+
+
+def learn_from(
+    morlax: MORLAX, state: dict[str, Any], seen: list[torch.Tensor]
+) -> list[torch.Tensor]:
+    """Update from what was `explored`; return the moments of Adam."""
     morlax.load_state_dict(state)
-    for column, value in zip(morlax.rollout, rollout, strict=True):
-        column.copy_(value)
+    for own, value in zip((morlax.tradeoffs, *morlax.rollout), seen, strict=True):
+        own.copy_(value)
+    morlax.learn()
+    return [optimizer.mean.clone() for optimizer in morlax.ppo.optimizers]
 
 
 @pytest.mark.parametrize("device", ["cuda", pytest.param("cuda:1", marks=two_gpus)])
@@ -250,29 +261,22 @@ def continue_from(morlax: MORLAX, state: dict[str, Any], rollout: list[torch.Ten
 def test_an_update_with_fused_kernels_is_that_of_torch(task: str, device: str, monkeypatch):
     one_step = {"minibatches": 1, "epochs": 1}
     found = tf32_learner(task, device, **one_step)
-    found.explore()
-    state, rollout = found.state_dict(), [column.clone() for column in found.rollout]
-    found.learn()
+    state, seen = explored(found)
+    fused_moments = learn_from(found, state, seen)
     monkeypatch.setattr(fused, "available", lambda device: False)
-    expected = tf32_learner(task, device, **one_step)
-    continue_from(expected, state, rollout)
-    expected.learn()
-    for mine, true in zip(found.ppo.optimizers, expected.ppo.optimizers, strict=True):
-        # after one step the mean is a tenth of the clipped gradient; both round to TF32
-        assert (mine.mean - true.mean).norm() < 1e-2 * true.mean.norm()
+    moments = learn_from(tf32_learner(task, device, **one_step), state, seen)
+    for mine, true in zip(fused_moments, moments, strict=True):
+        # after one step a moment is a tenth of the clipped gradient; both round to TF32
+        assert (mine - true).norm() < 1e-2 * true.norm()
 
 
 @pytest.mark.parametrize("task", ["cheetah", "ant"])
 def test_a_recorded_update_with_fused_kernels_repeats_the_eager_one_bit_for_bit(task: str):
     morlax = tf32_learner(task)
-    morlax.explore()
-    state, rollout = morlax.state_dict(), [column.clone() for column in morlax.rollout]
-    morlax.learn()
-    eager = learned(morlax)
+    state, seen = explored(morlax)
+    eager = learn_from(morlax, state, seen)
     morlax.compile()
-    continue_from(morlax, state, rollout)
-    morlax.learn()
-    assert torch.equal(learned(morlax), eager)
+    assert all(map(torch.equal, learn_from(morlax, state, seen), eager))
 
 
 def test_recording_restores_the_garbage_collector_setting():

@@ -11,7 +11,7 @@ from morlax_torch.networks.mlp import mlp
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from morlax_torch.gpu import adam_kernels, affine_kernels, mlp_kernels
+from morlax_torch.gpu import adam_kernels, affine_kernels, copy_kernels, mlp_kernels
 
 DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
 TF32_ERROR = 1e-5 if mlp_kernels.INTERPRETED else 2e-3  # TF32 has 10 bits
@@ -101,3 +101,14 @@ def test_thirty_steps_of_adam_equal_torch(monkeypatch):
     torch.testing.assert_close(means, optimizer.mean, rtol=1e-5, atol=1e-8)
     torch.testing.assert_close(squares, optimizer.square, rtol=1e-5, atol=1e-10)
     assert steps.item() == 30
+
+
+def test_copies_of_several_dtypes_and_sizes_are_exact():
+    shapes = [(3, 700), (5,), (2, 3, 4)]
+    sources = [torch.randn(shape, device=DEVICE) for shape in shapes]
+    sources += [sources[0] > 0, sources[1].double(), sources[0].t().int()]
+    targets = [
+        torch.zeros_like(source, memory_format=torch.contiguous_format) for source in sources
+    ]
+    copy_kernels.copy(targets, sources)
+    assert all(map(torch.equal, targets, sources))

@@ -184,7 +184,7 @@ class PPO:
     Args:
         agent: updated in place.
         config: of the updates.
-        losses: of policy and value.
+        losses: of policy and value (None: their torch definitions).
     """
 
     metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
@@ -193,9 +193,9 @@ class PPO:
         self,
         agent: Agent,
         config: PPOConfig,
-        losses: Losses = Losses(),
+        losses: Losses | None = None,
     ):
-        self.agent, self.config, self._losses = agent, config, losses
+        self.agent, self.config, self._losses = agent, config, losses or Losses()
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
         self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
         norm = config.max_grad_norm

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ..envs import Worlds
+from ..gpu import fused
 from ..networks.agent import Actors
 
 # the actors' output and standard normal noise to samples and log-probabilities
@@ -70,20 +71,15 @@ def collect(
         action, log_prob = sample(actors.distribution(seen).output, noise[t])
         step = env.step(action.tanh().flatten(0, 1))
         following = observation if t == last else rollout.observation[t + 1]
-        _copy(
+        fused.copy(
             (following, step.critic_observation),
             (rollout.action[t], action),
             (rollout.log_prob[t], log_prob),
             (rollout.reward[t], step.reward),
+            (rollout.terminated[t], step.terminated),
+            (rollout.truncated[t], step.truncated),
             (rollout.final_observation[t], step.final_critic_observation),
         )
-        _copy((rollout.terminated[t], step.terminated), (rollout.truncated[t], step.truncated))
-
-
-def _copy(*pairs: tuple[Tensor, Tensor]) -> None:
-    """Copy tensors of one dtype, each into the one before it; a single kernel on CUDA."""
-    into = [target for target, _ in pairs]
-    torch._foreach_copy_(into, [source.view_as(target) for target, source in pairs])
 
 
 def advantages(

@@ -39,12 +39,25 @@ def _gradient(gradients, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.conste
 
 
 @triton.jit
-def _squares(gradients, squares, steps, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.constexpr):
-    """Sum the squares of each program's numbers, and count the step, which `_step` only reads."""
+def _squares(
+    gradients,
+    squares,
+    steps,  # ()
+    corrections,  # (2,)
+    FIRSTS: tl.constexpr,
+    SIZES: tl.constexpr,
+    B: tl.constexpr,
+):
+    """Sum the squares of each program's numbers; count the step and correct for the zero start."""
     g, _, _ = _gradient(gradients, FIRSTS, SIZES, B)
     tl.store(squares + tl.program_id(0), tl.sum(g * g, 0))
     if tl.program_id(0) == 0:
-        tl.store(steps, tl.load(steps) + 1.0)
+        count = tl.load(steps) + 1.0
+        tl.store(steps, count)
+        first = 1.0 - tl.exp(count.to(tl.float64) * _LOG1)
+        second = 1.0 - tl.exp(count.to(tl.float64) * _LOG2)
+        tl.store(corrections, first.to(tl.float32))
+        tl.store(corrections + 1, tl.sqrt(second).to(tl.float32))
 
 
 @triton.jit
@@ -53,7 +66,7 @@ def _step(
     gradients,
     means,
     squares_,
-    steps,  # ()
+    corrections,  # (2,)
     rate,  # ()
     squares,  # of the gradients, one sum per program
     max_norm,
@@ -65,18 +78,15 @@ def _step(
     part = tl.arange(0, PROGRAMS)
     sums = tl.load(squares + part, mask=part < FIRSTS[len(SIZES)], other=0.0)
     norm = tl.sqrt(tl.sum(sums, 0))
-    count = tl.load(steps)
-    first = 1.0 - tl.exp(count.to(tl.float64) * _LOG1)
-    second = 1.0 - tl.exp(count.to(tl.float64) * _LOG2)
     g, i, inside = _gradient(gradients, FIRSTS, SIZES, B)
     g /= tl.maximum(norm / max_norm, 1.0)
     m = tl.load(means + i, mask=inside, other=0.0)
     v = tl.load(squares_ + i, mask=inside, other=0.0)
     m += (1.0 - _B1) * (g - m)
     v = _B2 * v + (1.0 - _B2) * g * g
-    scale = tl.sqrt(v) / tl.sqrt(second).to(tl.float32) + _EPSILON
+    scale = tl.sqrt(v) / tl.load(corrections + 1) + _EPSILON
     p = tl.load(vector + i, mask=inside, other=0.0)
-    p -= tl.load(rate) / first.to(tl.float32) * m / scale
+    p -= tl.load(rate) / tl.load(corrections) * m / scale
     tl.store(means + i, m, mask=inside)
     tl.store(squares_ + i, v, mask=inside)
     tl.store(vector + i, p, mask=inside)
@@ -106,15 +116,17 @@ def step(
     sizes = tuple(gradient.numel() for gradient in gradients)
     firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))
     programs = firsts[-1]
-    sums = vector.new_empty(programs)
+    sums, corrections = vector.new_empty(programs), vector.new_empty(2)
     with torch.cuda.device_of(vector):
-        _squares[(programs,)](gradients, sums, steps, FIRSTS=firsts, SIZES=sizes, B=BLOCK)
+        _squares[(programs,)](
+            gradients, sums, steps, corrections, FIRSTS=firsts, SIZES=sizes, B=BLOCK
+        )
         _step[(programs,)](
             vector,
             gradients,
             means,
             squares,
-            steps,
+            corrections,
             rate,
             sums,
             max_norm,

@@ -89,6 +89,19 @@ def affine(features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     return torch.addmm(bias, features, weight.t())
 
 
+def copy(*pairs: tuple[Tensor, Tensor]) -> None:
+    """Copy into the first of each pair, which is contiguous, from the second, of the same dtype."""
+    targets = [target for target, _ in pairs]
+    sources = [source.view_as(target) for target, source in pairs]
+    if available(targets[0].device):
+        from . import copy_kernels
+
+        copy_kernels.copy(targets, sources)
+    else:
+        for target, source in zip(targets, sources, strict=True):
+            target.copy_(source)
+
+
 def _alone() -> bool:
     """Return whether no tracer, compiler or transform of torch.func is at work."""
     return not (

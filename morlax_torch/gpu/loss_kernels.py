@@ -199,6 +199,7 @@ class _PolicyLoss(torch.autograd.Function):
             )
         ctx.slope = slope
         ctx.mark_non_differentiable(parts)
+        ctx.set_materialize_grads(False)  # they would be zeros for `parts`
         return loss, parts
 
     @staticmethod

@@ -278,7 +278,7 @@ class _FamilyMLP(torch.autograd.Function):
         (K, S, _), P = x.shape, packed.shape[1]
         # with 8 warps and a layer narrower than 128, Triton 3.6 reads past shared memory
         wide = min(_padded(ctx.sizes)[1:-1]) >= 128
-        rows, warps = (32, 8) if wide else (16, 4)
+        rows, warps = (32 if S > SMALLEST else SMALLEST, 8) if wide else (SMALLEST, 4)
         stretch, number = _stretches(S, _processors(x.device) // K, rows)
         parts = x.new_empty(K, number, P)
         with torch.cuda.device_of(x):

@@ -26,6 +26,7 @@ class ClippedAdam:
             parameter.data = part.view_as(parameter)
         self.mean, self.square = torch.zeros_like(self.vector), torch.zeros_like(self.vector)
         self.steps, self.rate = self.vector.new_zeros(()), self.vector.new_tensor(rate)
+        self._one = torch.ones_like(self.rate)
 
     def state(self) -> list[Tensor]:
         """Return the moments, the number of steps and the learning rate."""
@@ -46,7 +47,7 @@ class ClippedAdam:
 
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
-        gradients = torch.autograd.grad(loss, self.parameters)
+        gradients = torch.autograd.grad(loss, self.parameters, self._one)
         if fused.available(self.vector.device):
             from . import adam_kernels
 

@@ -107,7 +107,7 @@ class Hypernetwork(nn.Module):
             parameters = [value[None] for value in self.features.parameters()]
             features = fused.mlps(self._features_mlp, parameters, tradeoffs[None])
             if features is not None:
-                return features[0]
+                return features.squeeze(0)
         return self.features(tradeoffs)
 
     def _buffers_of_family(self) -> dict[str, Tensor]:
