@@ -235,7 +235,7 @@ def tf32_learner(task: str, device: str = "cuda", **ppo: Any) -> MORLAX:
     morlax = MORLAX(envs.make(task, config.worlds, device, deterministic=True), config)
     generator = torch.Generator(device).manual_seed(0)
     for family in (morlax.agent.actor, morlax.agent.critic):
-        nn.init.normal_(family.weight, std=0.1, generator=generator)
+        nn.init.normal_(family.weight, std=0.01, generator=generator)
     return morlax
 
 
