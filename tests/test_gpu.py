@@ -262,12 +262,15 @@ def test_an_update_with_fused_kernels_is_that_of_torch(task: str, device: str, m
     one_step = {"minibatches": 1, "epochs": 1}
     found = tf32_learner(task, device, **one_step)
     state, seen = explored(found)
-    fused_moments = learn_from(found, state, seen)
+    moments = [learn_from(found, state, seen)]  # of one step: a tenth of the clipped gradient
     monkeypatch.setattr(fused, "available", lambda device: False)
-    moments = learn_from(tf32_learner(task, device, **one_step), state, seen)
-    for mine, true in zip(fused_moments, moments, strict=True):
-        # after one step a moment is a tenth of the clipped gradient; both round to TF32
-        assert (mine - true).norm() < 1e-2 * true.norm()
+    for precision in ("high", "highest"):  # TF32, and exact
+        learner = tf32_learner(task, device, **one_step)
+        torch.set_float32_matmul_precision(precision)
+        moments.append(learn_from(learner, state, seen))
+    for mine, rounded, exact in zip(*moments, strict=True):
+        # a policy's gradient divides by small spreads, so the error of TF32 depends on the task
+        assert (mine - exact).norm() < 3 * (rounded - exact).norm() + 1e-4 * exact.norm()
 
 
 @pytest.mark.parametrize("task", ["cheetah", "ant"])

@@ -72,7 +72,9 @@ def test_mlps_and_their_gradients_equal_vmap_and_repeat(sizes, K, S):
     assert torch.equal(gradient, torch.cat([each.flatten(1) for each in found[1:]], 1))
 
 
-@pytest.mark.parametrize(("K", "F", "P"), [(8, 16, 1000), (64, 3, 131), (1, 1, 1), (2, 40, 64), (3, 16, 22160)])
+@pytest.mark.parametrize(
+    ("K", "F", "P"), [(8, 16, 1000), (64, 3, 131), (1, 1, 1), (2, 40, 64), (3, 16, 22160)]
+)
 def test_the_affine_map_and_its_gradients_equal_addmm(K, F, P):
     inputs = [torch.randn(*shape, device=DEVICE) for shape in ((K, F), (P, F), (P,))]
     slope = torch.randn(K, P, device=DEVICE)

@@ -1,7 +1,6 @@
 """Physics on MuJoCo Warp, in float32: on CUDA, and on the CPU for tests."""
 
 import dataclasses
-from functools import partial
 
 import mujoco
 import mujoco_warp as mjw
@@ -11,7 +10,6 @@ import warp as wp
 from torch import Tensor
 
 from . import variation
-from .compiling import compile_kernels
 from .interface import Physics
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
@@ -53,7 +51,9 @@ class WarpPhysics(Physics):
                 # Early exit of the solver costs a conditional node in the graph, which pays off
                 # only if it can save many iterations.
                 self._model.opt.graph_conditional = model.opt.iterations > 6
-            self._data = data = self._make_data(num_worlds)
+            self._data = data = mjw.make_data(
+                model, nworld=num_worlds, nconmax=nconmax, njmax=njmax
+            )
         self.qpos = wp.to_torch(data.qpos)
         self.qvel = wp.to_torch(data.qvel)
         self.ctrl = wp.to_torch(data.ctrl)
@@ -63,25 +63,13 @@ class WarpPhysics(Physics):
         if np.isin(model.eq_type, _ANCHORED).any():
             self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
         self._overflow = wp.to_torch(data.overflow)
-        self._compiled = False
         self._replay: wp.Graph | None = None
 
-    def _make_data(self, num_worlds: int) -> mjw.Data:
-        return mjw.make_data(self.model, nworld=num_worlds, nconmax=self.nconmax, njmax=self.njmax)
-
-    def _compile(self) -> None:
-        self._compiled = True
-        with wp.ScopedDevice(str(self.device)):
-            compile_kernels(partial(mjw.step, self._model, self._make_data(1)))
-            wp.synchronize_device()  # Warp frees the spare data on another stream
-
     def step(self) -> None:
-        if not self._compiled:
-            self._compile()
         if self.device.type == "cuda":
             self._advance()
         elif self._replay is None:
-            self._advance()
+            self._advance()  # compiles the kernels once per machine and loads them
             with wp.ScopedCapture(device="cpu") as capture:
                 self._advance()
             self._replay = capture.graph

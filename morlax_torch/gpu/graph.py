@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterable
 
 import torch
 
-WARMUPS = 2  # for kernels to compile and load, and autograd and cuBLAS to initialize
-
 
 class Branch:
     """GPU work that runs in parallel with later work until `join`; on the CPU it runs at once.
@@ -58,7 +56,7 @@ class Graph:
             self._graph.replay()
 
     def record(self) -> None:
-        """Run twice, then record. The effects of `run` remain; on the CPU, do nothing."""
+        """Run once, then record. The effects of `run` remain; on the CPU, do nothing."""
         if self.device.type != "cuda":
             return
         import warp as wp
@@ -73,8 +71,7 @@ class Graph:
         torch.cuda.synchronize(self.device)
         with torch.cuda.device(self.device), wp.ScopedStream(warp_stream, sync_enter=False):
             with torch.cuda.stream(stream):
-                for _ in range(WARMUPS):
-                    self.run()
+                self.run()  # kernels compile and load, and cuBLAS initializes
             torch.cuda.synchronize(self.device)
             gc.collect()
             collecting = gc.isenabled()

@@ -64,6 +64,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         with exiting_on_signals():
             main(arguments)
         sys.stdout.flush()
+        _skip_teardown()
     except MorlaxError as error:
         fail(str(error))
     except KeyboardInterrupt:
@@ -90,6 +91,14 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
             free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
         fail(f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold.")
+
+
+def _skip_teardown() -> None:
+    """End a process that used CUDA at once; Python would take a second to free its memory first."""
+    torch = sys.modules.get("torch")
+    if torch is not None and torch.cuda.is_initialized():
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _check_text(arguments: Sequence[str]) -> None:
