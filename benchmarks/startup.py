@@ -72,9 +72,10 @@ def _memory_in_use() -> float:
 
 def _first_iteration(arguments: list[str], cache: str) -> tuple[float, float]:
     """Return seconds to the end of the first iteration and GiB then in use on the GPU."""
+    caches = {"WARP_CACHE_PATH": f"{cache}/warp", "TRITON_CACHE_DIR": f"{cache}/triton"}
     done = subprocess.run(
         [sys.executable, "-c", FIRST_ITERATION, *arguments],
-        env={**os.environ, "WARP_CACHE_PATH": cache, "BEGAN": str(time.time())},
+        env={**os.environ, **caches, "BEGAN": str(time.time())},
         check=True,
         capture_output=True,
         text=True,

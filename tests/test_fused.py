@@ -43,6 +43,7 @@ def test_without_triton_training_on_cuda_says_once_what_is_missing(monkeypatch):
 
 
 def test_only_mlps_have_sizes():
+    twice = nn.Linear(4, 4)
     assert mlp_sizes(mlp(3, (5, 4), 2)) == (3, 5, 4, 2)
     assert mlp_sizes(nn.Sequential(nn.Linear(3, 5), nn.SiLU(), nn.Linear(5, 2))) == (3, 5, 2)
     for other in (
@@ -50,6 +51,7 @@ def test_only_mlps_have_sizes():
         nn.Sequential(nn.Linear(3, 5), nn.ELU(), nn.Linear(5, 2)),
         nn.Sequential(nn.Linear(3, 5, bias=False), nn.SiLU(), nn.Linear(5, 2)),
         nn.Sequential(nn.Linear(3, 5), nn.SiLU(), nn.Linear(5, 2), nn.SiLU()),
+        nn.Sequential(twice, nn.SiLU(), twice),
         nn.GRUCell(3, 2),
     ):
         assert mlp_sizes(other) is None

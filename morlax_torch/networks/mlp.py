@@ -42,14 +42,12 @@ def mlp_sizes(network: nn.Module) -> tuple[int, ...] | None:
     if type(network) is not nn.Sequential or len(network) < 3 or len(network) % 2 == 0:
         return None
     layers, activations = list(network)[::2], list(network)[1::2]
-    if any(type(activation) is not nn.SiLU for activation in activations):
+    kinds = (Linear, nn.Linear)  # a subclass may compute something else
+    linear = [x for x in layers if isinstance(x, nn.Linear) and type(x) in kinds]
+    plain = len(linear) == len(layers) and all(type(x) is nn.SiLU for x in activations)
+    if not plain or len(list(network.parameters())) < 2 * len(linear):  # shared, or without bias
         return None
-    sizes = []
-    for layer in layers:
-        if type(layer) not in (Linear, nn.Linear) or layer.bias is None:
-            return None
-        sizes.append(layer.in_features)
-    return *sizes, layers[-1].out_features
+    return linear[0].in_features, *(layer.out_features for layer in linear)
 
 
 def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> None:
