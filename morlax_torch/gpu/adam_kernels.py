@@ -13,11 +13,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from .optimizer import BETA1, BETA2, EPSILON
-
 BLOCK = 1024  # numbers per program
-_LOG1, _LOG2 = tl.constexpr(math.log(BETA1)), tl.constexpr(math.log(BETA2))
-_B1, _B2, _EPSILON = tl.constexpr(BETA1), tl.constexpr(BETA2), tl.constexpr(EPSILON)
 
 
 @triton.jit
@@ -44,6 +40,8 @@ def _squares(
     squares,
     steps,  # ()
     corrections,  # (2,)
+    LOG1: tl.constexpr,  # of the decays
+    LOG2: tl.constexpr,
     FIRSTS: tl.constexpr,
     SIZES: tl.constexpr,
     B: tl.constexpr,
@@ -54,8 +52,8 @@ def _squares(
     if tl.program_id(0) == 0:
         count = tl.load(steps) + 1.0
         tl.store(steps, count)
-        first = 1.0 - tl.exp(count.to(tl.float64) * _LOG1)
-        second = 1.0 - tl.exp(count.to(tl.float64) * _LOG2)
+        first = 1.0 - tl.exp(count.to(tl.float64) * LOG1)
+        second = 1.0 - tl.exp(count.to(tl.float64) * LOG2)
         tl.store(corrections, first.to(tl.float32))
         tl.store(corrections + 1, tl.sqrt(second).to(tl.float32))
 
@@ -70,6 +68,9 @@ def _step(
     rate,  # ()
     squares,  # of the gradients, one sum per program
     max_norm,
+    DECAY1: tl.constexpr,
+    DECAY2: tl.constexpr,
+    EPSILON: tl.constexpr,
     FIRSTS: tl.constexpr,  # programs of each gradient
     SIZES: tl.constexpr,  # of each gradient
     B: tl.constexpr,
@@ -82,9 +83,9 @@ def _step(
     g /= tl.maximum(norm / max_norm, 1.0)
     m = tl.load(means + i, mask=inside, other=0.0)
     v = tl.load(squares_ + i, mask=inside, other=0.0)
-    m += (1.0 - _B1) * (g - m)
-    v = _B2 * v + (1.0 - _B2) * g * g
-    scale = tl.sqrt(v) / tl.load(corrections + 1) + _EPSILON
+    m += (1.0 - DECAY1) * (g - m)
+    v = DECAY2 * v + (1.0 - DECAY2) * g * g
+    scale = tl.sqrt(v) / tl.load(corrections + 1) + EPSILON
     p = tl.load(vector + i, mask=inside, other=0.0)
     p -= tl.load(rate) / tl.load(corrections) * m / scale
     tl.store(means + i, m, mask=inside)
@@ -100,6 +101,8 @@ def step(
     steps: Tensor,
     rate: Tensor,
     max_norm: float,
+    decays: tuple[float, float],
+    epsilon: float,
 ) -> None:
     """Scale gradients down to a joint norm of `max_norm` and take a step of Adam, in place.
 
@@ -111,6 +114,8 @@ def step(
         steps: the number of steps taken ().
         rate: the learning rate ().
         max_norm: largest norm of the gradients.
+        decays: of the first and second moments, per step.
+        epsilon: keeps the step finite.
     """
     gradients = tuple(gradient.contiguous() for gradient in gradients)
     sizes = tuple(gradient.numel() for gradient in gradients)
@@ -119,7 +124,15 @@ def step(
     sums, corrections = vector.new_empty(programs), vector.new_empty(2)
     with torch.cuda.device_of(vector):
         _squares[(programs,)](
-            gradients, sums, steps, corrections, FIRSTS=firsts, SIZES=sizes, B=BLOCK
+            gradients,
+            sums,
+            steps,
+            corrections,
+            LOG1=math.log(decays[0]),
+            LOG2=math.log(decays[1]),
+            FIRSTS=firsts,
+            SIZES=sizes,
+            B=BLOCK,
         )
         _step[(programs,)](
             vector,
@@ -130,6 +143,9 @@ def step(
             rate,
             sums,
             max_norm,
+            DECAY1=decays[0],
+            DECAY2=decays[1],
+            EPSILON=epsilon,
             FIRSTS=firsts,
             SIZES=sizes,
             B=BLOCK,

@@ -8,7 +8,7 @@ from torch.optim.adam import adam
 
 from . import fused
 
-BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
+DECAYS, EPSILON = (0.9, 0.999), 1e-8
 
 
 class ClippedAdam:
@@ -52,7 +52,7 @@ class ClippedAdam:
             from . import adam_kernels
 
             state = self.mean, self.square, self.steps, self.rate
-            adam_kernels.step(self.vector, gradients, *state, self.max_norm)
+            adam_kernels.step(self.vector, gradients, *state, self.max_norm, DECAYS, EPSILON)
             return
         gradient = torch.cat([g.flatten() for g in gradients])
         adam(
@@ -65,8 +65,8 @@ class ClippedAdam:
             fused=True,
             grad_scale=(gradient.norm() / self.max_norm).clamp(min=1.0),
             amsgrad=False,
-            beta1=BETA1,
-            beta2=BETA2,
+            beta1=DECAYS[0],
+            beta2=DECAYS[1],
             lr=self.rate,
             weight_decay=0.0,
             eps=EPSILON,
