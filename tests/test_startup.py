@@ -93,31 +93,3 @@ def test_training_on_c_mujoco_imports_no_warp_and_no_viewer(tmp_path):
     done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch.train", *TINY)
     assert not imported(done) & {"warp", "mujoco_warp", "viser", "onnx", "pandas", "torchvision"}
     assert (tmp_path / "run" / "front.npz").is_file()
-
-
-COMPILE = """
-import threading
-import warp as wp
-from morlax_torch import envs
-
-known, load = set(), wp.Module.load
-def noted(module, device, block_dim=None):
-    if not module.execs:
-        known.add((threading.current_thread() is threading.main_thread(), module.name))
-    return load(module, device, block_dim)
-wp.Module.load = noted
-
-env = envs.make(TASK, 4, "cpu", "warp")
-import torch
-for _ in range(2):
-    env.step(torch.zeros(4, env.action_size))
-assert not any(main for main, _ in known), known
-print(len(known))
-"""
-
-
-@pytest.mark.parametrize("task", ["cheetah", pytest.param("bruce", marks=pytest.mark.slow)])
-def test_threads_compile_every_kernel_before_the_first_step(task, tmp_path):
-    done = python(tmp_path, "-c", COMPILE.replace("TASK", repr(task)))
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) > 20
