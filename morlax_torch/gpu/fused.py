@@ -23,7 +23,7 @@ def available(device: torch.device) -> bool:
             if mlp_kernels.fits((1, 1, 1), device):
                 return True
         reason = "they do not fit on this GPU"
-    except Exception as error:  # whatever a missing compiler or an old GPU makes Triton raise
+    except Exception as error:  # without a compiler, or on an old GPU, Triton raises many kinds
         reason = (str(error) or repr(error)).splitlines()[0]
     warnings.warn(
         f"training without fused kernels, which is slower: Triton cannot run them ({reason}). "
