@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "viser", "tensorboard", "onnx"}
 TINY = (
@@ -93,3 +94,46 @@ def test_training_on_c_mujoco_imports_no_warp_and_no_viewer(tmp_path):
     done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch.train", *TINY)
     assert not imported(done) & {"warp", "mujoco_warp", "viser", "onnx", "pandas", "torchvision"}
     assert (tmp_path / "run" / "front.npz").is_file()
+
+
+COMPILE = """
+import os, pathlib, signal
+import torch, warp
+from morlax_torch import envs
+from morlax_torch.envs.physics import compiling
+
+env = envs.make(TASK, 4, DEVICE, "warp")
+if KILLED:
+    for process in compiling._running:
+        os.kill(process, signal.SIGKILL)
+compiling.finish()
+modules = lambda: {f.name for f in pathlib.Path(warp.config.kernel_cache_dir).glob("*/*.meta")}
+ahead = modules()
+for _ in range(2):
+    env.step(torch.zeros(4, env.action_size, device=DEVICE))
+assert torch.isfinite(env.physics.qpos).all()
+print(len(ahead), len(modules() - ahead))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="compiles at the first launch")
+@pytest.mark.parametrize(
+    ("task", "device", "killed"),
+    [
+        ("cheetah", "cpu", False),
+        pytest.param("bruce", "cpu", False, marks=pytest.mark.slow),
+        pytest.param("cheetah", "cpu", True, marks=pytest.mark.slow),
+        pytest.param("cheetah", "cuda", False, marks=pytest.mark.gpu),
+        pytest.param("bruce", "cuda", False, marks=pytest.mark.gpu),
+    ],
+)
+def test_warp_compiles_in_other_processes_before_the_first_step(task, device, killed, tmp_path):
+    if device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("no CUDA device")
+    script = COMPILE
+    for name, value in (("TASK", task), ("DEVICE", device), ("KILLED", killed)):
+        script = script.replace(name, repr(value))
+    done = python(tmp_path, "-c", script, WARP_CACHE_PATH=str(tmp_path / "cache"))
+    assert done.returncode == 0, done.stderr
+    ahead, later = map(int, done.stdout.split())
+    assert (ahead < 10 and later > 20) if killed else (ahead > 20 and later == 0)

@@ -1,6 +1,7 @@
 """Physics on MuJoCo Warp, in float32: on CUDA, and on the CPU for tests."""
 
 import dataclasses
+from functools import partial
 
 import mujoco
 import mujoco_warp as mjw
@@ -9,7 +10,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from . import variation
+from . import compiling, variation
 from .interface import Physics
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
@@ -51,9 +52,9 @@ class WarpPhysics(Physics):
                 # Early exit of the solver costs a conditional node in the graph, which pays off
                 # only if it can save many iterations.
                 self._model.opt.graph_conditional = model.opt.iterations > 6
-            self._data = data = mjw.make_data(
-                model, nworld=num_worlds, nconmax=nconmax, njmax=njmax
-            )
+            self._data = data = self._make_data(num_worlds)
+            compiling.start(partial(mjw.step, self._model, self._make_data(1)))
+            wp.synchronize_device()  # Warp frees the spare data on another stream
         self.qpos = wp.to_torch(data.qpos)
         self.qvel = wp.to_torch(data.qvel)
         self.ctrl = wp.to_torch(data.ctrl)
@@ -63,7 +64,11 @@ class WarpPhysics(Physics):
         if np.isin(model.eq_type, _ANCHORED).any():
             self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
         self._overflow = wp.to_torch(data.overflow)
+        self._launched = False
         self._replay: wp.Graph | None = None
+
+    def _make_data(self, num_worlds: int) -> mjw.Data:
+        return mjw.make_data(self.model, nworld=num_worlds, nconmax=self.nconmax, njmax=self.njmax)
 
     def step(self) -> None:
         if self.device.type == "cuda":
@@ -77,6 +82,9 @@ class WarpPhysics(Physics):
             wp.capture_launch(self._replay)
 
     def _advance(self) -> None:
+        if not self._launched:
+            compiling.finish()
+            self._launched = True
         with wp.ScopedDevice(str(self.device)):
             for _ in range(self.substeps):
                 mjw.step(self._model, self._data)

@@ -106,9 +106,9 @@ class MORLAX:
         if self.env.device.type != "cuda":
             return
         state = self.state_dict()
+        self.learn.record()  # first, while other processes still compile the simulator's kernels
         if self.env.recordable:
             self.explore.record()
-        self.learn.record()
         self.load_state_dict(state)
         self._metrics.zero_()
 
