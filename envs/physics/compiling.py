@@ -1,7 +1,6 @@
 """Compile Warp's kernels ahead, in several processes.
 
-Warp compiles a module at the first launch of one of its kernels, one after the other. Threads gain
-nothing, since NVRTC compiles one program at a time in a process.
+Warp itself compiles a module at the first launch of one of its kernels, one after the other.
 """
 
 import os

@@ -1,5 +1,6 @@
 """MORLAX: explore with the policies of K trade-offs, learn one hypernetwork from all of them."""
 
+from functools import partial
 from typing import Any
 
 import torch
@@ -90,8 +91,8 @@ class MORLAX:
         self._metrics = torch.zeros(len(self.metric_names), device=env.device)
         self._metrics_since = 0
         generators = (self.generator, env.generator)
-        self.explore = Graph(self._explore, env.device, generators)
-        self.learn = Graph(self._learn, env.device, [self.generator])
+        self.explore = Graph(self._explore, env.device, generators, partial(self._explore, 1))
+        self.learn = Graph(self._learn, env.device, [self.generator], partial(self._learn, 1))
 
     @property
     def env_steps(self) -> int:
@@ -118,7 +119,8 @@ class MORLAX:
         self.learn()
         self.iteration += 1
 
-    def _explore(self) -> None:
+    def _explore(self, steps: int | None = None) -> None:
+        """Collect a rollout, or only its first `steps`."""
         corners = self.config.num_corners(self.tradeoffs.shape[1])
         sample_tradeoffs(self.tradeoffs, corners, self.config.sampling.alpha, self.generator)
         with torch.no_grad(), one_thread(self.env.device):
@@ -126,12 +128,13 @@ class MORLAX:
                 self.env,
                 self.agent.actors(self.tradeoffs),
                 self.observation,
-                self.rollout,
+                self.rollout.first(steps or self.config.horizon),
                 self._sample,
                 self.generator,
             )
 
-    def _learn(self) -> None:
+    def _learn(self, epochs: int | None = None) -> None:
+        """Learn from the rollout for `epochs` (None: the config's)."""
         config, left = self.config.ppo, 1.0
         if config.anneal and self.config.max_env_steps:
             done = self._clock * (self.steps_per_iteration / self.config.max_env_steps)
@@ -143,7 +146,7 @@ class MORLAX:
         )
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         table = Table(batch)
-        for _ in range(config.epochs):
+        for _ in range(epochs or config.epochs):
             parts = table.minibatches(self.tradeoffs, config.minibatches, self.generator)
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Annealed

@@ -43,6 +43,10 @@ class Rollout(NamedTuple):
             final_observation=zeros(env.observation_size + env.privileged_size),
         )
 
+    def first(self, steps: int) -> "Rollout":
+        """Return views of the first `steps`."""
+        return Rollout(*(values[:steps] for values in self))
+
 
 @torch.no_grad()
 def collect(

@@ -64,7 +64,7 @@ class Evaluator:
         self._actors = actors._replace(parameters=parameters)
         possible = range(1, STEPS_PER_GRAPH + 1)
         self._stride = max(n for n in possible if env.episode_length % n == 0)
-        self._steps = Graph(self._some_steps, env.device, [env.generator])
+        self._steps = Graph(self._some_steps, env.device, [env.generator], self._one_step)
 
     def compile(self) -> None:
         """Compile kernels and record some steps; worlds that cannot be recorded run eagerly."""

@@ -38,6 +38,12 @@ class Graph:
     `run` takes and returns nothing. It reads and writes tensors that outlive it, in place, and
     never reads a GPU value on the CPU: no `.item()`, no boolean indexing, no shape that depends on
     data. Torch and Warp work are recorded alike. On the CPU each call simply calls `run`.
+
+    Args:
+        run: the function.
+        device: where it works.
+        generators: that it draws from.
+        warm_up: a shorter `run` that launches the same kernels (None: `run` itself).
     """
 
     def __init__(
@@ -45,8 +51,10 @@ class Graph:
         run: Callable[[], None],
         device: torch.device,
         generators: Iterable[torch.Generator] = (),
+        warm_up: Callable[[], None] | None = None,
     ):
         self.run, self.device, self.generators = run, device, list(generators)
+        self._warm_up = warm_up or run
         self._graph: torch.cuda.CUDAGraph | None = None
 
     def __call__(self) -> None:
@@ -56,7 +64,7 @@ class Graph:
             self._graph.replay()
 
     def record(self) -> None:
-        """Run once, then record. The effects of `run` remain; on the CPU, do nothing."""
+        """Warm up once, then record. The effects of `warm_up` remain; on the CPU, do nothing."""
         if self.device.type != "cuda":
             return
         import warp as wp
@@ -71,7 +79,7 @@ class Graph:
         torch.cuda.synchronize(self.device)
         with torch.cuda.device(self.device), wp.ScopedStream(warp_stream, sync_enter=False):
             with torch.cuda.stream(stream):
-                self.run()  # kernels compile and load, and cuBLAS initializes
+                self._warm_up()  # kernels compile and load, and cuBLAS initializes
             torch.cuda.synchronize(self.device)
             gc.collect()
             collecting = gc.isenabled()

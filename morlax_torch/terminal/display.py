@@ -46,7 +46,7 @@ class Display:
         )
         console.print(f"{self._folder}  (tensorboard --logdir {self._folder.parent})")
         if env.simulator == "MuJoCo Warp":
-            console.print("compiling kernels: most of a minute the first time on a machine")
+            console.print("compiling kernels: up to a minute the first time on a machine")
         self._bar.start()
         return self
 
