@@ -26,8 +26,9 @@ def make(
     """Make N worlds of the task `name`.
 
     Args:
-        name: one of `names()`, "FILE.py:CLASS" for your own task, or "gymnasium:ID" for any
-            environment in Gymnasium's registry with a vector reward.
+        name: one of `names()`, "FILE.py:CLASS" for your own task, "gymnasium:ID" for any
+            environment in Gymnasium's registry with a vector reward, or "mjlab:TASK" for any task
+            in mjlab's registry.
         num_worlds: N.
         device: "cuda", "cpu", "cuda:1", ...; None selects CUDA if there is a GPU.
         backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None (chosen by device).

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .errors import MorlaxError, unknown
 from .gymnasium_ids import announce
-from .naming import GYMNASIUM, is_file, offered
+from .naming import GYMNASIUM, MJLAB, is_file, offered
 from .robots import TASKS
 from .trust import trust
 
@@ -37,7 +37,9 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> "type[Worlds]":
-    """Return the class registered as `name`, or the one of "FILE.py:CLASS" or "gymnasium:ID".
+    """Return the class registered as `name`.
+
+    It can also be that of "FILE.py:CLASS", "gymnasium:ID" or "mjlab:TASK".
 
     The code of such a class runs, and files may name it from now on (see `trust`).
 
@@ -49,6 +51,10 @@ def get(name: str) -> "type[Worlds]":
         from .worlds.gymnasium import from_id
 
         return from_id(name)
+    if name.startswith(MJLAB):
+        from .worlds.mjlab import from_task
+
+        return from_task(name)
     if is_file(name):
         from .external import from_file
 

@@ -17,14 +17,16 @@ from .files import read
 def task_values(env: str, device_type: str) -> dict[str, Any]:
     """Return the tuned values of a task for "cuda" or "cpu".
 
-    They come from configs/<env>.yaml, for every "gymnasium:ID" from configs/gymnasium.yaml, and
-    for other tasks from configs/default.yaml.
+    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, for others of
+    the form "gymnasium:ID" or "mjlab:TASK" from configs/gymnasium.yaml or configs/mjlab.yaml, and
+    for all other tasks from configs/default.yaml.
     """
     envs.get(env)
-    name = env.partition(":")[0]
-    if is_file(env) or not (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file():
-        return {**default_values(device_type), "env": env}
-    return {**_packaged(name, device_type), "env": env}
+    if not is_file(env):
+        for name in (env.replace(":", "/"), env.partition(":")[0]):
+            if (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file():
+                return {**_packaged(name, device_type), "env": env}
+    return {**default_values(device_type), "env": env}
 
 
 def default_values(device_type: str) -> dict[str, Any]:

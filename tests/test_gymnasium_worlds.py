@@ -2,6 +2,7 @@
 
 import csv
 import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -206,9 +207,10 @@ def test_trained_policies_can_be_loaded_and_evaluated(run):
     assert (front.returns >= -100).all()
 
 
-def test_a_gymnasium_run_cannot_be_resumed(run):
-    with pytest.raises(MorlaxError, match="the state of its worlds cannot be saved"):
-        train.command(["--resume", str(run), "--max-env-steps", "3000"])
+def test_the_worlds_of_a_resumed_gymnasium_run_start_anew(run, tmp_path, capsys):
+    run = shutil.copytree(run, tmp_path / "run")
+    train.command(["--resume", str(run), "--max-env-steps", "3000"])
+    assert "they start anew" in capsys.readouterr().out
 
 
 def test_a_player_needs_a_mujoco_robot(run):

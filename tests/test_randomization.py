@@ -10,6 +10,7 @@ from torch import Tensor
 
 from morlax_torch import MORLAX, MorlaxError, envs
 from morlax_torch.config import Config, load_config
+from morlax_torch.envs.physics.batch import Batch, PythonBatch
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs.training import make_worlds
 
@@ -367,3 +368,16 @@ def test_a_field_that_only_warp_cannot_vary_is_rejected_only_there():
     make("hopper", "mujoco", randomization)
     with pytest.raises(MorlaxError, match="MuJoCo Warp cannot vary 'dof_M0' between worlds"):
         make("hopper", "warp", randomization)
+
+
+def test_worlds_without_mujoco_batch_are_simulated_alike(monkeypatch):
+    found = []
+    for batch in (Batch, PythonBatch):
+        monkeypatch.setattr("morlax_torch.envs.physics.mujoco.Batch", batch)
+        env = make("hopper", "mujoco", MODELS)
+        env.reset()
+        for action in random_actions(env, 50):
+            step = env.step(action)
+        found.append((step.final_observation, step.reward, env.physics.warmstart.clone()))
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other, rtol=EXACT, atol=EXACT)

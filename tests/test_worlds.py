@@ -1,5 +1,6 @@
 """Any subclass of `Worlds` can be trained in, recordable and resumable or not."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import torch
 from torch import Tensor
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs, evaluate, explore, export, train
+from morlax_torch.evaluation.history import read_rows
 from morlax_torch.runs.training import make_evaluator
 
 SOURCE = Path(__file__)
@@ -103,10 +105,14 @@ def test_they_are_explored_and_evaluated_eagerly(device):
     assert abs(front.returns[:, 0]).max() > 0
 
 
-def test_their_run_is_evaluated_and_cannot_be_resumed(run):
+def test_their_run_is_evaluated_and_resumed_in_new_worlds(run, tmp_path, capsys):
+    run = shutil.copytree(run, tmp_path / "run")
     assert evaluate.evaluate(run, tradeoffs=6, device="cpu").hypervolume > 0
-    with pytest.raises(MorlaxError, match=r"cannot be resumed.*start a new run"):
-        train.command(["--resume", str(run), "--max-env-steps", "400"])
+    before = read_rows(run / "metrics.csv")
+    train.command(["--resume", str(run), "--max-env-steps", "400"])
+    assert "they start anew" in capsys.readouterr().out
+    after = read_rows(run / "metrics.csv")
+    assert after[: len(before)] == before and int(after[-1]["env_steps"]) >= 400
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 import torch
-from mujoco.batch import Batch
 from torch import Tensor
 
 from . import variation
+from .batch import Batch
 from .interface import Physics
 
 

@@ -2,9 +2,9 @@
 
 import mujoco
 import numpy as np
-from mujoco.batch import MODEL_FIELDS, Batch
 
 from ..errors import MorlaxError
+from .batch import MODEL_FIELDS, Batch
 
 
 def apply(batch: Batch, fields: dict[str, np.ndarray]) -> None:

@@ -8,16 +8,18 @@ import mujoco_warp as mjw
 import numpy as np
 import torch
 import warp as wp
+from mujoco_warp._src.types import OverflowType  # public since 4.0
 from torch import Tensor
 
+from ..errors import MorlaxError
 from . import compiling, variation
 from .interface import Physics
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
 
 # A solver that stops at its iteration limit is not an error: the task sets the limits.
-_LIMITS = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS
-_CONSTRAINTS = mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ
+_LIMITS = sum(getattr(OverflowType, name, 0) for name in ("ITERATIONS", "LS_ITERATIONS"))
+_CONSTRAINTS = OverflowType.NEFC | OverflowType.NJMAX_NNZ
 # For these constraints MuJoCo Warp computes accelerations from the previous step's velocities.
 _ANCHORED = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 
@@ -47,6 +49,11 @@ class WarpPhysics(Physics):
             self._model = mjw.put_model(model)
             self._model.opt.warn_overflow = 0  # would print from kernels; we read `overflow`
             if deterministic:
+                if not hasattr(self._model.opt, "deterministic"):
+                    raise MorlaxError(
+                        f"MuJoCo Warp {mjw.__version__} has no deterministic mode: leave "
+                        "--deterministic out, or install mujoco-warp 4.0 or newer."
+                    )
                 self._model.opt.deterministic = True
             if device.type == "cuda":
                 # Early exit of the solver costs a conditional node in the graph, which pays off

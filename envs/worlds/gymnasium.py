@@ -98,7 +98,7 @@ class GymnasiumWorlds(Worlds):
 
     Without automatic reset, a world whose episode is over stays as it is, with zero reward. A world
     whose action, observation or reward is not finite terminates with zero reward. The state of an
-    environment cannot be saved, so a run cannot be resumed.
+    environment cannot be saved, so they start anew when a run is resumed.
     """
 
     make_one: ClassVar[Callable[[], gymnasium.Env]]

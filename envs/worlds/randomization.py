@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 from mujoco import mjtBias, mjtGain
-from mujoco.batch import MODEL_FIELDS
 
 from ..errors import MorlaxError
+from ..physics.batch import MODEL_FIELDS
 from ..physics.variation import cannot
 from .options import Randomization
 

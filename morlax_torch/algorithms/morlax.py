@@ -179,7 +179,7 @@ class MORLAX:
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on.
 
-        Worlds that cannot be resumed are left out.
+        Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
         """
         return {
             "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
@@ -201,6 +201,8 @@ class MORLAX:
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])
-        self.observation.copy_(state["observation"])
+            self.observation.copy_(state["observation"])
+        else:
+            self.observation.copy_(self.env.critic_observation())
         self.iteration = self._metrics_since = state["iteration"]
         self._clock.fill_(self.iteration)

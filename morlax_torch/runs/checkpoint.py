@@ -140,18 +140,12 @@ def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
 
 
 def restore(contents: Contents, path: Path, learner: Learner) -> None:
-    """Load a checkpoint's contents into `learner`.
+    """Load a checkpoint's contents into `learner`. Worlds that are not resumable start anew.
 
     Raises:
-        MorlaxError: it has another task or another size, or holds only policies, or the learner's
-            worlds cannot be resumed.
+        MorlaxError: it has another task or another size, or holds only policies.
     """
     config, env = learner.config, learner.env
-    if not env.resumable:
-        raise MorlaxError(
-            f"a run in {config.env} cannot be resumed, because the state of its worlds cannot be "
-            "saved: start a new run."
-        )
     if contents.learner is None:
         raise MorlaxError(f"{path} holds only policies, so training cannot continue from it.")
     task = contents.config["env"]

@@ -68,7 +68,8 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     own = {name: values.pop(name) for name in Command.model_fields}
     place = envs.resolve_device(values["device"])
     moved = run is not None and str(place) != below.device
-    if values["backend"] is None or (moved and values["backend"] == below.backend):
+    robot = issubclass(envs.get(below.env), envs.Environment)  # others have one simulator
+    if robot and (values["backend"] is None or (moved and values["backend"] == below.backend)):
         values["backend"] = "warp" if place.type == "cuda" else "mujoco"
     config = load_config({**values, "device": str(place)})
     found = differences(below, config) if run else []

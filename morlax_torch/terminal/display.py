@@ -45,6 +45,10 @@ class Display:
             f"seed {config.seed}"
         )
         console.print(f"{self._folder}  (tensorboard --logdir {self._folder.parent})")
+        if self._progress.env_steps and not env.resumable:
+            console.print("the state of these worlds cannot be saved: they start anew")
+        if env.simulator == "mjlab" and env.device.type == "cpu":
+            console.print("on a CPU, mjlab takes a few hundred steps per second: use a GPU to train")
         if env.simulator == "MuJoCo Warp":
             console.print("compiling kernels: up to a minute the first time on a machine")
         self._bar.start()
@@ -75,7 +79,7 @@ class Display:
             f"in {progress.train_seconds:.1f} s of training ({progress.total_seconds:.1f} s in "
             f"total), best hypervolume {progress.best_hypervolume:.4e}"
         )
-        more = "train --resume" if interrupted and self._learner.env.resumable else "evaluate"
+        more = "train --resume" if interrupted else "evaluate"
         console.print(f"next: python -m morlax_torch.{more} {self._folder}")
 
 

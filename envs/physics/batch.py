@@ -1,0 +1,61 @@
+"""`mujoco.batch`, or what we need of it in Python for MuJoCo before 4.0, which mjlab needs."""
+
+import copy
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+
+class PythonBatch:
+    """N worlds, stepped one after the other, with what we use of `mujoco.batch.Batch`."""
+
+    def __init__(self, model: mujoco.MjModel, nsim: int):
+        self._model, self._size = model, nsim
+        self._datas = [mujoco.MjData(model) for _ in range(nsim)]
+        self._models = [model] * nsim
+        self._bound: dict[str, NDArray[Any]] = {}
+        self._expanded: dict[str, NDArray[Any]] = {}
+
+    def bind(self, name: str) -> NDArray[Any]:
+        """Return the array `name` of MjData for all worlds, (N, ...), kept up to date."""
+        self._bound[name] = np.stack([getattr(data, name) for data in self._datas])
+        return self._bound[name]
+
+    def step(self, nstep: int) -> None:
+        """Advance every world by `nstep` time steps."""
+        for world, (model, data) in enumerate(zip(self._models, self._datas, strict=True)):
+            for name, values in self._bound.items():
+                getattr(data, name)[:] = values[world]
+            mujoco.mj_step(model, data, nstep)
+            for name, values in self._bound.items():
+                values[world] = getattr(data, name)
+
+    def expand(self, name: str) -> NDArray[Any]:
+        """Return the array `name` of MjModel for all worlds, (N, ...), to write to."""
+        if self._models[0] is self._model:
+            self._models = [copy.copy(self._model) for _ in range(self._size)]
+        self._expanded[name] = np.stack([getattr(model, name) for model in self._models])
+        return self._expanded[name]
+
+    def expanded(self, name: str) -> NDArray[Any]:
+        """Return the array `name` of MjModel of all worlds, (N, ...)."""
+        return np.stack([getattr(model, name) for model in self._models])
+
+    def set_const(self) -> None:
+        """Put what was written into the models and update the constants that follow."""
+        for world, (model, data) in enumerate(zip(self._models, self._datas, strict=True)):
+            for name, values in self._expanded.items():
+                getattr(model, name)[:] = values[world]
+            mujoco.mj_setConst(model, data)
+
+
+try:
+    from mujoco.batch import MODEL_FIELDS, Batch
+except ModuleNotFoundError:
+    _ONE = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    MODEL_FIELDS = tuple(n for n in dir(_ONE) if isinstance(getattr(_ONE, n, None), np.ndarray))
+    Batch = PythonBatch  # pyright: ignore[reportAssignmentType]
+
+__all__ = ["MODEL_FIELDS", "Batch"]

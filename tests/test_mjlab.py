@@ -1,0 +1,164 @@
+"""Tasks of mjlab: their rewards, their last observations, and runs in them."""
+
+import csv
+
+import pytest
+import torch
+
+from morlax_torch import MorlaxError, config_for, envs, evaluate, load, train
+from morlax_torch.terminal.arguments import read
+
+pytest.importorskip("mjlab", reason="needs the extra mjlab")
+
+GO1 = "mjlab:Mjlab-Velocity-Flat-Unitree-Go1"
+CARTPOLE = "mjlab:Mjlab-Cartpole-Balance"
+
+
+@pytest.fixture(scope="module")
+def go1() -> envs.Worlds:
+    """Go1s with mjlab's own rewards, and episodes so short that they end at different times."""
+    return envs.make(GO1, 4, "cpu", episode_length=7)
+
+
+def noise(env: envs.Worlds) -> torch.Tensor:
+    return 2 * torch.rand(env.num_worlds, env.action_size) - 1
+
+
+def test_the_sum_of_all_objectives_is_the_reward_of_mjlab(go1):
+    for _ in range(20):
+        step = go1.step(noise(go1))
+        torch.testing.assert_close(step.reward.sum(1), go1.env.reward_buf, rtol=0, atol=1e-6)
+        torch.testing.assert_close(sum(step.terms.values()), step.reward.sum(1))
+    assert go1.objectives == ("rewards", "costs")
+    assert (step.reward[:, 0] > 0).all() and (step.reward[:, 1] < 0).all()
+
+
+def test_worlds_restart_once_and_their_last_observation_is_kept(go1, monkeypatch):
+    restarted = []
+    usual = go1.env.reset
+    monkeypatch.setattr(
+        go1.env,
+        "reset",
+        lambda env_ids: (restarted.extend(env_ids.tolist()), usual(env_ids=env_ids))[1],
+    )
+    episodes = 0
+    for _ in range(20):
+        restarted.clear()
+        step = go1.step(noise(go1))
+        over = step.terminated | step.truncated
+        assert restarted == over.nonzero().squeeze(1).tolist()
+        moved = (step.critic_observation != step.final_critic_observation).any(1)
+        assert torch.equal(moved, over)
+        assert torch.equal(step.observation, step.critic_observation[:, : go1.observation_size])
+        assert (go1.env.episode_length_buf[over] == 0).all()
+        episodes += int(over.sum())
+    assert episodes >= 8  # 20 steps of 4 worlds, of 7 steps each at most
+
+
+def test_evaluated_worlds_earn_nothing_once_they_are_over():
+    env = envs.make(CARTPOLE, 3, "cpu", auto_reset=False, episode_length=5)
+    env.reset()
+    steps = [env.step(noise(env)) for _ in range(8)]
+    last = steps[4]
+    assert last.truncated.all() and (last.reward != 0).any()
+    for step in steps[5:]:
+        assert step.truncated.all() and not step.reward.any()
+        assert torch.equal(step.observation, last.observation)
+    env.restart(torch.tensor([True, False, False]))
+    assert env.step(noise(env)).truncated.tolist() == [False, True, True]
+
+
+def test_worlds_draw_from_a_generator_of_their_own():
+    found = []
+    for seed in (1, 2):
+        env = envs.make(CARTPOLE, 3, "cpu", seed=5, stagger=False)
+        torch.manual_seed(seed)
+        before = torch.get_rng_state()
+        found.append(env.reset())
+        assert torch.equal(torch.get_rng_state(), before)
+    assert torch.equal(*found)
+    env.reseed(6)
+    assert not torch.equal(env.reset(), found[0])
+
+
+def test_terms_of_weight_zero_and_terms_of_effort_can_be_used():
+    objectives = {"track": {"smooth_reward": 1.0}, "save": {"electrical_power_cost": -0.5}}
+    env = envs.make(CARTPOLE, 2, "cpu", objectives=objectives)
+    for _ in range(5):
+        step = env.step(torch.ones(2, env.action_size))
+    assert env.reward_terms == ("smooth_reward", "electrical_power_cost")
+    assert (step.terms["electrical_power_cost"] > 0).all()
+    torch.testing.assert_close(step.reward[:, 1], -0.5 * step.terms["electrical_power_cost"])
+
+
+def test_the_ranges_of_commands_can_be_set():
+    env = envs.make(GO1, 2, "cpu", commands={"twist.lin_vel_x": (0.5, 0.5)})
+    assert env.env.cfg.commands["twist"].ranges.lin_vel_x == (0.5, 0.5)
+
+
+def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
+    config = config_for(
+        CARTPOLE,
+        worlds=16,
+        horizon=4,
+        device="cpu",
+        max_env_steps=256,
+        **{
+            "sampling.clusters": 4,
+            "ppo.minibatches": 2,
+            "evaluation.tradeoffs": 4,
+            "task.episode_length": 10,
+        },
+    )
+    run = train.train(config, output=tmp_path / "run").folder
+    assert evaluate.evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
+    policy = load(run, device="cpu")
+    assert policy(torch.zeros(1, 5), torch.tensor([0.5, 0.5])).shape == (1, 1)
+    train.command(["--resume", str(run), "--max-env-steps", "320"])
+    assert "they start anew" in capsys.readouterr().out
+    with (run / "metrics.csv").open() as file:
+        assert int(list(csv.DictReader(file))[-1]["env_steps"]) == 320
+
+
+@pytest.mark.parametrize(
+    "task", ["Mjlab-Velocity-Flat-Unitree-Go1", "Mjlab-Velocity-Flat-Unitree-G1"]
+)
+def test_tuned_configs_name_terms_of_the_task(task):
+    config, _, _ = read(["--env", f"mjlab:{task}", "--device", "cpu"])
+    assert len(config.task.objectives) >= 3
+    assert config.task.shared and "tracking" in config.task.objectives
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        (
+            "mjlab:Mjlab-Velocity-Flat-Unitree-Go2",
+            {},
+            r"did you mean 'Mjlab-Velocity-Flat-Unitree-Go1'",
+        ),
+        ("mjlab:nowhere.tasks:Mine", {}, r"cannot import nowhere.tasks"),
+        ("mjlab:Mjlab-Tracking-Flat-Unitree-G1", {}, r"--task.motion-file FILE.npz"),
+        (
+            CARTPOLE,
+            {"objectives": {"a": {"smooth": 1.0}, "b": {}}},
+            r"unknown reward term 'smooth'.*smooth_reward",
+        ),
+        (
+            GO1,
+            {"commands": {"twist.speed": (0.0, 1.0)}},
+            r"range of the command twist 'speed'.*lin_vel_x",
+        ),
+        (GO1, {"commands": {"spin.x": (0.0, 1.0)}}, r"unknown command 'spin'.*twist"),
+    ],
+)
+def test_mistakes_are_one_sentence(name, options, message):
+    with pytest.raises(MorlaxError, match=message):
+        envs.make(name, 2, "cpu", **options)
+
+
+def test_only_the_simulator_of_mjlab_is_offered():
+    with pytest.raises(
+        MorlaxError, match=r"runs on mjlab's own simulator: leave --backend mujoco out"
+    ):
+        envs.make(CARTPOLE, 2, "cpu", "mujoco")
