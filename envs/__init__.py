@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .worlds.gymnasium import from_gymnasium
     from .worlds.interface import TimeStep, Worlds
     from .worlds.layout import Part, positions, velocities
+    from .worlds.robot import Robot
 
 __getattr__, __dir__ = handed_on(
     __name__,
@@ -29,6 +30,7 @@ __getattr__, __dir__ = handed_on(
         "Environment": "worlds.environment",
         "Part": "worlds.layout",
         "Physics": "physics.interface",
+        "Robot": "worlds.robot",
         "TimeStep": "worlds.interface",
         "Worlds": "worlds.interface",
         "from_gymnasium": "worlds.gymnasium",
@@ -50,6 +52,7 @@ __all__ = [
     "Part",
     "Physics",
     "Randomization",
+    "Robot",
     "TaskOptions",
     "TimeStep",
     "Worlds",

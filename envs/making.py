@@ -7,9 +7,11 @@ from pydantic import ValidationError
 
 from .device import resolve_device
 from .errors import MorlaxError, explained, unknown
+from .naming import MJLAB
 from .registry import get
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
+from .worlds.robot import Robot
 
 
 def make(
@@ -64,12 +66,18 @@ def make(
     )
 
 
-def make_robot(name: str, seed: int = 0, **task_options: Any) -> Environment:
-    """Make one world of a MuJoCo robot on C MuJoCo, without automatic reset, to look at.
+def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
+    """Make one world of a MuJoCo robot on the CPU, without automatic reset, to look at.
 
     Raises:
         MorlaxError: as `make`, or the task has no MuJoCo robot.
     """
+    if name.startswith(MJLAB):
+        from .worlds.mjlab_robot import robot_of
+
+        robot = robot_of(name)
+        options = robot.Options.model_validate(task_options)
+        return robot(options, 1, torch.device("cpu"), seed, auto_reset=False)
     if not issubclass(get(name), Environment):
         raise MorlaxError(
             f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "

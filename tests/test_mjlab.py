@@ -1,12 +1,16 @@
 """Tasks of mjlab: their rewards, their last observations, and runs in them."""
 
 import csv
+import json
+from pathlib import Path
 
 import pytest
 import torch
 
 from morlax_torch import MorlaxError, config_for, envs, evaluate, load, train
+from morlax_torch.exports.exporting import export
 from morlax_torch.terminal.arguments import read
+from morlax_torch.viewers.player import Player
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
@@ -162,3 +166,56 @@ def test_only_the_simulator_of_mjlab_is_offered():
         MorlaxError, match=r"runs on mjlab's own simulator: leave --backend mujoco out"
     ):
         envs.make(CARTPOLE, 2, "cpu", "mujoco")
+
+
+@pytest.fixture(scope="module")
+def go1_run(tmp_path_factory) -> Path:
+    config = config_for(
+        GO1,
+        worlds=4,
+        horizon=2,
+        device="cpu",
+        max_env_steps=8,
+        **{
+            "sampling.clusters": 2,
+            "sampling.mode": "dense",
+            "ppo.minibatches": 2,
+            "evaluation.tradeoffs": 3,
+            "task.episode_length": 4,
+        },
+    )
+    return train.train(config, output=tmp_path_factory.mktemp("go1") / "run").folder
+
+
+def test_a_robot_follows_the_command_that_a_viewer_sets(go1_run):
+    player = Player(load(go1_run, device="cpu"), (1, 0, 0))
+    assert list(player.env.command_limits) == ["lin_vel_x", "lin_vel_y", "ang_vel_z"]
+    player.command = [0.7, 0.0, -0.1]
+    before = player.data.qpos.copy()
+    for _ in range(3):
+        player.step()
+    seen = player.observation[0, -3:]  # mjlab's last part: the command
+    torch.testing.assert_close(seen, torch.tensor(player.command))
+    assert player.data.qpos[2] > 0.1 and (player.data.qpos != before).any()
+    assert [part.size for part in player.env.layout()] == [3, 3, 3, 12, 12, 12, 3]
+
+
+def test_an_exported_policy_moves_the_joints_as_mjlab_does(go1_run, tmp_path):
+    onnxruntime = pytest.importorskip("onnxruntime")
+    policy = load(go1_run, device="cpu")
+    weights = [0.5, 0.3, 0.2]
+    export(policy, tmp_path / "go1.onnx", "onnx", weights)
+    session = onnxruntime.InferenceSession(tmp_path / "go1.onnx")
+    facts = {k: json.loads(v) for k, v in session.get_modelmeta().custom_metadata_map.items()}
+    player = Player(policy, weights)
+    seen = player.observation.clone()
+    (action,) = session.run(None, {session.get_inputs()[0].name: seen.numpy()})
+    player.step()
+    term = player.env.env.action_manager.get_term("joint_pos")
+    control = facts["control"]
+    target = torch.tensor(control["offset"]) + torch.tensor(control["scale"]) * torch.from_numpy(
+        action[0]
+    )
+    torch.testing.assert_close(target, term._processed_actions[0], rtol=0, atol=1e-5)
+    assert [row["joint"] for row in facts["actuators"]] == term.target_names
+    assert facts["control_rate_hz"] == 50

@@ -17,15 +17,16 @@ from ..physics.interface import Physics
 from ..random import restore_generator
 from . import checks, episodes, randomization
 from .disturbances import Delay, Noise, Pushes
-from .interface import TimeStep, Worlds
+from .interface import TimeStep
 from .layout import Part
 from .options import TaskOptions
+from .robot import Robot
 from .starts import Starts, around
 
 OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have
 
 
-class Environment(Worlds):
+class Environment(Robot):
     """N worlds of one MuJoCo robot with several objectives.
 
     A subclass defines the observation, the mapping from actions to control, named reward terms,
@@ -44,10 +45,7 @@ class Environment(Worlds):
     substeps: ClassVar[int] = 1  # physics steps per control step
     # Reward terms that the paper's evaluation adds to each return, on top of any step's reward.
     paper_reset_terms: ClassVar[dict[str, float]] = {}
-    # Limits of each number of `command` (N, C), such as a velocity, by name. Anyone may write
-    # `command` between steps.
-    command_limits: ClassVar[dict[str, tuple[float, float]]] = {}
-    command: Tensor
+    physics: Physics
 
     def __init__(
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True

@@ -43,6 +43,7 @@ class MjlabWorlds(Worlds):
 
     name: ClassVar[str]
     Options: ClassVar[type[MjlabOptions]]
+    options: MjlabOptions
     simulator = "mjlab"
 
     def __init__(
@@ -56,22 +57,22 @@ class MjlabWorlds(Worlds):
         self.options, self.num_worlds, self.device = options, num_worlds, device
         self.auto_reset, self.episode_length = auto_reset, options.episode_length
         self.generator = torch.Generator(device).manual_seed(seed)
-        cfg = changed(self.name, options, num_worlds, seed)
+        cfg = self.config(num_worlds, seed)
         with _drawing_from(self.generator), contextlib.redirect_stdout(io.StringIO()):
             self.env = import_module("mjlab.envs").ManagerBasedRlEnv(cfg, device=str(device))
             groups, _ = self.env.reset()
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
         self.define_objectives()
         self._time_step = self.env.step_dt if cfg.scale_rewards_by_dt else 1.0
-        self._actor = next((name for name in ACTORS if name in groups), next(iter(groups)))
-        for name in (self._actor, "critic"):
+        self.actor_group = next((name for name in ACTORS if name in groups), next(iter(groups)))
+        for name in (self.actor_group, "critic"):
             if isinstance(groups.get(name), dict):
                 raise MorlaxError(
                     f"the observations of {self.name} are not one vector: policies cannot take "
                     "images or other groups that mjlab does not concatenate."
                 )
         self.action_size = self.env.action_manager.total_action_dim
-        self.observation_size = groups[self._actor].shape[1]
+        self.observation_size = groups[self.actor_group].shape[1]
         self.privileged_size = groups["critic"].shape[1] if "critic" in groups else 0
         self.blowups = torch.zeros((), dtype=torch.int64, device=device)
         self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
@@ -95,6 +96,10 @@ class MjlabWorlds(Worlds):
             wish = "--deterministic" if deterministic else "--backend mujoco"
             raise MorlaxError(f"{cls.name} runs on mjlab's own simulator: leave {wish} out.")
         return cls(options, num_worlds, device, seed, auto_reset)
+
+    def config(self, num_worlds: int, seed: int) -> Any:
+        """Return mjlab's config of these worlds."""
+        return changed(self.name, self.options, num_worlds, seed)
 
     def reset(self) -> Tensor:
         with _drawing_from(self.generator):
@@ -171,7 +176,7 @@ class MjlabWorlds(Worlds):
             self.env.episode_length_buf[:] = ages
 
     def _features(self, groups: dict[str, Tensor]) -> Tensor:
-        parts = [groups[self._actor], *([groups["critic"]] if "critic" in groups else [])]
+        parts = [groups[self.actor_group], *([groups["critic"]] if "critic" in groups else [])]
         return torch.cat(parts, 1).float()
 
     def _policy(self, seen: Tensor) -> Tensor:

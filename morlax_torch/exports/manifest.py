@@ -11,7 +11,7 @@ import mujoco
 import torch
 
 from .. import envs
-from ..envs import Environment
+from ..envs import Environment, Robot
 from ..evaluation.history import History
 from ..networks.policy import Policy
 from ..runs.loading import find_checkpoint, find_run
@@ -37,7 +37,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
         "observation_size": env.observation_size,
         "observation": observation(env),
         "action_size": env.action_size,
-        "actuators": actuators(env.physics.model),
+        "actuators": actuators(env),
         "control": control(env),
     }
 
@@ -51,7 +51,7 @@ def provenance(run: str | os.PathLike[str]) -> dict[str, Any]:
     return known
 
 
-def observation(env: Environment) -> list[dict[str, Any]]:
+def observation(env: Robot) -> list[dict[str, Any]]:
     """Return the name, slice and unit of each part of an observation."""
     parts = env.layout()
     stops = accumulate(part.size for part in parts)
@@ -61,9 +61,17 @@ def observation(env: Environment) -> list[dict[str, Any]]:
     ]
 
 
-def actuators(model: mujoco.MjModel) -> list[dict[str, Any]]:
-    """Return joint, gear and control range of each actuator, in the order of actions."""
-    found = []
+def actuators(env: Robot) -> list[dict[str, Any]]:
+    """Return joint, gear and control range of each actuator, in the order of actions.
+
+    Gear and range are None where an action is not the control of one of the model's actuators.
+    """
+    targets = env.targets()
+    if targets is not None:
+        return [
+            {"name": name, "joint": name, "gear": None, "control_range": None} for name in targets
+        ]
+    model, found = env.physics.model, []
     for index in range(model.nu):
         driven, limits = model.actuator_trnid[index, 0], model.actuator_ctrlrange[index]
         of_joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
@@ -78,12 +86,19 @@ def actuators(model: mujoco.MjModel) -> list[dict[str, Any]]:
     return found
 
 
-def control(env: Environment) -> dict[str, list[float]] | None:
+def control(env: Robot) -> dict[str, list[float]] | None:
     """Return how the task maps an action to control: clip(offset + scale * action, low, high).
 
-    None if the mapping has another form.
+    The control is the position of a joint where `actuators` has no gear. None if the mapping has
+    another form.
     """
-    if env.action_size != env.physics.model.nu:
+    scales = env.scales()
+    if scales is not None:
+        scale, offset = (torch.tensor(values) for values in scales)
+        low, high = offset - scale.abs(), offset + scale.abs()
+        named = {"scale": scale, "offset": offset, "low": low, "high": high}
+        return {name: values.tolist() for name, values in named.items()}
+    if not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
         return None
 
     def made(action: torch.Tensor) -> torch.Tensor:

@@ -48,7 +48,9 @@ class Display:
         if self._progress.env_steps and not env.resumable:
             console.print("the state of these worlds cannot be saved: they start anew")
         if env.simulator == "mjlab" and env.device.type == "cpu":
-            console.print("on a CPU, mjlab takes a few hundred steps per second: use a GPU to train")
+            console.print(
+                "on a CPU, mjlab takes a few hundred steps per second: use a GPU to train"
+            )
         if env.simulator == "MuJoCo Warp":
             console.print("compiling kernels: up to a minute the first time on a machine")
         self._bar.start()

@@ -7,6 +7,8 @@ import numpy as np
 import trimesh
 import viser
 
+from ..following import followed_body
+
 HIDDEN_GROUP = 3  # MuJoCo's viewers show geoms of groups 0 to 2 by default
 SQUARE = 1.0  # m between the ground's major grid lines
 _numbers = itertools.count()  # unique names: viser gives a reused name the old pose
@@ -21,7 +23,7 @@ class RobotScene:
     def __init__(self, server: viser.ViserServer, model: mujoco.MjModel):
         shown = [geom for geom in range(model.ngeom) if model.geom_group[geom] < HIDDEN_GROUP]
         meshes = {geom: geom_mesh(model, geom) for geom in shown}  # may fail: nothing is added yet
-        self._server = server
+        self._server, self._followed = server, followed_body(model)
         root = f"/robot{next(_numbers)}"
         self._root = server.scene.add_frame(root, show_axes=False)
         self._bodies = {}
@@ -59,7 +61,7 @@ class RobotScene:
         """Move every body to its pose in `data`; a state that is not finite is skipped."""
         if not np.isfinite(data.xpos).all():
             return
-        center = np.array([*data.xpos[1, :2], 0.0])
+        center = np.array([*data.xpos[self._followed, :2], 0.0])
         with self._server.atomic():
             self._ground.position = -np.fmod(center, SQUARE)
             for body, frame in self._bodies.items():

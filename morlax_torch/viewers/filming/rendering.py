@@ -14,13 +14,14 @@ from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
 from ...envs import MorlaxError
+from ..following import followed_body
 
 CAMERA = "track"  # name of the camera in the built-in robots
 SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
 
 
 class Scene:
-    """Renders a robot from its camera `track`, or from a camera that follows its first body.
+    """Renders a robot from its camera `track`, or from a camera that follows it.
 
     It holds an OpenGL context: close it, or use it as a context manager.
 
@@ -72,7 +73,8 @@ def _camera(model: mujoco.MjModel) -> mujoco.MjvCamera:
     if camera.fixedcamid >= 0:
         camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
     else:
-        camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
+        camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        camera.trackbodyid = followed_body(model)
         camera.distance, camera.azimuth, camera.elevation = 2 * model.stat.extent, 90, -15
     return camera
 
