@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .worlds.interface import TimeStep, Worlds
     from .worlds.layout import Part, positions, velocities
     from .worlds.robot import Robot
+    from .worlds.vecenv import from_vecenv
 
 __getattr__, __dir__ = handed_on(
     __name__,
@@ -34,6 +35,7 @@ __getattr__, __dir__ = handed_on(
         "TimeStep": "worlds.interface",
         "Worlds": "worlds.interface",
         "from_gymnasium": "worlds.gymnasium",
+        "from_vecenv": "worlds.vecenv",
         "get": "registry",
         "make": "making",
         "make_robot": "making",
@@ -58,6 +60,7 @@ __all__ = [
     "Worlds",
     "check_trusted",
     "from_gymnasium",
+    "from_vecenv",
     "get",
     "make",
     "make_robot",

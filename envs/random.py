@@ -1,6 +1,8 @@
 """Random generators that can be saved and restored."""
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import torch
 from torch import Tensor
@@ -20,3 +22,19 @@ def restore_generator(generator: torch.Generator, state: Tensor) -> None:
     else:
         digest = hashlib.sha256(state.numpy().tobytes()).digest()
         generator.manual_seed(int.from_bytes(digest[:8], "little") >> 1)
+
+
+@contextmanager
+def drawing_from(generator: torch.Generator) -> Iterator[None]:
+    """Let torch's global generator continue `generator`, and put it back afterwards."""
+    if generator.device.type == "cuda":
+        usual = torch.cuda.default_generators[generator.device.index or 0]
+    else:
+        usual = torch.default_generator
+    state = usual.get_state()
+    usual.set_state(generator.get_state())
+    try:
+        yield
+    finally:
+        generator.set_state(usual.get_state())
+        usual.set_state(state)

@@ -19,14 +19,17 @@ def task_values(env: str, device_type: str) -> dict[str, Any]:
 
     They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, for others of
     the form "gymnasium:ID" or "mjlab:TASK" from configs/gymnasium.yaml or configs/mjlab.yaml, and
-    for all other tasks from configs/default.yaml.
+    for all other tasks from configs/default.yaml. Worlds that do not show how an episode ended get
+    `ppo.truncation: mask`.
     """
-    envs.get(env)
-    if not is_file(env):
-        for name in (env.replace(":", "/"), env.partition(":")[0]):
-            if (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file():
-                return {**_packaged(name, device_type), "env": env}
-    return {**default_values(device_type), "env": env}
+    task, values = envs.get(env), default_values(device_type)
+    for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):
+        if (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file():
+            values = _packaged(name, device_type)
+            break
+    if not task.shows_endings:
+        values = merged(values, {"ppo": {"truncation": "mask"}})
+    return {**values, "env": env}
 
 
 def default_values(device_type: str) -> dict[str, Any]:

@@ -82,6 +82,8 @@ def test_python_runs(code, run, workplace, monkeypatch, request):
 
 @pytest.mark.parametrize("text", blocks("yaml"))
 def test_configs_load(text, workplace):
+    if "mjlab:" in text:
+        pytest.importorskip("mjlab", reason="needs the extra mjlab")
     (workplace / "my.yaml").write_text(text)
     config = load_config(file_values(workplace / "my.yaml", "cpu"))
     assert list(config.task.objectives) == list(yaml.safe_load(text)["task"]["objectives"])

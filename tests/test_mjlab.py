@@ -219,3 +219,34 @@ def test_an_exported_policy_moves_the_joints_as_mjlab_does(go1_run, tmp_path):
     torch.testing.assert_close(target, term._processed_actions[0], rtol=0, atol=1e-5)
     assert [row["joint"] for row in facts["actuators"]] == term.target_names
     assert facts["control_rate_hz"] == 50
+
+
+def test_the_wrapper_for_rsl_rl_is_a_vectorized_environment():
+    from mjlab.envs import ManagerBasedRlEnv
+    from mjlab.rl import RslRlVecEnvWrapper
+    from mjlab.tasks.registry import load_env_cfg
+
+    def make_env(num_envs, device, seed):
+        cfg = load_env_cfg("Mjlab-Cartpole-Balance")
+        cfg.scene.num_envs, cfg.seed = num_envs, seed
+        cfg.episode_length_s = 4 * cfg.sim.mujoco.timestep * cfg.decimation
+        return RslRlVecEnvWrapper(ManagerBasedRlEnv(cfg, device=str(device)))
+
+    def read_terms(env, extras):
+        manager = env.unwrapped.reward_manager
+        paid = manager._step_reward * env.unwrapped.step_dt
+        return {
+            **dict(zip(manager.active_terms, paid.unbind(1), strict=True)),
+            "still": -paid[:, 0],
+        }
+
+    objectives = {"balance": {"smooth_reward": 1.0}, "fall": {"still": 1.0}}
+    task = envs.from_vecenv(make_env, read_terms, objectives, episode_length=4)
+    env = task.build(
+        task.Options(), 3, torch.device("cpu"), None, 0, auto_reset=True, deterministic=False
+    )
+    for number in range(1, 9):
+        step = env.step(noise(env))
+        torch.testing.assert_close(step.reward[:, 0], env.env.unwrapped.reward_buf)
+        torch.testing.assert_close(step.reward[:, 1], -step.reward[:, 0])
+        assert step.truncated.all() == (number % 4 == 0) and not step.terminated.any()

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -88,3 +89,15 @@ def test_a_command_line_can_allow_it(hostile, allow):
     done = command(name, *arguments, folder=hostile.parent)
     assert (hostile.parent / "sprung").exists()
     assert "would run the code of" not in done.stderr
+
+
+@pytest.mark.skipif(find_spec("mjlab") is not None, reason="mjlab is installed")
+def test_tasks_of_mjlab_name_the_extra_that_they_need():
+    with pytest.raises(MorlaxError, match=r"need mjlab: pip install 'morlax-torch\[mjlab\]'"):
+        envs.make("mjlab:Mjlab-Velocity-Flat-Unitree-Go1", 2, "cpu")
+
+
+def test_modules_of_mjlab_tasks_run_only_if_they_are_trusted():
+    with pytest.raises(MorlaxError, match="if you trust it"):
+        envs.check_trusted("mjlab:my_tasks:Mine", "a file")
+    envs.check_trusted("mjlab:Mjlab-Velocity-Flat-Unitree-Go1", "a file")

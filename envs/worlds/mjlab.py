@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from typing import Any, ClassVar, Self
@@ -11,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError
+from ..random import drawing_from
 from .interface import TimeStep, Worlds
 from .mjlab_tasks import MjlabOptions, changed, options_class
 
@@ -58,7 +58,7 @@ class MjlabWorlds(Worlds):
         self.auto_reset, self.episode_length = auto_reset, options.episode_length
         self.generator = torch.Generator(device).manual_seed(seed)
         cfg = self.config(num_worlds, seed)
-        with _drawing_from(self.generator), contextlib.redirect_stdout(io.StringIO()):
+        with drawing_from(self.generator), contextlib.redirect_stdout(io.StringIO()):
             self.env = import_module("mjlab.envs").ManagerBasedRlEnv(cfg, device=str(device))
             groups, _ = self.env.reset()
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
@@ -102,7 +102,7 @@ class MjlabWorlds(Worlds):
         return changed(self.name, self.options, num_worlds, seed)
 
     def reset(self) -> Tensor:
-        with _drawing_from(self.generator):
+        with drawing_from(self.generator):
             self._seen = self._features(self.env.reset()[0])
             self._stagger()
         self._failed.zero_()
@@ -111,7 +111,7 @@ class MjlabWorlds(Worlds):
 
     def restart(self, which: Tensor) -> Tensor:
         self.check_mask(which)
-        with _drawing_from(self.generator):
+        with drawing_from(self.generator):
             self._restart(which)
         self._failed &= ~which
         self._timed_out &= ~which
@@ -119,7 +119,7 @@ class MjlabWorlds(Worlds):
 
     def step(self, action: Tensor) -> TimeStep:
         standing = self._failed | self._timed_out
-        with _drawing_from(self.generator):
+        with drawing_from(self.generator):
             groups, _, failed, timed_out, _ = self.env.step(
                 action.clamp(-1, 1) * self.options.action_scale
             )
@@ -181,19 +181,3 @@ class MjlabWorlds(Worlds):
 
     def _policy(self, seen: Tensor) -> Tensor:
         return seen[:, : self.observation_size]
-
-
-@contextlib.contextmanager
-def _drawing_from(generator: torch.Generator) -> Iterator[None]:
-    """Let torch's global generator continue `generator`, and put it back afterwards."""
-    if generator.device.type == "cuda":
-        usual = torch.cuda.default_generators[generator.device.index or 0]
-    else:
-        usual = torch.default_generator
-    state = usual.get_state()
-    usual.set_state(generator.get_state())
-    try:
-        yield
-    finally:
-        generator.set_state(usual.get_state())
-        usual.set_state(state)

@@ -52,6 +52,11 @@ class MORLAX:
             raise MorlaxError(
                 f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
             )
+        if config.ppo.truncation == "bootstrap" and not env.shows_endings:
+            raise MorlaxError(
+                "these worlds do not show how an episode ended, so there is no value to bootstrap "
+                "from: set ppo.truncation to mask."
+            )
         self.env, self.config = env, config
         self.agent = Agent(
             env.observation_size,

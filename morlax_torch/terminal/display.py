@@ -45,6 +45,11 @@ class Display:
             f"seed {config.seed}"
         )
         console.print(f"{self._folder}  (tensorboard --logdir {self._folder.parent})")
+        if not env.shows_endings:
+            console.print(
+                "these worlds do not show how an episode ended: steps at a time limit are left out "
+                "(ppo.truncation mask)"
+            )
         if self._progress.env_steps and not env.resumable:
             console.print("the state of these worlds cannot be saved: they start anew")
         if env.simulator == "mjlab" and env.device.type == "cpu":

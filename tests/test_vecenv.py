@@ -1,0 +1,115 @@
+"""Worlds made from a vectorized environment with the interface of rsl_rl."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from morlax_torch import MORLAX, MorlaxError, config_for, envs, train
+
+TINY = {
+    "worlds": 16,
+    "horizon": 5,
+    "device": "cpu",
+    "max_env_steps": 240,
+    "sampling.clusters": 4,
+    "ppo.minibatches": 2,
+    "evaluation.tradeoffs": 6,
+}
+
+
+class Line:
+    """Points that go left or right; they fail beyond -3, and time is up after 8 steps."""
+
+    num_actions, max_episode_length = 1, 8
+
+    def __init__(self, num_envs: int, device: torch.device, seed: int):
+        self.num_envs, self.device = num_envs, device
+        self.x, self.episode_length_buf = torch.zeros(2, num_envs, device=device)
+
+    def reset(self):
+        self._restart(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
+        return self.get_observations(), {}
+
+    def get_observations(self):
+        time = self.episode_length_buf / self.max_episode_length
+        return {"policy": torch.stack([self.x, time], 1), "critic": self.x[:, None]}
+
+    def step(self, actions):
+        self.x = self.x + actions[:, 0]
+        self.episode_length_buf = self.episode_length_buf + 1
+        terms = {"go": actions[:, 0], "save": -actions[:, 0].abs(), "at": self.x.clone()}
+        time_outs = self.episode_length_buf >= self.max_episode_length
+        dones = (self.x < -3) | time_outs
+        self._restart(dones)
+        extras = {"time_outs": time_outs, "terms": terms}
+        return self.get_observations(), terms["go"] + terms["save"], dones, extras
+
+    def _restart(self, which):
+        self.x = torch.where(which, 0.1 * torch.rand(self.num_envs), self.x)
+        self.episode_length_buf = torch.where(which, 0.0, self.episode_length_buf)
+
+
+LineWorlds = envs.from_vecenv(
+    Line,
+    lambda env, extras: extras["terms"],
+    {"go": {"go": 1.0}, "save": {"save": 1.0}},
+    reference_point=(-10.0, -10.0),
+    episode_length=8,
+    action_scale=2.0,
+)
+NAME = f"{Path(__file__)}:LineWorlds"
+
+
+def test_rewards_and_ends_are_those_of_the_environment():
+    env = envs.make(NAME, 3, "cpu")
+    assert (env.observation_size, env.privileged_size, env.action_size) == (2, 1, 1)
+    pushes = torch.tensor([[1.0], [0.25], [-1.0]])
+    for number in range(1, 9):
+        step = env.step(pushes)
+        torch.testing.assert_close(step.reward, torch.cat([2 * pushes, -2 * pushes.abs()], 1))
+        assert step.terminated.tolist() == [False, False, number in (2, 4, 6, 8)]
+        assert step.truncated.tolist() == [number == 8, number == 8, False]
+
+
+def test_a_world_that_is_over_earns_nothing_in_an_evaluation():
+    env = envs.make(NAME, 2, "cpu", auto_reset=False)
+    total = sum(env.step(torch.ones(2, 1)).reward for _ in range(12))
+    torch.testing.assert_close(total, torch.tensor([[16.0, -16.0]] * 2))
+    assert env.reset().shape == (2, 2)
+    assert env.step(torch.ones(2, 1)).reward.any()
+
+
+def test_a_run_masks_steps_at_a_time_limit_and_says_so(tmp_path, capsys):
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in TINY.items()]
+    train.command(["--env", NAME, *options, "--output", str(tmp_path / "run")])
+    assert "steps at a time limit are left out (ppo.truncation mask)" in capsys.readouterr().out
+    assert "truncation: mask" in (tmp_path / "run" / "config.yaml").read_text()
+
+
+def test_bootstrapping_from_unknown_endings_is_refused():
+    config = config_for(NAME, **TINY, **{"ppo.truncation": "bootstrap"})
+    with pytest.raises(MorlaxError, match=r"do not show how an episode ended.*mask"):
+        MORLAX(envs.make(NAME, 16, "cpu"), config)
+
+
+def few(number, device, seed):
+    return Line(2, device, seed)
+
+
+def strange(number, device, seed):
+    env = Line(number, device, seed)
+    env.get_observations = lambda: {"image": env.x[:, None]}
+    return env
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [(few, r"has 2 worlds.*should be 4"), (strange, r"called actor or policy, but image")],
+)
+def test_an_environment_that_does_not_fit_is_refused(make, message):
+    objectives = {"go": {"go": 1.0}, "save": {"save": 1.0}}
+    task = envs.from_vecenv(make, lambda env, extras: extras["terms"], objectives)
+    place = torch.device("cpu")
+    with pytest.raises(MorlaxError, match=message):
+        task.build(task.Options(), 4, place, None, 0, auto_reset=True, deterministic=False)
