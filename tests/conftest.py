@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,9 @@ from morlax_torch.viewers.filming.rendering import choose_opengl
 
 if not torch.cuda.is_available():
     os.environ.setdefault("TRITON_INTERPRET", "1")  # Triton reads it when it is imported
+
+with suppress(ImportError):
+    import triton  # noqa: F401  its LLVM crashes if it is loaded after the one of Mesa's OpenGL
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do their subprocesses
     os.environ.setdefault("OMP_NUM_THREADS", "1")

@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from toppling import falling
 
 from morlax_torch import MorlaxError, envs
+from morlax_torch.adapters.actions import checked_actions
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
 from morlax_torch.adapters.gymnasium_single import GymnasiumEnv
 from morlax_torch.adapters.gymnasium_vector import GymnasiumVectorEnv
@@ -115,6 +116,18 @@ def test_an_episode_is_truncated_at_its_length():
         assert flags == [(False, False)] * 4 + [(False, True)]
 
 
+def test_the_spec_gives_the_episode_length_without_a_second_time_limit():
+    env, envs_ = gymnasium.make(HOPPER, episode_length=5), vector(episode_length=5)
+    assert env is env.unwrapped and gymnasium.spec(HOPPER).max_episode_steps is None
+    assert env.spec.max_episode_steps == envs_.spec.max_episode_steps == 5
+    again = gymnasium.make(env.spec)
+    again.reset()
+    assert [again.step(np.zeros(4))[3] for _ in range(5)] == [False] * 4 + [True]
+    for spec in (env.spec, envs_.spec):
+        assert gymnasium.make_vec(spec, num_envs=3).unwrapped.worlds.episode_length == 5
+    assert vector(max_episode_steps=7).worlds.episode_length == 7
+
+
 def test_an_environment_can_be_pickled():
     env = gymnasium.make(HOPPER, tradeoff=(1.0, 0.0), reset_noise=0.1).unwrapped
     other = pickle.loads(pickle.dumps(env))
@@ -131,6 +144,15 @@ def test_the_seed_determines_the_initial_states(make):
     assert not np.array_equal(first, second)
     np.testing.assert_array_equal(second, other.reset()[0])
     assert not np.array_equal(first, other.reset(seed=6)[0])
+
+
+@pytest.mark.parametrize("form", [list, tuple, np.array])
+def test_a_seed_for_each_world_determines_the_initial_states(form):
+    one, other = (vector(HOPPER, reset_noise=0.1) for _ in range(2))
+    first, _ = one.reset(seed=form([3, 4, 5]))
+    assert torch.equal(first, other.reset(seed=form([3, 4, 5]))[0])
+    assert not torch.equal(first, other.reset(seed=form([3, 4, 6]))[0])
+    assert (first[0] != first[1]).any()
 
 
 def test_without_a_seed_environments_differ():
@@ -151,6 +173,31 @@ def test_rgb_array_frames_are_valid_and_show_motion():
     assert (before != after).any()
     env.close()
     env.close()
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_vector_environment_renders_each_world():
+    env = vector(num_envs=2, render_mode="rgb_array", width=120, height=90)
+    assert env.metadata["render_fps"] == 100
+    with pytest.raises(MorlaxError, match="call reset first"):
+        env.render()
+    env.reset()
+    for _ in range(20):
+        env.step(torch.tensor([[0.0] * 4, [1.0] * 4]))
+    single = gymnasium.make(HOPPER, render_mode="rgb_array", width=120, height=90)
+    single.reset()
+    for _ in range(20):
+        single.step(np.ones(4))
+    still, moving = env.render()
+    assert still.shape == (90, 120, 3) and (still != moving).any()
+    np.testing.assert_array_equal(moving, single.render())
+    env.close()
+
+
+def test_without_a_render_mode_nothing_is_rendered():
+    for env in (gymnasium.make(HOPPER), vector()):
+        env.reset()
+        assert env.render() is None
 
 
 def test_the_viewer_window_follows_the_simulation(monkeypatch):
@@ -206,6 +253,22 @@ def test_vector_environments_return_tensors_and_vector_rewards():
     assert reward.shape == (5, 3) and reward.dtype == torch.float32
     assert terminated.dtype == truncated.dtype == torch.bool
     assert terminated.shape == truncated.shape == (5,)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])
+def test_on_the_cpu_actions_can_be_arrays(dtype):
+    actions = np.array([[1, 0, 0, -1], [0, 1, -1, 0], [0, 0, 0, 0]], dtype=dtype)
+    actions.flags.writeable = False
+    one, other = vector(), vector()
+    one.reset(), other.reset()
+    found, expected = one.step(actions), other.step(torch.tensor(actions))
+    assert all(map(torch.equal, found[:4], expected[:4]))
+
+
+def test_on_a_gpu_actions_must_be_tensors():
+    gpu = torch.device("meta")  # any device but the CPU
+    with pytest.raises(MorlaxError, match=r"not ndarray: use torch\.as_tensor"):
+        checked_actions(np.zeros((3, 4)), torch.Size((3, 4)), gpu)
 
 
 @pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
@@ -300,6 +363,35 @@ def test_the_array_conversion_wrapper_gives_numpy_arrays():
     assert isinstance(info["final_info"]["vector_reward"], np.ndarray)
 
 
+def test_gymnasium_s_wrappers_for_one_reward_work_under_a_tradeoff():
+    pytest.importorskip("array_api_compat")
+    from gymnasium.wrappers.vector import ArrayConversion, NormalizeReward, RecordEpisodeStatistics
+
+    one, other = (
+        vector(WALKER, num_envs=4, tradeoff=(0.7, 0.3), episode_length=100) for _ in range(2)
+    )
+    reference = EpisodeStatistics(one)
+    converted = ArrayConversion(other, env_xp=torch, target_xp=np, env_device=other.device)
+    converted = NormalizeReward(RecordEpisodeStatistics(converted))
+    reference.reset(), converted.reset()
+    episodes, scaled, raw = 0, [], []
+    for _ in range(110):
+        _, reward, _, _, expected = reference.step(falling())
+        _, normalized, _, _, info = converted.step(falling().numpy())
+        raw.append(reward.numpy()), scaled.append(normalized)
+        done = expected["_episode"].numpy()
+        if done.any():
+            returns = expected["episode"]["r"].numpy() @ (0.7, 0.3)
+            np.testing.assert_allclose(info["episode"]["r"], returns, rtol=1e-5)
+            np.testing.assert_array_equal(info["episode"]["l"], expected["episode"]["l"])
+            np.testing.assert_array_equal(info["_episode"], done)
+        episodes += done.sum()
+    assert episodes >= 4
+    # one factor for all worlds of a step
+    np.testing.assert_allclose(np.ptp(np.divide(scaled, raw), axis=1), 0.0, atol=1e-4)
+    assert np.std(scaled) < 0.5 * np.std(raw)
+
+
 def test_returned_tensors_are_detached_copies():
     env = vector()
     env.reset()
@@ -345,7 +437,11 @@ MISTAKES = {
     "device": (lambda: single_step(torch.zeros(4, device="meta")), "a numpy array of 4 numbers"),
     "vector shape": (lambda: vector_step(torch.zeros(3, 5)), "the shape (3, 4)"),
     "vector device": (lambda: vector_step(torch.zeros(3, 4, device="meta")), "on meta, but"),
-    "numpy": (lambda: vector_step(np.zeros((3, 4))), "not ndarray: use torch.as_tensor"),
+    "list": (lambda: vector_step([[0.0] * 4] * 3), "not list: use torch.as_tensor"),
+    "words in an array": (lambda: vector_step(np.full((3, 4), "left")), "must be numbers, not <U4"),
+    "number of seeds": (lambda: vector().reset(seed=[1, 2]), "for each of the 3 worlds, not 2"),
+    "seeds": (lambda: vector().reset(seed=[1, 2, None]), "integers from 0, not [1, 2, None]"),
+    "vector render mode": (lambda: vector(render_mode="human"), "Known: rgb_array"),
     "statistics": (
         lambda: EpisodeStatistics(EpisodeStatistics(vector())),
         ", not EpisodeStatistics",
@@ -361,11 +457,21 @@ def test_a_mistake_raises_a_clear_error(name):
     assert expected in str(error.value)
 
 
+@pytest.mark.parametrize("make", [gymnasium.make, vector])
+def test_an_unknown_option_is_also_a_type_error_in_python_s_words(make):
+    with pytest.raises(TypeError, match="got an unexpected keyword argument 'frameskip'") as error:
+        make(HOPPER, frameskip=2)
+    assert isinstance(error.value, MorlaxError)
+    assert "unknown option 'frameskip'. Known: episode_length" in str(error.value)
+
+
+def test_a_task_without_a_robot_cannot_be_rendered():
+    pytest.importorskip("mo_gymnasium")
+    with pytest.raises(MorlaxError, match="no MuJoCo robot to draw: leave render_mode out"):
+        GymnasiumVectorEnv("gymnasium:mo-hopper-2obj-v5", 1, "cpu", render_mode="rgb_array")
+
+
 @pytest.mark.usefixtures("opengl")
-def test_rendering_without_a_reset_or_render_mode_raises_a_clear_error():
+def test_rendering_before_a_reset_raises_a_clear_error():
     with pytest.raises(MorlaxError, match="call reset first"):
         gymnasium.make(HOPPER, render_mode="rgb_array").render()
-    env = gymnasium.make(HOPPER)
-    env.reset()
-    with pytest.raises(MorlaxError, match="render_mode='rgb_array'"):
-        env.render()

@@ -21,6 +21,13 @@ from morlax_torch import train
 train.command(sys.argv[1:])
 print("modules:", *{name.split(".")[0] for name in sys.modules})
 """
+TRAIN_TRACKED = """
+import sys
+import wandb
+from morlax_torch import train
+with wandb.init(mode="offline", sync_tensorboard=True):
+    train.command(sys.argv[1:])
+"""
 TINY = (
     *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
     *("--sampling.clusters", "4", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "6"),
@@ -65,3 +72,14 @@ def test_training_imports_no_optional_library(tmp_path):
     assert "morlax_torch" in modules and (tmp_path / "run" / "front.npz").exists()
     others = {"mo_gymnasium", "morl_baselines", "tensordict", "wandb", "array_api_compat"}
     assert not modules & {*HOSTS, *others}
+
+
+@pytest.mark.slow
+def test_weights_and_biases_syncs_the_indicators_and_losses(tmp_path):
+    pytest.importorskip("wandb")
+    done = subprocess.run(
+        [sys.executable, "-c", TRAIN_TRACKED, *TINY], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    (log,) = tmp_path.glob("wandb/offline-run-*/*.wandb")
+    assert b"front/hypervolume" in log.read_bytes() and b"train/policy_loss" in log.read_bytes()

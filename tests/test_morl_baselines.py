@@ -12,11 +12,12 @@ from morlax_torch.gpu.threads import one_thread
 TASK = "morlax_torch/Hopper-v0"
 
 
-def test_the_agent_s_action_equals_the_policy_s(make_policy):
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_agent_s_action_equals_the_policy_s(make_policy, dtype):
     policy = make_policy("hopper")
     agent = MorlBaselinesAgent(policy)
     seen, _ = gymnasium.make(TASK).reset()
-    tradeoff = np.array([0.7, 0.3])
+    tradeoff = np.array([0.7, 0.3], dtype=dtype)
     action = agent.eval(seen, tradeoff)
     assert action.shape == (4,) and action.dtype == np.float32
     expected = policy.specialize(tradeoff)(torch.from_numpy(seen)[None])[0]
@@ -82,3 +83,42 @@ def test_capql_trains_in_the_environment():
         after = policy_evaluation_mo(agent, env, tradeoff, rep=1)[0]
     assert agent.num_episodes > 10
     assert after > 1.5 * before
+
+
+def gpi_ls(env: gymnasium.Env, **small):
+    from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPIPDContinuousAction
+
+    agent = GPIPDContinuousAction(env, dyna=False, **small)
+    each = {"timesteps_per_iter": 30, "eval_freq": 30, "num_eval_episodes_for_front": 1}
+    agent.train(60, eval_env=env, ref_point=np.zeros(2), **each)
+    return agent
+
+
+def capql(env: gymnasium.Env, **small):
+    from morl_baselines.multi_policy.capql.capql import CAPQL
+
+    agent = CAPQL(env, **small)
+    agent.train(60, eval_env=env, ref_point=np.zeros(2))
+    return agent
+
+
+def mosac(env: gymnasium.Env, **small):
+    from morl_baselines.single_policy.ser.mosac_continuous_action import MOSAC
+
+    agent = MOSAC(env, weights=np.array([0.7, 0.3]), **small)
+    agent.train(60, eval_env=env)
+    return agent
+
+
+@pytest.mark.parametrize("train", [capql, gpi_ls, mosac])
+def test_agents_train_and_are_evaluated_under_float64_weights(train, tmp_path, monkeypatch):
+    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
+    monkeypatch.chdir(tmp_path)  # agents save themselves in the working directory
+    env = gymnasium.make(TASK, episode_length=20)
+    small = {"net_arch": [8, 8], "batch_size": 8, "learning_starts": 20, "log": False}
+    tradeoff = np.array([0.7, 0.3])
+    with one_thread(torch.device("cpu")):
+        agent = train(env, device="cpu", **small)
+        scalar, _, returns, _ = evaluation.policy_evaluation_mo(agent, env, tradeoff, rep=1)
+    assert returns.shape == (2,) and np.isfinite(returns).all()
+    assert scalar == pytest.approx(tradeoff @ returns)

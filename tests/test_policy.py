@@ -97,6 +97,17 @@ def test_a_specialized_policy_is_a_plain_module(policy, observation, tmp_path):
     torch.testing.assert_close(exported(observation), fixed(observation))
 
 
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:.*torch.jit:FutureWarning")
+def test_a_specialized_policy_can_be_scripted(policy, observation, tmp_path):
+    fixed = policy.specialize([0.3, 0.7])
+    torch.jit.script(fixed).save(tmp_path / "policy.ts")
+    scripted = torch.jit.load(tmp_path / "policy.ts")
+    assert torch.equal(scripted(observation), fixed(observation))
+    assert torch.equal(scripted(observation[0]), fixed(observation[0]))
+    assert torch.equal(scripted(1e3 * observation), fixed(1e3 * observation))  # clipped alike
+
+
 @pytest.mark.parametrize("factor", (0.001, 3.0, 1000.0))
 def test_tradeoffs_need_not_sum_to_one(policy, observation, factor):
     expected = policy(observation, TRADEOFFS)

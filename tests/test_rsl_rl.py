@@ -115,6 +115,33 @@ def test_critics_see_privileged_observations(monkeypatch):
     assert torch.equal(seen["critic"][:, :6], seen["policy"])
 
 
+def test_recurrent_policies_and_random_network_distillation_train(tmp_path):
+    env = worlds("hopper", 16, episode_length=50)
+    chosen = settings(rnd_state=["policy"])
+    memory = {"rnn_type": "gru", "rnn_hidden_dim": 8, "rnn_num_layers": 1}
+    for network in ("actor", "critic"):
+        chosen[network] |= {"class_name": "RNNModel", **memory}
+    sizes = {"num_outputs": 4, "predictor_hidden_dims": [8], "target_hidden_dims": [8]}
+    chosen["algorithm"]["rnd_cfg"] = {"weight": 100.0, **sizes}
+    runner = OnPolicyRunner(env, chosen, log_dir=str(tmp_path), device="cpu")
+    assert runner.alg.rnd.initial_weight == pytest.approx(100.0 * env.vector.worlds.dt)
+    runner.learn(2, init_at_random_ep_len=True)
+    assert "Rnd/mean_intrinsic_reward" in EventAccumulator(str(tmp_path)).Reload().Tags()["scalars"]
+
+
+def test_rsl_rl_logs_to_weights_and_biases(tmp_path, monkeypatch):
+    wandb = pytest.importorskip("wandb")
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    monkeypatch.chdir(tmp_path)
+    logger = {"class_name": "WandbLogWriter", "project_name": "morlax"}
+    env = worlds("hopper", 16, episode_length=5)
+    runner = OnPolicyRunner(env, {**settings(), "logger": logger}, str(tmp_path), "cpu")
+    runner.learn(1)
+    wandb.finish()
+    (log,) = tmp_path.glob("wandb/offline-run-*/*.wandb")
+    assert b"Return/jump" in log.read_bytes() and b"env_cfg" in log.read_bytes()
+
+
 def test_the_seed_determines_the_initial_states():
     first, same, other = (
         worlds(reset_noise=0.1, seed=seed).get_observations()["policy"] for seed in (3, 3, 4)

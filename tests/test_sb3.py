@@ -11,7 +11,12 @@ pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not instal
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    VecMonitor,
+    VecNormalize,
+    VecVideoRecorder,
+)
 from toppling import falling
 
 from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
@@ -105,6 +110,26 @@ def test_sb3_wrappers_work():
     env.close()
 
 
+@pytest.mark.usefixtures("opengl")
+def test_vec_video_recorder_films_the_worlds(tmp_path):
+    pytest.importorskip("moviepy")
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    env = worlds(render_mode="rgb_array", width=120, height=90)
+    film = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=20)
+    film.reset()
+    for _ in range(20):
+        film.step(falling().numpy())
+    film.close()
+    (path,) = tmp_path.glob("*.mp4")
+    details = next(imageio_ffmpeg.read_frames(str(path)))
+    assert details["size"] == (240, 180)  # two by two worlds
+    assert details["fps"] == pytest.approx(1 / env.vector.worlds.dt, rel=0.01)
+
+
+def test_without_a_render_mode_there_are_no_images():
+    assert started().get_images() == ()
+
+
 MISTAKES = {
     "option": (lambda: worlds(episode_lenght=3), "did you mean 'episode_length'"),
     "trade-off": (lambda: StableBaselines3VecEnv("ant", (1.0,)), "needs 2 numbers"),
@@ -112,6 +137,7 @@ MISTAKES = {
     "shape": (lambda: started().step(falling(5).numpy()), "the shape (4, 6)"),
     "NaN": (lambda: started().step(falling().numpy() * np.nan), "a NaN or an infinity"),
     "setting": (lambda: worlds().set_attr("tradeoff", (1, 0)), "tradeoff cannot be set"),
+    "render mode": (lambda: worlds(render_mode="human"), "Known: rgb_array"),
     "calling": (lambda: worlds().env_method("render"), "render cannot be called"),
 }
 

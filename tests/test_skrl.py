@@ -1,5 +1,6 @@
 """skrl trains in the package's worlds."""
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -10,6 +11,7 @@ from morlax_torch.envs.robots.hopper import Hopper
 pytest.importorskip("skrl", reason="skrl is not installed")
 
 from skrl.agents.torch.ppo import PPO
+from skrl.envs.wrappers.torch import wrap_env
 from skrl.memories.torch import RandomMemory
 from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 from skrl.trainers.torch import SequentialTrainer
@@ -135,6 +137,27 @@ def test_critics_see_privileged_observations(monkeypatch, tmp_path):
     state = env.state()
     assert state is not None and torch.equal(state[:, :6], env.reset()[0])
     assert worlds().state() is None
+
+
+@pytest.mark.filterwarnings("ignore:.*copy construct from a tensor:UserWarning")
+def test_wrap_env_accepts_the_gymnasium_environments():
+    options = {"tradeoff": TRADEOFF, "episode_length": 5}
+    single = wrap_env(gymnasium.make("morlax_torch/Walker-v0", **options), verbose=False)
+    vector = wrap_env(
+        gymnasium.make_vec("morlax_torch/Walker-v0", num_envs=4, device="cpu", **options),
+        verbose=False,
+    )
+    reference = worlds(episode_length=5)
+    assert torch.equal(single.reset()[0], vector.reset()[0][:1])
+    for _ in range(5):
+        seen, reward, _, truncated, _ = vector.step(falling())
+        _, alone_reward, _, over, _ = single.step(falling()[:1])
+        expected, expected_reward, *_ = reference.step(falling())
+        assert torch.equal(seen, expected) and torch.equal(reward, expected_reward)
+        torch.testing.assert_close(alone_reward, reward[:1])
+        assert torch.equal(over, truncated[:1])
+        assert single.render() is None and vector.render() is None
+    assert truncated.all()
 
 
 MISTAKES = {

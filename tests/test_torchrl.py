@@ -1,5 +1,8 @@
 """TorchRL trains in the package's worlds."""
 
+import pickle
+
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -12,7 +15,14 @@ from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from toppling import falling
 from torch import nn
-from torchrl.envs import LineariseRewards, RewardSum, TransformedEnv
+from torchrl.envs import (
+    GymEnv,
+    GymWrapper,
+    LineariseRewards,
+    MOGymEnv,
+    RewardSum,
+    TransformedEnv,
+)
 from torchrl.envs.utils import check_env_specs
 from torchrl.modules import MLP, NormalParamExtractor, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import ClipPPOLoss
@@ -27,6 +37,10 @@ def worlds(task: str = "walker", num_envs: int = 4, **options) -> TorchRLEnv:
 
 def falls(tensordict: TensorDict) -> TensorDict:
     return tensordict.set("action", falling())
+
+
+def still(tensordict: TensorDict) -> TensorDict:
+    return tensordict.set("action", torch.zeros(4, 4))
 
 
 @pytest.mark.parametrize("task", ["walker", "cheetah3", "humanoid"])
@@ -52,6 +66,54 @@ def test_a_rollout_matches_the_package_s_auto_resetting_worlds():
         expected = torch.stack([getattr(step, name) for step in steps], 1)
         assert torch.equal(found["next", key].view_as(expected), expected)
     assert found["next", "terminated"].sum() >= 3 and found["next", "truncated"].sum() == 1
+
+
+@pytest.mark.parametrize("kind", [GymEnv, MOGymEnv])
+@pytest.mark.parametrize("frame_skip", [1, 3])
+def test_gym_env_makes_the_package_s_ids(kind, frame_skip):
+    if kind is MOGymEnv:
+        pytest.importorskip("mo_gymnasium")
+    env = kind("morlax_torch/Walker-v0", frame_skip=frame_skip, device="cpu")
+    found = env.rollout(5, lambda tensordict: tensordict.set("action", falling()[1]))
+    reference = envs.make("walker", 1, "cpu")
+    reference.reset()
+    steps = [reference.step(falling()[1:2]) for _ in range(5 * frame_skip)]
+    expected = torch.cat([step.reward for step in steps]).view(5, frame_skip, 2).sum(1)
+    torch.testing.assert_close(found["next", "reward"], expected)
+    assert torch.equal(found["next", "observation"][-1], steps[-1].observation[0])
+
+
+def test_gym_env_gives_one_number_under_a_tradeoff():
+    env = GymEnv("morlax_torch/Walker-v0", tradeoff=(0.7, 0.3), device="cpu")
+    assert env.rollout(3)["next", "reward"].shape == (3, 1)
+
+
+@pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
+def test_gym_wrapper_gives_the_same_rollouts_as_the_package_s_environment(tradeoff):
+    vector = gymnasium.make_vec(
+        "morlax_torch/Walker-v0", num_envs=4, device="cpu", episode_length=100, tradeoff=tradeoff
+    )
+    found = GymWrapper(vector).rollout(110, falls, break_when_any_done=False)
+    expected = worlds(episode_length=100).rollout(110, falls, break_when_any_done=False)
+    for key in ("observation", "done", ("next", "terminated"), ("next", "truncated")):
+        assert torch.equal(found[key], expected[key]), key
+    over = expected["next", "done"][..., 0]
+    assert torch.equal(found["next", "observation"][over], expected["next", "observation"][over])
+    reward = expected["next", "reward"]
+    if tradeoff:
+        reward = (reward @ torch.tensor(tradeoff))[..., None]
+    torch.testing.assert_close(found["next", "reward"], reward)
+    assert over.sum() >= 4
+
+
+def test_an_unpickled_copy_starts_from_scratch_with_the_same_options():
+    env = TransformedEnv(worlds("hopper", reset_noise=0.1, episode_length=7), RewardSum())
+    env.set_seed(3)
+    first = env.rollout(9, still, break_when_any_done=False)
+    copy = pickle.loads(pickle.dumps(env))
+    copy.set_seed(3)
+    again = copy.rollout(9, still, break_when_any_done=False)
+    assert (again == first).all() and first["next", "truncated"].sum() == 4
 
 
 def test_a_partial_reset_affects_only_the_selected_worlds():

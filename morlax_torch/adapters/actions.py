@@ -1,12 +1,17 @@
 """Check the actions that a user passes to N worlds."""
 
-from torch import Size, Tensor, device
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Size, Tensor
 
 from ..envs import MorlaxError
 
 
-def check_actions(actions: Tensor, shape: Size, place: device) -> None:
+def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device) -> Tensor:
     """Check the type, shape and device of actions; their values are not checked.
+
+    Arrays are converted if the worlds are on the CPU. On a GPU, every step would copy them.
 
     Args:
         actions: as the user passed them.
@@ -16,6 +21,11 @@ def check_actions(actions: Tensor, shape: Size, place: device) -> None:
     Raises:
         MorlaxError: `actions` is not a tensor, or has another shape or device.
     """
+    if isinstance(actions, np.ndarray) and place.type == "cpu":
+        try:
+            actions = torch.tensor(actions, dtype=torch.float32)
+        except TypeError:
+            raise MorlaxError(f"actions must be numbers, not {actions.dtype}.") from None
     if not isinstance(actions, Tensor):
         raise MorlaxError(
             f"actions must be a torch tensor on {place}, not {type(actions).__name__}: use "
@@ -32,3 +42,4 @@ def check_actions(actions: Tensor, shape: Size, place: device) -> None:
             f"actions are on {actions.device}, but the worlds are on {place}: use "
             "actions.to(envs.device)."
         )
+    return actions

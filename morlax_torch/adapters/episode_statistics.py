@@ -1,10 +1,12 @@
 """Episode statistics of a vector environment: returns per objective, lengths and times."""
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 from gymnasium.vector import VectorWrapper
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..envs import MorlaxError
@@ -33,6 +35,8 @@ class EpisodeStatistics(VectorWrapper):
         MorlaxError: `env` is already wrapped, or is not a `GymnasiumVectorEnv`.
     """
 
+    env: GymnasiumVectorEnv
+
     def __init__(self, env: GymnasiumVectorEnv, gamma: float = 1.0):
         if not isinstance(env, GymnasiumVectorEnv):
             raise MorlaxError(
@@ -47,14 +51,19 @@ class EpisodeStatistics(VectorWrapper):
         self._starts = torch.zeros(env.num_envs, dtype=torch.float64, device=env.device)
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Tensor, dict[str, Any]]:
         """Reset all worlds and statistics; returns the observation (N, O) and an empty info."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(torch.ones_like(self._lengths, dtype=torch.bool))
         return observation, info
 
-    def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+    def step(
+        self, actions: Tensor | NDArray
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Advance by one control step under actions (N, A), and add the statistics to `info`."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         objectives = info.get("vector_reward", reward)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
 import torch
 from gymnasium.utils import EzPickle
@@ -14,12 +13,14 @@ from .. import envs
 from ..envs import MorlaxError
 from ..envs.errors import unknown
 from ..tradeoffs import one_tradeoff
-from ..viewers.filming.rendering import Scene
+from .options import check_options
+from .pictures import Pictures
 from .resetting import prepare
+from .specs import WithSpec
 from .window import Window
 
 
-class GymnasiumEnv(gymnasium.Env, EzPickle):
+class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):
     """One world on C MuJoCo, as made by `gymnasium.make("morlax_torch/Ant-v0")`.
 
     The reward is a vector (m,), as in MO-Gymnasium. With a `tradeoff`, the reward is the weighted
@@ -56,6 +57,7 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
         EzPickle.__init__(self, task, tradeoff, render_mode, width, height, **task_options)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise unknown("render mode", render_mode, self.metadata["render_modes"])
+        check_options(task, task_options)
         self.worlds = worlds = envs.make_robot(task, **task_options)
         self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
         self.render_mode, self.objectives = render_mode, worlds.objectives
@@ -63,10 +65,9 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
         self.reward_space, self.reward_dim = worlds.reward_space, len(worlds.objectives)
         self._weights = None
         if tradeoff is not None:
+            self.reward_space = None  # the reward is one number
             self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
-        self._size = width, height
-        self._data = mujoco.MjData(worlds.physics.model)
-        self._scene: Scene | None = None
+        self._pictures = Pictures(worlds.physics.model, width, height)
         self._window: Window | None = None
         self._was_reset = False
 
@@ -114,34 +115,29 @@ class GymnasiumEnv(gymnasium.Env, EzPickle):
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image of the robot, (height, width, 3) RGB, or update the window.
 
-        In "human" mode the window shows the robot, and the result is None.
+        In "human" mode the window shows the robot, and the result is None. Without a render mode,
+        nothing is drawn, and the result is None.
 
         Raises:
-            MorlaxError: the environment has no render mode, `reset` was never called, or there is
-                no OpenGL or no screen.
+            MorlaxError: `reset` was never called, or there is no OpenGL or no screen.
         """
         if self.render_mode is None:
-            raise MorlaxError(
-                "this environment has no render mode: make it with render_mode='rgb_array', or "
-                "'human' for a window."
-            )
+            return None
         self._check_reset("render")
         physics = self.worlds.physics
-        self._data.qpos[:] = physics.qpos[0].numpy()
-        self._data.qvel[:] = physics.qvel[0].numpy()
-        mujoco.mj_forward(physics.model, self._data)
-        if self.render_mode == "human":
-            self._window = self._window or Window(physics.model, self._data, self.worlds.dt)
-            return self._window.show()
-        self._scene = self._scene or Scene(physics.model, *self._size)
-        return self._scene.draw(self._data)
+        state = physics.qpos[0], physics.qvel[0]
+        if self.render_mode == "rgb_array":
+            return self._pictures.draw(*state)
+        data = self._pictures.pose(*state)
+        self._window = self._window or Window(physics.model, data, self.worlds.dt)
+        return self._window.show()
 
     def close(self) -> None:
         """Close the window and free the renderer."""
-        for viewer in (self._scene, self._window):
-            if viewer is not None:
-                viewer.close()
-        self._scene = self._window = None
+        self._pictures.close()
+        if self._window is not None:
+            self._window.close()
+        self._window = None
 
     def _check_reset(self, call: str) -> None:
         if not self._was_reset:

@@ -4,34 +4,40 @@ from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
+import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import envs
-from ..envs import MorlaxError, TimeStep
+from ..envs import Environment, MorlaxError, TimeStep
+from ..envs.errors import unknown
 from ..gpu.graph import Graph
 from ..gpu.threads import one_thread
 from ..tradeoffs import one_tradeoff
-from .actions import check_actions
-from .resetting import prepare
+from .actions import checked_actions
+from .options import check_options
+from .pictures import Pictures
+from .resetting import one_seed, prepare
+from .specs import WithSpec
 
 
-class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
+class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
     """N worlds, as made by `gymnasium.make_vec("morlax_torch/Ant-v0", num_envs=4096)`.
 
-    Everything is a torch tensor on `device`, and no method forces a GPU sync. A world whose
-    episode ends starts the next one in the same step (`AutoresetMode.SAME_STEP`). `info` has the
-    layout of Gymnasium's `SyncVectorEnv`, but is complete in every step: `final_obs` (N, O) holds
-    the observations before any reset, and the mask `_final_obs` (N,) marks the worlds whose
+    Everything is a torch tensor on `device`, and no method but `render` forces a GPU sync. A world
+    whose episode ends starts the next one in the same step (`AutoresetMode.SAME_STEP`). `info` has
+    the layout of Gymnasium's `SyncVectorEnv`, but is complete in every step: `final_obs` (N, O)
+    holds the observations before any reset, and the mask `_final_obs` (N,) marks the worlds whose
     episode ended.
 
     Rewards are (N, m). With a `tradeoff` they are (N,), the weighted sum of the objectives, and
     `info["vector_reward"]` (N, m) holds the objectives.
 
-    `reward_space` is the reward space of one world. `worlds` is the underlying morlax_torch
-    environment.
+    `reward_space` is the reward space of one world, or None with a `tradeoff`. `worlds` is the
+    underlying morlax_torch environment.
 
     Args:
         task: one of `envs.names()`; a Gymnasium id sets it already.
@@ -39,11 +45,19 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
         device: as for `envs.make`.
         backend: as for `envs.make`.
         tradeoff: (m,), not negative; used as given, so it need not sum to one.
+        render_mode: "rgb_array" for images from `render`, or None.
+        width: image width in pixels.
+        height: image height in pixels.
+        max_episode_steps: Gymnasium's name for the option `episode_length`.
         task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown option, a missing device, or an invalid trade-off.
+        MorlaxError: an unknown option or render mode, a missing device, an invalid trade-off, or
+            images of a task without a MuJoCo robot.
     """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": ["rgb_array"]}
+    autoreset_mode = AutoresetMode.SAME_STEP
 
     def __init__(
         self,
@@ -52,10 +66,18 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
         device: str | torch.device | None = None,
         backend: str | None = None,
         tradeoff: Sequence[float] | None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 360,
+        max_episode_steps: int | None = None,
         **task_options: Any,
     ):
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise unknown("render mode", render_mode, self.metadata["render_modes"])
+        if max_episode_steps is not None:
+            task_options = {"episode_length": max_episode_steps, **task_options}
+        check_options(task, task_options)
         self.worlds = worlds = envs.make(task, num_envs, device, backend, **task_options)
-        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
         self.num_envs, self.device, self.objectives = num_envs, worlds.device, worlds.objectives
         self.single_observation_space = worlds.observation_space
         self.single_action_space = worlds.action_space
@@ -64,7 +86,15 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
         self.reward_space = worlds.reward_space
         self._weights = None
         if tradeoff is not None:
+            self.reward_space = None  # each reward is one number
             self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
+        self.render_mode = render_mode
+        self._pictures: Pictures | None = None
+        if render_mode is not None:
+            if not isinstance(worlds, Environment):
+                raise MorlaxError(f"{task} has no MuJoCo robot to draw: leave render_mode out.")
+            self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
+            self._pictures = Pictures(worlds.physics.model, width, height)
         self._was_reset = False
         self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
         self._time_step: TimeStep | None = None
@@ -73,25 +103,33 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
             self._advance.record()
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Tensor, dict[str, Any]]:
         """Reset every world; returns the observation (N, O) and an empty info.
 
         Args:
             seed: random seed of the worlds from here on. Without one, the first reset picks a
-                random seed and later resets continue its random draws.
+                random seed and later resets continue its random draws. N seeds together make one
+                seed for all worlds, so the draws of each world depend on all of them.
             options: not supported; must be empty or None.
 
         Raises:
-            MorlaxError: `options` is not empty.
+            MorlaxError: `options` is not empty, or the number of seeds is not N.
         """
+        if isinstance(seed, Sequence | np.ndarray):
+            seed = one_seed(seed, self.num_envs)
         super().reset(seed=seed)
         prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._was_reset)
         self._was_reset = True
         return self.worlds.reset(), {}
 
     @torch.no_grad()
-    def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+    def step(
+        self, actions: Tensor | NDArray
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Advance every world by one control step.
 
         Values are not checked for being finite, since the check would force a GPU sync. A world
@@ -99,13 +137,13 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
         unaffected.
 
         Args:
-            actions: (N, A) in [-1, 1], on the device of the worlds.
+            actions: (N, A) in [-1, 1], on the device of the worlds; on the CPU also an array.
 
         Raises:
             MorlaxError: actions of another shape or device, or `reset` was never called.
         """
-        self._check(actions)
-        self._action.copy_(actions)
+        self._check_reset("step")
+        self._action.copy_(checked_actions(actions, self._action.shape, self.device))
         with one_thread(self.device):
             self._advance()
         assert self._time_step is not None
@@ -120,10 +158,30 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):
             reward = (reward * self._weights).sum(-1)
         return observation, reward, terminated, truncated, info
 
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return an image of each world, (height, width, 3) RGB; None without a render mode.
+
+        Raises:
+            MorlaxError: `reset` was never called, or there is no OpenGL.
+        """
+        if self._pictures is None:
+            return None
+        self._check_reset("render")
+        physics = self.worlds.physics
+        return tuple(map(self._pictures.draw, physics.qpos.cpu(), physics.qvel.cpu()))
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> Any:
+        """Call a method of the batch; skrl's `wrap_env` renders in this way."""
+        return getattr(self, name)(*args, **kwargs)
+
+    def close_extras(self) -> None:
+        """Free the renderer."""
+        if self._pictures is not None:
+            self._pictures.close()
+
     def _one_step(self) -> None:
         self._time_step = self.worlds.step(self._action)
 
-    def _check(self, actions: Tensor) -> None:
+    def _check_reset(self, call: str) -> None:
         if not self._was_reset:
-            raise MorlaxError("step was called before reset: call reset first.")
-        check_actions(actions, self._action.shape, self.device)
+            raise MorlaxError(f"{call} was called before reset: call reset first.")

@@ -1,10 +1,28 @@
 """Handle the arguments of `reset` for the Gymnasium environments."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..envs import MorlaxError, Worlds
+from ..envs.errors import shortened
+
+
+def one_seed(seeds: Sequence[int], number: int) -> int:
+    """Mix the seeds of N worlds into one, because one generator draws for all of them.
+
+    Raises:
+        MorlaxError: there are not N seeds, or they are not integers from 0.
+    """
+    if len(seeds) != number:
+        raise MorlaxError(
+            f"reset needs one seed, or one for each of the {number} worlds, not {len(seeds)}."
+        )
+    try:
+        return int(np.random.SeedSequence(seeds).generate_state(1, np.uint64)[0])
+    except (TypeError, ValueError):
+        raise MorlaxError(f"seeds must be integers from 0, not {shortened(seeds)}.") from None
 
 
 def prepare(

@@ -6,6 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..envs import Environment
 from .episode_statistics import EpisodeStatistics
 from .gymnasium_vector import GymnasiumVectorEnv
 from .host import require
@@ -14,6 +15,13 @@ require("rsl_rl", "rsl-rl-lib", "3.0", "rsl-rl")
 
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
+
+
+class Arguments(dict[str, Any]):
+    """The arguments of an environment. rsl_rl's log writers want them from `to_dict`."""
+
+    def to_dict(self) -> dict[str, Any]:
+        return dict(self)
 
 
 class RslRlVecEnv(VecEnv):
@@ -26,7 +34,8 @@ class RslRlVecEnv(VecEnv):
     "objectives" (N, m), the reward of each objective; and, if episodes ended, "log", the returns
     of these episodes per objective.
 
-    `cfg` holds the arguments of the environment, for rsl_rl to log.
+    `cfg` holds the arguments of the environment, for rsl_rl to log. `step_dt` is the length of a
+    control step in seconds (1 if the task has no robot), by which rsl_rl's RND scales its weight.
 
     Args:
         task: one of `envs.names()`.
@@ -56,8 +65,14 @@ class RslRlVecEnv(VecEnv):
         self._worlds = worlds = self.vector.worlds
         self.num_envs, self.num_actions = num_envs, worlds.action_size
         self.device, self.max_episode_length = worlds.device, worlds.episode_length
-        self.cfg = {"task": task, "tradeoff": list(tradeoff), "num_envs": num_envs, **task_options}
+        self.cfg = Arguments(task=task, tradeoff=list(tradeoff), num_envs=num_envs, **task_options)
+        self.step_dt = worlds.dt if isinstance(worlds, Environment) else 1.0
         self._observation, _ = self._statistics.reset(seed=seed)
+
+    @property
+    def unwrapped(self) -> "RslRlVecEnv":
+        """This environment, in which rsl_rl's RND finds `step_dt`."""
+        return self
 
     @property
     def episode_length_buf(self) -> Tensor:

@@ -35,10 +35,13 @@ class StableBaselines3VecEnv(VecEnv):
         num_envs: N.
         device: as for `envs.make`.
         backend: as for `envs.make`.
-        task_options: as for `envs.make`, for example `episode_length=200`.
+        render_mode: "rgb_array" for `VecVideoRecorder`, or None.
+        options: `width` and `height` of the image of one world in pixels, and the task's options
+            as for `envs.make`, for example `episode_length=200`.
 
     Raises:
-        MorlaxError: an unknown task or option, a missing device, or an invalid trade-off.
+        MorlaxError: an unknown task, option or render mode, a missing device, or an invalid
+            trade-off.
     """
 
     def __init__(
@@ -48,15 +51,19 @@ class StableBaselines3VecEnv(VecEnv):
         num_envs: int = 64,
         device: str | torch.device | None = None,
         backend: str | None = None,
-        **task_options: Any,
+        render_mode: str | None = None,
+        **options: Any,
     ):
-        self.vector = GymnasiumVectorEnv(task, num_envs, device, backend, tradeoff, **task_options)
+        self.vector = GymnasiumVectorEnv(
+            task, num_envs, device, backend, tradeoff, render_mode, **options
+        )
         self._statistics = EpisodeStatistics(self.vector)
         self._tradeoff = np.asarray(tradeoff, dtype=np.float32)
         self._actions: NDArray | None = None
         super().__init__(
             num_envs, self.vector.single_observation_space, self.vector.single_action_space
         )
+        self.metadata = self.vector.metadata  # it has the frame rate of videos
 
     def reset(self) -> NDArray[np.float32]:
         """Reset every world; returns the observation (N, O).
@@ -108,6 +115,10 @@ class StableBaselines3VecEnv(VecEnv):
                     "returns": episode["r"][world],
                 }
         return observation.cpu().numpy(), reward.cpu().numpy(), done, infos
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """Return an image of each world, which `render` tiles; none without a render mode."""
+        return self.vector.render() or ()
 
     def close(self) -> None:
         """Close the underlying environment."""

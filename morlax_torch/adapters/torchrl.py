@@ -1,5 +1,6 @@
 """N worlds as a TorchRL environment, with one reward per objective."""
 
+from functools import partial
 from typing import Any
 
 import torch
@@ -8,7 +9,7 @@ from .. import envs
 from ..envs import MorlaxError, TimeStep
 from ..gpu.graph import Graph
 from ..gpu.threads import one_thread
-from .actions import check_actions
+from .actions import checked_actions
 from .host import require
 
 require("TorchRL", "torchrl", "0.14", "torchrl")
@@ -29,7 +30,7 @@ class TorchRLEnv(EnvBase):
     reset worlds where needed.
 
     `set_seed` sets the random seed of the worlds, which is otherwise the same each time. `worlds`
-    is the underlying morlax_torch environment.
+    is the underlying morlax_torch environment. An unpickled copy starts from scratch.
 
     Args:
         task: one of `envs.names()`.
@@ -53,6 +54,7 @@ class TorchRLEnv(EnvBase):
         worlds = envs.make(task, num_envs, device, backend, auto_reset=False, **task_options)
         super().__init__(device=worlds.device, batch_size=torch.Size([num_envs]))
         self.worlds, self.objectives = worlds, worlds.objectives
+        self._arguments = (task, num_envs, str(worlds.device), backend), task_options
         self._declare()
         self._was_reset = False
         self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
@@ -64,6 +66,11 @@ class TorchRLEnv(EnvBase):
         if worlds.recordable:
             self._advance.record()
             self._restart.record()
+
+    def __reduce__(self) -> tuple[partial["TorchRLEnv"], tuple[()]]:
+        # the worlds hold a simulator, which cannot be pickled
+        positional, options = self._arguments
+        return partial(type(self), *positional, **options), ()
 
     def to(self, device: str | torch.device) -> "TorchRLEnv":
         """Return the environment itself if it is already on the device.
@@ -113,8 +120,7 @@ class TorchRLEnv(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         if not self._was_reset:
             raise MorlaxError("step was called before reset: call reset first.")
-        actions = tensordict["action"]
-        check_actions(actions, self._action.shape, self.worlds.device)
+        actions = checked_actions(tensordict["action"], self._action.shape, self.worlds.device)
         self._action.copy_(actions)
         with one_thread(self.worlds.device):
             self._advance()

@@ -40,7 +40,8 @@ class SpecializedPolicy(nn.Module):
         self.normalizer, self.actor = normalizer, actor
 
     def forward(self, observation: Tensor) -> Tensor:
-        return TanhNormal(self.actor(self.normalizer(observation))).mode
+        # the mode of a TanhNormal, in operations that torch.jit.script knows
+        return self.actor(self.normalizer(observation)).chunk(2, dim=-1)[0].tanh()
 
 
 class Agent(nn.Module):

@@ -1,5 +1,7 @@
 """Running mean and variance."""
 
+from typing import Final
+
 import torch
 from torch import Tensor, nn
 
@@ -16,6 +18,7 @@ class Normalizer(nn.Module):
     variance: Tensor
     count: Tensor
     scale: Tensor  # one over the standard deviation
+    limit: Final[float] = LIMIT  # torch.jit.script knows no global constants
 
     def __init__(self, size: int):
         super().__init__()
@@ -26,7 +29,7 @@ class Normalizer(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         size = x.shape[-1]
-        return ((x - self.mean[:size]) * self.scale[:size]).clamp(-LIMIT, LIMIT)
+        return ((x - self.mean[:size]) * self.scale[:size]).clamp(-self.limit, self.limit)
 
     def inverse(self, x: Tensor) -> Tensor:
         """Map normalized values back to natural units."""
