@@ -11,10 +11,9 @@ from torch import Tensor
 
 from ..errors import MorlaxError
 from ..random import drawing_from
+from .groups import actor_group, joined
 from .interface import TimeStep, Worlds
 from .mjlab_tasks import MjlabOptions, changed, options_class
-
-ACTORS = ("actor", "policy")  # names of the group of observations that a policy sees
 
 
 @cache
@@ -64,20 +63,14 @@ class MjlabWorlds(Worlds):
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
         self.define_objectives()
         self._time_step = self.env.step_dt if cfg.scale_rewards_by_dt else 1.0
-        self.actor_group = next((name for name in ACTORS if name in groups), next(iter(groups)))
-        for name in (self.actor_group, "critic"):
-            if isinstance(groups.get(name), dict):
-                raise MorlaxError(
-                    f"the observations of {self.name} are not one vector: policies cannot take "
-                    "images or other groups that mjlab does not concatenate."
-                )
+        self.actor_group = actor_group(groups, self.name)
         self.action_size = self.env.action_manager.total_action_dim
         self.observation_size = groups[self.actor_group].shape[1]
-        self.privileged_size = groups["critic"].shape[1] if "critic" in groups else 0
+        self.privileged_size = joined(groups, self.actor_group).shape[1] - self.observation_size
         self.blowups = torch.zeros((), dtype=torch.int64, device=device)
         self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
         self._timed_out = torch.zeros_like(self._failed)
-        self._seen = self._features(groups)
+        self._seen = joined(groups, self.actor_group)
         self._stagger()
 
     @classmethod
@@ -103,18 +96,18 @@ class MjlabWorlds(Worlds):
 
     def reset(self) -> Tensor:
         with drawing_from(self.generator):
-            self._seen = self._features(self.env.reset()[0])
+            self._seen = joined(self.env.reset()[0], self.actor_group)
             self._stagger()
-        self._failed.zero_()
-        self._timed_out.zero_()
+        self._failed = torch.zeros_like(self._failed)
+        self._timed_out = torch.zeros_like(self._timed_out)
         return self._policy(self._seen)
 
     def restart(self, which: Tensor) -> Tensor:
         self.check_mask(which)
         with drawing_from(self.generator):
             self._restart(which)
-        self._failed &= ~which
-        self._timed_out &= ~which
+        self._failed = self._failed & ~which
+        self._timed_out = self._timed_out & ~which
         return self._policy(self._seen)
 
     def step(self, action: Tensor) -> TimeStep:
@@ -123,7 +116,7 @@ class MjlabWorlds(Worlds):
             groups, _, failed, timed_out, _ = self.env.step(
                 action.clamp(-1, 1) * self.options.action_scale
             )
-            final = self._features(groups)
+            final = joined(groups, self.actor_group)
             blown_up = ~final.isfinite().all(1) | ~action.isfinite().all(1)
             final = torch.where(blown_up[:, None], 0.0, final)
             if self.env.cfg.is_finite_horizon:
@@ -162,7 +155,7 @@ class MjlabWorlds(Worlds):
     def _restart(self, which: Tensor) -> None:
         worlds = which.nonzero().squeeze(1)  # waits for the GPU
         if len(worlds):
-            fresh = self._features(self.env.reset(env_ids=worlds)[0])
+            fresh = joined(self.env.reset(env_ids=worlds)[0], self.actor_group)
             self._seen = torch.where(which[:, None], fresh, self._seen)
 
     def _stagger(self) -> None:
@@ -174,10 +167,6 @@ class MjlabWorlds(Worlds):
                 device=self.device,
             )
             self.env.episode_length_buf[:] = ages
-
-    def _features(self, groups: dict[str, Tensor]) -> Tensor:
-        parts = [groups[self.actor_group], *([groups["critic"]] if "critic" in groups else [])]
-        return torch.cat(parts, 1).float()
 
     def _policy(self, seen: Tensor) -> Tensor:
         return seen[:, : self.observation_size]

@@ -1,4 +1,4 @@
-"""The interface between one MuJoCo robot and whatever shows, films or exports it."""
+"""The interface between a MuJoCo robot and viewers, films and exports."""
 
 from abc import abstractmethod
 from typing import Protocol

@@ -9,11 +9,10 @@ from torch import Tensor
 
 from ..errors import MorlaxError
 from ..random import drawing_from
+from .groups import actor_group, joined
 from .interface import TimeStep, Worlds
 from .options import ObjectiveOptions
 from .section import Count
-
-ACTORS = ("actor", "policy")  # names of the group of observations that a policy sees
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
@@ -171,19 +170,12 @@ class VecEnvWorlds(Worlds):
     def _features(self, found: Any) -> Tensor:
         groups = found[0] if isinstance(found, tuple) else found
         if isinstance(groups, Tensor):
-            parts = [groups]
-        else:
-            known = list(groups.keys())
-            actor = next((name for name in ACTORS if name in known), None)
-            if actor is None:
-                raise MorlaxError(
-                    "the vectorized environment has no observations called actor or policy, but "
-                    f"{', '.join(known)}."
-                )
-            parts = [groups[actor], *([groups["critic"]] if "critic" in known else [])]
-        self.observation_size = parts[0].shape[1]
-        self.privileged_size = sum(part.shape[1] for part in parts[1:])
-        return torch.cat(parts, 1).float()
+            groups = {"actor": groups}
+        actor = actor_group(groups, "the vectorized environment")
+        seen = joined(groups, actor)
+        self.observation_size = groups[actor].shape[1]
+        self.privileged_size = seen.shape[1] - self.observation_size
+        return seen
 
     def _policy(self, seen: Tensor) -> Tensor:
         return seen[:, : self.observation_size]
