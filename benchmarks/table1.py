@@ -65,7 +65,7 @@ def main(
     runs = read(given)
     if env:
         place = resolve_device(device)
-    with output.with_suffix(".csv").open("w", newline="") as file:
+    with Path(f"{output}.csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(COLUMNS)
         rows.writerows(row(*key, p) for key, points in runs.items() for p in points)
@@ -81,8 +81,8 @@ def main(
         curves_of[task].append(points)
     table = markdown(curves_of)
     console.print(table, markup=False)
-    output.with_suffix(".md").write_text(table)
-    curves(curves_of).savefig(output.with_suffix(".png"), dpi=130)
+    Path(f"{output}.md").write_text(table)
+    curves(curves_of).savefig(f"{output}.png", dpi=130)
 
 
 def timed(config: Config, point: Point, points: list[Point]) -> Point:
