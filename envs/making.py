@@ -44,10 +44,7 @@ def make(
         MorlaxError: an unknown name, option or backend, a number out of range, or a missing device.
     """
     task = get(name)
-    try:
-        options: Any = task.Options.model_validate(task_options)
-    except ValidationError as error:
-        raise explained(error, task.Options) from None
+    options = _checked(task, task_options)
     place = resolve_device(device)
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
@@ -76,8 +73,7 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
         from .worlds.mjlab_robot import robot_of
 
         robot = robot_of(name)
-        options = robot.Options.model_validate(task_options)
-        return robot(options, 1, torch.device("cpu"), seed, auto_reset=False)
+        return robot(_checked(robot, task_options), 1, torch.device("cpu"), seed, auto_reset=False)
     if not issubclass(get(name), Environment):
         raise MorlaxError(
             f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "
@@ -86,3 +82,10 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
     env = make(name, 1, "cpu", "mujoco", seed, auto_reset=False, **task_options)
     assert isinstance(env, Environment)
     return env
+
+
+def _checked(task: type[Worlds], values: dict[str, Any]) -> Any:
+    try:
+        return task.Options.model_validate(values)
+    except ValidationError as error:
+        raise explained(error, task.Options) from None

@@ -19,6 +19,7 @@ from unittest.mock import patch
 import warp as wp
 
 MOST_PROCESSES = 8  # a compiler takes up to 1 GB of memory
+MOST_VARIANTS = 256  # so that a byte can name one
 MOST_SECONDS = 300.0  # BRUCE's largest module takes 30 s
 # They work on what kernels have written, which is garbage while no kernel runs.
 _SORTS = ("array_scan", "radix_sort_pairs", "segmented_sort_pairs")
@@ -26,6 +27,7 @@ _SORTS = ("array_scan", "radix_sort_pairs", "segmented_sort_pairs")
 Variant = tuple[wp.Module, str, int]  # Warp compiles at once: a module, a device, a block's size
 _started: set[tuple[str, str]] = set()  # a process has been started for these
 _running: list[int] = []
+_one_at_a_time = threading.Lock()  # two threads may build worlds
 
 
 def start(run: Callable[[], object]) -> None:
@@ -38,41 +40,40 @@ def start(run: Callable[[], object]) -> None:
     """
     if sys.platform != "linux":
         return
-    needed: dict[Variant, None] = {}
-    with suppress(Exception), _no_launches(needed):
-        run()
-    missing = [variant for variant in needed if _is_missing(variant)]
-    missing.sort(key=lambda variant: -len(variant[0].kernels))  # the slowest first
-    processes = min(len(os.sched_getaffinity(0)), MOST_PROCESSES, len(missing))
-    if processes < 2:
-        return
-    todo, given = os.pipe()
-    os.write(given, bytes(range(len(missing)))[:256])  # a byte is a variant, read by one process
-    os.close(given)
-    with warnings.catch_warnings(action="ignore"):  # Python warns if there are threads
-        for _ in range(processes):
-            process = os.fork()
-            if process == 0:
-                _compile(missing, todo)
-            _running.append(process)
-    os.close(todo)
+    with _one_at_a_time:
+        missing = _missing(run)
+        processes = min(len(os.sched_getaffinity(0)), MOST_PROCESSES, len(missing))
+        if processes < 2:
+            return
+        todo, given = os.pipe()
+        os.write(given, bytes(range(len(missing))))  # a byte is a variant, read by one process
+        os.close(given)
+        # Python warns if there are threads; without memory for a process, there are fewer of them
+        with warnings.catch_warnings(action="ignore"), suppress(OSError):
+            for _ in range(processes):
+                process = os.fork()
+                if process == 0:
+                    _compile(missing, todo)
+                _running.append(process)
+        os.close(todo)
 
 
 def finish() -> None:
     """Wait for all processes that `start` has started."""
-    deadline = time.monotonic() + MOST_SECONDS
-    try:
-        while _running and time.monotonic() < deadline:
-            if not _is_running(_running[-1]):
-                _running.pop()
-            else:
-                time.sleep(0.01)
-    finally:
-        while _running:
-            process = _running.pop()
-            with suppress(ProcessLookupError, ChildProcessError):
-                os.kill(process, signal.SIGKILL)
-                os.waitpid(process, 0)
+    with _one_at_a_time:
+        deadline = time.monotonic() + MOST_SECONDS
+        try:
+            while _running and time.monotonic() < deadline:
+                if not _is_running(_running[-1]):
+                    _running.pop()
+                else:
+                    time.sleep(0.01)
+        finally:
+            while _running:
+                process = _running.pop()
+                with suppress(ProcessLookupError, ChildProcessError):
+                    os.kill(process, signal.SIGKILL)
+                    os.waitpid(process, 0)
 
 
 def _is_running(process: int) -> bool:
@@ -80,6 +81,18 @@ def _is_running(process: int) -> bool:
         return os.waitpid(process, os.WNOHANG) == (0, 0)
     except ChildProcessError:  # someone else waited for it
         return False
+
+
+def _missing(run: Callable[[], object]) -> list[Variant]:
+    """Return the variants that `run` needs and nobody compiles yet, the slowest first."""
+    needed: dict[Variant, None] = {}
+    missing: list[Variant] = []
+    with suppress(Exception), _no_launches(needed):
+        run()
+    with suppress(Exception):
+        missing = [variant for variant in needed if _is_missing(variant)]
+        missing.sort(key=lambda variant: -len(variant[0].kernels))
+    return missing[:MOST_VARIANTS]
 
 
 def _is_missing(variant: Variant) -> bool:
