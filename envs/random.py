@@ -28,6 +28,7 @@ def restore_generator(generator: torch.Generator, state: Tensor) -> None:
 def drawing_from(generator: torch.Generator) -> Iterator[None]:
     """Let torch's global generator continue `generator`, and put it back afterwards."""
     if generator.device.type == "cuda":
+        torch.cuda.init()  # before that, there are no generators
         usual = torch.cuda.default_generators[generator.device.index or 0]
     else:
         usual = torch.default_generator

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, config_for, envs, evaluate, load, train
+from morlax_torch.envs.worlds import mjlab
 from morlax_torch.exports.exporting import export
 from morlax_torch.terminal.arguments import read
 from morlax_torch.viewers.player import Player
@@ -37,13 +38,14 @@ def test_the_sum_of_all_objectives_is_the_reward_of_mjlab(go1):
     assert (step.reward[:, 0] > 0).all() and (step.reward[:, 1] < 0).all()
 
 
-def test_worlds_restart_once_and_their_last_observation_is_kept(go1, monkeypatch):
+@pytest.mark.parametrize("remembers", [False, True])
+def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch, remembers):
+    monkeypatch.setattr(mjlab, "remembers", lambda cfg: remembers)
+    go1 = envs.make(GO1, 4, "cpu", episode_length=7)
     restarted = []
-    usual = go1.env.reset
+    usual = go1.env._reset_idx
     monkeypatch.setattr(
-        go1.env,
-        "reset",
-        lambda env_ids: (restarted.extend(env_ids.tolist()), usual(env_ids=env_ids))[1],
+        go1.env, "_reset_idx", lambda ids: (restarted.extend(ids.tolist()), usual(ids))[1]
     )
     episodes = 0
     for _ in range(20):
@@ -57,6 +59,31 @@ def test_worlds_restart_once_and_their_last_observation_is_kept(go1, monkeypatch
         assert (go1.env.episode_length_buf[over] == 0).all()
         episodes += int(over.sum())
     assert episodes >= 8  # 20 steps of 4 worlds, of 7 steps each at most
+
+
+def test_only_velocities_and_tilt_of_a_last_observation_are_one_physics_step_old(monkeypatch):
+    found = []
+    for remembers in (False, True):
+        monkeypatch.setattr(mjlab, "remembers", lambda cfg, answer=remembers: answer)
+        env = envs.make(GO1, 4, "cpu", episode_length=3, stagger=False)
+        torch.manual_seed(0)
+        step = [env.step(noise(env)) for _ in range(3)][-1]
+        assert step.truncated.all()
+        found.append(step.final_observation)
+    torch.testing.assert_close(found[0][:, 9:], found[1][:, 9:])  # joints, actions and commands
+    torch.testing.assert_close(found[0][:, :9], found[1][:, :9], rtol=0, atol=0.5)
+
+
+def test_worlds_that_are_not_finite_terminate_and_earn_nothing():
+    env = envs.make(GO1, 3, "cpu")
+    for _ in range(2):
+        action = noise(env)
+        action[1] = torch.nan
+        step = env.step(action)
+        assert step.blown_up.tolist() == step.terminated.tolist() == [False, True, False]
+        assert not step.reward[1].any() and step.reward[0].any()
+        assert step.observation.isfinite().all() and step.final_observation.isfinite().all()
+    assert env.blowups == 2
 
 
 def test_evaluated_worlds_earn_nothing_once_they_are_over():

@@ -13,6 +13,7 @@ from ..errors import MorlaxError
 from ..random import drawing_from
 from .groups import actor_group, joined
 from .interface import TimeStep, Worlds
+from .mjlab_endings import BLOWN_UP, remembers, take_ending, watch_endings
 from .mjlab_tasks import MjlabOptions, changed, options_class
 
 
@@ -35,9 +36,13 @@ class MjlabWorlds(Worlds):
     term is what mjlab adds to its own reward: with its weight and its time step. mjlab draws from
     torch's global generators, which here have their own state for these worlds.
 
+    With automatic reset, mjlab restarts worlds within its step. Their last observation is made
+    where mjlab computes rewards: body positions are one physics step old. Where an observation
+    holds earlier ones, worlds are restarted by a second call instead, and nothing is old.
+
     Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
-    world whose observation is not finite terminates with zero reward. The state of these worlds
-    cannot be saved, so they start anew when a run is resumed.
+    world that is not finite terminates with zero reward. The state of these worlds cannot be
+    saved, so they start anew when a run is resumed.
     """
 
     name: ClassVar[str]
@@ -57,6 +62,8 @@ class MjlabWorlds(Worlds):
         self.auto_reset, self.episode_length = auto_reset, options.episode_length
         self.generator = torch.Generator(device).manual_seed(seed)
         cfg = self.config(num_worlds, seed)
+        cfg.auto_reset = auto_reset and not remembers(cfg)
+        watch_endings(cfg)
         with drawing_from(self.generator), contextlib.redirect_stdout(io.StringIO()):
             self.env = import_module("mjlab.envs").ManagerBasedRlEnv(cfg, device=str(device))
             groups, _ = self.env.reset()
@@ -116,15 +123,15 @@ class MjlabWorlds(Worlds):
             groups, _, failed, timed_out, _ = self.env.step(
                 action.clamp(-1, 1) * self.options.action_scale
             )
-            final = joined(groups, self.actor_group)
-            blown_up = ~final.isfinite().all(1) | ~action.isfinite().all(1)
-            final = torch.where(blown_up[:, None], 0.0, final)
             if self.env.cfg.is_finite_horizon:
                 failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
-            failed = failed | blown_up
             timed_out = timed_out & ~failed
-            before, self._seen = self._seen, final
-            self._restart(failed | timed_out)
+            failed, over = failed.clone(), failed | timed_out
+            blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
+            before, self._seen = self._seen, joined(groups, self.actor_group)
+            final = self._ending(over, blown_up)
+            if not self.env.cfg.auto_reset:
+                self._restart(over)
         idle = standing | blown_up
         paid = self.env.reward_manager._step_reward * self._time_step
         paid = torch.where(idle[:, None], 0.0, paid)
@@ -151,6 +158,13 @@ class MjlabWorlds(Worlds):
 
     def critic_observation(self) -> Tensor:
         return self._seen.clone()
+
+    def _ending(self, over: Tensor, blown_up: Tensor) -> Tensor:
+        """Return the observation after the step and before any restart, (N, O + P)."""
+        final = self._seen
+        if self.env.cfg.auto_reset and (groups := take_ending(self.env)) is not None:
+            final = torch.where(over[:, None], joined(groups, self.actor_group), final)
+        return torch.where(blown_up[:, None], 0.0, final)
 
     def _restart(self, which: Tensor) -> None:
         worlds = which.nonzero().squeeze(1)  # waits for the GPU

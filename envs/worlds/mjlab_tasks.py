@@ -102,7 +102,7 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
     _set_motion(name, cfg, options.motion_file)
     if not options.curriculum:
         cfg.curriculum = {}
-    cfg.scene.num_envs, cfg.seed, cfg.auto_reset = num_worlds, seed % 2**31, False
+    cfg.scene.num_envs, cfg.seed = num_worlds, seed % 2**31
     cfg.episode_length_s = options.episode_length * cfg.sim.mujoco.timestep * cfg.decimation
     return cfg
 
