@@ -1,9 +1,6 @@
 """Bridge to mjlab: N worlds of any of its tasks, with its reward terms by name."""
 
-import contextlib
-import io
-from functools import cache
-from importlib import import_module
+from functools import cache, partial
 from typing import Any, ClassVar, Self
 
 import torch
@@ -13,6 +10,7 @@ from ..errors import MorlaxError
 from ..random import drawing_from
 from .groups import actor_group, joined
 from .interface import TimeStep, Worlds
+from .mjlab_building import build
 from .mjlab_endings import BLOWN_UP, remembers, take_ending, watch_endings
 from .mjlab_tasks import MjlabOptions, changed, options_class
 
@@ -61,15 +59,12 @@ class MjlabWorlds(Worlds):
         self.options, self.num_worlds, self.device = options, num_worlds, device
         self.auto_reset, self.episode_length = auto_reset, options.episode_length
         self.generator = torch.Generator(device).manual_seed(seed)
-        cfg = self.config(num_worlds, seed)
-        cfg.auto_reset = auto_reset and not remembers(cfg)
-        watch_endings(cfg)
-        with drawing_from(self.generator), contextlib.redirect_stdout(io.StringIO()):
-            self.env = import_module("mjlab.envs").ManagerBasedRlEnv(cfg, device=str(device))
+        with drawing_from(self.generator):
+            self.env = build(self.name, partial(self.config, seed), device)
             groups, _ = self.env.reset()
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
         self.define_objectives()
-        self._time_step = self.env.step_dt if cfg.scale_rewards_by_dt else 1.0
+        self._time_step = self.env.step_dt if self.env.cfg.scale_rewards_by_dt else 1.0
         self.actor_group = actor_group(groups, self.name)
         self.action_size = self.env.action_manager.total_action_dim
         self.observation_size = groups[self.actor_group].shape[1]
@@ -97,9 +92,12 @@ class MjlabWorlds(Worlds):
             raise MorlaxError(f"{cls.name} runs on mjlab's own simulator: leave {wish} out.")
         return cls(options, num_worlds, device, seed, auto_reset)
 
-    def config(self, num_worlds: int, seed: int) -> Any:
+    def config(self, seed: int) -> Any:
         """Return mjlab's config of these worlds."""
-        return changed(self.name, self.options, num_worlds, seed)
+        cfg = changed(self.name, self.options, self.num_worlds, seed)
+        cfg.auto_reset = self.auto_reset and not remembers(cfg)
+        watch_endings(cfg)
+        return cfg
 
     def reset(self) -> Tensor:
         with drawing_from(self.generator):

@@ -41,8 +41,8 @@ class MjlabRobot(MjlabWorlds, Robot):
             if len(limits) == command.shape[1]:
                 self.command_limits, self.command = limits, command
 
-    def config(self, num_worlds: int, seed: int) -> Any:
-        cfg = super().config(num_worlds, seed)
+    def config(self, seed: int) -> Any:
+        cfg = super().config(seed)
         for term in cfg.commands.values():
             term.resampling_time_range = (1e9, 1e9)
             for share in ("rel_standing_envs", "rel_heading_envs", "rel_world_envs"):
