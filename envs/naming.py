@@ -1,4 +1,4 @@
-"""The names of tasks: registered ones, "FILE.py:CLASS", "gymnasium:ID" and "mjlab:TASK"."""
+"""The names of tasks: registered ones, FILE.py:CLASS, and those with the prefix of a library."""
 
 from importlib import metadata
 from pathlib import Path
@@ -8,6 +8,7 @@ from .errors import MorlaxError, shortened
 GROUP = "morlax_torch.envs"  # of installed packages' entry points
 GYMNASIUM = "gymnasium:"  # before an id of Gymnasium's registry
 MJLAB = "mjlab:"  # before a task of mjlab's registry
+PLAYGROUND = "playground:"  # before a task of MuJoCo Playground's registry
 
 
 def is_file(name: str) -> bool:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .errors import MorlaxError, unknown
 from .gymnasium_ids import announce
-from .naming import GYMNASIUM, MJLAB, is_file, offered
+from .naming import GYMNASIUM, MJLAB, PLAYGROUND, is_file, offered
 from .robots import TASKS
 from .trust import trust
 
@@ -39,7 +39,7 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> "type[Worlds]":
     """Return the class registered as `name`.
 
-    It can also be that of "FILE.py:CLASS", "gymnasium:ID" or "mjlab:TASK".
+    It can also be that of "FILE.py:CLASS", "gymnasium:ID", "mjlab:TASK" or "playground:TASK".
 
     The code of such a class runs, and files may name it from now on (see `trust`).
 
@@ -53,6 +53,10 @@ def get(name: str) -> "type[Worlds]":
         return from_id(name)
     if name.startswith(MJLAB):
         from .worlds.mjlab import from_task
+
+        return from_task(name)
+    if name.startswith(PLAYGROUND):
+        from .worlds.playground import from_task
 
         return from_task(name)
     if is_file(name):

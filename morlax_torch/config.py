@@ -43,10 +43,11 @@ class SamplingConfig(Section):
 
 
 class NetworkConfig(Section):
-    """Sizes of the hypernetworks and the networks they generate."""
+    """The networks of all trade-offs: hypernetworks and what they generate, or conditioned ones."""
 
-    type: Literal["dual", "single"] = "dual"
-    """dual: actor and critic have separate hypernetworks; single: they share its features."""
+    type: Literal["dual", "single", "conditioned"] = "dual"
+    """dual: actor and critic have separate hypernetworks; single: they share its features;
+    conditioned: no hypernetworks, the trade-off is an input of actor and critic."""
     hidden: Layers = (128, 128)
     """Hidden layers of the hypernetworks' feature networks."""
     features: Width = 16

@@ -17,10 +17,10 @@ from .files import read
 def task_values(env: str, device_type: str) -> dict[str, Any]:
     """Return the tuned values of a task for "cuda" or "cpu".
 
-    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, for others of
-    the form "gymnasium:ID" or "mjlab:TASK" from configs/gymnasium.yaml or configs/mjlab.yaml, and
-    for all other tasks from configs/default.yaml. Worlds that do not show how an episode ended get
-    `ppo.truncation: mask`.
+    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, for others
+    with the prefix of a library from configs/gymnasium.yaml, configs/mjlab.yaml or
+    configs/playground.yaml, and for all other tasks from configs/default.yaml. Worlds that do not
+    show how an episode ended get `ppo.truncation: mask`.
     """
     task, values = envs.get(env), default_values(device_type)
     for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):

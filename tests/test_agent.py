@@ -96,7 +96,7 @@ def test_single_networks_share_only_the_feature_layers(make_agent):
     assert actor & critic == set(map(id, agent.actor.features.parameters()))
 
 
-@pytest.mark.parametrize("type", ("dual", "single"))
+@pytest.mark.parametrize("type", ("dual", "single", "conditioned"))
 def test_each_tradeoff_has_its_own_policy_and_values(make_agent, generator, type):
     agent = make_agent(type=type)
     seen = torch.randn(1, 6, 3, generator=generator).expand(4, 6, 3)

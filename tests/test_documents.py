@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -73,11 +75,32 @@ def exported(run, tmp_path_factory) -> Path:
 def test_python_runs(code, run, workplace, monkeypatch, request):
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
         pytest.importorskip(module, reason=f"{module} is not installed")
+    if "morlax_torch.record" in code:
+        request.getfixturevalue("opengl")
     # a task that one page registers must not exist on the next
     monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     exports = "export-" in request.node.callspec.id
     monkeypatch.chdir(request.getfixturevalue("exported") if exports else workplace)
     exec(A_RUN.sub(str(run), code), {})
+
+
+def commands_of_shown_scripts() -> list[tuple[str, str]]:
+    """Return (script, command line) where a page shows the script and how to run it."""
+    found = []
+    for text in (page.read_text() for page in PAGES):
+        shown = set(re.findall(r"^```python\n# (\w+\.py)\n", text, re.MULTILINE))
+        lines = re.findall(r"^python ((\w+\.py).*)", text, re.MULTILINE)
+        found += [(script, line) for line, script in lines if script in shown]
+    return found
+
+
+@pytest.mark.parametrize(("script", "line"), commands_of_shown_scripts())
+def test_shown_scripts_run(script, line, workplace):
+    for module in re.findall(r"^(?:import|from) (\w+)", Path(script).read_text(), re.MULTILINE):
+        pytest.importorskip(module, reason=f"{module} is not installed")
+    done = subprocess.run([sys.executable, *shlex.split(line)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert any(workplace.rglob("front.npz"))
 
 
 @pytest.mark.parametrize("text", blocks("yaml"))

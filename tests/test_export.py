@@ -196,6 +196,23 @@ def test_a_custom_actor_can_be_exported(format, generator, tmp_path):
     torch.testing.assert_close(action, found(observation, tradeoff), atol=1e-5, rtol=0)
 
 
+@pytest.mark.parametrize("format", RUNNERS)
+def test_conditioned_networks_can_be_exported(format, generator, tmp_path):
+    network = {"type": "conditioned"}
+    config = load_config(
+        {"env": "hopper", "worlds": 32, "ppo": {"minibatches": 4}, "network": network}
+    )
+    morlax = MORLAX(envs.make("hopper", 32, "cpu"), config)
+    found = Policy(morlax.agent, config, morlax.env.objectives)
+    for name, tradeoff in (("family", None), ("one", (0.2, 0.8))):
+        export.export(found, tmp_path / name, format, tradeoff)
+        seen, weights = inputs(found, 5, generator)
+        given = {"observation": seen} if tradeoff else {"observation": seen, "tradeoff": weights}
+        action = RUNNERS[format]((tmp_path / name).read_bytes(), given)
+        wanted = found(seen, tradeoff or weights)
+        torch.testing.assert_close(action, wanted, atol=1e-5, rtol=0)
+
+
 def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypatch):
     usual = FORMATS["torchscript"]
     wrong = Format(".ts", usual.write, lambda data: lambda *given: usual.read(data)(*given) + 2e-5)

@@ -77,6 +77,7 @@ def assert_same(one: object, other: object) -> None:
         {"env": "humanoid"},
         {"sampling": {"mode": "dense"}},
         {"network": {"type": "single"}},
+        {"network": {"type": "conditioned"}},
         {"task": {"reset_noise": 0.01, "stagger": True}},
         {"sampling": {"corners": 0, "alpha": 0.5}, "ppo": {"truncation": "mask"}},
         {"ppo": {"anneal": True}, "max_env_steps": 1600},

@@ -176,7 +176,7 @@ class Losses(NamedTuple):
 
 
 class PPO:
-    """Updates an agent's hypernetworks; actor and critic have separate losses and optimizers.
+    """Updates an agent's families; actor and critic have separate losses and optimizers.
 
     The two share nothing, so on CUDA their updates run in parallel. A `single` hypernetwork shares
     its features between both, and so has one optimizer for the sum of the losses.
@@ -199,7 +199,7 @@ class PPO:
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
         self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
         norm = config.max_grad_norm
-        self.single = agent.actor.features is agent.critic.features
+        self.single = bool({*map(id, actor)} & {*map(id, critic)})
         if self.single:
             self.optimizers = [
                 ClippedAdam(list(dict.fromkeys(actor + critic)), self.rates[0], norm)

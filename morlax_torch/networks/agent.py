@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from ..config import MIN_STD, NetworkConfig
+from .conditioned import Conditioned
 from .family import Family
 from .gaussian import TanhNormal
 from .hypernetwork import Hypernetwork
@@ -57,7 +58,8 @@ class Agent(nn.Module):
         config: sizes of the networks.
         generator: draws the initial parameters.
         privileged_size: P.
-        actor: replaces the config's actor: a module from (B, O) to (B, 2A).
+        actor: replaces the config's actor: a module from (B, O) to (B, 2A). One that is conditioned
+            takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to (B, m).
 
     Raises:
@@ -82,17 +84,19 @@ class Agent(nn.Module):
         given = {"actor": actor, "critic": critic}
         self._own = [name for name, network in given.items() if network is not None]
         whole = observation_size + privileged_size
+        conditions = num_objectives if config.type == "conditioned" else 0
+        actor_inputs, critic_inputs = observation_size + conditions, whole + conditions
         if actor is None:
-            actor = mlp(observation_size, config.actor, 2 * action_size, generator)
+            actor = mlp(actor_inputs, config.actor, 2 * action_size, generator)
             spread = math.log(math.expm1(config.initial_std - MIN_STD))  # inverse softplus
             last = actor.get_parameter(f"{2 * len(config.actor)}.bias")
             nn.init.constant_(last[action_size:], spread)
         else:
-            check_network("actor", actor, observation_size, 2 * action_size)
+            check_network("actor", actor, actor_inputs, 2 * action_size)
         if critic is None:
-            critic = mlp(whole, config.critic, num_objectives, generator)
+            critic = mlp(critic_inputs, config.critic, num_objectives, generator)
         else:
-            check_network("critic", critic, whole, num_objectives)
+            check_network("critic", critic, critic_inputs, num_objectives)
 
         def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
             return Hypernetwork(
@@ -105,8 +109,14 @@ class Agent(nn.Module):
                 generator=generator,
             )
 
-        self.actor = family(actor)
-        self.critic = family(critic, self.actor.features if config.type == "single" else None)
+        self.actor: Hypernetwork | Conditioned
+        self.critic: Hypernetwork | Conditioned
+        if config.type == "conditioned":
+            self.actor, self.critic = Conditioned(actor), Conditioned(critic)
+        else:
+            self.actor = family(actor)
+            shared = self.actor.features if config.type == "single" else None
+            self.critic = family(critic, shared)
         self.observation_normalizer = Normalizer(whole)
         self.value_normalizer = Normalizer(num_objectives)
 

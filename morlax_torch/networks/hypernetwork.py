@@ -7,8 +7,8 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
-from ..envs import MorlaxError
 from ..gpu import fused
+from .family import on_simplex
 from .mlp import mlp, mlp_sizes
 
 
@@ -64,13 +64,9 @@ class Hypernetwork(nn.Module):
         """Map trade-offs (K, m), scaled to sum to one, to parameters: name -> (K, *shape).
 
         Raises:
-            MorlaxError: a trade-off is not finite or sums to zero. Recorded and exported graphs
-                cannot look at numbers, so there it gives numbers that are not finite.
+            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
         """
-        if not (_is_recorded() or (tradeoffs.isfinite() & (tradeoffs.sum(-1, True) > 0)).all()):
-            raise MorlaxError("a trade-off must be finite, and its weights must not sum to zero.")
-        tradeoffs = tradeoffs / tradeoffs.sum(-1, keepdim=True)
-        flat = fused.affine(self._featurize(tradeoffs), self.weight, self.bias)
+        flat = fused.affine(self._featurize(on_simplex(tradeoffs)), self.weight, self.bias)
         named = zip(self.shapes.items(), flat.split(self.sizes, dim=-1), strict=True)
         return {name: values.reshape(-1, *shape) for (name, shape), values in named}
 
@@ -113,9 +109,3 @@ class Hypernetwork(nn.Module):
     def _buffers_of_family(self) -> dict[str, Tensor]:
         names = enumerate(self._names_of_buffers)
         return {name: getattr(self, f"target_buffer_{index}") for index, name in names}
-
-
-def _is_recorded() -> bool:
-    """Return whether torch only records the operations, and no number exists yet."""
-    capturing = torch.cuda.is_available() and torch.cuda.is_current_stream_capturing()
-    return capturing or torch.jit.is_tracing() or torch.compiler.is_compiling()
