@@ -3,8 +3,8 @@
 python benchmarks/mjlab_speed.py --task Mjlab-Velocity-Flat-Unitree-Go1
 """
 
-import cProfile
 import contextlib
+import cProfile
 import io
 import pstats
 import time
