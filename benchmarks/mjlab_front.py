@@ -73,7 +73,9 @@ def main(
     options = policy.config.task.for_evaluation()
     scale = options.action_scale
     loud = options.model_copy(update={"action_scale": LOUD}).model_dump()
-    make = lambda seed: envs.make(name, worlds, place, seed=seed, **loud)  # noqa: E731
+
+    def make(seed: int) -> Worlds:
+        return envs.make(name, worlds, place, seed=seed, **loud)
 
     def actor(tradeoffs: Tensor) -> Act:
         actors = policy.agent.actors(tradeoffs.to(place))
@@ -153,7 +155,7 @@ def _peer(task: str, log: Path, steps: int, worlds: int, device: str, seed: int)
     if files:
         runner.load(str(files[-1]), map_location=device)
     else:
-        iterations = round(steps / worlds / runner.cfg["num_steps_per_env"])
+        iterations = max(1, round(steps / worlds / runner.cfg["num_steps_per_env"]))
         with contextlib.redirect_stdout(io.StringIO()):
             runner.learn(iterations, init_at_random_ep_len=True)
     policy = runner.get_inference_policy(device)

@@ -2,6 +2,9 @@
 
 import csv
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -277,3 +280,17 @@ def test_the_wrapper_for_rsl_rl_is_a_vectorized_environment():
         torch.testing.assert_close(step.reward[:, 0], env.env.unwrapped.reward_buf)
         torch.testing.assert_close(step.reward[:, 1], -step.reward[:, 0])
         assert step.truncated.all() == (number % 4 == 0) and not step.terminated.any()
+
+
+def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
+    script = Path(__file__).parents[1] / "benchmarks" / "mjlab_front.py"
+    done = subprocess.run(
+        [sys.executable, script, go1_run, "--peer", tmp_path, "--device", "cpu"]
+        + ["--tradeoffs", "4", "--worlds", "4", "--steps", "2"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "best tracking" in done.stdout and "mjlab's own" in done.stdout
+    assert list(tmp_path.glob("model_*.pt"))
