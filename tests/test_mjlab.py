@@ -284,9 +284,9 @@ def test_the_wrapper_for_rsl_rl_is_a_vectorized_environment():
 
 def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
     script = Path(__file__).parents[1] / "benchmarks" / "mjlab_front.py"
+    small = ("--tradeoffs", "4", "--worlds", "4", "--steps", "2")
     done = subprocess.run(
-        [sys.executable, script, go1_run, "--peer", tmp_path, "--device", "cpu"]
-        + ["--tradeoffs", "4", "--worlds", "4", "--steps", "2"],
+        [sys.executable, script, go1_run, "--peer", tmp_path, "--device", "cpu", *small],
         capture_output=True,
         text=True,
         env={**os.environ, "COLUMNS": "200"},
