@@ -193,7 +193,7 @@ def test_mistakes_are_one_sentence(name, options, message):
 
 def test_only_the_simulator_of_mjlab_is_offered():
     with pytest.raises(
-        MorlaxError, match=r"runs on mjlab's own simulator: leave --backend mujoco out"
+        MorlaxError, match=r"a simulator of their own, mjlab: leave --backend mujoco out"
     ):
         envs.make(CARTPOLE, 2, "cpu", "mujoco")
 

@@ -1,15 +1,14 @@
 """Bridge to mjlab: N worlds of any of its tasks, with its reward terms by name."""
 
 from functools import cache, partial
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError
 from ..random import drawing_from
+from .foreign import ForeignWorlds, Outcome
 from .groups import actor_group, joined
-from .interface import TimeStep, Worlds
 from .mjlab_building import build
 from .mjlab_endings import BLOWN_UP, remembers, take_ending, watch_endings
 from .mjlab_tasks import MjlabOptions, changed, options_class
@@ -27,7 +26,7 @@ def from_task(name: str) -> type["MjlabWorlds"]:
     return type("MjlabWorlds", (MjlabWorlds,), {"Options": options_class(name), "name": name})
 
 
-class MjlabWorlds(Worlds):
+class MjlabWorlds(ForeignWorlds):
     """N worlds of a task of mjlab, on MuJoCo Warp; `from_task` makes such classes.
 
     Policies see mjlab's group of observations "actor", critics also its group "critic". A reward
@@ -37,10 +36,6 @@ class MjlabWorlds(Worlds):
     With automatic reset, mjlab restarts worlds within its step. Their last observation is made
     where mjlab computes rewards: body positions are one physics step old. Where an observation
     holds earlier ones, worlds are restarted by a second call instead, and nothing is old.
-
-    Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
-    world that is not finite terminates with zero reward. The state of these worlds cannot be
-    saved, so they start anew when a run is resumed.
     """
 
     name: ClassVar[str]
@@ -48,49 +43,16 @@ class MjlabWorlds(Worlds):
     options: MjlabOptions
     simulator = "mjlab"
 
-    def __init__(
-        self,
-        options: MjlabOptions,
-        num_worlds: int,
-        device: torch.device,
-        seed: int = 0,
-        auto_reset: bool = True,
-    ):
-        self.options, self.num_worlds, self.device = options, num_worlds, device
-        self.auto_reset, self.episode_length = auto_reset, options.episode_length
-        self.generator = torch.Generator(device).manual_seed(seed)
+    def _open(self, seed: int) -> None:
         with drawing_from(self.generator):
-            self.env = build(self.name, partial(self.config, seed), device)
+            self.env = build(self.name, partial(self.config, seed), self.device)
             groups, _ = self.env.reset()
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
-        self.define_objectives()
         self._time_step = self.env.step_dt if self.env.cfg.scale_rewards_by_dt else 1.0
         self.actor_group = actor_group(groups, self.name)
         self.action_size = self.env.action_manager.total_action_dim
         self.observation_size = groups[self.actor_group].shape[1]
         self.privileged_size = joined(groups, self.actor_group).shape[1] - self.observation_size
-        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
-        self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
-        self._timed_out = torch.zeros_like(self._failed)
-        self._seen = joined(groups, self.actor_group)
-        self._stagger()
-
-    @classmethod
-    def build(
-        cls,
-        options: Any,
-        num_worlds: int,
-        device: torch.device,
-        backend: str | None,
-        seed: int,
-        *,
-        auto_reset: bool,
-        deterministic: bool,
-    ) -> Self:
-        if backend == "mujoco" or deterministic:
-            wish = "--deterministic" if deterministic else "--backend mujoco"
-            raise MorlaxError(f"{cls.name} runs on mjlab's own simulator: leave {wish} out.")
-        return cls(options, num_worlds, device, seed, auto_reset)
 
     def config(self, seed: int) -> Any:
         """Return mjlab's config of these worlds."""
@@ -99,78 +61,9 @@ class MjlabWorlds(Worlds):
         watch_endings(cfg)
         return cfg
 
-    def reset(self) -> Tensor:
+    def _start(self) -> Tensor:
         with drawing_from(self.generator):
-            self._seen = joined(self.env.reset()[0], self.actor_group)
-            self._stagger()
-        self._failed = torch.zeros_like(self._failed)
-        self._timed_out = torch.zeros_like(self._timed_out)
-        return self._policy(self._seen)
-
-    def restart(self, which: Tensor) -> Tensor:
-        self.check_mask(which)
-        with drawing_from(self.generator):
-            self._restart(which)
-        self._failed = self._failed & ~which
-        self._timed_out = self._timed_out & ~which
-        return self._policy(self._seen)
-
-    def step(self, action: Tensor) -> TimeStep:
-        standing = self._failed | self._timed_out
-        with drawing_from(self.generator):
-            groups, _, failed, timed_out, _ = self.env.step(
-                action.clamp(-1, 1) * self.options.action_scale
-            )
-            if self.env.cfg.is_finite_horizon:
-                failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
-            timed_out = timed_out & ~failed
-            failed, over = failed.clone(), failed | timed_out
-            blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
-            before, self._seen = self._seen, joined(groups, self.actor_group)
-            final = self._ending(over, blown_up)
-            if not self.env.cfg.auto_reset:
-                self._restart(over)
-        idle = standing | blown_up
-        paid = self.env.reward_manager._step_reward * self._time_step
-        paid = torch.where(idle[:, None], 0.0, paid)
-        if not self.auto_reset:
-            over = standing | failed | timed_out
-            final = torch.where(standing[:, None], before, final)
-            self._seen = torch.where(over[:, None], final, self._seen)
-            failed = torch.where(standing, self._failed, failed)
-            timed_out = torch.where(standing, self._timed_out, timed_out)
-            self._failed, self._timed_out = failed, timed_out
-            blown_up = blown_up & ~standing
-        self.blowups += blown_up.sum()
-        return TimeStep(
-            observation=self._policy(self._seen),
-            reward=self._combine(paid),
-            terminated=failed,
-            truncated=timed_out,
-            final_observation=self._policy(final),
-            terms=dict(zip(self.reward_terms, paid.unbind(1), strict=True)),
-            critic_observation=self._seen,
-            final_critic_observation=final,
-            blown_up=blown_up,
-        )
-
-    def critic_observation(self) -> Tensor:
-        return self._seen.clone()
-
-    def _ending(self, over: Tensor, blown_up: Tensor) -> Tensor:
-        """Return the observation after the step and before any restart, (N, O + P)."""
-        final = self._seen
-        if self.env.cfg.auto_reset and (groups := take_ending(self.env)) is not None:
-            final = torch.where(over[:, None], joined(groups, self.actor_group), final)
-        return torch.where(blown_up[:, None], 0.0, final)
-
-    def _restart(self, which: Tensor) -> None:
-        worlds = which.nonzero().squeeze(1)  # waits for the GPU
-        if len(worlds):
-            fresh = joined(self.env.reset(env_ids=worlds)[0], self.actor_group)
-            self._seen = torch.where(which[:, None], fresh, self._seen)
-
-    def _stagger(self) -> None:
+            seen = joined(self.env.reset()[0], self.actor_group)
         if self.auto_reset and self.options.stagger:
             ages = torch.randint(
                 self.episode_length,
@@ -179,6 +72,30 @@ class MjlabWorlds(Worlds):
                 device=self.device,
             )
             self.env.episode_length_buf[:] = ages
+        return seen
 
-    def _policy(self, seen: Tensor) -> Tensor:
-        return seen[:, : self.observation_size]
+    def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
+        worlds = which.nonzero().squeeze(1)  # waits for the GPU
+        if not len(worlds):
+            return seen
+        with drawing_from(self.generator):
+            fresh = joined(self.env.reset(env_ids=worlds)[0], self.actor_group)
+        return torch.where(which[:, None], fresh, seen)
+
+    def _advance(self, action: Tensor) -> Outcome:
+        with drawing_from(self.generator):
+            groups, _, failed, timed_out, _ = self.env.step(
+                action.clamp(-1, 1) * self.options.action_scale
+            )
+        if self.env.cfg.is_finite_horizon:
+            failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
+        timed_out = timed_out & ~failed
+        over = failed | timed_out
+        seen = final = joined(groups, self.actor_group)
+        if not self.env.cfg.auto_reset:
+            seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
+        elif (before := take_ending(self.env)) is not None:
+            final = torch.where(over[:, None], joined(before, self.actor_group), final)
+        terms = self.env.reward_manager._step_reward * self._time_step
+        blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
+        return Outcome(seen, final, terms, failed.clone(), timed_out, blown_up)

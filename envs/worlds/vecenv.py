@@ -1,7 +1,7 @@
 """Bridge to vectorized environments with the interface of rsl_rl, such as those of Isaac Lab."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Self
+from typing import Any
 
 import torch
 from pydantic import PositiveFloat
@@ -9,8 +9,8 @@ from torch import Tensor
 
 from ..errors import MorlaxError
 from ..random import drawing_from
+from .foreign import ForeignWorlds, Outcome
 from .groups import actor_group, joined
-from .interface import TimeStep, Worlds
 from .options import ObjectiveOptions
 from .section import Count
 
@@ -59,11 +59,10 @@ def from_vecenv(
     return type("VecEnvWorlds", (VecEnvWorlds,), members)
 
 
-class VecEnvWorlds(Worlds):
+class VecEnvWorlds(ForeignWorlds):
     """N worlds of a vectorized environment; `from_vecenv` makes such classes.
 
-    Without automatic reset, a world whose episode is over earns nothing. A world whose observation
-    is not finite terminates with zero reward, if the environment ends its episode or not.
+    They restart by themselves, and do not show how an episode ended.
     """
 
     make_env: Any
@@ -72,92 +71,38 @@ class VecEnvWorlds(Worlds):
     simulator = "a vectorized environment"
     options: Any
 
-    def __init__(
-        self, options: Any, num_worlds: int, device: torch.device, seed: int, auto_reset: bool
-    ):
-        self.options, self.num_worlds, self.device = options, num_worlds, device
-        self.auto_reset, self.episode_length = auto_reset, options.episode_length
-        self.generator = torch.Generator(device).manual_seed(seed)
+    def _open(self, seed: int) -> None:
         with drawing_from(self.generator):
-            self.env = self.make_env(num_worlds, device, seed)
+            self.env = self.make_env(self.num_worlds, self.device, seed)
             self._check()
             self.action_size = int(self.env.num_actions)
-            self._seen = self._features(self.env.reset())
-            still = torch.zeros(num_worlds, self.action_size, device=device)
+            self._features(self.env.reset())
+            still = torch.zeros(self.num_worlds, self.action_size, device=self.device)
             _, _, _, extras = self.env.step(still)
             self.reward_terms = tuple(self.read_terms(self.env, extras))
-        self.define_objectives()
-        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
-        self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
-        self._timed_out = torch.zeros_like(self._failed)
-        self.reset()
 
-    @classmethod
-    def build(
-        cls,
-        options: Any,
-        num_worlds: int,
-        device: torch.device,
-        backend: str | None,
-        seed: int,
-        *,
-        auto_reset: bool,
-        deterministic: bool,
-    ) -> Self:
-        if backend is not None or deterministic:
-            wish = "--deterministic" if deterministic else f"--backend {backend}"
-            raise MorlaxError(f"a vectorized environment has its own simulator: leave {wish} out.")
-        return cls(options, num_worlds, device, seed, auto_reset)
-
-    def reset(self) -> Tensor:
+    def _start(self) -> Tensor:
         with drawing_from(self.generator):
-            self._seen = self._features(self.env.reset())
-        self._failed = torch.zeros_like(self._failed)
-        self._timed_out = torch.zeros_like(self._failed)
-        return self._policy(self._seen)
+            return self._features(self.env.reset())
 
-    def restart(self, which: Tensor) -> Tensor:
-        self.check_mask(which)
+    def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         if not which.all():
             raise MorlaxError("a vectorized environment restarts all of its worlds, or none.")
-        return self.reset()
+        return self._start()
 
-    def step(self, action: Tensor) -> TimeStep:
-        standing = self._failed | self._timed_out
+    def _advance(self, action: Tensor) -> Outcome:
         with drawing_from(self.generator):
             actions = action.clamp(-1, 1) * self.options.action_scale
             found, _, dones, extras = self.env.step(actions)
             terms = self.read_terms(self.env, extras)
         seen = self._features(found)
+        # such a world terminates here, if the environment ends its episode or not
         blown_up = ~seen.isfinite().all(1) | ~action.isfinite().all(1)
         seen = torch.where(blown_up[:, None], 0.0, seen)
         dones = dones.bool() | blown_up
         timed_out = extras.get("time_outs", torch.zeros_like(dones)).bool() & dones & ~blown_up
-        failed = dones & ~timed_out
         paid = torch.stack([terms[name].float() for name in self.reward_terms], 1)
-        paid = torch.where((standing | blown_up)[:, None], 0.0, paid)
-        if not self.auto_reset:
-            seen = torch.where(standing[:, None], self._seen, seen)
-            failed = torch.where(standing, self._failed, failed)
-            timed_out = torch.where(standing, self._timed_out, timed_out)
-            blown_up = blown_up & ~standing
-            self._failed, self._timed_out = failed, timed_out
-        self._seen = seen
-        self.blowups += blown_up.sum()
-        return TimeStep(
-            observation=self._policy(seen),
-            reward=self._combine(paid),
-            terminated=failed,
-            truncated=timed_out,
-            final_observation=self._policy(seen),
-            terms=dict(zip(self.reward_terms, paid.unbind(1), strict=True)),
-            critic_observation=seen,
-            final_critic_observation=seen,
-            blown_up=blown_up,
-        )
-
-    def critic_observation(self) -> Tensor:
-        return self._seen.clone()
+        return Outcome(seen, seen, paid, dones & ~timed_out, timed_out, blown_up)
 
     def _check(self) -> None:
         worlds, device = self.env.num_envs, torch.device(self.env.device)
@@ -176,6 +121,3 @@ class VecEnvWorlds(Worlds):
         self.observation_size = groups[actor].shape[1]
         self.privileged_size = seen.shape[1] - self.observation_size
         return seen
-
-    def _policy(self, seen: Tensor) -> Tensor:
-        return seen[:, : self.observation_size]

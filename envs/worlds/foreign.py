@@ -1,0 +1,127 @@
+"""Worlds that another library steps, all at once."""
+
+from abc import abstractmethod
+from typing import Any, NamedTuple, Self
+
+import torch
+from torch import Tensor
+
+from ..errors import MorlaxError
+from .interface import TimeStep, Worlds
+
+
+class Outcome(NamedTuple):
+    """What a step of N worlds leads to."""
+
+    seen: Tensor  # (N, O + P) after restarts, if there were any
+    final: Tensor  # (N, O + P) after the step, before any restart
+    terms: Tensor  # (N, terms)
+    failed: Tensor  # (N,) bool
+    timed_out: Tensor  # (N,) bool, not where a world has failed
+    blown_up: Tensor  # (N,) bool, those that have failed because they are not finite
+
+
+class ForeignWorlds(Worlds):
+    """N worlds of another library, whose state is not saved: they start anew in a resumed run.
+
+    Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
+    world that is not finite terminates with zero reward.
+    """
+
+    simulator: str
+    """Whose simulator it is, in messages."""
+
+    def __init__(
+        self,
+        options: Any,
+        num_worlds: int,
+        device: torch.device,
+        seed: int = 0,
+        auto_reset: bool = True,
+    ):
+        self.options, self.num_worlds, self.device = options, num_worlds, device
+        self.auto_reset, self.episode_length = auto_reset, options.episode_length
+        self.generator = torch.Generator(device).manual_seed(seed)
+        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
+        self._open(seed)
+        self.define_objectives()
+        self.reset()
+
+    @classmethod
+    def build(
+        cls,
+        options: Any,
+        num_worlds: int,
+        device: torch.device,
+        backend: str | None,
+        seed: int,
+        *,
+        auto_reset: bool,
+        deterministic: bool,
+    ) -> Self:
+        if backend is not None or deterministic:
+            wish = "--deterministic" if deterministic else f"--backend {backend}"
+            raise MorlaxError(
+                f"these worlds have a simulator of their own, {cls.simulator}: leave {wish} out."
+            )
+        return cls(options, num_worlds, device, seed, auto_reset)
+
+    @abstractmethod
+    def _open(self, seed: int) -> None:
+        """Make the worlds; set their sizes and `reward_terms`."""
+
+    @abstractmethod
+    def _start(self) -> Tensor:
+        """Start every world; returns what critics see, (N, O + P)."""
+
+    @abstractmethod
+    def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
+        """Start the worlds of a mask (N,); returns `seen` (N, O + P) with what they see now."""
+
+    @abstractmethod
+    def _advance(self, action: Tensor) -> Outcome:
+        """Step every world; with automatic reset, also restart those whose episode is over."""
+
+    def reset(self) -> Tensor:
+        self._seen = self._start()
+        self._failed = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
+        self._timed_out = torch.zeros_like(self._failed)
+        return self._policy(self._seen)
+
+    def restart(self, which: Tensor) -> Tensor:
+        self.check_mask(which)
+        self._seen = self._restart(which, self._seen)
+        self._failed, self._timed_out = self._failed & ~which, self._timed_out & ~which
+        return self._policy(self._seen)
+
+    def step(self, action: Tensor) -> TimeStep:
+        standing = self._failed | self._timed_out  # none with automatic reset
+        seen, final, paid, failed, timed_out, blown_up = self._advance(action)
+        blown_up = blown_up & ~standing
+        paid = torch.where((standing | blown_up)[:, None], 0.0, paid)
+        final = torch.where(blown_up[:, None], 0.0, final)
+        if not self.auto_reset:
+            final = torch.where(standing[:, None], self._seen, final)
+            failed = torch.where(standing, self._failed, failed)
+            timed_out = torch.where(standing, self._timed_out, timed_out)
+            seen = torch.where((failed | timed_out)[:, None], final, seen)
+            self._failed, self._timed_out = failed, timed_out
+        self._seen = seen
+        self.blowups += blown_up.sum()
+        return TimeStep(
+            observation=self._policy(seen),
+            reward=self._combine(paid),
+            terminated=failed,
+            truncated=timed_out,
+            final_observation=self._policy(final),
+            terms=dict(zip(self.reward_terms, paid.unbind(1), strict=True)),
+            critic_observation=seen,
+            final_critic_observation=final,
+            blown_up=blown_up,
+        )
+
+    def critic_observation(self) -> Tensor:
+        return self._seen.clone()
+
+    def _policy(self, seen: Tensor) -> Tensor:
+        return seen[:, : self.observation_size]
