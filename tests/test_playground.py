@@ -201,7 +201,11 @@ def test_the_command_line_changes_the_config_of_a_task():
             {"objectives": {"a": {"goo": 1.0}, "b": {}}},
             r"unknown reward term 'goo': did you mean 'go'",
         ),
-        (DRIFT, {"backend": "mujoco"}, r"a simulator of their own, MuJoCo Playground: leave --backend mujoco out"),
+        (
+            DRIFT,
+            {"backend": "mujoco"},
+            r"a simulator of their own, MuJoCo Playground: leave --backend mujoco out",
+        ),
         (DRIFT, {"deterministic": True}, r"leave --deterministic out"),
     ],
 )
