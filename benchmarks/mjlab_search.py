@@ -2,8 +2,8 @@
 
     python benchmarks/mjlab_search.py --given trials.yaml --trials 0 3 --seconds 300
 
-trials.yaml is a list of changes to the task's config. Several processes can share a GPU, because
-mjlab's Python takes longer than its kernels.
+trials.yaml is a list of changes to the task's config. Several processes can share a GPU: in sum,
+two of them were as fast as one, but no faster.
 """
 
 import csv
