@@ -1,6 +1,7 @@
 """Worlds that another library steps, all at once."""
 
 from abc import abstractmethod
+from importlib import import_module
 from typing import Any, NamedTuple, Self
 
 import torch
@@ -8,6 +9,21 @@ from torch import Tensor
 
 from ..errors import MorlaxError
 from .interface import TimeStep, Worlds
+
+
+def imported(name: str) -> str:
+    """Return TASK of "LIBRARY:TASK" or "LIBRARY:MODULE:TASK", and import the module.
+
+    Raises:
+        MorlaxError: the module cannot be imported.
+    """
+    module, _, task = name.partition(":")[2].rpartition(":")
+    if module:
+        try:
+            import_module(module)
+        except ImportError as error:
+            raise MorlaxError(f"{name} cannot import {module}: {error}.") from None
+    return task
 
 
 class Outcome(NamedTuple):

@@ -34,8 +34,9 @@ class MjlabWorlds(ForeignWorlds):
     torch's global generators, which here have their own state for these worlds.
 
     With automatic reset, mjlab restarts worlds within its step. Their last observation is made
-    where mjlab computes rewards: body positions are one physics step old. Where an observation
-    holds earlier ones, worlds are restarted by a second call instead, and nothing is old.
+    where mjlab computes rewards: velocities and tilt of bodies are one physics step old, rays and
+    commands one control step. Where an observation holds earlier ones, worlds are restarted by a
+    second call instead, and nothing is old.
     """
 
     name: ClassVar[str]

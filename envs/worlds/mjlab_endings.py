@@ -6,6 +6,8 @@ from typing import Any
 
 from torch import Tensor
 
+from .groups import ACTORS, CRITIC
+
 ENDINGS = "endings"  # mjlab's name of the recorder
 BLOWN_UP = "blown_up"  # of the termination
 
@@ -45,7 +47,8 @@ def _not_finite(env: Any) -> Tensor:
 def _recorder() -> type:
     """Return mjlab's kind of recorder, which sees all worlds just before some restart.
 
-    At that moment, body positions are one physics step old, as in mjlab's rewards.
+    At that moment, velocities and tilt of bodies are one physics step old, as in mjlab's rewards,
+    and rays and commands one control step.
     """
     base = import_module("mjlab.managers.recorder_manager").RecorderTerm
 
@@ -54,6 +57,7 @@ def _recorder() -> type:
 
         def record_pre_reset(self, env_ids: Tensor) -> None:
             manager = self._env.observation_manager
-            self.groups = {name: manager.compute_group(name) for name in manager.active_terms}
+            used = {*ACTORS, CRITIC} & set(manager.active_terms)
+            self.groups = {name: manager.compute_group(name) for name in used}
 
     return Endings

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import PositiveFloat
 
 from ..errors import MorlaxError, unknown
-from ..naming import MJLAB
+from .foreign import imported
 from .options import ObjectiveOptions
 from .section import Count
 
@@ -45,12 +45,7 @@ def load(name: str) -> Any:
         MorlaxError: mjlab is missing or too old, or it has no such task.
     """
     registry = _registry()
-    module, _, task = name.removeprefix(MJLAB).rpartition(":")
-    if module:
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise MorlaxError(f"{name} cannot import {module}: {error}.") from None
+    task = imported(name)
     if task not in registry.list_tasks():
         raise unknown("task of mjlab", task, registry.list_tasks())
     return registry.load_env_cfg(task)

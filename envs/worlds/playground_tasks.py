@@ -8,7 +8,7 @@ from importlib import metadata
 from typing import Any
 
 from ..errors import MorlaxError, shortened, unknown
-from ..naming import PLAYGROUND
+from .foreign import imported
 from .options import ObjectiveOptions
 from .section import Count
 
@@ -60,12 +60,7 @@ def default_config(name: str) -> Any:
         MorlaxError: Playground is missing, or it has no such task.
     """
     found = registry()
-    module, _, task = name.removeprefix(PLAYGROUND).rpartition(":")
-    if module:
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise MorlaxError(f"{name} cannot import {module}: {error}.") from None
+    task = imported(name)
     suites = (found.dm_control_suite, found.locomotion, found.manipulation)
     known = [task for suite in suites for task in suite.ALL_ENVS]
     if task not in known:
