@@ -60,6 +60,9 @@ class NetworkConfig(Section):
     """Hidden layers of the generated critics."""
     initial_std: float = Field(default=math.log(2) + MIN_STD, gt=MIN_STD, le=100)
     """Initial standard deviation of pre-tanh actions."""
+    output_scale: float = Field(default=1.0, ge=0, le=100)
+    """Factor on the initial weights of the actors' output layer: a small one starts from actions
+    close to zero."""
 
 
 class PPOConfig(Section):
@@ -69,8 +72,11 @@ class PPOConfig(Section):
     """Learning rate of Adam."""
     critic_learning_rate: float | None = Field(default=None, gt=0, le=1)
     """Learning rate of the critic (None: the same)."""
+    desired_kl: float | None = Field(default=None, gt=0, le=1)
+    """After every minibatch, change the actor's learning rate towards this KL divergence between
+    the policies that acted and the current ones (None: leave the learning rate)."""
     anneal: bool = False
-    """Decay learning rates, entropy bonus and normalizer updates linearly to zero at
+    """Decay learning rates, desired KL, entropy bonus and normalizer updates linearly to zero at
     max_env_steps."""
     epochs: Count = 4
     """Passes over a rollout."""

@@ -62,6 +62,15 @@ def test_actors_start_with_the_configured_std(std, make_agent):
     torch.testing.assert_close(found, torch.full_like(found, std), rtol=1e-4, atol=0)
 
 
+def test_a_small_output_layer_starts_from_small_actions(make_agent, generator):
+    observations = torch.randn(4, 50, 3, generator=generator)
+    means = [
+        make_agent(scale=0.0, output_scale=scale).policies(TRADEOFFS)(observations).mean
+        for scale in (1.0, 0.01)
+    ]
+    torch.testing.assert_close(0.01 * means[0], means[1])
+
+
 @pytest.mark.parametrize("action", (-200.0, -30.0, 0.0, 30.0, 200.0))
 def test_extreme_values_stay_finite(action, generator):
     u = torch.full((1, 1), action)

@@ -392,6 +392,33 @@ def test_the_critic_can_have_its_own_learning_rate(learner, samples):
         assert longest.item() == pytest.approx(rate, rel=1e-2)
 
 
+@pytest.mark.parametrize("type", ("dual", "single"))
+@pytest.mark.parametrize(("rate", "wanted"), ((1e-2, 1e-3), (1e-5, 1e-1)))
+def test_a_desired_kl_adapts_the_actor_s_learning_rate(
+    learner, samples, generator, type, rate, wanted
+):
+    ppo = PPO(learner(type=type), PPOConfig(learning_rate=rate, desired_kl=wanted))
+    found = losses_of(ppo, samples, generator)["kl"]  # of policies that did not act
+    assert found > 2 * wanted or found < wanted / 2
+    ppo.improve([(TRADEOFFS, samples)], generator)
+    expected = rate / 1.5 if found > 2 * wanted else rate * 1.5
+    assert ppo.optimizers[0].rate.item() == pytest.approx(expected)
+    if type == "dual":
+        assert ppo.optimizers[1].rate.item() == pytest.approx(rate)
+
+
+def test_an_adapted_learning_rate_brings_the_kl_near_the_desired_one(learner, samples, generator):
+    agent = learner()
+    samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)
+    ppo = PPO(agent, PPOConfig(learning_rate=1e-6, desired_kl=0.02))
+    start, kls = copy.deepcopy(agent.state_dict()), []
+    for _ in range(40):  # iterations that all start from the policies that acted
+        agent.load_state_dict(start)
+        kls.append(ppo.improve([(TRADEOFFS, samples)] * 10, generator)[3].item())
+    assert kls[0] < 1e-6
+    assert 0.002 < sum(kls[-20:]) / 20 < 0.06
+
+
 def test_without_advantage_and_entropy_only_the_critic_moves(learner, samples):
     agent = learner()
     samples = near(samples, agent)._replace(advantage=torch.zeros(3, 20, 1))

@@ -1,6 +1,7 @@
 """Training learns, is reproducible, resumes at any moment and reports failures clearly."""
 
 import csv
+import math
 import os
 import random
 import signal
@@ -81,6 +82,7 @@ def assert_same(one: object, other: object) -> None:
         {"task": {"reset_noise": 0.01, "stagger": True}},
         {"sampling": {"corners": 0, "alpha": 0.5}, "ppo": {"truncation": "mask"}},
         {"ppo": {"anneal": True}, "max_env_steps": 1600},
+        {"ppo": {"anneal": True, "desired_kl": 0.02}, "max_env_steps": 1600},
     ],
 )
 def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
@@ -96,6 +98,15 @@ def test_annealing_decays_learning_rates_and_entropy_to_zero():
     for _ in range(8):
         morlax.iterate()
     assert morlax.ppo.optimizers[0].rate.item() == morlax.ppo.entropy.item() == 0.0
+
+
+def test_annealing_decays_the_desired_kl_instead_of_a_rate_that_adapts_to_it():
+    ppo = {"anneal": True, "desired_kl": 0.02}
+    morlax = trainer(tiny(max_env_steps=10 * 160, ppo=ppo), 5)
+    assert morlax.ppo.desired_kl.item() == pytest.approx(0.02 * 0.6)
+    actor, critic = (optimizer.rate.item() for optimizer in morlax.ppo.optimizers)
+    assert critic == pytest.approx(3e-4 * 0.6)
+    assert actor / 3e-4 == pytest.approx(1.5 ** round(math.log(actor / 3e-4, 1.5)))
 
 
 def test_policies_stop_changing_after_annealing():

@@ -14,6 +14,8 @@ from ..networks.gaussian import TanhNormal
 from .rollout import Rollout, advantages
 from .scalarization import Scalarization
 
+RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learning rate
+
 
 class Batch(NamedTuple):
     """S samples of each of K trade-offs."""
@@ -210,6 +212,7 @@ class PPO:
                 for group, rate in zip((actor, critic), self.rates, strict=True)
             ]
         self.entropy = actor[0].new_tensor(config.entropy)
+        self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
         self._branch = Branch(actor[0].device)
 
     def state(self) -> list[Tensor]:
@@ -238,6 +241,7 @@ class PPO:
             for (tradeoffs, batch), noise in zip(parts, noises, strict=True):
                 policy_loss, found = self.policy_loss(tradeoffs, batch, noise)
                 value_loss = self.value_loss(tradeoffs, batch)
+                self._adapt(found)
                 self.optimizers[0].step(policy_loss + value_loss)
                 policies.append(found)
                 values.append(value_loss.detach())
@@ -250,6 +254,7 @@ class PPO:
                     values.append(value_loss.detach())
             for (tradeoffs, batch), noise in zip(parts, noises, strict=True):
                 policy_loss, found = self.policy_loss(tradeoffs, batch, noise)
+                self._adapt(found)
                 actor.step(policy_loss)
                 policies.append(found)
             self._branch.join()
@@ -275,8 +280,19 @@ class PPO:
         value = self.agent.values(tradeoffs)(batch.observation)
         return self._losses.value(value, batch.target, self.config.value_coefficient)
 
+    def _adapt(self, found: Tensor) -> None:
+        """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule."""
+        if self.config.desired_kl is None:
+            return
+        kl, rate = found[2], self.optimizers[0].rate
+        factor = torch.where(kl < self.desired_kl / 2, RATE_STEP, 1.0)
+        factor = torch.where(kl > self.desired_kl * 2, 1 / RATE_STEP, factor)
+        rate.mul_(factor).clamp_(*RATES)
+
     def anneal(self, left: Tensor) -> None:
-        """Scale learning rates and the entropy bonus by the share of the run that is `left`."""
+        """Scale what decays by the share of the run that is `left`."""
         for optimizer, rate in zip(self.optimizers, self.rates, strict=False):
-            optimizer.rate.copy_(rate * left)
+            if self.config.desired_kl is None or optimizer is not self.optimizers[0]:
+                optimizer.rate.copy_(rate * left)
+        self.desired_kl.copy_((self.config.desired_kl or 0.0) * left)
         self.entropy.copy_(self.config.entropy * left)

@@ -89,8 +89,10 @@ class Agent(nn.Module):
         if actor is None:
             actor = mlp(actor_inputs, config.actor, 2 * action_size, generator)
             spread = math.log(math.expm1(config.initial_std - MIN_STD))  # inverse softplus
-            last = actor.get_parameter(f"{2 * len(config.actor)}.bias")
-            nn.init.constant_(last[action_size:], spread)
+            last = f"{2 * len(config.actor)}"
+            with torch.no_grad():
+                actor.get_parameter(f"{last}.weight").mul_(config.output_scale)
+                actor.get_parameter(f"{last}.bias")[action_size:] = spread
         else:
             check_network("actor", actor, actor_inputs, 2 * action_size)
         if critic is None:
