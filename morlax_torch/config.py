@@ -16,13 +16,22 @@ from pydantic import (
 )
 
 from . import envs
-from .config_files import merged, task_values
+from .config_files import algorithm_of, merged, task_values
 from .envs import MorlaxError, ObjectiveOptions
 from .envs.errors import explained
 from .envs.naming import absolute
 from .envs.worlds.section import Count, Section
 
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
+REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
+    "amor": {"network.type": "conditioned"},
+    "hyper-morl": {"network.type": "single", "sampling.mode": "sparse", "sampling.corners": 0},
+    "independent": {
+        "network.type": "independent",
+        "sampling.mode": "sparse",
+        "sampling.corners": 0,
+    },
+}
 MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
 
 Width = Annotated[int, Field(ge=1, le=65536)]
@@ -45,9 +54,10 @@ class SamplingConfig(Section):
 class NetworkConfig(Section):
     """The networks of all trade-offs: hypernetworks and what they generate, or conditioned ones."""
 
-    type: Literal["dual", "single", "conditioned"] = "dual"
+    type: Literal["dual", "single", "conditioned", "independent"] = "dual"
     """dual: actor and critic have separate hypernetworks; single: they share its features;
-    conditioned: no hypernetworks, the trade-off is an input of actor and critic."""
+    conditioned: no hypernetworks, the trade-off is an input of actor and critic; independent:
+    separate networks for each of K trade-offs."""
     hidden: Layers = (128, 128)
     """Hidden layers of the hypernetworks' feature networks."""
     features: Width = 16
@@ -98,6 +108,14 @@ class PPOConfig(Section):
     """Gradients are clipped to this norm, separately for actor and critic."""
     normalize_values: bool = True
     """Normalize value targets by their running mean and variance."""
+    critic: Literal["vector", "scalar"] = "vector"
+    """vector: critics predict one value per objective, and the trade-off weighs the advantages;
+    scalar: they predict one value, of the rewards weighed by the trade-off."""
+    optimizer: Literal["separate", "joint"] = "separate"
+    """separate: actor and critic have their own Adam and gradient norm; joint: one of both for the
+    sum of their losses, as a single hypernetwork always has."""
+    normalize_advantages: Literal["batch", "cluster"] = "batch"
+    """Normalize advantages over all trade-offs together, or within each cluster."""
     truncation: Literal["bootstrap", "mask"] = "bootstrap"
     """At a time limit, bootstrap from the value of the last state, or mask the step out."""
 
@@ -112,6 +130,20 @@ class EvaluationConfig(Section):
     """Number of fixed trade-offs to evaluate, one episode each."""
 
 
+class MethodOptions(Section):
+    """Options of an algorithm that has none of its own."""
+
+
+class HyperMORLOptions(MethodOptions):
+    """Options of HYPER-MORL."""
+
+    warmup: float = Field(default=0.1, ge=0, le=1)
+    """Share of max_env_steps for which only the balanced trade-off is trained."""
+
+
+OPTIONS: dict[str, type[MethodOptions]] = {"hyper-morl": HyperMORLOptions}
+
+
 class Config(Section):
     """A training run."""
 
@@ -119,6 +151,8 @@ class Config(Section):
     """The task: ant, bruce, cheetah, cheetah3, hopper, humanoid, walker, any other of
     docs/tasks.md, a registered name, FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium
     environment with a vector reward."""
+    algorithm: Literal["morlax", "amor", "hyper-morl", "independent"] = "morlax"
+    """What learns the front: MORLAX, or a baseline of docs/algorithms.md."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Random seed."""
     device: str | None = None
@@ -141,6 +175,8 @@ class Config(Section):
     network: NetworkConfig = NetworkConfig()
     ppo: PPOConfig = PPOConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
+    method: MethodOptions = MethodOptions()
+    """Options of the algorithm."""
     task: ObjectiveOptions
     """Options of the task."""
 
@@ -161,10 +197,34 @@ class Config(Section):
         corners = self.sampling.corners
         return num_objectives if corners is None else corners
 
+    @property
+    def num_networks(self) -> int:
+        """R, the number of independent networks; 0 of other types."""
+        return self.sampling.clusters if self.network.type == "independent" else 0
+
+    def num_values(self, num_objectives: int) -> int:
+        """Return how many values a critic predicts."""
+        return 1 if self.ppo.critic == "scalar" else num_objectives
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        self._check_algorithm()
         self.check_sizes(len(self.task.objectives))
         return self
+
+    def _check_algorithm(self) -> None:
+        required = REQUIRED.get(self.algorithm, {})
+        for name, value in required.items():
+            section, _, key = name.partition(".")
+            given = getattr(getattr(self, section), key)
+            if given != value:
+                raise ValueError(
+                    f"{name} is {given}, but algorithm {self.algorithm} needs {value}: leave it out"
+                )
+        if self.network.type == "independent" and self.algorithm != "independent":
+            raise ValueError("network.type independent needs algorithm independent")
+        if isinstance(self.method, HyperMORLOptions) and self.max_env_steps is None:
+            raise ValueError("method.warmup needs max_env_steps: it is a share of them")
 
     def check_sizes(self, num_objectives: int) -> None:
         """Raise ValueError if sizes do not fit together."""
@@ -198,14 +258,19 @@ class Config(Section):
             )
 
 
-def config_class(env: str) -> type[Config]:
-    """Return `Config` with the options of one task, so that they are typed and checked too."""
-    return _with_options(envs.get(env).Options)
+def config_class(env: str, algorithm: str = "morlax") -> type[Config]:
+    """Return `Config` with the options of one task and one algorithm, so that they are checked."""
+    return _with_options(envs.get(env).Options, OPTIONS.get(algorithm, MethodOptions))
 
 
 @cache
-def _with_options(options: type[ObjectiveOptions]) -> type[Config]:
-    return create_model("Config", __base__=Config, task=(options, options.model_validate({})))
+def _with_options(task: type[ObjectiveOptions], method: type[MethodOptions]) -> type[Config]:
+    return create_model(
+        "Config",
+        __base__=Config,
+        method=(method, method()),
+        task=(task, task.model_validate({})),
+    )
 
 
 def load_config(values: dict[str, Any]) -> Config:
@@ -216,7 +281,7 @@ def load_config(values: dict[str, Any]) -> Config:
     """
     if not isinstance(values.get("env"), str):
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
-    model = config_class(values["env"])
+    model = config_class(values["env"], algorithm_of(values))
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -231,12 +296,14 @@ def config_for(env: str, **changes: Any) -> Config:
     Args:
         env: the task, as for `envs.make`.
         changes: values by name, dotted for nested ones; a dict replaces part of a section.
-            `device` also selects the values for the CPU or for CUDA.
+            `device` also selects the values for the CPU or for CUDA, `algorithm` those that the
+            algorithm needs.
 
     Raises:
         MorlaxError: an unknown task or key, a wrong type or a combination that cannot work.
     """
-    values = task_values(env, envs.resolve_device(changes.get("device")).type)
+    device_type = envs.resolve_device(changes.get("device")).type
+    values = task_values(env, device_type, algorithm_of(changes))
     for name, value in changes.items():
         for part in reversed(name.split(".")):
             value = {part: value}

@@ -14,27 +14,35 @@ from .envs.naming import is_file
 from .files import read
 
 
-def task_values(env: str, device_type: str) -> dict[str, Any]:
+def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:
     """Return the tuned values of a task for "cuda" or "cpu".
 
     They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, for others
     with the prefix of a library from configs/gymnasium.yaml, configs/mjlab.yaml or
     configs/playground.yaml, and for all other tasks from configs/default.yaml. Worlds that do not
-    show how an episode ended get `ppo.truncation: mask`.
+    show how an episode ended get `ppo.truncation: mask`. An algorithm other than MORLAX changes
+    what configs/algorithms/<algorithm>.yaml says.
     """
     task, values = envs.get(env), default_values(device_type)
     for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):
-        if (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file():
+        if _is_packaged(name):
             values = _packaged(name, device_type)
             break
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})
+    if _is_packaged(f"algorithms/{algorithm}"):
+        changes = _packaged(f"algorithms/{algorithm}", device_type)
+        values = merged(values, {**changes, "algorithm": algorithm})
     return {**values, "env": env}
 
 
 def default_values(device_type: str) -> dict[str, Any]:
     """Return the values of tasks without a file in configs/, for "cuda" or "cpu"."""
     return _packaged("default", device_type)
+
+
+def _is_packaged(name: str) -> bool:
+    return (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file()
 
 
 def _packaged(name: str, device_type: str) -> dict[str, Any]:
@@ -47,7 +55,12 @@ def file_values(path: Path, device_type: str) -> dict[str, Any]:
     values = _fitted(read_yaml(path), device_type)
     if not isinstance(values.get("env"), str):
         return values
-    return merged(task_values(values["env"], device_type), values)
+    return merged(task_values(values["env"], device_type, algorithm_of(values)), values)
+
+
+def algorithm_of(values: dict[str, Any]) -> str:
+    """Return the algorithm that a config names, or MORLAX."""
+    return str(values.get("algorithm", "morlax"))
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from .envs import MorlaxError
 
+DRAWS = 32  # per cell of the simplex, so that almost every cell gets one
 TINY = 1e-30  # keeps a trade-off finite if every gamma draw underflows to zero
 
 
@@ -21,6 +22,64 @@ def sample_tradeoffs(
     out.clamp_(min=TINY).div_(out.sum(-1, keepdim=True))
     if corners:
         out[-corners:] = torch.eye(corners, device=out.device)
+
+
+def sample_cells(out: Tensor, centers: Tensor, generator: torch.Generator | None = None) -> None:
+    """Fill `out` (K, m) with one uniform draw from the cell of each of the `centers` (K, m).
+
+    The cell of a center is what is nearer to it than to the others. (HYPER-MORL, Shu et al., 2024,
+    samples trade-offs like this.)
+    """
+    drawn = torch.empty(DRAWS * len(centers), out.shape[1], device=out.device)
+    sample_tradeoffs(drawn, generator=generator)
+    cells = torch.arange(len(centers), device=out.device)[:, None]
+    inside = torch.cdist(drawn, centers).argmin(1) == cells
+    first = inside.to(torch.uint8).argmax(1)  # the draws are independent, so any will do
+    out.copy_(torch.where(inside.any(1, keepdim=True), drawn[first], centers))
+
+
+def even_tradeoffs(number: int, num_objectives: int) -> Tensor:
+    """Return trade-offs (number, m) spread evenly over the simplex, its corners among them.
+
+    With two objectives they are an even grid. With more, each is the point of a fine lattice that
+    is farthest from those before it (Gonzalez, 1985), starting from the corners.
+
+    Raises:
+        MorlaxError: there are fewer trade-offs than objectives.
+    """
+    _check_number(number, num_objectives)
+    if num_objectives == 2:
+        first = torch.linspace(0, 1, number)
+        return torch.stack([first, 1 - first], -1)
+    lattice = _lattice(number, num_objectives)
+    chosen = list(torch.eye(num_objectives, dtype=torch.float64))
+    distance = torch.cdist(lattice, torch.stack(chosen)).amin(1)
+    while len(chosen) < number:
+        chosen.append(lattice[distance.argmax()])
+        distance = torch.minimum(distance, (lattice - chosen[-1]).norm(dim=1))
+    return torch.stack(chosen).float()
+
+
+def _lattice(number: int, num_objectives: int) -> Tensor:
+    """Return the points of the simplex whose weights are multiples of 1/H, at least 8 x `number`.
+
+    H is a multiple of m, so that the balanced trade-off is among them.
+    """
+    m = H = num_objectives
+    while math.comb(H + m - 1, m - 1) < 8 * number:
+        H += m
+    bars = torch.combinations(torch.arange(H + m - 1), m - 1)
+    ends = torch.full((len(bars), 1), H + m - 1)
+    counts = torch.diff(torch.cat([ends * 0 - 1, bars, ends], 1)) - 1
+    return counts.double() / H
+
+
+def _check_number(number: int, num_objectives: int) -> None:
+    if number < num_objectives:
+        raise MorlaxError(
+            f"{number} trade-offs are too few: at least one is needed for each of the "
+            f"{num_objectives} objectives."
+        )
 
 
 def dirichlet_tradeoffs(
@@ -39,14 +98,9 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
     Raises:
         MorlaxError: there are fewer trade-offs than objectives.
     """
-    if number < num_objectives:
-        raise MorlaxError(
-            f"{number} trade-offs are too few: at least one is needed for each of the "
-            f"{num_objectives} objectives."
-        )
+    _check_number(number, num_objectives)
     if num_objectives == 2:
-        first = torch.linspace(0, 1, number)
-        return torch.stack([first, 1 - first], -1)
+        return even_tradeoffs(number, num_objectives)
     corners = torch.eye(num_objectives)
     return torch.cat([corners, dirichlet_tradeoffs(number - num_objectives, num_objectives)])
 

@@ -83,12 +83,12 @@ def _prepare(
     actor: nn.Module | None = None,
     critic: nn.Module | None = None,
 ) -> _Session:
-    from .algorithms.morlax import MORLAX
+    from .algorithms.registry import make_learner
     from .runs.progress import Progress
     from .runs.run import Run
     from .runs.training import make_evaluator, make_worlds
 
-    learner = MORLAX(make_worlds(config, config.worlds), config, actor, critic)
+    learner = make_learner(make_worlds(config, config.worlds), config, actor, critic)
     evaluator = make_evaluator(learner)
     if run is None:
         return _Session(learner, evaluator, Run.create(learner, output), Progress())

@@ -35,7 +35,7 @@ class MORLAX:
         actor: replaces the config's actor: a module from observations (B, O) to (B, 2A), means and
             spreads (see `TanhNormal`).
         critic: replaces the config's critic: a module from (B, O + P), with privileged features,
-            to one value per objective (B, m).
+            to one value per objective (B, m), or to one value if `ppo.critic` is scalar.
 
     Raises:
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
@@ -58,11 +58,11 @@ class MORLAX:
                 "from: set ppo.truncation to mask."
             )
         self.env, self.config = env, config
-        self.agent = Agent(
+        self.agent = Agent.of(
+            config,
             env.observation_size,
             env.action_size,
             len(env.objectives),
-            config.network,
             torch.Generator().manual_seed(config.seed),
             privileged_size=env.privileged_size,
             actor=actor,
@@ -85,11 +85,12 @@ class MORLAX:
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
         self.iteration = 0
-        self._clock = torch.zeros((), device=env.device)  # the iteration, readable by graphs
+        self.clock = torch.zeros((), device=env.device)  # the iteration, readable by graphs
         self.steps_per_iteration = config.worlds * config.horizon
+        values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
             *PPO.metrics,
-            *(f"explained_variance/{name}" for name in env.objectives),
+            *(f"explained_variance/{name}" for name in values),
             *(f"mean_reward/{name}" for name in env.objectives),
             "terminated",
         )
@@ -126,8 +127,7 @@ class MORLAX:
 
     def _explore(self, steps: int | None = None) -> None:
         """Collect a rollout, or only its first `steps`."""
-        corners = self.config.num_corners(self.tradeoffs.shape[1])
-        sample_tradeoffs(self.tradeoffs, corners, self.config.sampling.alpha, self.generator)
+        self.draw_tradeoffs()
         with torch.no_grad(), one_thread(self.env.device):
             collect(
                 self.env,
@@ -138,14 +138,19 @@ class MORLAX:
                 self.generator,
             )
 
+    def draw_tradeoffs(self) -> None:
+        """Choose the trade-offs (K, m) of an iteration, in place. Runs inside a recorded graph."""
+        corners = self.config.num_corners(self.tradeoffs.shape[1])
+        sample_tradeoffs(self.tradeoffs, corners, self.config.sampling.alpha, self.generator)
+
     def _learn(self, epochs: int | None = None) -> None:
         """Learn from the rollout for `epochs` (None: the config's)."""
         config, left = self.config.ppo, 1.0
         if config.anneal and self.config.max_env_steps:
-            done = self._clock * (self.steps_per_iteration / self.config.max_env_steps)
+            done = self.clock * (self.steps_per_iteration / self.config.max_env_steps)
             left = (1 - done).clamp(min=0)
             self.ppo.anneal(left)
-            self._clock += 1
+        self.clock += 1
         batch, explained = make_batch(
             self.agent, self.tradeoffs, self.rollout, config, self.scalarization
         )
@@ -210,4 +215,4 @@ class MORLAX:
         else:
             self.observation.copy_(self.env.critic_observation())
         self.iteration = self._metrics_since = state["iteration"]
-        self._clock.fill_(self.iteration)
+        self.clock.fill_(self.iteration)

@@ -24,7 +24,7 @@ class Batch(NamedTuple):
     action: Tensor  # (K, S, A) before the tanh
     log_prob: Tensor  # (K, S, 1) under the policy that acted
     advantage: Tensor  # (K, S, 1) scalarized by the trade-off
-    target: Tensor  # (K, S, m) of the critic
+    target: Tensor  # (K, S, m) of the critic, or (K, S, 1)
 
 
 @torch.no_grad()
@@ -38,10 +38,13 @@ def make_batch(
     """Estimate what to learn from a rollout.
 
     Returns:
-        A batch by world, (K, G, T, ...) each, and the explained variance per objective (m,), 0
-        where targets do not vary.
+        A batch by world, (K, G, T, ...) each, and the explained variance per value of the critic,
+        (m,) or (1,), 0 where targets do not vary.
     """
     values = agent.values(tradeoffs)
+    if config.critic == "scalar":
+        weighted = rollout.reward * tradeoffs[:, None]
+        rollout = rollout._replace(reward=weighted.sum(-1, keepdim=True))
 
     def value_of(observation: Tensor) -> Tensor:  # (T, K, G, O + P) -> (T, K, G, m)
         rows = observation.transpose(0, 1).flatten(1, 2)
@@ -65,9 +68,12 @@ def make_batch(
     if config.normalize_values:
         agent.value_normalizer.update(target)
         target = agent.value_normalizer(target)
-    weights = scalarization.weights(tradeoffs, value[0].mean(1))
-    scalar = (advantage * weights[:, None]).sum(-1)
-    scalar = (scalar - scalar.mean()) / (scalar.std() + 1e-8)
+    if config.critic == "vector":
+        advantage = advantage * scalarization.weights(tradeoffs, value[0].mean(1))[:, None]
+    scalar = advantage.sum(-1)  # (T, K, G)
+    together = (0, 2) if config.normalize_advantages == "cluster" else (0, 1, 2)
+    mean, std = scalar.mean(together, keepdim=True), scalar.std(together, keepdim=True)
+    scalar = (scalar - mean) / (std + 1e-8)
     batch = Batch(
         seen, rollout.action, rollout.log_prob.unsqueeze(-1), scalar.unsqueeze(-1), target
     )
@@ -180,8 +186,9 @@ class Losses(NamedTuple):
 class PPO:
     """Updates an agent's families; actor and critic have separate losses and optimizers.
 
-    The two share nothing, so on CUDA their updates run in parallel. A `single` hypernetwork shares
-    its features between both, and so has one optimizer for the sum of the losses.
+    The two share nothing, so on CUDA their updates run in parallel. A `joint` optimizer is one for
+    the sum of the losses. A `single` hypernetwork shares its features between both, and so always
+    has that.
 
     Args:
         agent: updated in place.
@@ -201,16 +208,13 @@ class PPO:
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
         self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
         norm = config.max_grad_norm
-        self.single = bool({*map(id, actor)} & {*map(id, critic)})
-        if self.single:
-            self.optimizers = [
-                ClippedAdam(list(dict.fromkeys(actor + critic)), self.rates[0], norm)
-            ]
-        else:
-            self.optimizers = [
-                ClippedAdam(group, rate, norm)
-                for group, rate in zip((actor, critic), self.rates, strict=True)
-            ]
+        shared = bool({*map(id, actor)} & {*map(id, critic)})
+        self.joint = shared or config.optimizer == "joint"
+        groups = [list(dict.fromkeys(actor + critic))] if self.joint else [actor, critic]
+        self.optimizers = [
+            ClippedAdam(group, rate, norm, agent.num_networks)
+            for group, rate in zip(groups, self.rates, strict=False)
+        ]
         self.entropy = actor[0].new_tensor(config.entropy)
         self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
         self._branch = Branch(actor[0].device)
@@ -237,7 +241,7 @@ class PPO:
         drawn = self.entropy.new_empty(sum(shape.numel() for shape in shapes))
         drawn = drawn.normal_(generator=generator).split([shape.numel() for shape in shapes])
         noises = [noise.view(shape) for noise, shape in zip(drawn, shapes, strict=True)]
-        if self.single:
+        if self.joint:
             for (tradeoffs, batch), noise in zip(parts, noises, strict=True):
                 policy_loss, found = self.policy_loss(tradeoffs, batch, noise)
                 value_loss = self.value_loss(tradeoffs, batch)

@@ -1,5 +1,6 @@
 """Adam with gradient clipping, over one flat vector of parameters."""
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -16,10 +17,19 @@ class ClippedAdam:
 
     The parameters become views of one vector, so that a step is a handful of kernels. All state
     lives in tensors that are updated in place, because a recorded graph knows them by address.
+
+    Args:
+        parameters: updated in place.
+        rate: the learning rate.
+        max_norm: largest norm of the gradients.
+        networks: of how many networks, which share nothing, the parameters consist; each has its
+            own norm then, of gradients times their number, which a mean over them divided by.
     """
 
-    def __init__(self, parameters: Sequence[nn.Parameter], rate: float, max_norm: float):
-        self.parameters, self.max_norm = list(parameters), max_norm
+    def __init__(
+        self, parameters: Sequence[nn.Parameter], rate: float, max_norm: float, networks: int = 1
+    ):
+        self.parameters, self.max_norm, self.networks = list(parameters), max_norm, networks
         self.vector = torch.cat([p.detach().flatten() for p in self.parameters])
         parts = self.vector.split([p.numel() for p in self.parameters])
         for parameter, part in zip(self.parameters, parts, strict=True):
@@ -45,14 +55,22 @@ class ClippedAdam:
             mine.copy_(stored)
         self.steps.copy_(steps.flatten()[0])  # version 0.1 stored several equal counts
 
+    def forget(self) -> None:
+        """Start anew from the current parameters: without moments, at step 0."""
+        for value in (self.mean, self.square, self.steps):
+            value.zero_()
+
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
         gradients = torch.autograd.grad(loss, self.parameters, self._one)
+        max_norm = self.max_norm
+        if self.networks > 1:
+            gradients, max_norm = self._clipped(gradients), math.inf
         if fused.available(self.vector.device):
             from . import adam_kernels
 
             state = self.mean, self.square, self.steps, self.rate
-            adam_kernels.step(self.vector, gradients, *state, self.max_norm, DECAYS, EPSILON)
+            adam_kernels.step(self.vector, gradients, *state, max_norm, DECAYS, EPSILON)
             return
         gradient = torch.cat([g.flatten() for g in gradients])
         adam(
@@ -63,7 +81,7 @@ class ClippedAdam:
             max_exp_avg_sqs=[],
             state_steps=[self.steps],
             fused=True,
-            grad_scale=(gradient.norm() / self.max_norm).clamp(min=1.0),
+            grad_scale=(gradient.norm() / max_norm).clamp(min=1.0),
             amsgrad=False,
             beta1=DECAYS[0],
             beta2=DECAYS[1],
@@ -72,3 +90,10 @@ class ClippedAdam:
             eps=EPSILON,
             maximize=False,
         )
+
+    def _clipped(self, gradients: Sequence[Tensor]) -> tuple[Tensor, ...]:
+        """Clip the gradients (R, ...) of every network by itself."""
+        rows = [self.networks * gradient.flatten(1) for gradient in gradients]
+        norm = torch.cat(rows, 1).norm(dim=1, keepdim=True)
+        scale = self.networks / (norm / self.max_norm).clamp(min=1.0)
+        return tuple((gradient.flatten(1) * scale).view_as(gradient) for gradient in gradients)

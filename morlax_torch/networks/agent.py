@@ -3,16 +3,18 @@
 import copy
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
 
-from ..config import MIN_STD, NetworkConfig
+from ..config import MIN_STD, Config, NetworkConfig
+from ..tradeoffs import even_tradeoffs
 from .conditioned import Conditioned
 from .family import Family
 from .gaussian import TanhNormal
 from .hypernetwork import Hypernetwork
+from .independent import Independent
 from .mlp import check_network, mlp
 from .normalizer import Normalizer
 
@@ -60,11 +62,40 @@ class Agent(nn.Module):
         privileged_size: P.
         actor: replaces the config's actor: a module from (B, O) to (B, 2A). One that is conditioned
             takes m more inputs, the trade-off, and so does the critic.
-        critic: replaces the config's critic: a module from (B, O + P) to (B, m).
+        critic: replaces the config's critic: a module from (B, O + P) to the values.
+        num_values: how many values a critic predicts (None: m).
+        num_networks: R, of independent networks; 0 of other types.
 
     Raises:
         MorlaxError: an actor or critic has the wrong sizes.
     """
+
+    @classmethod
+    def of(
+        cls,
+        config: Config,
+        observation_size: int,
+        action_size: int,
+        num_objectives: int,
+        generator: torch.Generator | None = None,
+        *,
+        privileged_size: int = 0,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+    ) -> Self:
+        """Build the agent that a run's config describes."""
+        return cls(
+            observation_size,
+            action_size,
+            num_objectives,
+            config.network,
+            generator,
+            privileged_size=privileged_size,
+            actor=actor,
+            critic=critic,
+            num_values=config.num_values(num_objectives),
+            num_networks=config.num_networks,
+        )
 
     def __init__(
         self,
@@ -77,8 +108,12 @@ class Agent(nn.Module):
         privileged_size: int = 0,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
+        num_values: int | None = None,
+        num_networks: int = 0,
     ):
         super().__init__()
+        self.num_networks = num_networks
+        num_values = num_objectives if num_values is None else num_values
         self.observation_size, self.privileged_size = observation_size, privileged_size
         self.action_size = action_size
         given = {"actor": actor, "critic": critic}
@@ -96,9 +131,9 @@ class Agent(nn.Module):
         else:
             check_network("actor", actor, actor_inputs, 2 * action_size)
         if critic is None:
-            critic = mlp(critic_inputs, config.critic, num_objectives, generator)
+            critic = mlp(critic_inputs, config.critic, num_values, generator)
         else:
-            check_network("critic", critic, critic_inputs, num_objectives)
+            check_network("critic", critic, critic_inputs, num_values)
 
         def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
             return Hypernetwork(
@@ -111,16 +146,19 @@ class Agent(nn.Module):
                 generator=generator,
             )
 
-        self.actor: Hypernetwork | Conditioned
-        self.critic: Hypernetwork | Conditioned
+        self.actor: Hypernetwork | Conditioned | Independent
+        self.critic: Hypernetwork | Conditioned | Independent
         if config.type == "conditioned":
             self.actor, self.critic = Conditioned(actor), Conditioned(critic)
+        elif config.type == "independent":
+            keys = even_tradeoffs(num_networks, num_objectives)
+            self.actor, self.critic = Independent(actor, keys), Independent(critic, keys)
         else:
             self.actor = family(actor)
             shared = self.actor.features if config.type == "single" else None
             self.critic = family(critic, shared)
         self.observation_normalizer = Normalizer(whole)
-        self.value_normalizer = Normalizer(num_objectives)
+        self.value_normalizer = Normalizer(num_values)
 
     def own_networks(self) -> dict[str, dict[str, list[int]]]:
         """Return the parameter shapes of user-made networks: network -> parameter -> shape."""

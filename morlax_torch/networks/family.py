@@ -9,7 +9,7 @@ from ..envs import MorlaxError
 
 
 class Family(Protocol):
-    """One network for every trade-off: a `Hypernetwork`, or one `Conditioned` network.
+    """A network for every trade-off: `Hypernetwork`, `Conditioned` or `Independent`.
 
     `run` may choose a fused kernel, which changes no result.
     """

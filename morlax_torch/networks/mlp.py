@@ -12,7 +12,7 @@ from ..envs import MorlaxError
 
 MEANINGS = {
     "actor": "a mean and a spread per action dimension",
-    "critic": "one value per objective",
+    "critic": "one value per objective, or a single one with ppo.critic scalar",
 }
 
 

@@ -77,11 +77,11 @@ def load(
     path = find_checkpoint(run)
     contents = checkpoint.load(path)
     config, task = checkpoint.read_config(contents, path, trust), contents.environment
-    agent = Agent(
+    agent = Agent.of(
+        config,
         task.observation_size,
         task.action_size,
         len(task.objectives),
-        config.network,
         privileged_size=task.privileged_size,
         actor=actor,
     )

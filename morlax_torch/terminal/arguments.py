@@ -11,7 +11,7 @@ from pydantic import BaseModel, create_model
 
 from .. import envs
 from ..config import MAY_CHANGE, Config, config_class, differences, load_config
-from ..config_files import default_values, file_values, merged, task_values
+from ..config_files import algorithm_of, default_values, file_values, merged, task_values
 from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..envs.worlds.section import Section
@@ -45,7 +45,7 @@ class AnyTask(TaskOptions):
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     """Read the command line over the config of the file, task or run that it names."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    for name in ("--env", "--config", "--resume", "--device", "--output"):
+    for name in ("--env", "--algorithm", "--config", "--resume", "--device", "--output"):
         first.add_argument(name)
     first.add_argument("--trust", action="store_true")
     early = first.parse_known_args(arguments)[0]
@@ -61,7 +61,7 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     if run and early.env:
         envs.get(early.env)  # the user names this code
     below = run.config(early.trust) if run else load_config(_values(early))
-    model = create_model("Train", __base__=(Command, config_class(below.env)))
+    model = create_model("Train", __base__=(Command, config_class(below.env, below.algorithm)))
     about = f"{ABOUT} The defaults below are those of --env {below.env}, from configs/."
     default = model.model_validate(below.model_dump())
     values = cli.parse(default, arguments, PROGRAM, about)
@@ -105,18 +105,21 @@ def _run(folder: Path) -> "Run":
 
 
 def _values(early: argparse.Namespace) -> dict:
+    own: dict[str, Any] = {} if early.algorithm is None else {"algorithm": early.algorithm}
     if early.config is None:
         if early.env is None:
             names = ", ".join(envs.names())
             raise MorlaxError(f"name a task: --env NAME, one of {names}, or FILE.py:CLASS.")
         envs.get(early.env)  # an unknown name is told before torch is imported
-        return task_values(early.env, envs.resolve_device(early.device).type)
+        device_type = envs.resolve_device(early.device).type
+        return {**task_values(early.env, device_type, algorithm_of(own)), **own}
     device_type = envs.resolve_device(early.device).type
     values = file_values(Path(early.config), device_type)
-    if early.env is None:
+    for name, given in (("env", early.env), ("algorithm", early.algorithm)):
+        if given is not None and values.setdefault(name, given) != given:
+            raise MorlaxError(
+                f"{early.config} is for {name} {values[name]!r}, but --{name} says {given!r}."
+            )
+    if (early.env is None and early.algorithm is None) or not isinstance(values.get("env"), str):
         return values
-    if values.setdefault("env", early.env) != early.env:
-        raise MorlaxError(
-            f"{early.config} is for env {values['env']!r}, but --env says {early.env!r}."
-        )
-    return merged(task_values(early.env, device_type), values)
+    return merged(task_values(values["env"], device_type, algorithm_of(values)), values)

@@ -1,0 +1,29 @@
+"""Independent policies: plain PPO for every trade-off of a fixed grid."""
+
+from typing import Any
+
+from ..config import Config
+from ..envs import Worlds
+from ..tradeoffs import even_tradeoffs
+from .morlax import MORLAX
+
+
+class IndependentPPO(MORLAX):
+    """Trains K policies that share no parameters, each for one trade-off of an even grid.
+
+    Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
+    norm and moments of Adam; only the normalizers of observations and values see all worlds. With
+    enough steps it is the oracle that fronts are measured against.
+
+    Args:
+        env: the worlds.
+        config: with `network.type: independent` and sparse sampling.
+        networks: as of `MORLAX`.
+    """
+
+    def __init__(self, env: Worlds, config: Config, **networks: Any):
+        super().__init__(env, config, **networks)
+        self.tradeoffs.copy_(even_tradeoffs(*self.tradeoffs.shape))
+
+    def draw_tradeoffs(self) -> None:
+        """Keep the grid."""

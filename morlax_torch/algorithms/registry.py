@@ -1,0 +1,25 @@
+"""The learners by name."""
+
+from torch import nn
+
+from ..config import Config
+from ..envs import Worlds
+from .amor import AMOR
+from .hyper_morl import HyperMORL
+from .independent import IndependentPPO
+from .learner import Learner
+from .morlax import MORLAX
+
+LEARNERS: dict[str, type[MORLAX]] = {
+    "morlax": MORLAX,
+    "amor": AMOR,
+    "hyper-morl": HyperMORL,
+    "independent": IndependentPPO,
+}
+
+
+def make_learner(
+    env: Worlds, config: Config, actor: nn.Module | None = None, critic: nn.Module | None = None
+) -> Learner:
+    """Make the learner of the config's algorithm; `MORLAX` explains the arguments and errors."""
+    return LEARNERS[config.algorithm](env, config, actor=actor, critic=critic)

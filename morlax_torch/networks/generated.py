@@ -1,0 +1,79 @@
+"""What families have in common that give every trade-off parameters of its own."""
+
+import copy
+
+import torch
+from torch import Tensor, nn
+from torch.func import functional_call, vmap
+
+from ..gpu import fused
+from .mlp import mlp_sizes
+
+
+class Generated(nn.Module):
+    """Runs copies of a target module, each with its own parameters.
+
+    A subclass maps trade-offs (K, m) to rows of P parameters (`flat`). Any target that
+    `torch.vmap` can batch works (nn.LSTM does not; a loop over nn.GRUCell does). Its buffers are
+    copied once and shared by the whole family.
+
+    Args:
+        target: the module whose parameters are generated; it is copied, not changed.
+    """
+
+    def __init__(self, target: nn.Module):
+        super().__init__()
+        self.shapes = {name: value.shape for name, value in target.named_parameters()}
+        self.sizes = [shape.numel() for shape in self.shapes.values()]
+        # The tuple hides the target from nn.Module: its own parameters are not used.
+        self._target = (copy.deepcopy(target).requires_grad_(False),)
+        self._mlp = mlp_sizes(target)
+        self._names_of_buffers = list(dict(target.named_buffers()))
+        for index, buffer in enumerate(target.buffers()):
+            self.register_buffer(f"target_buffer_{index}", buffer.clone())
+
+    def flat(self, tradeoffs: Tensor) -> Tensor:
+        """Map trade-offs (K, m) to parameters (K, P), in the order of `shapes`."""
+        raise NotImplementedError
+
+    def forward(self, tradeoffs: Tensor) -> dict[str, Tensor]:
+        """Map trade-offs (K, m), scaled to sum to one, to parameters: name -> (K, *shape).
+
+        Raises:
+            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
+        """
+        named = zip(
+            self.shapes.items(), self.flat(tradeoffs).split(self.sizes, dim=-1), strict=True
+        )
+        return {name: values.reshape(-1, *shape) for (name, shape), values in named}
+
+    def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
+        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
+
+        MLPs run in fused kernels where there are some; the result is always that of `torch.vmap`.
+        """
+        if self._mlp and len(inputs) == 1:
+            generated = [parameters[name] for name in self.shapes]
+            outputs = fused.mlps(self._mlp, generated, inputs[0])
+            if outputs is not None:
+                return outputs
+        return vmap(self.run_one, randomness="different")(parameters, *inputs)
+
+    def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
+        """Run one network, with parameters of the target's own shapes, on the target's inputs."""
+        return functional_call(self._target[0], {**parameters, **self._buffers_of_family()}, inputs)
+
+    def specialize(self, tradeoff: Tensor) -> nn.Module:
+        """Return a plain copy of the target with the parameters of one trade-off (m,)."""
+        network = copy.deepcopy(self._target[0]).to(tradeoff.device)
+        with torch.no_grad():
+            generated = self(tradeoff[None])
+            for name, parameter in network.named_parameters():
+                parameter.copy_(generated[name][0])
+            for name, buffer in self._buffers_of_family().items():
+                network.get_buffer(name).copy_(buffer)
+        return network
+
+    def _buffers_of_family(self) -> dict[str, Tensor]:
+        names = enumerate(self._names_of_buffers)
+        return {name: getattr(self, f"target_buffer_{index}") for index, name in names}

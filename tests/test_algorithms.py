@@ -1,0 +1,241 @@
+"""Every algorithm finds a front that is known in closed form, and does what its paper says."""
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from quadratic import Quadratic, best_returns
+from torch.testing import assert_close
+
+from morlax_torch import MorlaxError, config_for, evaluate, load
+from morlax_torch.algorithms.amor import AMOR
+from morlax_torch.algorithms.hyper_morl import HyperMORL
+from morlax_torch.algorithms.independent import IndependentPPO
+from morlax_torch.algorithms.ppo import make_batch
+from morlax_torch.algorithms.registry import LEARNERS, make_learner
+from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.config import Config
+from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.tradeoffs import even_tradeoffs, sample_cells
+from morlax_torch.train import command, train
+
+TASK = f"{Path(__file__).with_name('quadratic.py')}:{Quadratic.__name__}"
+WORLDS, HORIZON, CLUSTERS = 64, 4, 8
+SMALL: dict[str, Any] = {
+    "device": "cpu",
+    "worlds": WORLDS,
+    "horizon": HORIZON,
+    "sampling.clusters": CLUSTERS,
+    "network.actor": (16,),
+    "network.critic": (16,),
+    "network.hidden": (16,),
+    "ppo.learning_rate": 3e-3,
+    "ppo.entropy": 0.0,
+    "ppo.minibatches": 2,
+    "evaluation.tradeoffs": 11,
+}
+SCALAR: dict[str, Any] = {"ppo.critic": "scalar", "ppo.optimizer": "joint"}
+CASES = [*((name, {}) for name in LEARNERS), ("morlax", SCALAR)]
+NAMES = [*LEARNERS, "as released"]
+
+
+def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
+    steps = iterations * WORLDS * HORIZON
+    values = {**SMALL, "algorithm": algorithm, "max_env_steps": steps, **changes}
+    if algorithm == "amor":
+        values |= {"ppo.minibatches": 4}
+    return config_for(TASK, **values)
+
+
+def trained(config: Config, iterations: int) -> Any:
+    learner = make_learner(make_worlds(config, config.worlds), config)
+    for _ in range(iterations):
+        learner.iterate()
+    return learner
+
+
+@pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)
+def test_it_finds_the_front(algorithm, changes):
+    iterations = 250
+    learner = trained(small(algorithm, iterations, **changes), iterations)
+    front = make_evaluator(learner).evaluate()
+    tradeoffs = torch.as_tensor(front.tradeoffs)
+    if algorithm == "independent":  # the nearest of the grid's policies
+        grid = even_tradeoffs(CLUSTERS, 2)
+        tradeoffs = grid[torch.cdist(tradeoffs, grid).argmin(1)]
+    assert_close(torch.as_tensor(front.returns).float(), best_returns(tradeoffs), rtol=0, atol=0.08)
+
+
+@pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)
+def test_a_run_is_trained_resumed_evaluated_and_exported(algorithm, changes, tmp_path):
+    config = small(algorithm, 4, **changes)
+    folder = train(config, output=tmp_path / "run").folder
+    resumed = ["--resume", str(folder), "--trust", "--max-env-steps", "2048"]
+    command(resumed)
+    policy, seen = load(folder, "cpu", trust=True), torch.ones(3, 1)
+    assert evaluate.evaluate(folder, tradeoffs=4, device="cpu").returns.shape == (4, 2)
+    assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))
+    assert policy.config.algorithm == algorithm
+
+
+@pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)
+def test_resuming_continues_exactly(algorithm, changes):
+    config = small(algorithm, 8, **changes)  # HYPER-MORL's warm-up ends after one iteration
+    whole, half = trained(config, 6), trained(config, 3)
+    state = copy.deepcopy(half.state_dict())
+    other = trained(config, 0)
+    other.load_state_dict(state)
+    for _ in range(3):
+        other.iterate()
+    ours, others = whole.state_dict(), other.state_dict()
+    for name, value in ours["agent"].items():
+        assert torch.equal(value, others["agent"][name]), name
+    for one, two in zip(ours["optimizers"], others["optimizers"], strict=True):
+        assert torch.equal(one, two)
+
+
+def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork():
+    config = small("hyper-morl", 20, **{"method.warmup": 0.15})
+    learner = trained(config, 2)
+    assert isinstance(learner, HyperMORL) and learner.warmup == 3
+    assert (learner.tradeoffs == 0.5).all()
+    learner.iterate()
+    assert (learner.tradeoffs == 0.5).all()
+    assert not learner.agent.actor.weight.any() and not learner.agent.critic.weight.any()
+    assert not learner.ppo.optimizers[0].mean.any()
+    seen, tradeoffs = torch.ones(2, 1, 1), torch.tensor([[0.9, 0.1], [0.5, 0.5]])
+    both = learner.agent.actors(tradeoffs).act(seen)
+    assert torch.equal(both[0], both[1])
+    learner.iterate()
+    assert learner.agent.actor.weight.any()
+    cells = torch.cdist(learner.tradeoffs, even_tradeoffs(CLUSTERS, 2)).argmin(1)
+    assert torch.equal(cells, torch.arange(CLUSTERS))
+
+
+def test_collapsing_a_hypernetwork_keeps_one_tradeoff_s_network():
+    learner = trained(small("morlax"), 3)
+    actor, w = learner.agent.actor, torch.tensor([0.3, 0.7])
+    before = actor.flat(w[None])
+    actor.collapse(w)
+    assert_close(actor.flat(torch.rand(4, 2)), before.expand(4, -1))
+
+
+def test_cells_of_the_simplex_are_each_sampled_uniformly(generator):
+    centers, out = even_tradeoffs(5, 2), torch.zeros(5, 2)
+    drawn = []
+    for _ in range(400):
+        sample_cells(out, centers, generator)
+        drawn.append(out[:, 0].clone())
+    first = torch.stack(drawn)  # (400, 5)
+    low = torch.tensor([0.0, 0.125, 0.375, 0.625, 0.875])
+    high = torch.tensor([0.125, 0.375, 0.625, 0.875, 1.0])
+    assert (first >= low).all() and (first <= high).all()
+    assert_close(first.mean(0), (low + high) / 2, rtol=0, atol=0.02)
+    assert_close(first.std(0), (high - low) / 12**0.5, rtol=0.15, atol=0)
+
+
+def test_amor_keeps_a_world_s_tradeoff_until_its_episode_ends():
+    config = config_for(
+        "hopper",
+        device="cpu",
+        algorithm="amor",
+        worlds=16,
+        horizon=4,
+        network={"actor": (8,), "critic": (8,)},
+        ppo={"minibatches": 2},
+        task={"episode_length": 10, "stagger": True},
+    )
+    learner = trained(config, 1)
+    assert isinstance(learner, AMOR) and len(learner.tradeoffs.unique(dim=0)) == 16
+    kept = 0
+    for _ in range(6):
+        before, rollout = learner.tradeoffs.clone(), Rollout(*(x.clone() for x in learner.rollout))
+        learner.iterate()
+        ended = (rollout.terminated | rollout.truncated).any(0).squeeze(-1)
+        same = (learner.tradeoffs == before).all(-1)
+        assert torch.equal(same, ~ended)
+        kept += same.sum().item()
+    assert 0 < kept < 6 * 16
+
+
+def test_independent_policies_do_not_know_of_each_other():
+    """Another reward of one trade-off changes that policy alone."""
+    config = small("independent", **{"ppo.max_grad_norm": 0.1})
+    one, other = trained(config, 0), trained(config, 0)
+    assert isinstance(one, IndependentPPO)
+    for learner, change in ((one, 0.0), (other, 1.0)):
+        learner.explore()
+        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 8, 2)
+        learner.agent.value_normalizer.update = lambda *_: None  # the one thing they share
+        learner.learn()
+    same = (one.agent.actor.rows == other.agent.actor.rows).all(1)
+    assert same.tolist() == [True, True, False, *[True] * 5]
+
+
+def test_an_independent_policy_is_that_of_plain_ppo():
+    """Alone in its worlds, with its own norm of gradients, which is small enough to matter."""
+    config = small("independent", **{"ppo.max_grad_norm": 0.05, "ppo.epochs": 1})
+    learner, alone = trained(config, 0), trained(config, 0)
+    learner.explore()
+    alone.explore()
+    for family in (alone.agent.actor, alone.agent.critic):
+        family.rows.data[:2].fill_(0.1)  # neighbours that are quite different
+        family.rows.data[3:].fill_(-0.1)
+    for one in (learner, alone):
+        one.generator.manual_seed(1)
+        one.agent.value_normalizer.update = lambda *_: None
+        one.learn()
+    assert_close(alone.agent.actor.rows[2], learner.agent.actor.rows[2])
+    assert_close(alone.agent.critic.rows[2], learner.agent.critic.rows[2])
+
+
+def test_a_scalar_critic_learns_the_weighted_reward():
+    learner = trained(small("morlax", **SCALAR), 1)
+    learner.explore()
+    ppo, tradeoffs, rollout = learner.config.ppo, learner.tradeoffs, learner.rollout
+    batch, explained = make_batch(learner.agent, tradeoffs, rollout, ppo, learner.scalarization)
+    earned = (rollout.reward * tradeoffs[:, None]).sum(-1, keepdim=True)  # in one step, all of it
+    assert batch.target.shape == (CLUSTERS, WORLDS // CLUSTERS, HORIZON, 1)
+    found = learner.agent.value_normalizer.inverse(batch.target)
+    assert_close(found, earned.permute(1, 2, 0, 3))
+    assert explained.shape == (1,) and "explained_variance/utility" in learner.metrics()
+
+
+@pytest.mark.parametrize("number", [3, 6, 10, 40])
+def test_even_tradeoffs_cover_the_simplex(number):
+    points = even_tradeoffs(number, 3)
+    assert_close(points.sum(1), torch.ones(number))
+    assert_close(points[:3], torch.eye(3))
+    assert len(points.unique(dim=0)) == number
+    random = torch.distributions.Dirichlet(torch.ones(3)).sample((2000,))
+    radius = torch.cdist(random, points).amin(1).max().item()
+    assert radius < 1.6 / number**0.5  # a triangle of area 0.87 in `number` cells
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"algorithm": "sac"}, "algorithm.*'morlax', 'amor', 'hyper-morl'"),
+        ({"method.warmup": 0.5}, "unknown method key .warmup"),
+        ({"algorithm": "amor", "network.type": "dual"}, "amor needs conditioned: leave it out"),
+        ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
+        ({"algorithm": "hyper-morl", "max_env_steps": None, "ppo.anneal": False}, "method.warmup"),
+        ({"network.type": "independent"}, "needs algorithm independent"),
+    ],
+)
+def test_bad_combinations_get_one_sentence(changes, message):
+    with pytest.raises(MorlaxError, match=message) as caught:
+        config_for("cheetah", device="cpu", **changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_algorithm_is_chosen_on_the_command_line_or_in_a_file(tmp_path, capsys):
+    file = tmp_path / "amor.yaml"
+    file.write_text("env: cheetah\nalgorithm: amor\n")
+    with pytest.raises(MorlaxError, match=r"is for algorithm 'amor', but --algorithm says"):
+        command(["--config", str(file), "--algorithm", "independent"])
+    with pytest.raises(SystemExit):
+        command(["--env", "cheetah", "--algorithm", "hyper-morl", "--help"])
+    assert "--method.warmup" in capsys.readouterr().out
