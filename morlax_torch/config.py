@@ -31,6 +31,12 @@ REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
         "sampling.mode": "sparse",
         "sampling.corners": 0,
     },
+    "pg-morl": {
+        "network.type": "independent",
+        "sampling.mode": "sparse",
+        "sampling.corners": 0,
+        "ppo.optimizer": "separate",
+    },
 }
 MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
 
@@ -87,7 +93,7 @@ class PPOConfig(Section):
     the policies that acted and the current ones (None: leave the learning rate)."""
     anneal: bool = False
     """Decay learning rates, desired KL, entropy bonus and normalizer updates linearly to zero at
-    max_env_steps."""
+    max_env_steps or max_seconds, whichever comes first."""
     epochs: Count = 4
     """Passes over a rollout."""
     minibatches: Count = 8
@@ -138,10 +144,30 @@ class HyperMORLOptions(MethodOptions):
     """Options of HYPER-MORL."""
 
     warmup: float = Field(default=0.1, ge=0, le=1)
-    """Share of max_env_steps for which only the balanced trade-off is trained."""
+    """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
 
 
-OPTIONS: dict[str, type[MethodOptions]] = {"hyper-morl": HyperMORLOptions}
+class PGMORLOptions(MethodOptions):
+    """Options of PG-MORL."""
+
+    generation: Count = 20
+    """Iterations between two selections of what to train."""
+    warmup: Count = 80
+    """Iterations for which each policy keeps its trade-off of an even grid."""
+    bins: Annotated[int, Field(ge=1, le=10_000)] = 100
+    """Directions of the objective space in which policies are kept."""
+    bin_size: Annotated[int, Field(ge=1, le=100)] = 2
+    """Number of policies kept per direction."""
+    candidates: Annotated[int, Field(ge=2, le=1000)] = 7
+    """Trade-offs considered for each of the kept policies."""
+    sparsity: NonNegativeFloat = 1.0
+    """Weight of the front's sparsity, beside its hypervolume, in the selection."""
+
+
+OPTIONS: dict[str, type[MethodOptions]] = {
+    "hyper-morl": HyperMORLOptions,
+    "pg-morl": PGMORLOptions,
+}
 
 
 class Config(Section):
@@ -151,7 +177,7 @@ class Config(Section):
     """The task: ant, bruce, cheetah, cheetah3, hopper, humanoid, walker, any other of
     docs/tasks.md, a registered name, FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium
     environment with a vector reward."""
-    algorithm: Literal["morlax", "amor", "hyper-morl", "independent"] = "morlax"
+    algorithm: Literal["morlax", "amor", "hyper-morl", "pg-morl", "independent"] = "morlax"
     """What learns the front: MORLAX, or a baseline of docs/algorithms.md."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Random seed."""
@@ -170,7 +196,8 @@ class Config(Section):
     max_env_steps: int | None = Field(default=None, gt=0, lt=2**63)
     """Stop after this many environment steps."""
     max_seconds: PositiveFloat | None = None
-    """Stop after this much training time, without compiling and evaluating, in seconds."""
+    """Stop after this much training time, without compiling and evaluating, in seconds. With
+    ppo.anneal, runs then depend on how fast the machine is."""
     sampling: SamplingConfig = SamplingConfig()
     network: NetworkConfig = NetworkConfig()
     ppo: PPOConfig = PPOConfig()
@@ -184,6 +211,11 @@ class Config(Section):
     @classmethod
     def _for_any_folder(cls, env: str) -> str:
         return absolute(env)
+
+    @property
+    def ends(self) -> bool:
+        """Whether a limit ends the run."""
+        return self.max_env_steps is not None or self.max_seconds is not None
 
     @property
     def num_clusters(self) -> int:
@@ -200,6 +232,8 @@ class Config(Section):
     @property
     def num_networks(self) -> int:
         """R, the number of independent networks; 0 of other types."""
+        if isinstance(self.method, PGMORLOptions):
+            return self.method.bins * self.method.bin_size
         return self.sampling.clusters if self.network.type == "independent" else 0
 
     def num_values(self, num_objectives: int) -> int:
@@ -221,10 +255,12 @@ class Config(Section):
                 raise ValueError(
                     f"{name} is {given}, but algorithm {self.algorithm} needs {value}: leave it out"
                 )
-        if self.network.type == "independent" and self.algorithm != "independent":
-            raise ValueError("network.type independent needs algorithm independent")
-        if isinstance(self.method, HyperMORLOptions) and self.max_env_steps is None:
-            raise ValueError("method.warmup needs max_env_steps: it is a share of them")
+        if self.network.type == "independent" and "network.type" not in required:
+            raise ValueError("network.type independent needs algorithm independent or pg-morl")
+        if isinstance(self.method, HyperMORLOptions) and not self.ends:
+            raise ValueError(
+                "method.warmup needs max_env_steps or max_seconds: it is a share of them"
+            )
 
     def check_sizes(self, num_objectives: int) -> None:
         """Raise ValueError if sizes do not fit together."""
@@ -243,8 +279,10 @@ class Config(Section):
             )
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
-        if self.ppo.anneal and self.max_env_steps is None:
-            raise ValueError("ppo.anneal needs max_env_steps: learning rates reach zero there")
+        if self.ppo.anneal and not self.ends:
+            raise ValueError(
+                "ppo.anneal needs max_env_steps or max_seconds: learning rates reach zero there"
+            )
         if self.evaluation.tradeoffs < num_objectives:
             raise ValueError(
                 f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: at least one is needed for "

@@ -10,8 +10,8 @@ from torch.nn.functional import softplus
 
 from morlax_torch.algorithms.ppo import PPO, Batch, Table, make_batch
 from morlax_torch.algorithms.rollout import advantages
-from morlax_torch.algorithms.scalarization import Linear
 from morlax_torch.config import PPOConfig
+from morlax_torch.scalarization import Linear
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 

@@ -27,20 +27,30 @@ class HyperMORL(MORLAX):
 
     def __init__(self, env: Worlds, config: Config, **networks: Any):
         super().__init__(env, config, **networks)
-        assert isinstance(config.method, HyperMORLOptions) and config.max_env_steps
-        warmup = config.method.warmup * config.max_env_steps
-        self.warmup = round(warmup / self.steps_per_iteration)  # iterations
         self._centers = even_tradeoffs(*self.tradeoffs.shape).to(env.device)
+        self.warming_up = True
+        self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs
 
     def draw_tradeoffs(self) -> None:
         sample_cells(self.tradeoffs, self._centers, self.generator)
         balanced = torch.full_like(self.tradeoffs, 1 / self.tradeoffs.shape[1])
-        self.tradeoffs.copy_(torch.where(self.clock < self.warmup, balanced, self.tradeoffs))
+        self.tradeoffs.copy_(torch.where(self._warming_up, balanced, self.tradeoffs))
 
     def iterate(self) -> None:
-        super().iterate()
-        if self.iteration == self.warmup:
+        assert isinstance(self.config.method, HyperMORLOptions)
+        if self.warming_up and self.done >= self.config.method.warmup:
+            self.warming_up = False
+            self._warming_up.fill_(False)
             self._start_hypernetwork()
+        super().iterate()
+
+    def state_dict(self) -> dict[str, Any]:
+        return {**super().state_dict(), "warming_up": self.warming_up}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        super().load_state_dict(state)
+        self.warming_up = state["warming_up"]
+        self._warming_up.fill_(self.warming_up)
 
     def _start_hypernetwork(self) -> None:
         balanced = torch.full_like(self.tradeoffs[0], 1 / self.tradeoffs.shape[1])

@@ -15,6 +15,8 @@ class Learner(Protocol):
     agent: Agent
     iteration: int
     steps_per_iteration: int
+    time_spent: float
+    """Share of `config.max_seconds` that is over, which the training loop keeps up to date."""
 
     @property
     def env_steps(self) -> int:

@@ -14,10 +14,10 @@ from ..gpu.graph import Graph
 from ..gpu.threads import one_thread
 from ..networks import gaussian
 from ..networks.agent import Agent
+from ..scalarization import Linear
 from ..tradeoffs import sample_tradeoffs
 from .ppo import PPO, Losses, Table, make_batch
 from .rollout import Rollout, collect
-from .scalarization import Linear
 
 
 class MORLAX:
@@ -68,6 +68,7 @@ class MORLAX:
             actor=actor,
             critic=critic,
         ).to(env.device)
+        self.trained = self.make_trained()
         self._sample, losses = gaussian.sample, Losses()
         if env.device.type == "cuda":
             torch.set_float32_matmul_precision("high")  # TF32
@@ -76,7 +77,7 @@ class MORLAX:
 
             self._sample = gaussian_kernels.sample
             losses = Losses(loss_kernels.policy_loss, loss_kernels.value_loss)
-        self.ppo = PPO(self.agent, config.ppo, losses)
+        self.ppo = PPO(self.trained, config.ppo, losses)
         self.scalarization = Linear()
         self.generator = torch.Generator(env.device).manual_seed(config.seed)
         clusters, m = config.num_clusters, len(env.objectives)
@@ -85,7 +86,8 @@ class MORLAX:
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
         self.iteration = 0
-        self.clock = torch.zeros((), device=env.device)  # the iteration, readable by graphs
+        self.time_spent = 0.0
+        self._done = torch.zeros((), device=env.device)  # `done`, readable by graphs
         self.steps_per_iteration = config.worlds * config.horizon
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
@@ -121,9 +123,16 @@ class MORLAX:
 
     def iterate(self) -> None:
         """Run one iteration of MORLAX."""
+        self._done.fill_(self.done)
         self.explore()
         self.learn()
         self.iteration += 1
+
+    @property
+    def done(self) -> float:
+        """The share of the run that is over, by steps or by time."""
+        most = self.config.max_env_steps
+        return min(1.0, max(self.time_spent, self.env_steps / most if most else 0.0))
 
     def _explore(self, steps: int | None = None) -> None:
         """Collect a rollout, or only its first `steps`."""
@@ -131,12 +140,16 @@ class MORLAX:
         with torch.no_grad(), one_thread(self.env.device):
             collect(
                 self.env,
-                self.agent.actors(self.tradeoffs),
+                self.trained.actors(self.tradeoffs),
                 self.observation,
                 self.rollout.first(steps or self.config.horizon),
                 self._sample,
                 self.generator,
             )
+
+    def make_trained(self) -> Agent:
+        """Return the agent that explores and learns: the one that is evaluated, or others."""
+        return self.agent
 
     def draw_tradeoffs(self) -> None:
         """Choose the trade-offs (K, m) of an iteration, in place. Runs inside a recorded graph."""
@@ -145,14 +158,12 @@ class MORLAX:
 
     def _learn(self, epochs: int | None = None) -> None:
         """Learn from the rollout for `epochs` (None: the config's)."""
-        config, left = self.config.ppo, 1.0
-        if config.anneal and self.config.max_env_steps:
-            done = self.clock * (self.steps_per_iteration / self.config.max_env_steps)
-            left = (1 - done).clamp(min=0)
+        config, left = self.config.ppo, torch.ones_like(self._done)
+        if config.anneal:
+            left = 1 - self._done
             self.ppo.anneal(left)
-        self.clock += 1
         batch, explained = make_batch(
-            self.agent, self.tradeoffs, self.rollout, config, self.scalarization
+            self.trained, self.tradeoffs, self.rollout, config, self.scalarization
         )
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         table = Table(batch)
@@ -161,7 +172,7 @@ class MORLAX:
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Annealed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        self.agent.observation_normalizer.update(self.rollout.observation, left)
+        self.trained.observation_normalizer.update(self.rollout.observation, left)
         reward, terminated = self.rollout.reward, self.rollout.terminated
         self._metrics += torch.cat(
             [
@@ -215,4 +226,3 @@ class MORLAX:
         else:
             self.observation.copy_(self.env.critic_observation())
         self.iteration = self._metrics_since = state["iteration"]
-        self.clock.fill_(self.iteration)

@@ -11,8 +11,8 @@ from ..gpu.graph import Branch
 from ..gpu.optimizer import ClippedAdam
 from ..networks.agent import Agent
 from ..networks.gaussian import TanhNormal
+from ..scalarization import Scalarization
 from .rollout import Rollout, advantages
-from .scalarization import Scalarization
 
 RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learning rate
 

@@ -9,11 +9,13 @@ from .hyper_morl import HyperMORL
 from .independent import IndependentPPO
 from .learner import Learner
 from .morlax import MORLAX
+from .pg_morl import PGMORL
 
 LEARNERS: dict[str, type[MORLAX]] = {
     "morlax": MORLAX,
     "amor": AMOR,
     "hyper-morl": HyperMORL,
+    "pg-morl": PGMORL,
     "independent": IndependentPPO,
 }
 

@@ -4,7 +4,7 @@ import moocore
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..algorithms.scalarization import Linear
+from ..scalarization import Linear
 
 # Most points of an exact hypervolume by number of objectives: up to half a second of one CPU core,
 # measured on mutually non-dominated points. With fewer objectives any number is fast.

@@ -14,7 +14,7 @@ from .conditioned import Conditioned
 from .family import Family
 from .gaussian import TanhNormal
 from .hypernetwork import Hypernetwork
-from .independent import Independent
+from .independent import Independent, InOrder
 from .mlp import check_network, mlp
 from .normalizer import Normalizer
 
@@ -65,6 +65,8 @@ class Agent(nn.Module):
         critic: replaces the config's critic: a module from (B, O + P) to the values.
         num_values: how many values a critic predicts (None: m).
         num_networks: R, of independent networks; 0 of other types.
+        in_order: give the k-th of R trade-offs the k-th independent network, instead of the one
+            for that trade-off.
 
     Raises:
         MorlaxError: an actor or critic has the wrong sizes.
@@ -110,6 +112,7 @@ class Agent(nn.Module):
         critic: nn.Module | None = None,
         num_values: int | None = None,
         num_networks: int = 0,
+        in_order: bool = False,
     ):
         super().__init__()
         self.num_networks = num_networks
@@ -146,10 +149,12 @@ class Agent(nn.Module):
                 generator=generator,
             )
 
-        self.actor: Hypernetwork | Conditioned | Independent
-        self.critic: Hypernetwork | Conditioned | Independent
+        self.actor: Hypernetwork | Conditioned | InOrder
+        self.critic: Hypernetwork | Conditioned | InOrder
         if config.type == "conditioned":
             self.actor, self.critic = Conditioned(actor), Conditioned(critic)
+        elif in_order:
+            self.actor, self.critic = (InOrder(part, num_networks) for part in (actor, critic))
         elif config.type == "independent":
             keys = even_tradeoffs(num_networks, num_objectives)
             self.actor, self.critic = Independent(actor, keys), Independent(critic, keys)

@@ -1,4 +1,4 @@
-"""Separate networks for a fixed set of trade-offs."""
+"""Separate networks, which share no parameters."""
 
 import torch
 from torch import Tensor, nn
@@ -7,29 +7,44 @@ from .family import on_simplex
 from .generated import Generated
 
 
-class Independent(Generated):
-    """R networks that share no parameters; a trade-off gets the nearest one's.
-
-    Each network has a key, a point of the simplex, and a trade-off w gets the network whose key a
-    has the largest w . a - |a|²/2, that is, the smallest distance |w - a|.
+class InOrder(Generated):
+    """R networks that share no parameters; the k-th of R trade-offs gets the k-th.
 
     Args:
         target: the module that all networks start as; it is copied, not changed.
-        keys: (R, m).
+        number: R.
+    """
+
+    def __init__(self, target: nn.Module, number: int):
+        super().__init__(target)
+        start = torch.cat([p.detach().flatten() for p in target.parameters()])
+        self.rows = nn.Parameter(start.repeat(number, 1))  # (R, P)
+
+    def flat(self, tradeoffs: Tensor) -> Tensor:
+        assert len(tradeoffs) == len(self.rows), "one trade-off per network"
+        return self.rows
+
+
+class Independent(InOrder):
+    """R networks that share no parameters; a trade-off w gets the one it values most.
+
+    That is the network r with the largest w . keys[r] + offsets[r]. With points a of the simplex as
+    keys and -|a|²/2 as offsets, it is the nearest one; with returns as keys and no offsets, the one
+    with the largest weighted return.
+
+    Args:
+        target: the module that all networks start as; it is copied, not changed.
+        keys: points of the simplex (R, m), so that the nearest network is chosen at first.
     """
 
     keys: Tensor
+    offsets: Tensor
 
     def __init__(self, target: nn.Module, keys: Tensor):
-        super().__init__(target)
-        start = torch.cat([p.detach().flatten() for p in target.parameters()])
-        self.rows = nn.Parameter(start.repeat(len(keys), 1))  # (R, P)
-        self.register_buffer("keys", keys.clone())
+        super().__init__(target, len(keys))
+        self.register_buffer("keys", keys.clone())  # (R, m)
+        self.register_buffer("offsets", keys.square().sum(-1) / -2)  # (R,)
 
     def flat(self, tradeoffs: Tensor) -> Tensor:
-        return self.rows.index_select(0, self.nearest(tradeoffs))
-
-    def nearest(self, tradeoffs: Tensor) -> Tensor:
-        """Return which network each of the trade-offs (K, m) gets, (K,)."""
-        lengths = self.keys.square().sum(-1)
-        return (on_simplex(tradeoffs) @ self.keys.mT - lengths / 2).argmax(-1)
+        scores = on_simplex(tradeoffs) @ self.keys.mT + self.offsets
+        return self.rows.index_select(0, scores.argmax(-1))

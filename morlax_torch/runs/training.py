@@ -163,6 +163,7 @@ def _iterate(
     first, start = learner.iteration, time.perf_counter()
     seconds = schedule.seconds()
     for _ in range(schedule.iterations()):
+        learner.time_spent = schedule.time_spent(time.perf_counter() - start)
         learner.iterate()
         if limits.stopped() or time.perf_counter() - start >= seconds:
             break

@@ -1,0 +1,504 @@
+"""The comparison of methods: statistics, resumption, shares, crashes, tables and figures."""
+
+import csv
+import math
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import compare
+import compare_report
+import comparing
+import numpy as np
+import pytest
+import yaml
+from filelock import FileLock
+from tiny import tiny
+
+from morlax_torch import MorlaxError, pareto
+from morlax_torch.config import Config
+from morlax_torch.evaluation.front import Front
+from morlax_torch.runs.progress import Evaluation
+
+SCRIPT = Path(compare.__file__)
+TRADEOFFS = np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
+SPHERE = np.array([[4.0, 1.0], [3.0, 3.0], [1.0, 4.0]])  # hypervolume 11 over the origin
+
+
+# Statistics
+
+
+def test_a_curve_is_the_best_value_so_far():
+    random = np.random.default_rng(0)
+    for size in (1, 2, 9):
+        x, y = np.sort(random.integers(0, 12, size)), random.normal(5, 1, size)
+        grid = np.linspace(-1, 14, 31)
+        expected = [
+            max([0.0, *(b for a, b in zip(x, y, strict=True) if a <= point)]) for point in grid
+        ]
+        np.testing.assert_array_equal(comparing.best_so_far(x, y, grid), expected)
+
+
+def test_a_curve_without_evaluations_is_zero():
+    np.testing.assert_array_equal(comparing.best_so_far([], [], [0, 1]), [0, 0])
+
+
+def test_a_band_has_the_quartiles_of_all_runs_at_all_evaluations():
+    curves = [([0, 2], [0, 8]), ([0, 1], [4, 4]), ([0, 3], [2, 1]), ([], [])]
+    grid, quartiles = comparing.band(curves)
+    np.testing.assert_array_equal(grid, [0, 1, 2, 3])
+    columns = [np.quantile(v, (0.25, 0.5, 0.75)) for v in ([0, 4, 2, 0], [8, 4, 2, 0])]
+    np.testing.assert_allclose(quartiles.T, [columns[0], columns[0], columns[1], columns[1]])
+
+
+@pytest.mark.parametrize("n", range(1, 14))
+def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
+    scores = np.random.default_rng(n).normal(size=(3, n))
+    for row, mean in zip(scores, comparing.interquartile_mean(scores), strict=True):
+        left = sorted(row)
+        for _ in range(int(0.25 * n)):
+            left = left[1:-1]
+        assert mean == pytest.approx(sum(left) / len(left))
+
+
+def test_the_interquartile_mean_ignores_outliers():
+    assert comparing.interquartile_mean([-1e9, 1, 2, 3, 4, 5, 6, 1e9]) == 3.5
+
+
+def test_a_profile_is_the_share_of_runs_above_each_threshold():
+    scores, thresholds = np.random.default_rng(0).normal(size=(2, 5, 7)), [-1.0, 0.0, 0.7]
+    found = comparing.profile(scores, thresholds)
+    assert found.shape == (2, 5, 3)
+    for index in np.ndindex(2, 5):
+        shares = [sum(s > t for s in scores[index]) / 7 for t in thresholds]
+        np.testing.assert_allclose(found[index], shares)
+    np.testing.assert_array_equal(comparing.profile([0.5, 1.0], [0.0, 0.5, 1.0]), [1, 0.5, 0])
+
+
+def test_bootstrap_samples_take_runs_of_their_own_task():
+    tasks = [[1.0, 2.0, 3.0], [10.0], [20.0, 30.0]]
+    drawn = comparing.resampled(tasks, 3000)
+    assert drawn.shape == (3000, 6)
+    parts = np.split(drawn, [3, 4], axis=1)
+    for runs, part in zip(tasks, parts, strict=True):
+        shares = [(part == run).mean() for run in runs]
+        np.testing.assert_allclose(shares, 1 / len(runs), atol=0.02)
+    assert len({tuple(row) for row in parts[0]}) == 27  # with replacement, and independently
+
+
+def test_the_bootstrap_is_deterministic():
+    tasks = [[1.0, 2.0, 3.0], [4.0, 5.0]]
+    np.testing.assert_array_equal(comparing.resampled(tasks), comparing.resampled(tasks))
+    assert (comparing.resampled(tasks) != comparing.resampled(tasks, seed=1)).any()
+
+
+def test_differences_between_tasks_do_not_widen_the_interval():
+    drawn = comparing.resampled([[0.0] * 4, [1.0] * 4, [5.0] * 4])
+    low, high = comparing.interval(comparing.interquartile_mean(drawn))
+    assert low == high == comparing.interquartile_mean([0.0] * 4 + [1.0] * 4 + [5.0] * 4)
+
+
+def test_the_interval_cuts_equal_tails():
+    values = np.random.default_rng(0).permutation(1001)
+    np.testing.assert_allclose(comparing.interval(values, 0.9), (50, 950))
+
+
+def test_intervals_cover_the_true_value_as_often_as_they_say():
+    random, covered, trials = np.random.default_rng(0), 0, 400
+    for trial in range(trials):
+        tasks = [random.normal(mean, 1, 20) for mean in (0.0, 10.0)]
+        low, high = comparing.interval(comparing.resampled(tasks, 400, trial).mean(-1))
+        covered += low <= 5.0 <= high
+    assert 0.90 < covered / trials < 0.97  # the percentile bootstrap is a little too narrow
+
+
+def test_igd_plus_is_scaled_by_the_range_of_the_reference():
+    random = np.random.default_rng(0)
+    points, reference = random.uniform(0, 1, (6, 3)), random.uniform(0, 1, (5, 3))
+    spans = [max(z[k] for z in reference) - min(z[k] for z in reference) for k in range(3)]
+    total = 0.0
+    for z in reference:
+        short = [[max(z[k] - a[k], 0) / spans[k] for k in range(3)] for a in points]
+        total += min(math.hypot(*row) for row in short)
+    factors = np.array([1e-3, 1.0, 1e5])
+    for scale in (1.0, factors):
+        found = comparing.scaled_igd_plus(points * scale, reference * scale)
+        assert found == pytest.approx(total / len(reference))
+    assert comparing.scaled_igd_plus(reference + 0.1, reference) == 0
+
+
+def test_igd_plus_to_a_single_point_is_in_its_units():
+    assert comparing.scaled_igd_plus([[1.0, 1.0]], [[4.0, 5.0]]) == pytest.approx(5.0)
+
+
+def test_scores_are_of_the_oracle_or_else_of_the_best_median():
+    found = [[1.0, 2.0, 9.0], [3.0, 4.0]]
+    assert comparing.normalizer(found, None) == 3.5
+    assert comparing.normalizer(found, 8.0) == 8.0
+
+
+# Methods, runs and shares
+
+
+def written(folder: Path, methods: object) -> Path:
+    path = folder / "methods.yaml"
+    path.write_text(yaml.safe_dump(methods, sort_keys=False))
+    return path
+
+
+@pytest.mark.parametrize("file", [compare.METHODS, SCRIPT.with_name("compare_ablations.yaml")])
+def test_the_methods_that_come_with_the_benchmark_fit_its_tasks(file):
+    methods = compare.read_methods(file, 60.0)
+    assert methods[0] == compare.Method("MORLAX", {}, 60.0, False)
+    jobs = compare.plan(("cheetah", "hopper", "walker", "ant", "humanoid"), methods, [3])
+    for job in jobs:
+        config = job.config("cpu")
+        assert (config.seed, config.max_seconds) == (3, 300.0 if job.method.oracle else 60.0)
+        assert config.max_env_steps is None
+
+
+def test_a_method_can_have_its_own_trainer(tmp_path):
+    (method,) = compare.read_methods(written(tmp_path, {"N": {"trainer": "nsga2"}}), 1.0)
+    assert method.trainer == "nsga2"
+    with pytest.raises(MorlaxError, match="must be a module of this folder"):
+        compare.read_methods(written(tmp_path, {"N": {"trainer": "sac"}}), 1.0)
+
+
+def test_a_method_can_have_its_own_time_and_be_the_oracle(tmp_path):
+    changes = {"seconds": 600, "oracle": True, "ppo.clip": 0.1}
+    _, best = compare.read_methods(written(tmp_path, {"a b": None, "best": changes}), 5.0)
+    assert best == compare.Method("best", {"ppo.clip": 0.1}, 600.0, True)
+
+
+@pytest.mark.parametrize(
+    ("methods", "message"),
+    [
+        ({}, "no method"),
+        ({"a": {"oracle": True}, "b": {"oracle": True}}, "a and b are oracles"),
+        ({"a/b": {}}, "cannot name a folder"),
+        ({"..": {}}, "cannot name a folder"),
+        ({3: {}}, "cannot name a folder"),
+        ({"a": [1]}, "must hold changes"),
+        ({"a": {"seconds": 0}}, "positive number"),
+        ({"a": {"seconds": True}}, "positive number"),
+        ({"a": {"oracle": "yes please"}}, "true or false"),
+        ({"a": {"seed": 1}}, "cannot change seed"),
+    ],
+)
+def test_a_method_that_is_not_valid_is_refused(tmp_path, methods, message):
+    with pytest.raises(MorlaxError, match=message):
+        compare.read_methods(written(tmp_path, methods), 1.0)
+
+
+def test_every_run_is_planned_once():
+    methods = [compare.Method(name, {}, 1.0, False) for name in "ab"]
+    jobs = compare.plan(["hopper", "pgmorl/hopper", "hopper"], methods, [0, 5, 0])
+    assert len(jobs) == len({job.folder(Path("out")) for job in jobs}) == 8
+    assert jobs[-1].folder(Path("out")) == Path("out/pgmorl/hopper/b/5")
+
+
+@pytest.mark.parametrize("number", (1, 2, 3, 7, 20))
+def test_shares_are_disjoint_and_complete(number):
+    shares = [compare.shared(range(13), f"{k}/{number}") for k in range(number)]
+    assert Counter(item for share in shares for item in share) == Counter(range(13))
+    assert max(map(len, shares)) - min(map(len, shares)) <= 1
+
+
+@pytest.mark.parametrize("share", ("", "1", "4/4", "-1/4", "0/0", "a/b", "1/2/3"))
+def test_a_share_that_is_not_valid_is_refused(share):
+    with pytest.raises(MorlaxError, match="K/N"):
+        compare.shared([], share)
+
+
+# Training, resumption and crashes
+
+
+class Trainer:
+    """Stands in for `train`: writes evaluations of given returns, and counts its runs.
+
+    A run's returns are SPHERE times the config's clip range, halved in the first and the last of
+    three evaluations, and shifted by the seed.
+    """
+
+    def __init__(self) -> None:
+        self.seeds: list[int] = []
+        self.crashes: dict[int, int] = {}  # seed -> evaluations before the crash
+
+    def __call__(self, config: Config, output: Path, on_evaluation) -> None:
+        self.seeds.append(config.seed)
+        most = self.crashes.get(config.seed, 3)
+        if most:
+            output.mkdir()
+        rows = []
+        for k, share in enumerate((0.5, 1.0, 0.5)[:most]):
+            returns = config.ppo.clip * share * SPHERE + config.seed
+            nothing = np.zeros(3)
+            front = Front(("a", "b"), TRADEOFFS, returns, nothing + 9, np.zeros(2), nothing)
+            evaluation = Evaluation(k, 100 * k, 2.0 * k, 3.0 * k, 50, 0, front, front.indicators())
+            rows.append(evaluation.row())
+            with (output / "metrics.csv").open("w", newline="") as file:
+                table = csv.DictWriter(file, rows[0])
+                table.writeheader()
+                table.writerows(rows)
+            on_evaluation(evaluation)
+        if config.seed in self.crashes:
+            raise MorlaxError("a loss is not finite,\nat 'this' place")
+
+
+@pytest.fixture
+def trainer(monkeypatch) -> Trainer:
+    stand_in = Trainer()
+    monkeypatch.setattr("morlax_torch.train.train", stand_in)
+    return stand_in
+
+
+@pytest.fixture
+def start(tmp_path, trainer, monkeypatch):
+    """Return a function that runs the command, with two methods and two seeds by default.
+
+    Files of figures stay empty, because rendering takes most of the time.
+    """
+    monkeypatch.setattr(compare_report, "save", lambda _, stem, __: Path(f"{stem}.png").touch())
+    methods = {"one": {"ppo.clip": 1.0}, "two": {"ppo.clip": 2.0}}
+
+    def run(methods: dict = methods, tasks=("hopper",), seeds=(0, 1), share: str = "0/1") -> Path:
+        output, file = tmp_path / "out", written(tmp_path, methods)
+        compare.main(output, tasks, file, seeds, 4.0, share, "cpu")
+        return output
+
+    return run
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_there_is_a_row_for_each_evaluation(start):
+    rows = table(start() / "rows.csv")
+    assert tuple(rows[0]) == compare.COLUMNS
+    keys = [(row["method"], row["seed"], row["env_steps"]) for row in rows]
+    assert keys == [(m, s, e) for m in ("one", "two") for s in "01" for e in ("0", "100", "200")]
+    volumes = [float(row["hypervolume"]) for row in rows[6:9]]
+    assert volumes == [11.0, 44.0, 11.0]
+    assert not any(row["error"] or row["oracle_hypervolume"] or row["igd_plus"] for row in rows)
+
+
+def test_complete_runs_are_not_trained_again(start, trainer):
+    output = start()
+    assert trainer.seeds == [0, 1, 0, 1]
+    rows = (output / "rows.csv").read_text()
+    start()
+    assert trainer.seeds == [0, 1, 0, 1]
+    assert (output / "rows.csv").read_text() == rows
+    start(seeds=(0, 1, 2))
+    assert trainer.seeds == [0, 1, 0, 1, 2, 2]
+
+
+def test_a_half_done_run_is_trained_anew(start, trainer):
+    output = start()
+    rows = (output / "rows.csv").read_text()
+    folder = output / "hopper" / "two" / "1"
+    (folder / compare.OUTCOME).unlink()
+    (folder / "left.txt").write_text("over")
+    trainer.seeds.clear()
+    start()
+    assert trainer.seeds == [1]
+    assert not (folder / "left.txt").exists()
+    assert (output / "rows.csv").read_text() == rows
+
+
+def test_a_run_that_another_process_trains_is_left_to_it(start, trainer, tmp_path):
+    folder = tmp_path / "out" / "hopper" / "one"
+    folder.mkdir(parents=True)
+    with FileLock(folder / ".1.lock"):
+        output = start()
+    assert trainer.seeds == [0, 0, 1]
+    assert len(table(output / "rows.csv")) == 9
+    start()
+    assert trainer.seeds == [0, 0, 1, 1]
+
+
+def test_a_run_that_another_process_has_completed_since_is_not_trained_again(trainer, tmp_path):
+    job = compare.Job("hopper", compare.Method("one", {}, 1.0, False), 5)
+    for _ in range(2):
+        compare.train_once(job, tmp_path, "cpu")
+    assert trainer.seeds == [5]
+
+
+def test_processes_with_shares_train_every_run_once(start, trainer):
+    for k in range(3):
+        output = start(share=f"{k}/3")
+    assert len(trainer.seeds) == 4
+    assert len(table(output / "rows.csv")) == 12
+
+
+def test_runs_of_other_settings_are_not_mixed(start, trainer):
+    start()
+    with pytest.raises(MorlaxError, match=r"one/0 was trained with changes .*1\.0.*, not .*1\.5"):
+        start({"one": {"ppo.clip": 1.5}})
+    with pytest.raises(MorlaxError, match=r"was trained with seconds 4\.0, not 9\.0"):
+        start({"one": {"ppo.clip": 1.0, "seconds": 9}})
+    assert len(trainer.seeds) == 4
+
+
+def test_a_mistake_in_a_method_is_found_before_training(start, trainer):
+    with pytest.raises(MorlaxError, match=r"hopper, bad, seed 0: .*clip"):
+        start({"good": {}, "bad": {"ppo.clib": 1.0}})
+    assert not trainer.seeds
+
+
+def test_a_crash_is_recorded_and_the_rest_goes_on(start, trainer):
+    trainer.crashes = {0: 2, 1: 0}
+    output = start(seeds=(0, 1, 2))
+    assert trainer.seeds == [0, 1, 2] * 2
+    rows = table(output / "rows.csv")
+    assert Counter(row["seed"] for row in rows) == {"0": 6, "1": 2, "2": 6}
+    assert [row["seed"] for row in rows if row["error"]] == ["0", "1"] * 2
+    first, second, third = compare_report.read_runs(output / "rows.csv")[:3]
+    assert first.error == second.error == "a loss is not finite,\nat 'this' place"
+    assert not third.error
+    assert first.best == 11.0  # of the evaluations before the crash
+    assert second.best == 0.0
+    text = (output / "results.md").read_text()
+    assert "- one, seed 0: a loss is not finite, at 'this' place\n" in text
+    (line,) = (line for line in text.splitlines() if line.startswith("| one | 11 "))
+    assert line.endswith("| 3 | 2 |")
+    start(seeds=(0, 1, 2))
+    assert len(trainer.seeds) == 6
+
+
+def test_nothing_complete_is_an_error(start, trainer, tmp_path):
+    with pytest.raises(MorlaxError, match="no run is complete"):
+        start(share="7/8")
+
+
+# Tables and figures
+
+ORACLE = {
+    "one": {"ppo.clip": 1.0},
+    "two": {"ppo.clip": 2.0},
+    "best": {"ppo.clip": 4.0, "oracle": True, "seconds": 40},
+}
+
+
+def test_runs_are_compared_with_the_union_of_the_oracles_fronts(start):
+    output = start(ORACLE)
+    union = np.concatenate([4.0 * SPHERE, 4.0 * SPHERE + 1])
+    volume = pareto.hypervolume(union, np.zeros(2))
+    runs = compare_report.read_runs(output / "rows.csv")
+    assert {run.oracle_hypervolume for run in runs} == {volume}
+    for run in runs:
+        clip = {"one": 1.0, "two": 2.0, "best": 4.0}[run.method]
+        returns = clip * SPHERE + run.seed
+        assert run.best == pytest.approx(pareto.hypervolume(returns, np.zeros(2)))
+        assert run.oracle == (run.method == "best")
+        assert run.measures()["% of the oracle"] == pytest.approx(100 * run.best / volume)
+        assert run.measures()["env steps/s"] == 50
+        expected = comparing.scaled_igd_plus(returns, 4.0 * SPHERE + 1)
+        assert run.measures()["IGD+"] == pytest.approx(expected)
+    assert runs[-1].measures()["IGD+"] == 0
+    assert len([row for row in table(output / "rows.csv") if row["igd_plus"]]) == len(runs)
+
+
+def test_scores_leave_out_the_oracle_and_tasks_without_all_methods(start):
+    output = start(ORACLE, tasks=("hopper", "cheetah"))
+    runs = compare_report.read_runs(output / "rows.csv")
+    found = compare_report.scores(runs)
+    assert list(found) == ["one", "two"]
+    for name, by_task in found.items():
+        for task, values in by_task.items():
+            own = [run for run in runs if (run.task, run.method) == (task, name)]
+            assert values.tolist() == [run.best / run.oracle_hypervolume for run in own]
+    fewer = [run for run in runs if (run.task, run.method) != ("cheetah", "two")]
+    assert [list(by_task) for by_task in compare_report.scores(fewer).values()] == [["hopper"]] * 2
+    alone = [run for run in runs if run.oracle]
+    assert compare_report.scores(alone) == {}
+
+
+def test_scores_without_an_oracle_are_of_the_best_median(start):
+    runs = compare_report.read_runs(start() / "rows.csv")
+    found = compare_report.scores(runs)
+    assert np.median(found["two"]["hopper"]) == pytest.approx(1.0)
+
+
+def test_a_task_in_which_no_method_has_volume_has_no_scores(start, trainer):
+    trainer.crashes = {0: 0, 1: 0}
+    output = start()
+    assert compare_report.scores(compare_report.read_runs(output / "rows.csv")) == {}
+    assert "All tasks" not in (output / "results.md").read_text()
+    assert {path.name for path in output.glob("*.png")} == {"hypervolume.png"}
+
+
+def test_the_tables_hold_medians_and_quartiles(start):
+    lines = (start(ORACLE) / "results.md").read_text().splitlines()
+    two = next(line for line in lines if line.startswith("| two | 5"))
+    assert two.startswith("| two | 52.5 (48.25 - 56.75) | ")  # of 44 and 61
+    assert two.endswith("| 50 (50 - 50) | 2 | 0 |")
+    scores = [line for line in lines if line.startswith(("| one | 0.", "| two | 0."))]
+    assert [line.count("|") for line in scores] == [5, 5]
+    heads = [line for line in lines if line.startswith("| method")]
+    assert "| hypervolume | % of the oracle | IGD+ | expected utility | sparsity |" in heads[1]
+
+
+def test_fronts_with_different_reference_points_are_not_compared(start):
+    output = start()
+    path = output / "hopper" / "two" / "0" / compare.BEST_FRONT
+    Front.load(path)._replace(reference_point=np.ones(2)).save(path)
+    with pytest.raises(MorlaxError, match="hopper, one, seed 1 and hopper, two, seed 0 differ"):
+        start()
+
+
+def test_figures_show_every_method(start):
+    output = start(ORACLE, tasks=("hopper", "cheetah"))
+    runs = compare_report.read_runs(output / "rows.csv")
+    curves = compare_report.hypervolume_figure(runs)
+    assert [axes.get_title() for axes in curves.axes] == ["hopper"] * 2 + ["cheetah"] * 2
+    for axes in curves.axes:
+        lines = {line.get_label(): line for line in axes.lines}
+        assert list(lines) == ["one", "two", "oracle's front"]
+        np.testing.assert_allclose(lines["two"].get_ydata(), [15.5, 52.5, 52.5])
+    rated = compare_report.scores(runs)
+    profile = compare_report.profile_figure(rated).axes[0]
+    for line in profile.lines:
+        assert line.get_ydata()[0] == 1
+        assert line.get_ydata()[-1] == 0
+    means = compare_report.mean_figure(rated).axes[0]
+    assert [label.get_text() for label in means.get_yticklabels()] == ["one", "two"]
+
+
+def test_two_methods_from_training_to_the_report(tmp_path, capsys):
+    ours = {"env", *compare.OURS}
+    small = tiny().model_dump(mode="json", exclude=ours)
+    dense = {**small, "sampling": {"mode": "dense", "corners": 0}}
+    written(tmp_path, {"two words": small, "dense": dense})
+    options = ("--tasks", "hopper", "--seeds", "0", "1", "--device", "cpu", "--output", "out")
+    done = subprocess.run(
+        [sys.executable, SCRIPT, *options, "--methods", "methods.yaml", "--seconds", "60"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    output = tmp_path / "out"
+    text = (output / "results.md").read_text()
+    assert text in done.stdout
+    rows = table(output / "rows.csv")
+    assert len(rows) == 12  # 4 runs with an evaluation after 0, 32 and 64 steps
+    config = yaml.safe_load((output / "hopper" / "dense" / "1" / "config.yaml").read_text())
+    assert (config["seed"], config["max_seconds"]) == (1, 60.0)
+    assert config["sampling"]["mode"] == "dense"
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    (output / "rows.csv").rename(alone / "rows.csv")
+    compare.main(alone, only_report=True)
+    assert (alone / "results.md").read_text() == text
+    assert text in capsys.readouterr().out
+    for name in ("hypervolume", "profile", "interquartile_mean"):
+        assert (alone / f"{name}.png").stat().st_size > 1000
+
+
+def test_a_report_needs_rows(tmp_path):
+    with pytest.raises(MorlaxError, match="there is no table of evaluations"):
+        compare.main(tmp_path, only_report=True)

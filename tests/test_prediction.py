@@ -1,0 +1,505 @@
+"""The rules of PG-MORL equal slow versions and closed forms; all objectives are maximized."""
+
+import moocore
+import numpy as np
+import pytest
+
+from morlax_torch.algorithms import prediction
+from morlax_torch.evaluation import pareto
+
+NAN = float("nan")
+
+
+def sphere(number: int, m: int, seed: int = 0) -> np.ndarray:
+    """Return mutually non-dominated points on the unit sphere, (number, m)."""
+    points = np.abs(np.random.default_rng(seed).normal(size=(number, m)))
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def angle(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(np.clip(a @ b / np.sqrt((a @ a) * (b @ b)), -1, 1))))
+
+
+def test_two_objectives_have_directions_at_the_centers_of_equal_angles():
+    x, y = prediction.directions(9, 2).T
+    assert np.degrees(np.arctan2(x, y)) == pytest.approx(5 + 10 * np.arange(9))
+    assert x**2 + y**2 == pytest.approx(np.ones(9))
+
+
+@pytest.mark.parametrize(("number", "m"), [(1, 3), (6, 3), (50, 3), (30, 4), (20, 6)])
+def test_directions_are_unit_vectors_of_the_positive_orthant_that_share_it_evenly(number, m):
+    directions = prediction.directions(number, m)
+    assert directions.shape == (number, m)
+    assert (directions >= 0).all()
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(number))
+    assert (directions == prediction.directions(number, m)).all()
+    shares = np.bincount((sphere(20_000, m, seed=5) @ directions.T).argmax(1)) / 20_000
+    assert 0.5 / number < shares.min() <= shares.max() < 1.7 / number
+
+
+def slow_buffer(
+    returns: np.ndarray, reference: np.ndarray, directions: np.ndarray, size: int
+) -> list[int]:
+    excess = {i: point - reference for i, point in enumerate(returns) if (point > reference).all()}
+    most = np.max(list(excess.values()), axis=0)
+    bins: list[list[tuple[float, int]]] = [[] for _ in directions]
+    for i, vector in excess.items():
+        scaled = vector / most
+        nearest = min(range(len(directions)), key=lambda k: angle(scaled, directions[k]))
+        bins[nearest].append((-float(np.linalg.norm(scaled)), i))
+    return [i for content in bins for _, i in sorted(content)[:size]]
+
+
+@pytest.mark.parametrize("m", (2, 3, 4))
+@pytest.mark.parametrize("size", (1, 2, 5))
+def test_each_bin_keeps_its_policies_farthest_from_the_reference(m, size):
+    random = np.random.default_rng(m)
+    returns = random.normal(2, 1, (150, m)) * 10.0 ** np.arange(m)
+    reference = 10.0 ** np.arange(m)
+    directions = prediction.directions(12, m)
+    kept = prediction.performance_buffer(returns, reference, directions, size)
+    assert kept.tolist() == slow_buffer(returns, reference, directions, size)
+    assert 0 < len(kept) <= 12 * size
+
+
+def test_bins_of_two_objectives_are_equal_angles():
+    angles = np.radians([1, 29, 31, 59, 61, 89])
+    points = np.stack([np.sin(angles), np.cos(angles)], -1) * [[1], [2], [1], [2], [2], [1]]
+    points = np.concatenate([points, [[2, 2]]])  # so that both objectives have the same scale
+    kept = prediction.performance_buffer(points, [0, 0], prediction.directions(3, 2), 1)
+    assert kept.tolist() == [1, 6, 4]
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_units_and_offsets_do_not_change_the_population(m):
+    returns = np.random.default_rng(0).normal(1, 1, (80, m))
+    directions, reference = prediction.directions(10, m), np.full(m, -0.3)
+    kept = prediction.performance_buffer(returns, reference, directions, 2)
+    units, offset = 10.0 ** np.arange(-1, m - 1) * 3, 17.0
+    other = prediction.performance_buffer(
+        returns * units + offset, reference * units + offset, directions, 2
+    )
+    assert other.tolist() == kept.tolist()
+
+
+def test_policies_that_do_not_exceed_the_reference_are_dropped():
+    directions = prediction.directions(4, 2)
+    returns = [[1, 0], [0, 1], [-1, 5], [NAN, 1], [np.inf, 1], [1e-9, 1e-9]]
+    assert prediction.performance_buffer(returns, [0, 0], directions, 3).tolist() == [5]
+    assert prediction.performance_buffer(returns, [1, 1], directions, 3).tolist() == []
+    assert prediction.performance_buffer(np.zeros((0, 2)), [0, 0], directions, 3).tolist() == []
+
+
+def test_candidates_of_two_objectives_are_evenly_spaced_in_angle():
+    weights, valid = prediction.candidate_weights([[0.5, 0.5], [3, 0], [0, 1]], 7)
+    assert weights.shape == (3, 7, 2)
+    assert (weights >= 0).all()
+    assert weights.sum(-1) == pytest.approx(np.ones((3, 7)))
+    angles = np.degrees(np.arctan2(weights[..., 1], weights[..., 0]))
+    assert valid.tolist() == [[True] * 7, [False] * 3 + [True] * 4, [True] * 4 + [False] * 3]
+    assert angles[0] == pytest.approx(np.arange(0, 91, 15), abs=1e-5)
+    assert angles[1, 3:] == pytest.approx(np.arange(0, 46, 15), abs=1e-5)
+    assert angles[2, :4] == pytest.approx(np.arange(45, 91, 15), abs=1e-5)
+
+
+@pytest.mark.parametrize("m", (3, 4, 7))
+def test_candidates_of_more_objectives_lie_within_45_degrees(m):
+    random = np.random.default_rng(m)
+    current = np.concatenate([np.eye(m), np.full((1, m), 1 / m), random.dirichlet(np.ones(m), 5)])
+    weights, valid = prediction.candidate_weights(current, 8)
+    assert weights.shape == (m + 6, 8, m)
+    assert valid.all()
+    assert (weights > -1e-12).all()
+    assert weights.sum(-1) == pytest.approx(np.ones((m + 6, 8)))
+    assert weights[:, 0] == pytest.approx(current)
+    for center, candidates in zip(current, weights, strict=True):
+        assert max(angle(center, candidate) for candidate in candidates) < 45 + 1e-6
+        different = [angle(a, b) for i, a in enumerate(candidates[1:]) for b in candidates[i + 2 :]]
+        assert min(different) > 5
+
+
+def test_the_corner_farthest_from_the_current_tradeoff_is_turned_to_45_degrees():
+    center = np.array([[0.6, 0.3, 0.1]])
+    turned = prediction.turned_towards(center / np.linalg.norm(center), np.eye(3))[0]
+    assert angle(center[0], turned[2]) == pytest.approx(45)
+    assert angle(center[0], turned[1]) < 45
+    # the center, the turned vector and the corner lie in one plane
+    assert np.linalg.det([center[0], turned[1], np.eye(3)[1]]) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_a_single_candidate_is_the_current_tradeoff(m):
+    weights, valid = prediction.candidate_weights([np.arange(1.0, m + 1)], 1)
+    assert weights[0, 0] == pytest.approx(np.arange(1, m + 1) / np.arange(1, m + 1).sum())
+    assert valid.tolist() == [[True]]
+
+
+def hyperbolic(x: np.ndarray, A: float, a: float, b: float, c: float) -> np.ndarray:
+    return A * (np.exp(a * (x - b)) - 1) / (np.exp(a * (x - b)) + 1) + c
+
+
+def history(
+    number: int, m: int, noise: float = 0.0, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return starts, trade-offs and changes of stretches near returns of 100 in all objectives."""
+    random = np.random.default_rng(seed)
+    weights = random.dirichlet(np.ones(m), number)
+    before = random.uniform(99, 101, (number, m))
+    change = np.stack(
+        [hyperbolic(weights[:, k], 20 + 5 * k, 6 + k, 0.3, 4 - k) for k in range(m)], -1
+    )
+    return before, weights, change + random.normal(0, 1, change.shape) * noise
+
+
+def test_the_model_is_the_one_of_the_paper_and_its_derivatives_are_right():
+    random = np.random.default_rng(0)
+    parameters = random.uniform([0, 0.1, -1, -1], [1, 20, 2, 2], (50, 4))
+    x = random.random(50)
+    expected = [hyperbolic(value, *row) for value, row in zip(x, parameters, strict=True)]
+    assert prediction.hyperbolic(parameters, x) == pytest.approx(expected)
+    derivatives = prediction.jacobian(parameters, x)
+    for k, step in enumerate(np.eye(4) * 1e-6):
+        above, below = (prediction.hyperbolic(parameters + s * step, x) for s in (1, -1))
+        assert derivatives[:, k] == pytest.approx((above - below) / 2e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("m", (2, 3, 5))
+def test_changes_that_follow_the_model_are_predicted(m):
+    before, weights, change = history(60, m)
+    candidates = np.random.default_rng(1).dirichlet(np.ones(m), (4, 9))
+    points = np.random.default_rng(2).uniform(99, 101, (4, m))
+    predicted = prediction.predict(before, weights, change, points, candidates)
+    assert predicted.shape == (4, 9, m)
+    for k in range(m):
+        expected = hyperbolic(candidates[..., k], 20 + 5 * k, 6 + k, 0.3, 4 - k)
+        seen = candidates[..., k] < weights[:, k].max()
+        error = predicted[..., k] - points[:, None, k] - expected
+        assert np.abs(error[seen]).max() < 0.5
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_outliers_hardly_change_a_prediction(m):
+    before, weights, change = history(60, m, noise=0.5)
+    candidates = np.random.default_rng(1).dirichlet(np.ones(m), (3, 9))
+    points = np.full((3, m), 100.0)
+    expected = prediction.predict(before, weights, change, points, candidates)
+    change[::15] += [[-300.0], [200], [-400], [250]]
+    predicted = prediction.predict(before, weights, change, points, candidates)
+    assert np.abs(predicted - expected).max() < 4  # of changes from -16 to 24
+
+
+def test_predictions_follow_the_stretches_near_each_policy():
+    _, weights, change = history(40, 2)
+    before = np.repeat([[100.0, 100.0], [1000.0, 1000.0]], 20, 0)
+    change[20:] *= -0.1
+    change[20:, :] = change[20:].mean(0)
+    points, candidates = np.array([[100.0, 100], [1000, 1000]]), np.full((2, 1, 2), 0.5)
+    predicted = prediction.predict(before, weights, change, points, candidates)[:, 0]
+    expected = hyperbolic(np.array(0.5), 20, 6, 0.3, 4), hyperbolic(np.array(0.5), 25, 7, 0.3, 3)
+    assert predicted[0] - 100 == pytest.approx(expected, abs=0.5)
+    assert predicted[1] - 1000 == pytest.approx(change[20])
+
+
+def slow_neighborhood(
+    before: np.ndarray, weights: np.ndarray, change: np.ndarray, point: np.ndarray
+) -> dict[int, float]:
+    """Return the closeness of the stretches in the neighborhood of one policy."""
+    ends = np.concatenate([before, before + change])
+    away = np.abs(before - point) / (ends.max(0) - ends.min(0))
+    reach = 0.1
+    while True:
+        inside = [i for i, distances in enumerate(away) if (distances <= reach).all()]
+        if len({tuple(weights[i]) for i in inside}) >= 4 or len(inside) == len(before):
+            break
+        reach *= 2
+    gaussian = {i: np.exp(-((np.linalg.norm(away[i]) / (0.3 * reach)) ** 2) / 2) for i in inside}
+    return {i: value / max(gaussian.values()) for i, value in gaussian.items()}
+
+
+@pytest.mark.parametrize("kinds", (2, 5, 50))
+@pytest.mark.parametrize("m", (2, 3))
+def test_neighborhoods_equal_a_slow_search(m, kinds):
+    random = np.random.default_rng(kinds)
+    before, change = random.normal(0, 5, (60, m)), random.normal(0, 1, (60, m))
+    weights = random.dirichlet(np.ones(m), kinds)[random.integers(0, kinds, 60)]
+    points = random.normal(0, 4, (10, m))
+    nearest, closeness = prediction.neighborhoods(before, weights, change, points)
+    for row, point in enumerate(points):
+        expected = slow_neighborhood(before, weights, change, point)
+        found = {int(i): value for i, value in zip(nearest[row], closeness[row], strict=True)}
+        assert {i for i, value in found.items() if value > 0} == set(expected)
+        assert {i: found[i] for i in expected} == pytest.approx(expected)
+
+
+def test_only_the_nearest_of_many_stretches_count():
+    before = np.linspace(0, 1, 1000)[:, None] * [1.0, 2.0]
+    weights = np.random.default_rng(0).dirichlet(np.ones(2), 1000)
+    nearest, closeness = prediction.neighborhoods(before, weights, 0 * before, before[[500]])
+    assert nearest.shape == closeness.shape == (1, prediction.MOST_NEIGHBORS)
+    assert nearest.min() in (436, 437)
+    assert nearest.max() in (563, 564)
+
+
+def test_a_range_leaves_out_outliers_unless_all_others_are_equal():
+    values = np.array([[*range(11), 99, NAN], [5] * 11 + [9, NAN], [7, 3, 4] + [NAN] * 10])
+    low, extent = prediction.trimmed_range(values, np.isfinite(values))
+    assert low.tolist() == [1, 5, 3]
+    assert extent.tolist() == [9, 4, 4]
+
+
+@pytest.mark.parametrize(("number", "noise"), [(6, 0.1), (20, 0.1), (60, 0.2)])
+def test_fits_are_as_good_as_those_of_scipy(number, noise):
+    optimize = pytest.importorskip("scipy.optimize")
+    random = np.random.default_rng(number)
+    shape = 40, number
+    x, closeness = random.random(shape), np.exp(-3 * random.random(shape) ** 2)
+    y = [hyperbolic(row, random.uniform(0.2, 0.6), random.uniform(2, 15), 0.5, 0.5) for row in x]
+    y = np.stack(y) + random.normal(0, noise, shape)
+    y[:, 0] += random.normal(0, 3, 40)
+    fits = prediction.fitted(x, y, closeness)
+    assert (fits >= prediction.LOWEST).all()
+    assert (fits <= prediction.HIGHEST).all()
+    losses = prediction.soft_l1(closeness * (prediction.hyperbolic(fits[:, None], x) - y))
+    others = []
+    for row in range(40):
+        arguments = x[row], y[row], closeness[row]
+        found = optimize.least_squares(
+            lambda p, x, y, closeness: closeness * (hyperbolic(x, *p) - y),
+            prediction.START,
+            bounds=(prediction.LOWEST, prediction.HIGHEST),
+            loss="soft_l1",
+            f_scale=prediction.SOFT,
+            args=arguments,
+        )
+        others.append(found.cost)
+    assert losses.sum() < 1.01 * sum(others)
+    assert np.quantile(losses / others, 0.9) < 1.01
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_predictions_scale_with_the_units_of_the_returns(m):
+    before, weights, change = history(50, m, noise=3)
+    random = np.random.default_rng(1)
+    points = random.uniform(95, 105, (6, m))
+    candidates = random.dirichlet(np.ones(m), (6, 5))
+    predicted = prediction.predict(before, weights, change, points, candidates)
+    units = 10.0 ** np.arange(-3, 3 * m - 3, 3)
+    scaled = prediction.predict(before * units, weights, change * units, points * units, candidates)
+    assert scaled / units == pytest.approx(predicted, rel=1e-6)
+    moved = prediction.predict(before - 100, weights, change, points - 100, candidates)
+    assert moved + 100 == pytest.approx(predicted, rel=1e-6)
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_more_weight_never_predicts_less(m):
+    before, weights, change = history(30, m, noise=30)
+    x = np.linspace(0, 1, 21)
+    candidates = np.stack([x, *[(1 - x) / (m - 1)] * (m - 1)], -1)[None]
+    predicted = prediction.predict(before, weights, change, np.full((1, m), 100.0), candidates)
+    assert (np.diff(predicted[0, :, 0]) >= 0).all()
+    assert (np.diff(predicted[0, :, 1]) <= 0).all()
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_without_history_no_change_is_predicted(m):
+    points, candidates = np.arange(2.0 * m).reshape(2, m), np.full((2, 3, m), 1 / m)
+    none = np.zeros((0, m))
+    expected = np.repeat(points[:, None], 3, 1)
+    assert (prediction.predict(none, none, none, points, candidates) == expected).all()
+    lost = np.full((1, m), NAN)
+    assert (prediction.predict(lost, candidates[0, :1], lost, points, candidates) == expected).all()
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_a_single_change_is_predicted_everywhere(m):
+    points, candidates = (
+        np.full((3, m), 5.0),
+        np.random.default_rng(0).dirichlet(np.ones(m), (3, 4)),
+    )
+    change = np.arange(1.0, m + 1)
+    once = [[4.0] * m], candidates[0, :1], [change]
+    assert prediction.predict(*once, points, candidates) == pytest.approx(
+        np.broadcast_to(5 + change, (3, 4, m))
+    )
+    equal = np.full((9, m), 4.0), np.full((9, m), 1 / m), np.tile(change, (9, 1))
+    assert prediction.predict(*equal, points, candidates) == pytest.approx(
+        np.broadcast_to(5 + change, (3, 4, m))
+    )
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_different_changes_for_one_tradeoff_are_averaged_there(m):
+    random = np.random.default_rng(0)
+    change = random.normal(0, 1, (15, m))
+    weights = np.full((15, m), 1 / m)
+    points, candidates = np.zeros((1, m)), np.stack([weights[:3], np.eye(m)[[0, 1, 0]]])[:, :2]
+    predicted = prediction.predict(
+        np.zeros((15, m)), weights, change, np.repeat(points, 2, 0), candidates
+    )
+    assert np.isfinite(predicted).all()
+    assert predicted[0] == pytest.approx(np.median(change, axis=0)[None].repeat(2, 0), abs=0.5)
+
+
+def test_an_objective_that_never_changed_does_not_separate_policies():
+    before, weights, change = history(30, 2, noise=1)
+    points, candidates = before[:3], np.tile(weights[:5], (3, 1, 1))
+    before[:, 1], change[:, 1] = 7, 0
+    expected = prediction.predict(before, weights, change, points * [1, 0] + [0, 7], candidates)
+    assert expected[..., 1] == pytest.approx(np.full((3, 5), 7))
+    predicted = prediction.predict(before, weights, change, points * [1, 0] + [0, 9], candidates)
+    assert predicted == pytest.approx(expected + np.array([0, 2]))
+
+
+def test_stretches_that_are_not_finite_are_ignored():
+    before, weights, change = history(30, 2, noise=1)
+    points, candidates = np.full((1, 2), 100.0), weights[None, :5]
+    expected = prediction.predict(before, weights, change, points, candidates)
+    before, change = (
+        np.concatenate([before, [[NAN, 1]], [[1, 1]]]),
+        np.pad(change, ((0, 2), (0, 0))),
+    )
+    change[-1, 0] = np.inf
+    weights = np.concatenate([weights, weights[:2]])
+    assert (prediction.predict(before, weights, change, points, candidates) == expected).all()
+
+
+def test_no_policies_have_no_predictions():
+    before, weights, change = history(5, 2)
+    nothing = prediction.predict(before, weights, change, np.zeros((0, 2)), np.zeros((0, 7, 2)))
+    assert nothing.shape == (0, 7, 2)
+
+
+def slow_selection(
+    archive: np.ndarray, predicted: np.ndarray, number: int, reference: np.ndarray, alpha: float
+) -> list[int]:
+    """Select by the indicators of the whole archive, all candidates at each step."""
+    above = archive[(archive > reference).all(1)]
+    scale = (above if len(above) else np.abs(predicted - reference) + reference).max(0) - reference
+    virtual, points = (above - reference) / scale, (predicted - reference) / scale
+    zero, chosen = np.zeros(len(reference)), []
+    for _ in range(number):
+        scores = []
+        for i, point in enumerate(points):
+            union = np.concatenate([virtual, point[None]]) if (point > 0).all() else virtual
+            score = pareto.hypervolume(union, zero) - alpha * pareto.sparsity(union)
+            scores.append(-np.inf if i in chosen else score)
+        chosen.append(int(np.argmax(scores)))
+        virtual = np.concatenate([virtual, points[chosen[-1:]]])
+    return chosen
+
+
+@pytest.mark.parametrize("m", (2, 3, 4))
+@pytest.mark.parametrize("alpha", (0.0, 0.3, 1.0))
+@pytest.mark.parametrize("size", (0, 1, 30))
+def test_selection_equals_a_slow_greedy_one(m, alpha, size):
+    random = np.random.default_rng(size + m)
+    units = 10.0 ** np.arange(m)
+    archive = (sphere(size, m) * random.uniform(0.8, 1, (size, 1)) + 0.2) * units
+    predicted = (sphere(40, m, seed=1) * random.uniform(0.9, 1.2, (40, 1)) + 0.2) * units
+    reference = 0.15 * units
+    chosen = prediction.select(archive, predicted, 6, reference, alpha).tolist()
+    assert chosen == slow_selection(archive, predicted, 6, reference, alpha)
+
+
+@pytest.mark.parametrize("m", (2, 3, 6))
+def test_units_and_offsets_do_not_change_the_selection(m):
+    archive, predicted = sphere(20, m), 1.1 * sphere(30, m, seed=1)
+    chosen = prediction.select(archive, predicted, 8, np.full(m, -0.1), 0.5).tolist()
+    units, offset = 10.0 ** np.arange(-1, m - 1), 3.0
+    moved = (values * units + offset for values in (archive, predicted, np.full(m, -0.1)))
+    archive, predicted, reference = moved
+    assert prediction.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
+    archive, predicted, reference = (1000 * values for values in (archive, predicted, reference))
+    assert prediction.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
+    assert len(set(chosen)) == 8
+
+
+def test_the_weight_of_sparsity_moves_the_selection_into_gaps():
+    archive = [[0.1, 1.0], [0.2, 0.9], [0.9, 0.2], [1.0, 0.1]]
+    predicted = [[0.5, 0.5], [1.6, 0.15]]  # gains 0.09 and 0.095
+    assert prediction.select(archive, predicted, 1, [0, 0], 0.0).tolist() == [1]
+    assert prediction.select(archive, predicted, 1, [0, 0], 1.0).tolist() == [0]
+
+
+def test_a_prediction_is_selected_once_and_its_copies_last():
+    predicted = [[3, 3], [3, 3], [3, 3], [4, 1], [1, 4]]
+    chosen = prediction.select([[2, 2]], predicted, 5, [0, 0], 0.0).tolist()
+    assert chosen == [0, 3, 4, 1, 2]
+
+
+def test_predictions_that_add_nothing_are_selected_by_the_improvement_they_need():
+    archive = [[4, 4]]
+    predicted = [[1, 1], [3, 2], [-1, 9], [3.5, 3], [2, 2]]
+    chosen = prediction.select(archive, predicted, 5, [0, 0], 1.0).tolist()
+    assert chosen == [3, 1, 2, 4, 0]  # by 0.5, 1, 1, 2 and 3; of equal ones the first
+    below = prediction.select(np.zeros((0, 2)), [[-5, 1], [-1, -1], [-3, 9]], 2, [0, 0], 1.0)
+    assert below.tolist() == [1, 2]
+    assert prediction.select([[0, 0]], [[0, 0]], 1, [0, 0], 1.0).tolist() == [0]
+
+
+@pytest.mark.parametrize("m", (2, 3, 5))
+def test_predictions_that_are_not_finite_are_not_selected(m):
+    predicted = np.concatenate([np.full((1, m), NAN), sphere(3, m), np.full((1, m), np.inf)])
+    chosen = prediction.select(np.full((1, m), 0.1), predicted, 9, np.zeros(m), 1.0)
+    assert sorted(chosen.tolist()) == [1, 2, 3]
+    assert prediction.select(np.ones((1, m)), predicted[:1], 2, np.zeros(m), 1.0).tolist() == []
+    assert prediction.select(np.ones((1, m)), predicted[:0], 2, np.zeros(m), 1.0).tolist() == []
+
+
+def test_returns_of_the_archive_below_the_reference_do_not_count():
+    archive, predicted = [[2, 2], [-1, 100], [NAN, 3]], [[1, 3], [3, 1.5], [2, 2]]
+    chosen = prediction.select(archive, predicted, 3, [0, 0], 0.5)
+    assert chosen.tolist() == prediction.select([[2, 2]], predicted, 3, [0, 0], 0.5).tolist()
+
+
+@pytest.mark.parametrize("m", (2, 3, 4))
+def test_gains_are_differences_of_hypervolumes(m):
+    front, points = sphere(40, m), 1.05 * sphere(30, m, seed=1)
+    points = points[prediction.shortfalls(points, front) < 0]
+    zero = np.zeros(m)
+    expected = [
+        pareto.hypervolume([*front, point], zero) - pareto.hypervolume(front, zero)
+        for point in points
+    ]
+    assert len(points) > 10
+    assert prediction.gained(points, front) == pytest.approx(expected)
+    assert prediction.gained(points, front[:0]) == pytest.approx(points.prod(1))
+
+
+@pytest.mark.parametrize("m", (3, 5))
+def test_gains_along_many_rays_approach_exact_ones(m):
+    front, points = sphere(30, m), 1.1 * sphere(4, m, seed=1)
+    rays = prediction.uniform_directions(20_000, m)
+    exact = [
+        moocore.hypervolume([*front, point], ref=np.zeros(m), maximise=True)
+        - moocore.hypervolume(front, ref=np.zeros(m), maximise=True)
+        for point in points
+    ]
+    found = [prediction.volume_along_rays(point, front, rays) for point in points]
+    assert found == pytest.approx(exact, rel=0.1)
+    box = prediction.volume_along_rays(points[0], front[:0], rays)
+    assert box == pytest.approx(points[0].prod(), rel=0.2)
+
+
+@pytest.mark.parametrize("m", (5, 6))
+def test_estimated_gains_select_a_candidate_about_as_good_as_the_best(m):
+    front, points = sphere(40, m), 1.1 * sphere(60, m, seed=1)
+    gains = [
+        moocore.hypervolume([*front, point], ref=np.zeros(m), maximise=True)
+        - moocore.hypervolume(front, ref=np.zeros(m), maximise=True)
+        for point in points
+    ]
+    first = prediction.select(front, points, 1, np.zeros(m), 0.0)[0]
+    assert gains[first] > 0.7 * max(gains)
+    assert max(gains) > 5 * np.median(gains)
+
+
+@pytest.mark.parametrize("m", (2, 3, 5))
+def test_the_sparsity_with_each_point_equals_that_of_the_union(m):
+    front, points = sphere(25, m), 1.2 * sphere(20, m, seed=1)
+    points = points[prediction.shortfalls(points, front) < 0]
+    expected = [pareto.sparsity([*front, point]) for point in points]
+    assert prediction.sparsities(points, front) == pytest.approx(expected)
+    assert prediction.sparsities(np.full((1, m), 2.0), front).tolist() == [0]
+    assert prediction.sparsities(points, front[:0]).tolist() == [0] * len(points)
+    assert prediction.sparsity(front) == pytest.approx(pareto.sparsity(front))
