@@ -10,6 +10,14 @@ from torch import Tensor
 EVALUATION_SEEDS = 2**63  # training seeds are smaller, so evaluation never repeats their draws
 
 
+def seed_of(seed: int, rank: int) -> int:
+    """Return the seed of the process `rank` of a run with `seed`; its first process has that."""
+    if rank == 0:
+        return seed
+    digest = hashlib.sha256(f"{seed} {rank}".encode()).digest()
+    return int.from_bytes(digest[:8], "little") >> 1
+
+
 def restore_generator(generator: torch.Generator, state: Tensor) -> None:
     """Continue `generator` from a saved state.
 

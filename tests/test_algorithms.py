@@ -13,7 +13,7 @@ from morlax_torch import MorlaxError, config_for, evaluate, load
 from morlax_torch.algorithms.amor import AMOR
 from morlax_torch.algorithms.hyper_morl import HyperMORL
 from morlax_torch.algorithms.independent import IndependentPPO
-from morlax_torch.algorithms.pg_morl import PGMORL
+from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.ppo import make_batch
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
@@ -38,8 +38,9 @@ SMALL: dict[str, Any] = {
     "evaluation.tradeoffs": 11,
 }
 SCALAR: dict[str, Any] = {"ppo.critic": "scalar", "ppo.optimizer": "joint"}
-CASES = [*((name, {}) for name in LEARNERS), ("morlax", SCALAR)]
-NAMES = [*LEARNERS, "as released"]
+SPARSE: dict[str, Any] = {"sampling.mode": "sparse"}
+CASES = [*((name, {}) for name in LEARNERS), ("morlax", SCALAR), ("amor", SPARSE)]
+NAMES = [*LEARNERS, "as released", "sparse amor"]
 
 
 def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
@@ -52,17 +53,22 @@ def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
 
 def trained(config: Config, iterations: int) -> Any:
     learner = make_learner(make_worlds(config, config.worlds), config)
+    if config.device != "cpu":
+        learner.compile()
     for _ in range(iterations):
         learner.iterate()
     return learner
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)
-def test_it_finds_the_front(algorithm, changes):
+def test_it_finds_the_front(algorithm, changes, device):
+    if device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("no CUDA device")
     iterations = 250
     if algorithm == "pg-morl":
         changes = {"method.generation": 10, "method.warmup": 40, "method.bins": 30}
-    learner = trained(small(algorithm, iterations, **changes), iterations)
+    learner = trained(small(algorithm, iterations, device=device, **changes), iterations)
     front = make_evaluator(learner).evaluate()
     tradeoffs = torch.as_tensor(front.tradeoffs)
     returns = torch.as_tensor(front.returns).float()
@@ -206,7 +212,7 @@ def test_independent_policies_do_not_know_of_each_other():
     for learner, change in ((one, 0.0), (other, 1.0)):
         learner.explore()
         learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 8, 2)
-        learner.agent.value_normalizer.update = lambda *_: None  # the one thing they share
+        learner.agent.value_normalizer.update = lambda *_, **__: None  # the one thing they share
         learner.learn()
     same = (one.agent.actor.rows == other.agent.actor.rows).all(1)
     assert same.tolist() == [True, True, False, *[True] * 5]
@@ -223,7 +229,7 @@ def test_an_independent_policy_is_that_of_plain_ppo():
         family.rows.data[3:].fill_(-0.1)
     for one in (learner, alone):
         one.generator.manual_seed(1)
-        one.agent.value_normalizer.update = lambda *_: None
+        one.agent.value_normalizer.update = lambda *_, **__: None
         one.learn()
     assert_close(alone.agent.actor.rows[2], learner.agent.actor.rows[2])
     assert_close(alone.agent.critic.rows[2], learner.agent.critic.rows[2])

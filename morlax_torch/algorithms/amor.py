@@ -19,11 +19,11 @@ class AMOR(MORLAX):
     Args:
         env: the worlds.
         config: with `network.type: conditioned`.
-        networks: as of `MORLAX`.
+        others: as of `MORLAX`.
     """
 
-    def __init__(self, env: Worlds, config: Config, **networks: Any):
-        super().__init__(env, config, **networks)
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, **others)
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
 
     def draw_tradeoffs(self) -> None:
@@ -34,7 +34,8 @@ class AMOR(MORLAX):
 
     def _learn(self, epochs: int | None = None) -> None:
         super()._learn(epochs)
-        self._ended.copy_((self.rollout.terminated | self.rollout.truncated).any(0))
+        ended = self.rollout.terminated | self.rollout.truncated
+        self._ended.copy_(ended.any(0).any(1, keepdim=True))
 
     def state_dict(self) -> dict[str, Any]:
         own = {"tradeoffs": self.tradeoffs.clone(), "ended": self._ended.clone()}

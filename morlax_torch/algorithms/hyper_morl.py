@@ -22,11 +22,11 @@ class HyperMORL(MORLAX):
     Args:
         env: the worlds.
         config: with `network.type: single` and sparse sampling.
-        networks: as of `MORLAX`.
+        others: as of `MORLAX`.
     """
 
-    def __init__(self, env: Worlds, config: Config, **networks: Any):
-        super().__init__(env, config, **networks)
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, **others)
         self._centers = even_tradeoffs(*self.tradeoffs.shape).to(env.device)
         self.warming_up = True
         self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs

@@ -18,11 +18,11 @@ class IndependentPPO(MORLAX):
     Args:
         env: the worlds.
         config: with `network.type: independent` and sparse sampling.
-        networks: as of `MORLAX`.
+        others: as of `MORLAX`.
     """
 
-    def __init__(self, env: Worlds, config: Config, **networks: Any):
-        super().__init__(env, config, **networks)
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, **others)
         self.tradeoffs.copy_(even_tradeoffs(*self.tradeoffs.shape))
 
     def draw_tradeoffs(self) -> None:

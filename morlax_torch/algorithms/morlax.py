@@ -8,9 +8,10 @@ from torch import nn
 
 from ..config import Config
 from ..envs import MorlaxError, Worlds
-from ..envs.random import restore_generator
+from ..envs.random import restore_generator, seed_of
 from ..gpu import fused
 from ..gpu.graph import Graph
+from ..gpu.group import ALONE, Group
 from ..gpu.threads import one_thread
 from ..networks import gaussian
 from ..networks.agent import Agent
@@ -36,6 +37,7 @@ class MORLAX:
             spreads (see `TanhNormal`).
         critic: replaces the config's critic: a module from (B, O + P), with privileged features,
             to one value per objective (B, m), or to one value if `ppo.critic` is scalar.
+        group: processes that train the same agent, each in its own worlds.
 
     Raises:
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
@@ -47,6 +49,8 @@ class MORLAX:
         config: Config,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
+        *,
+        group: Group = ALONE,
     ):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
@@ -57,7 +61,7 @@ class MORLAX:
                 "these worlds do not show how an episode ended, so there is no value to bootstrap "
                 "from: set ppo.truncation to mask."
             )
-        self.env, self.config = env, config
+        self.env, self.config, self.group = env, config, group
         self.agent = Agent.of(
             config,
             env.observation_size,
@@ -77,9 +81,9 @@ class MORLAX:
 
             self._sample = gaussian_kernels.sample
             losses = Losses(loss_kernels.policy_loss, loss_kernels.value_loss)
-        self.ppo = PPO(self.trained, config.ppo, losses)
+        self.ppo = PPO(self.trained, config.ppo, losses, group)
         self.scalarization = Linear()
-        self.generator = torch.Generator(env.device).manual_seed(config.seed)
+        self.generator = torch.Generator(env.device).manual_seed(seed_of(config.seed, group.rank))
         clusters, m = config.num_clusters, len(env.objectives)
         self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
@@ -88,7 +92,7 @@ class MORLAX:
         self.iteration = 0
         self.time_spent = 0.0
         self._done = torch.zeros((), device=env.device)  # `done`, readable by graphs
-        self.steps_per_iteration = config.worlds * config.horizon
+        self.steps_per_iteration = config.worlds * config.horizon * group.size
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
             *PPO.metrics,
@@ -163,7 +167,7 @@ class MORLAX:
             left = 1 - self._done
             self.ppo.anneal(left)
         batch, explained = make_batch(
-            self.trained, self.tradeoffs, self.rollout, config, self.scalarization
+            self.trained, self.tradeoffs, self.rollout, config, self.scalarization, self.group
         )
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         table = Table(batch)
@@ -172,7 +176,7 @@ class MORLAX:
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Annealed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        self.trained.observation_normalizer.update(self.rollout.observation, left)
+        self.trained.observation_normalizer.update(self.rollout.observation, left, self.group)
         reward, terminated = self.rollout.reward, self.rollout.terminated
         self._metrics += torch.cat(
             [
@@ -184,16 +188,18 @@ class MORLAX:
         )
 
     def metrics(self) -> dict[str, float]:
-        """Return means over the iterations since the last call. Waits for the GPU."""
+        """Return means over the iterations since the last call, and over all processes.
+
+        Waits for the GPU, and for the other processes, which must call it too.
+        """
         iterations = max(1, self.iteration - self._metrics_since)
         self._metrics_since = self.iteration
-        values = torch.cat(
-            [
-                self._metrics / iterations,
-                self.env.blowups.float()[None],
-                self.env.overflow().max().float()[None],
-            ]
-        ).tolist()
+        means = self.group.mean_(
+            torch.cat([self._metrics / iterations, self.env.blowups.float()[None]])
+        )
+        means[-1] *= self.group.size
+        overflow = self.group.largest_(self.env.overflow().max().float()[None])
+        values = torch.cat([means, overflow]).tolist()
         self._metrics.zero_()
         return dict(zip((*self.metric_names, "blowups", "overflow"), values, strict=True))
 

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from ..config import PPOConfig
 from ..gpu.graph import Branch
+from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
 from ..networks.agent import Agent
 from ..networks.gaussian import TanhNormal
@@ -34,8 +35,9 @@ def make_batch(
     rollout: Rollout,
     config: PPOConfig,
     scalarization: Scalarization,
+    group: Group = ALONE,
 ) -> tuple[Batch, Tensor]:
-    """Estimate what to learn from a rollout.
+    """Estimate what to learn from a rollout; statistics are those of all processes of the group.
 
     Returns:
         A batch by world, (K, G, T, ...) each, and the explained variance per value of the critic,
@@ -66,14 +68,16 @@ def make_batch(
     spread = target.var((0, 1, 2))
     explained = torch.where(spread > 0, 1 - advantage.var((0, 1, 2)) / spread, 0.0)
     if config.normalize_values:
-        agent.value_normalizer.update(target)
+        agent.value_normalizer.update(target, group=group)
         target = agent.value_normalizer(target)
     if config.critic == "vector":
         advantage = advantage * scalarization.weights(tradeoffs, value[0].mean(1))[:, None]
     scalar = advantage.sum(-1)  # (T, K, G)
     together = (0, 2) if config.normalize_advantages == "cluster" else (0, 1, 2)
-    mean, std = scalar.mean(together, keepdim=True), scalar.std(together, keepdim=True)
-    scalar = (scalar - mean) / (std + 1e-8)
+    variance, mean = torch.var_mean(scalar, together, correction=0, keepdim=True)
+    mean, variance = group.moments(mean, variance)
+    number = group.size * scalar.numel() // mean.numel()
+    scalar = (scalar - mean) / ((variance * number / max(number - 1, 1)).sqrt() + 1e-8)
     batch = Batch(
         seen, rollout.action, rollout.log_prob.unsqueeze(-1), scalar.unsqueeze(-1), target
     )
@@ -194,6 +198,7 @@ class PPO:
         agent: updated in place.
         config: of the updates.
         losses: of policy and value (None: their torch definitions).
+        group: processes that update equal agents together.
     """
 
     metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
@@ -203,8 +208,10 @@ class PPO:
         agent: Agent,
         config: PPOConfig,
         losses: Losses | None = None,
+        group: Group = ALONE,
     ):
         self.agent, self.config, self._losses = agent, config, losses or Losses()
+        self._group = group
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
         self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
         norm = config.max_grad_norm
@@ -212,8 +219,10 @@ class PPO:
         self.joint = shared or config.optimizer == "joint"
         groups = [list(dict.fromkeys(actor + critic))] if self.joint else [actor, critic]
         self.optimizers = [
-            ClippedAdam(group, rate, norm, agent.num_networks)
-            for group, rate in zip(groups, self.rates, strict=False)
+            ClippedAdam(own, rate, norm, agent.num_networks, channel)
+            for own, rate, channel in zip(
+                groups, self.rates, (group, group.channel()), strict=False
+            )
         ]
         self.entropy = actor[0].new_tensor(config.entropy)
         self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
@@ -288,7 +297,7 @@ class PPO:
         """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule."""
         if self.config.desired_kl is None:
             return
-        kl, rate = found[2], self.optimizers[0].rate
+        kl, rate = self._group.mean_(found[2].clone()), self.optimizers[0].rate
         factor = torch.where(kl < self.desired_kl / 2, RATE_STEP, 1.0)
         factor = torch.where(kl > self.desired_kl * 2, 1 / RATE_STEP, factor)
         rate.mul_(factor).clamp_(*RATES)

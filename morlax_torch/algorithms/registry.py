@@ -4,12 +4,13 @@ from torch import nn
 
 from ..config import Config
 from ..envs import Worlds
+from ..gpu.group import ALONE, Group
 from .amor import AMOR
 from .hyper_morl import HyperMORL
 from .independent import IndependentPPO
 from .learner import Learner
 from .morlax import MORLAX
-from .pg_morl import PGMORL
+from .pg_morl.learner import PGMORL
 
 LEARNERS: dict[str, type[MORLAX]] = {
     "morlax": MORLAX,
@@ -21,7 +22,12 @@ LEARNERS: dict[str, type[MORLAX]] = {
 
 
 def make_learner(
-    env: Worlds, config: Config, actor: nn.Module | None = None, critic: nn.Module | None = None
+    env: Worlds,
+    config: Config,
+    actor: nn.Module | None = None,
+    critic: nn.Module | None = None,
+    *,
+    group: Group = ALONE,
 ) -> Learner:
     """Make the learner of the config's algorithm; `MORLAX` explains the arguments and errors."""
-    return LEARNERS[config.algorithm](env, config, actor=actor, critic=critic)
+    return LEARNERS[config.algorithm](env, config, actor=actor, critic=critic, group=group)

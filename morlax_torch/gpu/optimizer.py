@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from torch.optim.adam import adam
 
 from . import fused
+from .group import ALONE, Group
 
 DECAYS, EPSILON = (0.9, 0.999), 1e-8
 
@@ -24,12 +25,19 @@ class ClippedAdam:
         max_norm: largest norm of the gradients.
         networks: of how many networks, which share nothing, the parameters consist; each has its
             own norm then, of gradients times their number, which a mean over them divided by.
+        group: processes over which gradients are averaged.
     """
 
     def __init__(
-        self, parameters: Sequence[nn.Parameter], rate: float, max_norm: float, networks: int = 1
+        self,
+        parameters: Sequence[nn.Parameter],
+        rate: float,
+        max_norm: float,
+        networks: int = 1,
+        group: Group = ALONE,
     ):
         self.parameters, self.max_norm, self.networks = list(parameters), max_norm, networks
+        self.group = group
         self.vector = torch.cat([p.detach().flatten() for p in self.parameters])
         parts = self.vector.split([p.numel() for p in self.parameters])
         for parameter, part in zip(self.parameters, parts, strict=True):
@@ -62,7 +70,7 @@ class ClippedAdam:
 
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
-        gradients = torch.autograd.grad(loss, self.parameters, self._one)
+        gradients = self._averaged(torch.autograd.grad(loss, self.parameters, self._one))
         max_norm = self.max_norm
         if self.networks > 1:
             gradients, max_norm = self._clipped(gradients), math.inf
@@ -90,6 +98,14 @@ class ClippedAdam:
             eps=EPSILON,
             maximize=False,
         )
+
+    def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
+        """Average gradients over the processes, in one collective."""
+        if self.group.size == 1:
+            return gradients
+        flat = self.group.mean_(torch.cat([gradient.flatten() for gradient in gradients]))
+        parts = flat.split([gradient.numel() for gradient in gradients])
+        return [part.view_as(own) for part, own in zip(parts, gradients, strict=True)]
 
     def _clipped(self, gradients: Sequence[Tensor]) -> tuple[Tensor, ...]:
         """Clip the gradients (R, ...) of every network by itself."""

@@ -5,6 +5,8 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
+from ..gpu.group import ALONE, Group
+
 LIMIT = 10.0  # standard deviations; values further out are clipped
 
 
@@ -37,15 +39,18 @@ class Normalizer(nn.Module):
         return x / self.scale[:size] + self.mean[:size]
 
     @torch.no_grad()
-    def update(self, x: Tensor, weight: float | Tensor = 1.0) -> None:
+    def update(self, x: Tensor, weight: float | Tensor = 1.0, group: Group = ALONE) -> None:
         """Merge a batch (..., size) into the statistics, in place (Chan et al., 1979).
 
-        A `weight` below 1 scales down the batch's share of all samples.
+        A `weight` below 1 scales down the batch's share of all samples. The batch is that of all
+        processes of the `group`.
         """
         x = x.flatten(0, -2)
         batch_variance, batch_mean = torch.var_mean(x, dim=0, correction=0)
-        self.count += len(x)
-        share = (len(x) / self.count).float() * weight
+        batch_mean, batch_variance = group.moments(batch_mean, batch_variance)
+        number = len(x) * group.size
+        self.count += number
+        share = (number / self.count).float() * weight
         shift = batch_mean - self.mean
         self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
         self.mean.add_(shift * share)

@@ -7,15 +7,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..config import Config, PGMORLOptions
-from ..envs import Worlds, make
-from ..envs.random import EVALUATION_SEEDS
-from ..evaluation.evaluator import Evaluator
-from ..networks.agent import Agent
-from ..networks.independent import Independent, InOrder
-from ..tradeoffs import even_tradeoffs
-from .morlax import MORLAX
-from .prediction import candidate_weights, directions, performance_buffer, predict, select
+from ...config import Config, PGMORLOptions
+from ...envs import Worlds, make
+from ...envs.random import EVALUATION_SEEDS
+from ...evaluation.evaluator import Evaluator
+from ...networks.agent import Agent
+from ...networks.independent import Independent, InOrder
+from ...tradeoffs import even_tradeoffs
+from ..morlax import MORLAX
+from .population import candidate_weights, directions, performance_buffer
+from .prediction import predict
+from .selection import select
 
 REMEMBERED = 4096  # stretches of training that predictions rest on
 MEASURING = 1  # seed of the episodes that policies are measured in; 0 is that of evaluations
@@ -34,12 +36,12 @@ class PGMORL(MORLAX):
     Args:
         env: the worlds.
         config: with `network.type: independent` and sparse sampling.
-        networks: as of `MORLAX`.
+        others: as of `MORLAX`.
     """
 
-    def __init__(self, env: Worlds, config: Config, **networks: Any):
-        self._networks = networks
-        super().__init__(env, config, **networks)
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        self._networks = {name: others.get(name) for name in ("actor", "critic")}
+        super().__init__(env, config, **others)
         assert isinstance(config.method, PGMORLOptions)
         self.options = config.method
         K, m = self.tradeoffs.shape
@@ -106,8 +108,8 @@ class PGMORL(MORLAX):
         return Evaluator(self.trained, worlds, self.tradeoffs, seed=MEASURING)
 
     def _measure(self) -> Tensor:
-        """Return the returns (K, m) of the policies that are in training."""
-        return torch.from_numpy(self._evaluator.evaluate().returns)
+        """Return the returns (K, m) of the policies in training, the same in every process."""
+        return self.group.first(torch.from_numpy(self._evaluator.evaluate().returns))
 
     def _end_generation(self) -> None:
         returns, weights = self._measure(), self.tradeoffs.double().cpu()

@@ -4,7 +4,7 @@ import moocore
 import numpy as np
 import pytest
 
-from morlax_torch.algorithms import prediction
+from morlax_torch.algorithms.pg_morl import population, prediction, selection
 from morlax_torch.evaluation import pareto
 
 NAN = float("nan")
@@ -21,18 +21,18 @@ def angle(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def test_two_objectives_have_directions_at_the_centers_of_equal_angles():
-    x, y = prediction.directions(9, 2).T
+    x, y = population.directions(9, 2).T
     assert np.degrees(np.arctan2(x, y)) == pytest.approx(5 + 10 * np.arange(9))
     assert x**2 + y**2 == pytest.approx(np.ones(9))
 
 
 @pytest.mark.parametrize(("number", "m"), [(1, 3), (6, 3), (50, 3), (30, 4), (20, 6)])
 def test_directions_are_unit_vectors_of_the_positive_orthant_that_share_it_evenly(number, m):
-    directions = prediction.directions(number, m)
+    directions = population.directions(number, m)
     assert directions.shape == (number, m)
     assert (directions >= 0).all()
     assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(number))
-    assert (directions == prediction.directions(number, m)).all()
+    assert (directions == population.directions(number, m)).all()
     shares = np.bincount((sphere(20_000, m, seed=5) @ directions.T).argmax(1)) / 20_000
     assert 0.5 / number < shares.min() <= shares.max() < 1.7 / number
 
@@ -56,8 +56,8 @@ def test_each_bin_keeps_its_policies_farthest_from_the_reference(m, size):
     random = np.random.default_rng(m)
     returns = random.normal(2, 1, (150, m)) * 10.0 ** np.arange(m)
     reference = 10.0 ** np.arange(m)
-    directions = prediction.directions(12, m)
-    kept = prediction.performance_buffer(returns, reference, directions, size)
+    directions = population.directions(12, m)
+    kept = population.performance_buffer(returns, reference, directions, size)
     assert kept.tolist() == slow_buffer(returns, reference, directions, size)
     assert 0 < len(kept) <= 12 * size
 
@@ -66,32 +66,32 @@ def test_bins_of_two_objectives_are_equal_angles():
     angles = np.radians([1, 29, 31, 59, 61, 89])
     points = np.stack([np.sin(angles), np.cos(angles)], -1) * [[1], [2], [1], [2], [2], [1]]
     points = np.concatenate([points, [[2, 2]]])  # so that both objectives have the same scale
-    kept = prediction.performance_buffer(points, [0, 0], prediction.directions(3, 2), 1)
+    kept = population.performance_buffer(points, [0, 0], population.directions(3, 2), 1)
     assert kept.tolist() == [1, 6, 4]
 
 
 @pytest.mark.parametrize("m", (2, 3))
 def test_units_and_offsets_do_not_change_the_population(m):
     returns = np.random.default_rng(0).normal(1, 1, (80, m))
-    directions, reference = prediction.directions(10, m), np.full(m, -0.3)
-    kept = prediction.performance_buffer(returns, reference, directions, 2)
+    directions, reference = population.directions(10, m), np.full(m, -0.3)
+    kept = population.performance_buffer(returns, reference, directions, 2)
     units, offset = 10.0 ** np.arange(-1, m - 1) * 3, 17.0
-    other = prediction.performance_buffer(
+    other = population.performance_buffer(
         returns * units + offset, reference * units + offset, directions, 2
     )
     assert other.tolist() == kept.tolist()
 
 
 def test_policies_that_do_not_exceed_the_reference_are_dropped():
-    directions = prediction.directions(4, 2)
+    directions = population.directions(4, 2)
     returns = [[1, 0], [0, 1], [-1, 5], [NAN, 1], [np.inf, 1], [1e-9, 1e-9]]
-    assert prediction.performance_buffer(returns, [0, 0], directions, 3).tolist() == [5]
-    assert prediction.performance_buffer(returns, [1, 1], directions, 3).tolist() == []
-    assert prediction.performance_buffer(np.zeros((0, 2)), [0, 0], directions, 3).tolist() == []
+    assert population.performance_buffer(returns, [0, 0], directions, 3).tolist() == [5]
+    assert population.performance_buffer(returns, [1, 1], directions, 3).tolist() == []
+    assert population.performance_buffer(np.zeros((0, 2)), [0, 0], directions, 3).tolist() == []
 
 
 def test_candidates_of_two_objectives_are_evenly_spaced_in_angle():
-    weights, valid = prediction.candidate_weights([[0.5, 0.5], [3, 0], [0, 1]], 7)
+    weights, valid = population.candidate_weights([[0.5, 0.5], [3, 0], [0, 1]], 7)
     assert weights.shape == (3, 7, 2)
     assert (weights >= 0).all()
     assert weights.sum(-1) == pytest.approx(np.ones((3, 7)))
@@ -106,7 +106,7 @@ def test_candidates_of_two_objectives_are_evenly_spaced_in_angle():
 def test_candidates_of_more_objectives_lie_within_45_degrees(m):
     random = np.random.default_rng(m)
     current = np.concatenate([np.eye(m), np.full((1, m), 1 / m), random.dirichlet(np.ones(m), 5)])
-    weights, valid = prediction.candidate_weights(current, 8)
+    weights, valid = population.candidate_weights(current, 8)
     assert weights.shape == (m + 6, 8, m)
     assert valid.all()
     assert (weights > -1e-12).all()
@@ -120,7 +120,7 @@ def test_candidates_of_more_objectives_lie_within_45_degrees(m):
 
 def test_the_corner_farthest_from_the_current_tradeoff_is_turned_to_45_degrees():
     center = np.array([[0.6, 0.3, 0.1]])
-    turned = prediction.turned_towards(center / np.linalg.norm(center), np.eye(3))[0]
+    turned = population.turned_towards(center / np.linalg.norm(center), np.eye(3))[0]
     assert angle(center[0], turned[2]) == pytest.approx(45)
     assert angle(center[0], turned[1]) < 45
     # the center, the turned vector and the corner lie in one plane
@@ -129,7 +129,7 @@ def test_the_corner_farthest_from_the_current_tradeoff_is_turned_to_45_degrees()
 
 @pytest.mark.parametrize("m", (2, 3))
 def test_a_single_candidate_is_the_current_tradeoff(m):
-    weights, valid = prediction.candidate_weights([np.arange(1.0, m + 1)], 1)
+    weights, valid = population.candidate_weights([np.arange(1.0, m + 1)], 1)
     assert weights[0, 0] == pytest.approx(np.arange(1, m + 1) / np.arange(1, m + 1).sum())
     assert valid.tolist() == [[True]]
 
@@ -397,87 +397,87 @@ def test_selection_equals_a_slow_greedy_one(m, alpha, size):
     archive = (sphere(size, m) * random.uniform(0.8, 1, (size, 1)) + 0.2) * units
     predicted = (sphere(40, m, seed=1) * random.uniform(0.9, 1.2, (40, 1)) + 0.2) * units
     reference = 0.15 * units
-    chosen = prediction.select(archive, predicted, 6, reference, alpha).tolist()
+    chosen = selection.select(archive, predicted, 6, reference, alpha).tolist()
     assert chosen == slow_selection(archive, predicted, 6, reference, alpha)
 
 
 @pytest.mark.parametrize("m", (2, 3, 6))
 def test_units_and_offsets_do_not_change_the_selection(m):
     archive, predicted = sphere(20, m), 1.1 * sphere(30, m, seed=1)
-    chosen = prediction.select(archive, predicted, 8, np.full(m, -0.1), 0.5).tolist()
+    chosen = selection.select(archive, predicted, 8, np.full(m, -0.1), 0.5).tolist()
     units, offset = 10.0 ** np.arange(-1, m - 1), 3.0
     moved = (values * units + offset for values in (archive, predicted, np.full(m, -0.1)))
     archive, predicted, reference = moved
-    assert prediction.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
+    assert selection.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
     archive, predicted, reference = (1000 * values for values in (archive, predicted, reference))
-    assert prediction.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
+    assert selection.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
     assert len(set(chosen)) == 8
 
 
 def test_the_weight_of_sparsity_moves_the_selection_into_gaps():
     archive = [[0.1, 1.0], [0.2, 0.9], [0.9, 0.2], [1.0, 0.1]]
     predicted = [[0.5, 0.5], [1.6, 0.15]]  # gains 0.09 and 0.095
-    assert prediction.select(archive, predicted, 1, [0, 0], 0.0).tolist() == [1]
-    assert prediction.select(archive, predicted, 1, [0, 0], 1.0).tolist() == [0]
+    assert selection.select(archive, predicted, 1, [0, 0], 0.0).tolist() == [1]
+    assert selection.select(archive, predicted, 1, [0, 0], 1.0).tolist() == [0]
 
 
 def test_a_prediction_is_selected_once_and_its_copies_last():
     predicted = [[3, 3], [3, 3], [3, 3], [4, 1], [1, 4]]
-    chosen = prediction.select([[2, 2]], predicted, 5, [0, 0], 0.0).tolist()
+    chosen = selection.select([[2, 2]], predicted, 5, [0, 0], 0.0).tolist()
     assert chosen == [0, 3, 4, 1, 2]
 
 
 def test_predictions_that_add_nothing_are_selected_by_the_improvement_they_need():
     archive = [[4, 4]]
     predicted = [[1, 1], [3, 2], [-1, 9], [3.5, 3], [2, 2]]
-    chosen = prediction.select(archive, predicted, 5, [0, 0], 1.0).tolist()
+    chosen = selection.select(archive, predicted, 5, [0, 0], 1.0).tolist()
     assert chosen == [3, 1, 2, 4, 0]  # by 0.5, 1, 1, 2 and 3; of equal ones the first
-    below = prediction.select(np.zeros((0, 2)), [[-5, 1], [-1, -1], [-3, 9]], 2, [0, 0], 1.0)
+    below = selection.select(np.zeros((0, 2)), [[-5, 1], [-1, -1], [-3, 9]], 2, [0, 0], 1.0)
     assert below.tolist() == [1, 2]
-    assert prediction.select([[0, 0]], [[0, 0]], 1, [0, 0], 1.0).tolist() == [0]
+    assert selection.select([[0, 0]], [[0, 0]], 1, [0, 0], 1.0).tolist() == [0]
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
 def test_predictions_that_are_not_finite_are_not_selected(m):
     predicted = np.concatenate([np.full((1, m), NAN), sphere(3, m), np.full((1, m), np.inf)])
-    chosen = prediction.select(np.full((1, m), 0.1), predicted, 9, np.zeros(m), 1.0)
+    chosen = selection.select(np.full((1, m), 0.1), predicted, 9, np.zeros(m), 1.0)
     assert sorted(chosen.tolist()) == [1, 2, 3]
-    assert prediction.select(np.ones((1, m)), predicted[:1], 2, np.zeros(m), 1.0).tolist() == []
-    assert prediction.select(np.ones((1, m)), predicted[:0], 2, np.zeros(m), 1.0).tolist() == []
+    assert selection.select(np.ones((1, m)), predicted[:1], 2, np.zeros(m), 1.0).tolist() == []
+    assert selection.select(np.ones((1, m)), predicted[:0], 2, np.zeros(m), 1.0).tolist() == []
 
 
 def test_returns_of_the_archive_below_the_reference_do_not_count():
     archive, predicted = [[2, 2], [-1, 100], [NAN, 3]], [[1, 3], [3, 1.5], [2, 2]]
-    chosen = prediction.select(archive, predicted, 3, [0, 0], 0.5)
-    assert chosen.tolist() == prediction.select([[2, 2]], predicted, 3, [0, 0], 0.5).tolist()
+    chosen = selection.select(archive, predicted, 3, [0, 0], 0.5)
+    assert chosen.tolist() == selection.select([[2, 2]], predicted, 3, [0, 0], 0.5).tolist()
 
 
 @pytest.mark.parametrize("m", (2, 3, 4))
 def test_gains_are_differences_of_hypervolumes(m):
     front, points = sphere(40, m), 1.05 * sphere(30, m, seed=1)
-    points = points[prediction.shortfalls(points, front) < 0]
+    points = points[selection.shortfalls(points, front) < 0]
     zero = np.zeros(m)
     expected = [
         pareto.hypervolume([*front, point], zero) - pareto.hypervolume(front, zero)
         for point in points
     ]
     assert len(points) > 10
-    assert prediction.gained(points, front) == pytest.approx(expected)
-    assert prediction.gained(points, front[:0]) == pytest.approx(points.prod(1))
+    assert selection.gained(points, front) == pytest.approx(expected)
+    assert selection.gained(points, front[:0]) == pytest.approx(points.prod(1))
 
 
 @pytest.mark.parametrize("m", (3, 5))
 def test_gains_along_many_rays_approach_exact_ones(m):
     front, points = sphere(30, m), 1.1 * sphere(4, m, seed=1)
-    rays = prediction.uniform_directions(20_000, m)
+    rays = population.uniform_directions(20_000, m)
     exact = [
         moocore.hypervolume([*front, point], ref=np.zeros(m), maximise=True)
         - moocore.hypervolume(front, ref=np.zeros(m), maximise=True)
         for point in points
     ]
-    found = [prediction.volume_along_rays(point, front, rays) for point in points]
+    found = [selection.volume_along_rays(point, front, rays) for point in points]
     assert found == pytest.approx(exact, rel=0.1)
-    box = prediction.volume_along_rays(points[0], front[:0], rays)
+    box = selection.volume_along_rays(points[0], front[:0], rays)
     assert box == pytest.approx(points[0].prod(), rel=0.2)
 
 
@@ -489,7 +489,7 @@ def test_estimated_gains_select_a_candidate_about_as_good_as_the_best(m):
         - moocore.hypervolume(front, ref=np.zeros(m), maximise=True)
         for point in points
     ]
-    first = prediction.select(front, points, 1, np.zeros(m), 0.0)[0]
+    first = selection.select(front, points, 1, np.zeros(m), 0.0)[0]
     assert gains[first] > 0.7 * max(gains)
     assert max(gains) > 5 * np.median(gains)
 
@@ -497,9 +497,9 @@ def test_estimated_gains_select_a_candidate_about_as_good_as_the_best(m):
 @pytest.mark.parametrize("m", (2, 3, 5))
 def test_the_sparsity_with_each_point_equals_that_of_the_union(m):
     front, points = sphere(25, m), 1.2 * sphere(20, m, seed=1)
-    points = points[prediction.shortfalls(points, front) < 0]
+    points = points[selection.shortfalls(points, front) < 0]
     expected = [pareto.sparsity([*front, point]) for point in points]
-    assert prediction.sparsities(points, front) == pytest.approx(expected)
-    assert prediction.sparsities(np.full((1, m), 2.0), front).tolist() == [0]
-    assert prediction.sparsities(points, front[:0]).tolist() == [0] * len(points)
-    assert prediction.sparsity(front) == pytest.approx(pareto.sparsity(front))
+    assert selection.sparsities(points, front) == pytest.approx(expected)
+    assert selection.sparsities(np.full((1, m), 2.0), front).tolist() == [0]
+    assert selection.sparsities(points, front[:0]).tolist() == [0] * len(points)
+    assert selection.sparsity(front) == pytest.approx(pareto.sparsity(front))

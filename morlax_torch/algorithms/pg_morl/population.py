@@ -1,0 +1,121 @@
+"""The population of PG-MORL: which policies stay, and what each may be trained with next.
+
+Xu et al., 2020, section 3.3. Every objective is maximized and may have its own unit: where the
+authors' code has constants in units of their rewards, objectives are scaled by the returns.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+SAMPLES_PER_DIRECTION = 100
+LLOYD_STEPS = 20
+CANDIDATE_ANGLE = np.pi / 4  # radians
+
+
+def directions(number: int, num_objectives: int) -> Array:
+    """Return unit vectors (number, m) that divide the positive orthant evenly.
+
+    With two objectives they are the centers of equal angles, from the second axis to the first.
+    With more, they are the centers of clusters of uniform directions (Lloyd's algorithm, with a
+    fixed random seed). The authors' code uses a grid of trade-offs instead, which is less even in
+    angle and exists for few numbers only.
+    """
+    if num_objectives == 2:
+        angles = (np.arange(number) + 0.5) * (np.pi / 2 / number)
+        return np.stack([np.sin(angles), np.cos(angles)], -1)
+    samples = uniform_directions(SAMPLES_PER_DIRECTION * number, num_objectives)
+    centers = samples[:number]
+    for _ in range(LLOYD_STEPS):
+        nearest = (samples @ centers.T).argmax(1)
+        sums = [np.bincount(nearest, sample, number) for sample in samples.T]
+        centers = unit(centers + np.stack(sums, -1))  # a center without samples stays
+    return centers
+
+
+def uniform_directions(number: int, num_objectives: int) -> Array:
+    """Draw unit vectors (number, m), uniform in the positive orthant, always the same."""
+    return unit(np.abs(np.random.default_rng(0).normal(size=(number, num_objectives))))
+
+
+def unit(vectors: Array) -> Array:
+    """Scale vectors (..., m) to length 1."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def performance_buffer(
+    returns: ArrayLike, reference: ArrayLike, directions: ArrayLike, size: int
+) -> Indices:
+    """Return the indices (k,) of the policies that stay in the population.
+
+    Each policy falls into the bin whose direction is nearest in angle, seen from the reference
+    point. Each bin keeps the `size` policies farthest from the reference point. Policies that do
+    not exceed it in every objective are dropped. Indices are sorted by bin, then from far to near.
+
+    Unlike in the authors' code, each objective is divided by its largest excess over the reference
+    point first, so that units do not change the bins.
+
+    Args:
+        returns: Returns (n, m) of all policies.
+        reference: Reference point (m,).
+        directions: Unit vectors (B, m), one per bin.
+        size: Most policies per bin.
+    """
+    excess = np.asarray(returns, np.float64) - np.asarray(reference, np.float64)
+    kept = np.flatnonzero(exceeding(excess))
+    if not len(kept):
+        return kept
+    excess = excess[kept] / excess[kept].max(0)
+    bins = (excess @ np.asarray(directions, np.float64).T).argmax(1)
+    order = np.lexsort((-np.linalg.norm(excess, axis=1), bins))
+    ranks = np.arange(len(order)) - np.searchsorted(bins[order], bins[order])
+    return kept[order[ranks < size]]
+
+
+def exceeding(excess: Array) -> Mask:
+    """Return (n,) bool: True where excess (n, m) is finite and positive in every objective."""
+    return np.all(np.isfinite(excess) & (excess > 0), axis=1)
+
+
+def candidate_weights(current: ArrayLike, number: int) -> tuple[Array, Mask]:
+    """Return trade-offs (p, number, m) near the current ones (p, m), and a mask (p, number).
+
+    Candidates lie within 45 degrees of the trade-off that a policy was last trained with, and sum
+    to 1. The mask is False for candidates to ignore.
+
+    With two objectives candidates are evenly spaced in angle, as in the authors' code. Those that
+    would have a negative weight are masked. With more objectives the first candidate is the current
+    trade-off, and the others are even directions turned towards it (see `turned_towards`); none is
+    masked. The authors' code draws these others at random from a grid.
+    """
+    current = unit(np.asarray(current, np.float64))
+    if current.shape[1] == 2:
+        steps = np.arange(number) - (number - 1) / 2
+        offsets = steps * (2 * CANDIDATE_ANGLE / max(number - 1, 1))
+        angles = np.arctan2(current[:, 1], current[:, 0])[:, None] + offsets
+        weights = np.stack([np.cos(angles), np.sin(angles)], -1)
+        valid = np.all(weights >= -1e-7, axis=-1)  # rounding of a corner
+        weights = weights.clip(0)
+    else:
+        others = turned_towards(current, directions(max(number - 1, 1), current.shape[1]))
+        weights = np.concatenate([current[:, None], others], 1)[:, :number]
+        valid = np.ones(weights.shape[:2], np.bool_)
+    return weights / weights.sum(-1, keepdims=True), valid
+
+
+def turned_towards(centers: Array, others: Array) -> Array:
+    """Turn unit vectors (k, m) towards each of the centers (p, m), and return them (p, k, m).
+
+    All angles from a center shrink by one factor, at which the corner of the simplex farthest from
+    that center would be 45 degrees away. So different vectors stay different.
+    """
+    farthest = np.arccos(centers.min(1).clip(0, 1))
+    share = (CANDIDATE_ANGLE / farthest)[:, None]
+    angles = np.arccos((centers @ others.T).clip(-1, 1))
+    tangents = others - np.cos(angles)[..., None] * centers[:, None]
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=-1, keepdims=True), 1e-12)
+    angles = (share * angles)[..., None]
+    return np.cos(angles) * centers[:, None] + np.sin(angles) * tangents

@@ -1,0 +1,176 @@
+"""The task selection of PG-MORL: what to train for the best front.
+
+Xu et al., 2020. Every objective is maximized and may have its own unit.
+"""
+
+import math
+
+import moocore
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .population import exceeding, uniform_directions
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+EXACT_OBJECTIVES = 4  # with more, exact hypervolumes of all candidates may take minutes
+RAYS = 128  # of each estimated hypervolume
+
+
+def select(
+    archive: ArrayLike, predicted: ArrayLike, number: int, reference: ArrayLike, alpha: float
+) -> Indices:
+    """Return the indices (number,) of the candidates to train, in the order of their selection.
+
+    The greedy task selection: each time, select the candidate whose predicted returns, added to the
+    front of the archive, give the largest
+
+        hypervolume - alpha * sparsity
+
+    and add its prediction to the archive. Sparsity is the mean squared gap between neighbors on the
+    front, summed over objectives. Only returns that exceed the reference point in every objective
+    are on the front. They are measured from the reference point, and each objective is divided by
+    the largest excess of the archive (of the predictions, if the archive has none), so that alpha
+    has no unit.
+
+    Predictions that add nothing tie. Of these, the ones that would need the least improvement to
+    add hypervolume come first (in the authors' code, the first in the list). Predictions that are
+    not finite are not selected. If there are fewer than `number` others, all are returned.
+
+    Args:
+        archive: Returns (n, m) of the policies so far.
+        predicted: Predicted returns (c, m) of the candidates.
+        number: Number of candidates to select.
+        reference: Reference point (m,) of the hypervolume.
+        alpha: Weight of the sparsity.
+    """
+    reference = np.asarray(reference, np.float64)
+    front = np.asarray(archive, np.float64) - reference
+    front = front[exceeding(front)]
+    points = np.asarray(predicted, np.float64) - reference
+    finite = np.flatnonzero(np.isfinite(points).all(1))
+    if not len(finite):
+        return finite
+    points = points[finite]
+    scale = np.abs(front if len(front) else points).max(0)
+    scale[scale == 0] = 1
+    front, points = front / scale, points / scale
+    if len(front):
+        front = front[moocore.is_nondominated(front, maximise=True)]
+    return finite[greedy(front, points, min(number, len(points)), alpha)]
+
+
+def greedy(front: Array, points: Array, number: int, alpha: float) -> list[int]:
+    """Select `number` of the points (c, m), as `select` does, relative to the reference point.
+
+    As the front grows, a point adds less and less hypervolume, so that an old gain is an upper
+    bound. It is enough to update the gain of the best point until the best one is up to date.
+    """
+    chosen: list[int] = []
+    lacking = shortfalls(points, front)
+    gains = np.zeros(len(points))
+    gains[lacking < 0] = gained(points[lacking < 0], front)
+    while len(chosen) < number:
+        adding = lacking < 0
+        costs = np.zeros(len(points))
+        costs[adding] = alpha * (sparsities(points[adding], front) - sparsity(front))
+        scores = np.where(adding, gains - costs, 0)
+        scores[chosen] = -np.inf
+        current = ~adding
+        while not current[best := int(np.lexsort((lacking, -scores))[0])]:
+            gains[best] = gained(points[[best]], front)[0]
+            scores[best] = gains[best] - costs[best]
+            current[best] = True
+        chosen.append(best)
+        if adding[best]:
+            point = points[best]
+            front = np.concatenate([front[(front > point).any(1)], point[None]])
+            lacking = np.maximum(lacking, (point - points).min(1))
+    return chosen
+
+
+def shortfalls(points: Array, front: Array) -> Array:
+    """Return the improvement (c,) in all objectives that points (c, m) need to add hypervolume.
+
+    It is negative for points that add to the front (n, m) already. All are relative to the
+    reference point.
+    """
+    least = front[:, 0] - points[:, :1]
+    for objective in range(1, points.shape[1]):
+        np.minimum(least, front[:, objective] - points[:, objective, None], out=least)
+    return np.maximum(least.max(1, initial=-np.inf), -points.min(1))
+
+
+def sparsity(front: Array) -> float:
+    """Compute the mean squared gap between neighbors on a front (n, m), summed over objectives."""
+    gaps = np.diff(np.sort(front, axis=0), axis=0)
+    return float(np.square(gaps).sum() / max(len(gaps), 1))
+
+
+def sparsities(points: Array, front: Array) -> Array:
+    """Compute the sparsity (c,) of the front (n, m) after each of the points (c, m) is added."""
+    columns = list(zip(points.T, front.T, strict=True))
+    dominated = np.ones((len(points), len(front)), np.bool_)
+    for point, values in columns:
+        dominated &= values <= point[:, None]
+    squares = np.zeros(len(points))
+    for point, values in columns:
+        # a dominated value becomes a copy of the point, which has no gap to it
+        joined = np.where(dominated, point[:, None], values)
+        joined = np.sort(np.concatenate([joined, point[:, None]], 1), 1)
+        squares += np.square(np.diff(joined, axis=1)).sum(1)
+    return squares / np.maximum((~dominated).sum(1), 1)
+
+
+def gained(points: Array, front: Array) -> Array:
+    """Compute the hypervolume (c,) that each of the points (c, m) adds to a front (n, m).
+
+    All are relative to the reference point. The points must add hypervolume. Exact for up to four
+    objectives, else an estimate (see `volume_along_rays`).
+    """
+    num_objectives = points.shape[1]
+    if num_objectives == 2:
+        return area_gained(points, front)
+    if num_objectives <= EXACT_OBJECTIVES:
+        return np.array([volume_gained(point, front) for point in points])
+    rays = uniform_directions(RAYS, num_objectives)
+    return np.array([volume_along_rays(point, front, rays) for point in points])
+
+
+def area_gained(points: Array, front: Array) -> Array:
+    """Compute the areas (c,) that points (c, 2) add to the staircase below a front (n, 2)."""
+    x, y = front[np.argsort(front[:, 0])].T
+    left, right, height = np.append(0, x), np.append(x, np.inf), np.append(y, 0)
+    widths = np.minimum(points[:, :1], right) - left
+    heights = points[:, 1:] - height
+    return (widths.clip(0) * heights.clip(0)).sum(1)
+
+
+def volume_gained(point: Array, front: Array) -> float:
+    """Compute the volume of the box below a point (m,) that lies above a front (n, m)."""
+    box = float(point.prod())
+    if not len(front):
+        return box
+    covered = np.minimum(front, point)
+    return box - float(moocore.hypervolume(covered, ref=np.zeros(len(point)), maximise=True))
+
+
+def volume_along_rays(point: Array, front: Array, rays: Array) -> float:
+    """Estimate `volume_gained` from rays (k, m), uniform directions in the positive orthant.
+
+    A ray from the point downwards leaves the volume once, after a length l. The volume is the mean
+    of l^m times the volume of one orthant of the unit ball (Shang et al., 2020, "R2-Based
+    Hypervolume Contribution Approximation").
+    """
+    m = len(point)
+    lengths = (point / rays).min(1)
+    if len(front):
+        covered = np.minimum(front, point)
+        covered = covered[moocore.is_nondominated(covered, maximise=True)]
+        leaving = np.zeros((len(rays), len(covered)))
+        for inverse, drop in zip((1 / rays).T, (point - covered).T, strict=True):
+            np.maximum(leaving, inverse[:, None] * drop, out=leaving)
+        lengths = np.minimum(lengths, leaving.min(1))
+    orthant = math.pi ** (m / 2) / math.gamma(m / 2 + 1) / 2**m
+    return orthant * float(np.mean(lengths**m))

@@ -1,0 +1,122 @@
+"""Several processes that train one agent together, one per GPU."""
+
+import os
+from collections.abc import Sequence
+from datetime import timedelta
+from typing import Any, TypeVar
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+
+from ..envs import MorlaxError
+
+T = TypeVar("T")
+
+PATIENCE = timedelta(seconds=60)  # how long a process waits for the others
+
+
+class Group:
+    """The processes of a run, started by `torchrun`. Alone, every method changes nothing.
+
+    Collectives run in the same order in every process. On CUDA they are recorded in graphs, like
+    other GPU work; work in parallel branches needs a `channel` of its own.
+    """
+
+    rank: int = 0
+    size: int = 1
+
+    def channel(self) -> "Group":
+        """Return the same processes, for collectives in parallel with those of this group."""
+        return self
+
+    def mean_(self, x: Tensor) -> Tensor:
+        """Average a tensor over the processes, in place."""
+        return x
+
+    def largest_(self, x: Tensor) -> Tensor:
+        """Take the maximum of a tensor over the processes, in place."""
+        return x
+
+    def moments(self, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
+        """Return mean and biased variance of the samples of all processes, each of as many."""
+        return mean, variance
+
+    def broadcast_(self, tensors: Sequence[Tensor]) -> None:
+        """Copy tensors of the first process to the others, in place."""
+
+    def first(self, value: T) -> T:
+        """Return the first process's value, a number or another small object."""
+        return value
+
+    def gather(self, value: T) -> list[T]:
+        """Return every process's value, in the order of ranks."""
+        return [value]
+
+
+ALONE = Group()
+
+
+class Processes(Group):
+    """Several processes.
+
+    Args:
+        tensors: the process group for tensors.
+        objects: the process group for objects on the CPU.
+    """
+
+    def __init__(self, tensors: Any, objects: Any):
+        self._tensors, self._objects = tensors, objects
+        self.rank, self.size = dist.get_rank(), dist.get_world_size()
+
+    def channel(self) -> "Processes":
+        backend = dist.get_backend(self._tensors)
+        return Processes(dist.new_group(backend=backend, timeout=PATIENCE), self._objects)
+
+    def mean_(self, x: Tensor) -> Tensor:
+        dist.all_reduce(x, group=self._tensors)
+        return x.div_(self.size)
+
+    def largest_(self, x: Tensor) -> Tensor:
+        dist.all_reduce(x, dist.ReduceOp.MAX, group=self._tensors)
+        return x
+
+    def moments(self, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
+        own = mean.double()
+        # double, because the mean of the squares may be far larger than the variance
+        both = self.mean_(torch.stack([own, variance.double() + own.square()]))
+        return both[0].to(mean), (both[1] - both[0].square()).clamp(min=0).to(variance)
+
+    def broadcast_(self, tensors: Sequence[Tensor]) -> None:
+        for tensor in tensors:
+            dist.broadcast(tensor, 0, group=self._tensors)
+
+    def first(self, value: T) -> T:
+        box = [value]
+        dist.broadcast_object_list(box, 0, group=self._objects)
+        return box[0]
+
+    def gather(self, value: T) -> list[T]:
+        values: list[Any] = [None] * self.size
+        dist.all_gather_object(values, value, group=self._objects)
+        return values
+
+
+def join(device: torch.device) -> Group:
+    """Join the processes that `torchrun` started, if it did.
+
+    Raises:
+        MorlaxError: not all of them came within a minute.
+    """
+    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+        return ALONE
+    try:
+        dist.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=PATIENCE)
+        objects = dist.new_group(backend="gloo", timeout=PATIENCE)
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise MorlaxError(
+            f"the {os.environ['WORLD_SIZE']} processes of this run did not find each other: "
+            f"{reason}"
+        ) from None
+    return Processes(dist.group.WORLD, objects)

@@ -1,0 +1,63 @@
+"""Several processes train one agent."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+import two_processes
+from torch.testing import assert_close
+
+from morlax_torch.algorithms.registry import LEARNERS
+from morlax_torch.envs.random import seed_of
+from morlax_torch.gpu.group import ALONE
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory) -> list[dict]:
+    """Return what each of two processes has."""
+    folder = tmp_path_factory.mktemp("processes")
+    launch = [
+        sys.executable,
+        "-m",
+        "torch.distributed.run",
+        "--nproc-per-node",
+        "2",
+        "--standalone",
+    ]
+    script = Path(two_processes.__file__)
+    done = subprocess.run(
+        [*launch, str(script), str(folder), *LEARNERS], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return [torch.load(folder / f"{rank}.pt") for rank in range(2)]
+
+
+@pytest.mark.parametrize("algorithm", LEARNERS)
+def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algorithm):
+    one, other = (process[algorithm] for process in found)
+    for name, value in one["agent"].items():
+        assert torch.equal(value, other["agent"][name]), name
+    for mine, theirs in zip(one["optimizers"], other["optimizers"], strict=True):
+        assert torch.equal(mine, theirs)
+    assert one["metrics"] == other["metrics"]
+    assert one["steps"] == 5 * two_processes.WORLDS * two_processes.HORIZON
+    assert not torch.equal(one["observation"], other["observation"])
+    assert not torch.equal(one["generator"], other["generator"])
+
+
+def test_statistics_of_two_processes_are_those_of_one_with_all_worlds(found):
+    whole, halves = two_processes.statistics(ALONE), [one["statistics"] for one in found]
+    for half in halves:
+        for normalizer in ("observation", "value"):
+            for name, value in whole[normalizer].items():
+                assert_close(half[normalizer][name], value, rtol=1e-6, atol=1e-6)
+    together = torch.stack([half["advantage"] for half in halves], 2).flatten(1, 2)
+    assert_close(together, whole["advantage"], rtol=1e-5, atol=1e-6)
+
+
+def test_processes_have_their_own_seeds():
+    seeds = {seed_of(seed, rank) for seed in range(20) for rank in range(20)}
+    assert len(seeds) == 400 and max(seeds) < 2**63
+    assert [seed_of(seed, 0) for seed in range(3)] == [0, 1, 2]

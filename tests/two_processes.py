@@ -1,0 +1,76 @@
+"""What each of the processes of a run has after training, for test_group.py."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from morlax_torch import config_for, envs
+from morlax_torch.algorithms.ppo import make_batch
+from morlax_torch.algorithms.registry import make_learner
+from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.config import Config
+from morlax_torch.gpu.group import ALONE, Group, join
+
+WORLDS, HORIZON, CLUSTERS = 32, 4, 4
+
+
+def config(algorithm: str, size: int) -> Config:
+    """Return the config of one of `size` processes."""
+    return config_for(
+        "hopper",
+        device="cpu",
+        algorithm=algorithm,
+        worlds=WORLDS // size,
+        horizon=HORIZON,
+        max_env_steps=100_000,
+        network={"actor": (8,), "critic": (8,), "hidden": (8,)},
+        sampling={} if algorithm == "amor" else {"clusters": CLUSTERS},
+        ppo={"minibatches": 1, "desired_kl": 0.01},
+        task={"reset_noise": 0.05},
+    )
+
+
+def statistics(group: Group) -> dict[str, Any]:
+    """Return what a learner makes of this process's half of a random rollout."""
+    own = config("morlax", group.size)
+    learner = make_learner(envs.make("hopper", own.worlds, "cpu"), own, group=group)
+    generator, share = torch.Generator().manual_seed(0), slice(group.rank, None, group.size)
+
+    def drawn(part: torch.Tensor) -> torch.Tensor:
+        shape = HORIZON, CLUSTERS, WORLDS // CLUSTERS, *part.shape[3:]
+        noise = 3 + torch.randn(shape, generator=generator)
+        return (
+            noise[:, :, share].contiguous() if part.is_floating_point() else noise[:, :, share] > 4
+        )
+
+    rollout = Rollout(*map(drawn, learner.rollout))
+    learner.tradeoffs.copy_(torch.rand(learner.tradeoffs.shape, generator=generator))
+    batch, _ = make_batch(
+        learner.agent, learner.tradeoffs, rollout, own.ppo, learner.scalarization, group
+    )
+    learner.agent.observation_normalizer.update(rollout.observation, group=group)
+    return {
+        "observation": learner.agent.observation_normalizer.state_dict(),
+        "value": learner.agent.value_normalizer.state_dict(),
+        "advantage": batch.advantage,
+    }
+
+
+def trained(algorithm: str, group: Group) -> dict[str, Any]:
+    """Return a learner's state after five iterations."""
+    own = config(algorithm, group.size)
+    learner = make_learner(envs.make("hopper", own.worlds, "cpu"), own, group=group)
+    for _ in range(5):
+        learner.iterate()
+    return {**learner.state_dict(), "metrics": learner.metrics(), "steps": learner.env_steps}
+
+
+if __name__ == "__main__":
+    folder, *algorithms = sys.argv[1:]
+    group = join(torch.device("cpu"))
+    found = {name: trained(name, group) for name in algorithms}
+    found["statistics"] = statistics(group)
+    torch.save(found, Path(folder) / f"{group.rank}.pt")
+    assert group is not ALONE
