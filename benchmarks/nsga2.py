@@ -17,6 +17,7 @@ from morlax_torch import envs
 from morlax_torch.config import Config
 from morlax_torch.envs import Worlds
 from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.gpu.group import ALONE
 from morlax_torch.networks.agent import Agent
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
@@ -61,7 +62,8 @@ class NSGA2:
             torch.full((config.worlds, sizes[2]), 1 / sizes[2]),  # policies come in order
             seed=SEED,
         )
-        self.iteration, self.time_spent = 0, 0.0
+        self.iteration, self.env_steps, self.time_spent = 0, 0, 0.0
+        self.group, self.per_process = ALONE, ()
         self.steps_per_iteration = config.worlds * self._evaluator.env.episode_length
         torch.manual_seed(config.seed)  # EvoX draws from the default generator
         bounds = torch.ones(self.agent.actor.rows.shape[1], device=env.device)
@@ -69,10 +71,6 @@ class NSGA2:
             config.worlds, sizes[2], SMALLEST * bounds, LARGEST * bounds, device=env.device
         )
         self._evolution.evaluate = self._costs
-
-    @property
-    def env_steps(self) -> int:
-        return self.iteration * self.steps_per_iteration
 
     def compile(self) -> None:
         self._evaluator.compile()
@@ -84,6 +82,7 @@ class NSGA2:
         else:
             self._evolution.step()
         self.iteration += 1
+        self.env_steps += self.steps_per_iteration
         actor = self.agent.actor
         with torch.no_grad():
             actor.rows.copy_(self._evolution.pop)

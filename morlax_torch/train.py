@@ -37,7 +37,8 @@ def train(
     """Train until a limit of `config` is reached; returns the run.
 
     It prints nothing and installs no signal handlers, so it works in threads, notebooks and
-    tuners. An exception from `on_evaluation` ends training; the run can be resumed.
+    tuners. An exception from `on_evaluation` ends training; the run can be resumed. Started by
+    `torchrun`, all processes train together, and the first one writes the run.
 
     Args:
         config: every number of the run.
@@ -46,6 +47,7 @@ def train(
         actor: replaces the config's actor, see `MORLAX`.
         critic: replaces the config's critic, see `MORLAX`.
         on_evaluation: called with each evaluation once it is written; training may be ahead of it.
+            Of several processes, each calls its own.
 
     Raises:
         MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
@@ -63,7 +65,7 @@ def train(
 
 
 class _Session(NamedTuple):
-    """A run that is ready to train."""
+    """A run that is ready to train; the first process writes it."""
 
     learner: Learner
     evaluator: Evaluator
@@ -73,7 +75,8 @@ class _Session(NamedTuple):
     def train(self, limits: Limits, began: float) -> Generator[Evaluation, None, None]:
         from .runs.training import training
 
-        return training(self.learner, self.evaluator, limits, self.run, self.progress, began)
+        run = self.run if self.learner.group.rank == 0 else None
+        return training(self.learner, self.evaluator, limits, run, self.progress, began)
 
 
 def _prepare(
@@ -84,15 +87,18 @@ def _prepare(
     critic: nn.Module | None = None,
 ) -> _Session:
     from .algorithms.registry import make_learner
+    from .gpu.group import join
     from .runs.progress import Progress
     from .runs.run import Run
     from .runs.training import make_evaluator, make_worlds
 
-    learner = make_learner(make_worlds(config, config.worlds), config, actor, critic)
+    config, group = join(config)
+    worlds = make_worlds(config, config.worlds, group.rank)
+    learner = make_learner(worlds, config, actor, critic, group=group)
     evaluator = make_evaluator(learner)
-    if run is None:
-        return _Session(learner, evaluator, Run.create(learner, output), Progress())
-    return _Session(learner, evaluator, run, run.restore(learner))
+    if run is not None:
+        return _Session(learner, evaluator, run, run.restore(learner))
+    return _Session(learner, evaluator, Run.create(learner, output), Progress())
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -69,7 +69,7 @@ def trained(algorithm: str, group: Group) -> dict[str, Any]:
 
 if __name__ == "__main__":
     folder, *algorithms = sys.argv[1:]
-    group = join(torch.device("cpu"))
+    _, group = join(config("morlax", 2))
     found = {name: trained(name, group) for name in algorithms}
     found["statistics"] = statistics(group)
     torch.save(found, Path(folder) / f"{group.rank}.pt")

@@ -22,6 +22,8 @@ class AMOR(MORLAX):
         others: as of `MORLAX`.
     """
 
+    per_process = (*MORLAX.per_process, "tradeoffs", "ended")
+
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)

@@ -4,6 +4,7 @@ from typing import Any, Protocol
 
 from ..config import Config
 from ..envs import Worlds
+from ..gpu.group import Group
 from ..networks.agent import Agent
 
 
@@ -12,16 +13,19 @@ class Learner(Protocol):
 
     env: Worlds
     config: Config
+    group: Group
+    """The processes that train together; `state_dict` is of this one."""
+    per_process: tuple[str, ...]
+    """Keys of the state that differ between processes."""
     agent: Agent
     iteration: int
     steps_per_iteration: int
+    """Environment steps of an iteration, in all processes."""
     time_spent: float
     """Share of `config.max_seconds` that is over, which the training loop keeps up to date."""
 
-    @property
-    def env_steps(self) -> int:
-        """Environment steps learned from so far."""
-        ...
+    env_steps: int
+    """Environment steps learned from so far, in all processes."""
 
     def compile(self) -> None:
         """Compile kernels and record graphs; the learner's state is unchanged."""

@@ -43,6 +43,8 @@ class MORLAX:
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
 
+    per_process: tuple[str, ...] = ("generator", "environment", "observation")
+
     def __init__(
         self,
         env: Worlds,
@@ -89,7 +91,7 @@ class MORLAX:
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
-        self.iteration = 0
+        self.iteration = self.env_steps = 0
         self.time_spent = 0.0
         self._done = torch.zeros((), device=env.device)  # `done`, readable by graphs
         self.steps_per_iteration = config.worlds * config.horizon * group.size
@@ -105,11 +107,6 @@ class MORLAX:
         generators = (self.generator, env.generator)
         self.explore = Graph(self._explore, env.device, generators, partial(self._explore, 1))
         self.learn = Graph(self._learn, env.device, [self.generator], partial(self._learn, 1))
-
-    @property
-    def env_steps(self) -> int:
-        """Environment steps learned from so far."""
-        return self.iteration * self.steps_per_iteration
 
     def compile(self) -> None:
         """Compile kernels and record the graphs; the learner's state is unchanged.
@@ -131,6 +128,7 @@ class MORLAX:
         self.explore()
         self.learn()
         self.iteration += 1
+        self.env_steps += self.steps_per_iteration
 
     @property
     def done(self) -> float:
@@ -216,6 +214,7 @@ class MORLAX:
             "environment": self.env.state_dict() if self.env.resumable else {},
             "observation": self.observation.clone(),
             "iteration": self.iteration,
+            "env_steps": self.env_steps,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -232,3 +231,5 @@ class MORLAX:
         else:
             self.observation.copy_(self.env.critic_observation())
         self.iteration = self._metrics_since = state["iteration"]
+        # before several processes could train, every iteration had as many
+        self.env_steps = state.get("env_steps", self.iteration * self.steps_per_iteration)

@@ -9,12 +9,18 @@ from torch import Tensor
 from ..envs import MorlaxError, Worlds
 from ..envs.random import EVALUATION_SEEDS
 from ..gpu.graph import Graph
+from ..gpu.group import ALONE, Group
 from ..gpu.threads import one_thread
 from ..networks.agent import Agent
 from .front import Front
 
 Protocol = Literal["latched", "paper"]
 STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
+
+
+def share(tradeoffs: Tensor, group: Group) -> Tensor:
+    """Return the trade-offs (K, m) that this process evaluates."""
+    return tradeoffs[group.rank :: group.size]
 
 
 class Evaluator:
@@ -30,10 +36,11 @@ class Evaluator:
 
     Args:
         agent: the policies, read anew at each evaluation.
-        env: K worlds without automatic reset.
+        env: K worlds without automatic reset, or this process's share of them.
         tradeoffs: (K, m).
         protocol: how returns are counted.
         seed: random seed of the episodes. It selects draws that training never sees.
+        group: processes that evaluate the `share` of the trade-offs each, and get all results.
     """
 
     def __init__(
@@ -43,12 +50,14 @@ class Evaluator:
         tradeoffs: Tensor,
         protocol: Protocol = "latched",
         seed: int = 0,
+        group: Group = ALONE,
     ):
+        self._points = tradeoffs.cpu().numpy()
+        tradeoffs = share(tradeoffs, group)
         if env.auto_reset or env.num_worlds != len(tradeoffs):
             raise ValueError("an evaluator needs one world per trade-off and auto_reset=False")
-        self.agent, self.env, self.protocol = agent, env, protocol
+        self.agent, self.env, self.protocol, self._group = agent, env, protocol, group
         self.tradeoffs = tradeoffs.to(env.device)
-        self._points = tradeoffs.cpu().numpy()
         self._seed = EVALUATION_SEEDS + seed
         self._observation = env.reset().clone()
         self._returns = torch.zeros_like(self.tradeoffs)
@@ -98,7 +107,10 @@ class Evaluator:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
         flags = (self._lengths, self._fallen, self._blown_up, self.env.overflow())
         columns = (self._returns, *(values[:, None] for values in flags))
-        table = torch.cat([values.double() for values in columns], 1).cpu().numpy()
+        own = torch.cat([values.double() for values in columns], 1).cpu().numpy()
+        table = np.empty((len(self._points), own.shape[1]))
+        for rank, part in enumerate(self._group.gather(own)):
+            table[rank :: self._group.size] = part
         *returns, lengths, falls, blowups, overflow = table.T.copy()
         if overflow.any():
             remedy = self.env.remedy(int(overflow.max()))

@@ -1,7 +1,8 @@
 """Several processes that train one agent together, one per GPU."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from typing import Any, TypeVar
 
@@ -9,7 +10,8 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from ..envs import MorlaxError
+from ..config import Config
+from ..envs import MorlaxError, resolve_device
 
 T = TypeVar("T")
 
@@ -42,9 +44,6 @@ class Group:
         """Return mean and biased variance of the samples of all processes, each of as many."""
         return mean, variance
 
-    def broadcast_(self, tensors: Sequence[Tensor]) -> None:
-        """Copy tensors of the first process to the others, in place."""
-
     def first(self, value: T) -> T:
         """Return the first process's value, a number or another small object."""
         return value
@@ -55,6 +54,16 @@ class Group:
 
 
 ALONE = Group()
+
+
+@contextmanager
+def _together() -> Iterator[None]:
+    """Tell a user why a collective fails: gloo and NCCL only name a socket."""
+    try:
+        yield
+    except RuntimeError as error:
+        reason = str(error).splitlines()[0]
+        raise MorlaxError(f"another process of this run has ended ({reason}).") from None
 
 
 class Processes(Group):
@@ -74,11 +83,13 @@ class Processes(Group):
         return Processes(dist.new_group(backend=backend, timeout=PATIENCE), self._objects)
 
     def mean_(self, x: Tensor) -> Tensor:
-        dist.all_reduce(x, group=self._tensors)
+        with _together():
+            dist.all_reduce(x, group=self._tensors)
         return x.div_(self.size)
 
     def largest_(self, x: Tensor) -> Tensor:
-        dist.all_reduce(x, dist.ReduceOp.MAX, group=self._tensors)
+        with _together():
+            dist.all_reduce(x, dist.ReduceOp.MAX, group=self._tensors)
         return x
 
     def moments(self, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
@@ -87,36 +98,47 @@ class Processes(Group):
         both = self.mean_(torch.stack([own, variance.double() + own.square()]))
         return both[0].to(mean), (both[1] - both[0].square()).clamp(min=0).to(variance)
 
-    def broadcast_(self, tensors: Sequence[Tensor]) -> None:
-        for tensor in tensors:
-            dist.broadcast(tensor, 0, group=self._tensors)
-
     def first(self, value: T) -> T:
         box = [value]
-        dist.broadcast_object_list(box, 0, group=self._objects)
+        with _together():
+            dist.broadcast_object_list(box, 0, group=self._objects)
         return box[0]
 
     def gather(self, value: T) -> list[T]:
         values: list[Any] = [None] * self.size
-        dist.all_gather_object(values, value, group=self._objects)
+        with _together():
+            dist.all_gather_object(values, value, group=self._objects)
         return values
 
 
-def join(device: torch.device) -> Group:
-    """Join the processes that `torchrun` started, if it did.
+def join(config: Config) -> tuple[Config, Group]:
+    """Join the processes that `torchrun` started, if it did, each on a GPU of its own.
 
     Raises:
-        MorlaxError: not all of them came within a minute.
+        MorlaxError: not all of them came within a minute, there are fewer GPUs, or they have
+            different configs.
     """
     if int(os.environ.get("WORLD_SIZE", "1")) == 1:
-        return ALONE
+        return config, ALONE
+    device = resolve_device(config.device)
+    if device.type == "cuda":
+        device = resolve_device(f"cuda:{os.environ.get('LOCAL_RANK', '0')}")
+        torch.cuda.set_device(device)
     try:
         dist.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=PATIENCE)
         objects = dist.new_group(backend="gloo", timeout=PATIENCE)
+        group = Processes(dist.group.WORLD, objects)
+        configs = group.gather(config.model_dump_json())
     except (OSError, RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise MorlaxError(
             f"the {os.environ['WORLD_SIZE']} processes of this run did not find each other: "
             f"{reason}"
         ) from None
-    return Processes(dist.group.WORLD, objects)
+    others = [rank for rank, other in enumerate(configs) if other != configs[0]]
+    if others:
+        raise MorlaxError(
+            f"process {others[0]} has another config than process 0: start all processes with the "
+            "same command."
+        )
+    return config.model_copy(update={"device": str(device)}), group

@@ -30,12 +30,19 @@ def describe(env: Worlds) -> Task:
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:
-    """Copy the whole state of a learner to the CPU, so that any thread can write it later."""
+    """Copy the whole state of a learner to the CPU, so that any thread can write it later.
+
+    All processes of the learner's group must call it.
+    """
+    state, group = _on_cpu(learner.state_dict()), learner.group
+    if group.size > 1:
+        own = {name: state[name] for name in learner.per_process}
+        _, *state["processes"] = group.gather(own)
     return {
         "config": learner.config.model_dump(mode="json"),
         "environment": describe(learner.env).model_dump(mode="json"),
         "own_networks": learner.agent.own_networks(),
-        "learner": _on_cpu(learner.state_dict()),
+        "learner": state,
     }
 
 
@@ -140,7 +147,9 @@ def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
 
 
 def restore(contents: Contents, path: Path, learner: Learner) -> None:
-    """Load a checkpoint's contents into `learner`. Worlds that are not resumable start anew.
+    """Load a checkpoint's contents into `learner`.
+
+    Worlds that are not resumable start anew, and so do all if another number of processes trained.
 
     Raises:
         MorlaxError: it has another task or another size, or holds only policies.
@@ -162,9 +171,15 @@ def restore(contents: Contents, path: Path, learner: Learner) -> None:
             f"{stored.network}): resume with the config of its own run."
         )
     check_networks(contents.own_networks, learner.agent.own_networks(), path)
+    mine, state = learner.state_dict(), dict(contents.learner)
     try:
-        check_state(contents.learner, learner.state_dict())
-        learner.load_state_dict(contents.learner)
+        processes = [{}, *state.pop("processes", [])]
+        if len(processes) == learner.group.size:
+            state |= processes[learner.group.rank]
+        else:
+            state |= {name: mine[name] for name in learner.per_process}
+        check_state(state, mine)
+        learner.load_state_dict(state)
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(

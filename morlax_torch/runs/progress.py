@@ -42,6 +42,8 @@ class Progress(BaseModel):
     model_config = ConfigDict(allow_inf_nan=False)
 
     env_steps: int = 0
+    processes: int = 1
+    """How many trained together last."""
     train_seconds: float = 0.0
     """Time spent exploring and learning, without compiling, evaluating and saving."""
     total_seconds: float = 0.0

@@ -53,7 +53,8 @@ class Run:
         """Create a folder that already holds the config and a first checkpoint.
 
         The folder is prepared beside its final place and then moved there, so that a killed
-        program leaves either a run that can be resumed or none.
+        program leaves either a run that can be resumed or none. All processes of the learner's
+        group must call it; the first one writes.
 
         Args:
             learner: whose config and initial state to write.
@@ -62,7 +63,9 @@ class Run:
         Raises:
             MorlaxError: the folder is in use, or cannot be written.
         """
-        config = learner.config
+        config, contents = learner.config, checkpoint.snapshot(learner)
+        if learner.group.rank:
+            return cls(Path(learner.group.first("")))
         stamp = time.strftime("%Y%m%d-%H%M%S")
         folder = output or unused(Path("runs") / title(config.env) / f"{stamp}-{config.seed}")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -76,7 +79,8 @@ class Run:
         try:
             shutil.rmtree(draft, ignore_errors=True)
             (draft / "checkpoints").mkdir(parents=True)
-            checkpoint.save(draft / "checkpoints" / "latest.pt", learner, Progress())
+            latest = draft / "checkpoints" / "latest.pt"
+            checkpoint.write_snapshot(latest, contents, Progress())
             _write(draft / "config.yaml", write_yaml(config))
             draft.replace(folder)
         except OSError as error:
@@ -85,6 +89,7 @@ class Run:
             shutil.rmtree(draft, ignore_errors=True)
         run = cls(folder)
         run._lock.acquire()
+        learner.group.first(str(folder))
         return run
 
     @classmethod
@@ -134,9 +139,15 @@ class Run:
     def restore(self, learner: Learner) -> Progress:
         """Load the latest checkpoint into `learner` and drop what was logged after it.
 
+        All processes of the learner's group must call it.
+
         Raises:
-            MorlaxError: another process trains the run, or the checkpoint does not fit.
+            MorlaxError: another program trains the run, or the checkpoint does not fit.
         """
+        if learner.group.rank:
+            contents = checkpoint.load(self.checkpoints / "latest.pt")
+            checkpoint.restore(contents, self.folder, learner)
+            return contents.progress
         self._lock.acquire()
         try:
             path = self.checkpoints / "latest.pt"

@@ -45,16 +45,13 @@ class Schedule:
     def __init__(self, learner: Learner, limits: Limits, progress: Progress):
         self._learner, self._limits, self._progress = learner, limits, progress
         steps = learner.steps_per_iteration
-        self._last = math.inf
-        if limits.max_env_steps is not None:
-            self._last = math.ceil(limits.max_env_steps / steps)
         self._interval: int | None = None  # iterations between evaluations; None: seconds decide
         if limits.evaluate_every is not None and limits.evaluate_seconds is None:
             self._interval = max(1, limits.evaluate_every // steps)
         self._next_second = progress.train_seconds
 
     def over(self) -> bool:
-        return self.time_spent() >= 1 or self._learner.iteration >= self._last
+        return self.time_spent() >= 1 or self._iterations_left() <= 0
 
     def time_spent(self, since: float = 0.0) -> float:
         """Return the share of the time limit that is over, `since` seconds after the last count."""
@@ -76,7 +73,7 @@ class Schedule:
     def iterations(self) -> int:
         """Return how many iterations may pass until the next look at limits and metrics."""
         iteration, seconds = self._learner.iteration, self.seconds()
-        count = min(REPORT_EVERY, self._last - iteration)
+        count = min(REPORT_EVERY, self._iterations_left())
         if self._interval is not None:
             count = min(count, self._interval - iteration % self._interval)
         if self._progress.steps_per_second and seconds < math.inf:
@@ -90,6 +87,12 @@ class Schedule:
         most = self._limits.max_seconds
         left = math.inf if most is None else most - self._progress.train_seconds
         return left if self._interval is not None else min(left, self._until_evaluation())
+
+    def _iterations_left(self) -> float:
+        most = self._limits.max_env_steps
+        if most is None:
+            return math.inf
+        return math.ceil((most - self._learner.env_steps) / self._learner.steps_per_iteration)
 
     def _until_evaluation(self) -> float:
         return self._next_second - self._progress.train_seconds

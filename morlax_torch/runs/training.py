@@ -10,8 +10,8 @@ from .. import envs
 from ..algorithms.learner import Learner
 from ..config import Config
 from ..envs import MorlaxError, Worlds
-from ..envs.random import EVALUATION_SEEDS
-from ..evaluation.evaluator import Evaluator, Protocol
+from ..envs.random import EVALUATION_SEEDS, seed_of
+from ..evaluation.evaluator import Evaluator, Protocol, share
 from ..evaluation.front import Front
 from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from . import checkpoint
@@ -59,16 +59,16 @@ def training(
     progress = Progress() if progress is None else progress
     began = time.perf_counter() if began is None else began
     began -= progress.total_seconds
+    progress.processes = learner.group.size
     schedule = Schedule(learner, limits, progress)
-    evaluated = learner.iteration if run and run.has_evaluation(learner.iteration) else None
+    known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
+    evaluated = learner.iteration if known else None
     with run or nullcontext(), Writer(MOST_WAITING if run else 0) as writer:
         try:
             learner.compile()
             evaluator.compile()
             while True:
-                stopped = limits.stopped()
-                finished = stopped or schedule.over()
-                due = schedule.evaluation_due() or (finished and not stopped)
+                stopped, finished, due = learner.group.first(_next(limits, schedule))
                 if due and evaluated != learner.iteration:
                     evaluated, start = learner.iteration, time.perf_counter()
                     front = evaluator.evaluate()
@@ -84,14 +84,23 @@ def training(
             yield from writer.results(all_of_them=True)
             raise
         progress.total_seconds = time.perf_counter() - began
-        if stopped and run:
-            run.save(checkpoint.snapshot(learner), progress)
+        if stopped:
+            contents = checkpoint.snapshot(learner)
+            if run:
+                run.save(contents, progress)
+
+
+def _next(limits: Limits, schedule: Schedule) -> tuple[bool, bool, bool]:
+    """Return whether training is stopped, whether it is finished, and whether to evaluate."""
+    stopped = limits.stopped()
+    finished = stopped or schedule.over()
+    return stopped, finished, schedule.evaluation_due() or (finished and not stopped)
 
 
 def _report(learner: Learner, front: Front, progress: Progress, run: Run | None) -> Job:
     """Copy the state that an evaluation is of, and return a job that measures and writes it."""
     iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
-    contents = checkpoint.snapshot(learner) if run else {}
+    contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
 
     def work() -> Evaluation:
         evaluation = Evaluation(
@@ -114,14 +123,14 @@ def _report(learner: Learner, front: Front, progress: Progress, run: Run | None)
     return work
 
 
-def make_worlds(config: Config, number: int) -> Worlds:
-    """Make the worlds that `config` trains in."""
+def make_worlds(config: Config, number: int, rank: int = 0) -> Worlds:
+    """Make the worlds that `config` trains in, in the process `rank`."""
     return envs.make(
         config.env,
         number,
         config.device,
         config.backend,
-        config.seed,
+        seed_of(config.seed, rank),
         deterministic=config.deterministic,
         **config.task.model_dump(),
     )
@@ -133,14 +142,14 @@ def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluato
     The paper's protocol evaluates 1,024 random trade-offs, the default protocol the config's
     number, spread evenly.
     """
-    config, m = learner.config, len(learner.env.objectives)
+    config, group, m = learner.config, learner.group, len(learner.env.objectives)
     if protocol == "paper":
         tradeoffs = dirichlet_tradeoffs(1024, m)
     else:
         tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, m)
     env = envs.make(
         config.env,
-        len(tradeoffs),
+        len(share(tradeoffs, group)),
         config.device,
         config.backend,
         EVALUATION_SEEDS,
@@ -148,7 +157,7 @@ def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluato
         deterministic=config.deterministic,
         **config.task.for_evaluation().model_dump(),
     )
-    return Evaluator(learner.agent, env, tradeoffs, protocol)
+    return Evaluator(learner.agent, env, tradeoffs, protocol, group=group)
 
 
 def _iterate(
@@ -160,12 +169,14 @@ def _iterate(
     writer: Writer,
 ) -> None:
     """Run some iterations, then read and check the metrics."""
-    first, start = learner.iteration, time.perf_counter()
+    first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
     seconds = schedule.seconds()
-    for _ in range(schedule.iterations()):
-        learner.time_spent = schedule.time_spent(time.perf_counter() - start)
+    number, spent = learner.group.first((schedule.iterations(), schedule.time_spent()))
+    for _ in range(number):
+        # several processes have one clock, which they look at together
+        learner.time_spent = schedule.time_spent(time.perf_counter() - start) if alone else spent
         learner.iterate()
-        if limits.stopped() or time.perf_counter() - start >= seconds:
+        if alone and (limits.stopped() or time.perf_counter() - start >= seconds):
             break
     metrics = learner.metrics()
     elapsed = time.perf_counter() - start
@@ -174,7 +185,8 @@ def _iterate(
     progress.env_steps = learner.env_steps
     progress.steps_per_second = (learner.iteration - first) * learner.steps_per_iteration / elapsed
     _check(metrics, learner, first, run)
-    if progress.blowups - blowups >= learner.config.worlds * (learner.iteration - first):
+    worlds = learner.config.worlds * learner.group.size
+    if progress.blowups - blowups >= worlds * (learner.iteration - first):
         raise MorlaxError(
             f"every world blew up in each rollout of {_span(learner, first)}: "
             f"{UNSTABLE}.{_kept(run)}"

@@ -4,6 +4,7 @@ import errno
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
@@ -22,7 +23,11 @@ from ..envs import MorlaxError
 from .interrupt import exiting_on_signals
 from .startup import INTERRUPTED
 
-console = Console(highlight=False, soft_wrap=True, emoji=False)
+FIRST = os.environ.get("RANK", "0") == "0"  # of the processes that torchrun started
+PROCESSES = int(os.environ.get("WORLD_SIZE", "1"))
+GRACE = 2.0  # seconds
+
+console = Console(highlight=False, soft_wrap=True, emoji=False, quiet=not FIRST)
 _registry = ConstructorRegistry()
 
 
@@ -122,7 +127,12 @@ def _silence_output() -> None:
 
 def fail(sentence: str) -> NoReturn:
     """Print an error and exit."""
+    if not FIRST:
+        time.sleep(GRACE)  # an error of all processes ends this one before, told by the first
     Console(stderr=True, highlight=False, soft_wrap=True, emoji=False).print(
         f"error: {sentence}", markup=False
     )
+    if PROCESSES > 1:
+        sys.stderr.flush()
+        os._exit(2)  # Python's teardown aborts while threads wait for other processes
     sys.exit(2)

@@ -17,6 +17,8 @@ from .cli import console
 class Display:
     """A moving bar on a terminal; on a file or pipe only one line per evaluation.
 
+    Only the first of several processes shows anything.
+
     Args:
         learner: that trains.
         folder: of its run.
@@ -52,6 +54,11 @@ class Display:
             )
         if self._progress.env_steps and not env.resumable:
             console.print("the state of these worlds cannot be saved: they start anew")
+        elif self._progress.env_steps and self._progress.processes != self._learner.group.size:
+            console.print(
+                f"number of processes: {self._learner.group.size} instead of "
+                f"{self._progress.processes}, so worlds start anew"
+            )
         if env.simulator == "mjlab" and env.device.type == "cpu":
             console.print(
                 "on a CPU, mjlab takes a few hundred steps per second: use a GPU to train"

@@ -40,7 +40,8 @@ def collect_garbage_rarely() -> None:
 def announce_training() -> None:
     """Print what `train` starts with, since importing torch takes seconds."""
     words = command_words() or []
-    if words[:1] == ["train"] and not {"-h", "--help"} & set(words):
+    quiet = {"-h", "--help"} & set(words) or os.environ.get("RANK", "0") != "0"
+    if words[:1] == ["train"] and not quiet:
         with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8
             print(f"starting: {shlex.join(words)}", flush=True)
 
