@@ -51,11 +51,17 @@ class Schedule:
         self._next_second = progress.train_seconds
 
     def over(self) -> bool:
-        return self.time_spent() >= 1 or self._iterations_left() <= 0
+        most = self._limits.max_seconds
+        timed_out = most is not None and self._progress.train_seconds >= most
+        return timed_out or self._iterations_left() <= 0
 
     def time_spent(self, since: float = 0.0) -> float:
-        """Return the share of the time limit that is over, `since` seconds after the last count."""
-        most = self._limits.max_seconds
+        """Return the share of the config's max_seconds that is over.
+
+        Args:
+            since: seconds that the progress does not count yet.
+        """
+        most = self._learner.config.max_seconds
         return 0.0 if most is None else (self._progress.train_seconds + since) / most
 
     def evaluation_due(self) -> bool:

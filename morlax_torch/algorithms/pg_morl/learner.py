@@ -48,10 +48,10 @@ class PGMORL(MORLAX):
         self.tradeoffs.copy_(even_tradeoffs(K, m))
         self._directions = directions(self.options.bins, m)
         self._evaluator = self._make_evaluator()
-        capacity, size = config.num_networks, self._parts()
+        capacity, numbers = config.num_networks, sum(part.shape[1] for part in self._parts())
         double = partial(torch.zeros, dtype=torch.float64)
         self._state = {
-            "members": torch.zeros(capacity, sum(part.shape[1] for part in size)).to(env.device),
+            "members": torch.zeros(capacity, numbers, device=env.device),
             "returns": double(capacity, m),
             "weights": double(capacity, m),  # that members were last trained with
             # candidates that members have been trained with since
