@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 import torch
+from same import assert_same
 from torch import Tensor, nn
 
 from morlax_torch import MORLAX, config_for, envs
@@ -58,22 +59,6 @@ def trainer(config: Config, iterations: int, **networks: nn.Module) -> MORLAX:
     for _ in range(iterations):
         learner.iterate()
     return learner
-
-
-def assert_same(one: object, other: object) -> None:
-    """Equal to the last bit, however nested."""
-    if isinstance(one, Tensor):
-        assert isinstance(other, Tensor) and torch.equal(one, other)
-    elif isinstance(one, dict):
-        assert isinstance(other, dict) and one.keys() == other.keys()
-        for key in one:
-            assert_same(one[key], other[key])
-    elif isinstance(one, list):
-        assert isinstance(other, list)
-        for left, right in zip(one, other, strict=True):
-            assert_same(left, right)
-    else:
-        assert one == other
 
 
 def rows(run: Run) -> list[dict[str, str]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from torch import Tensor
+from same import assert_same
 
 from morlax_torch.runs import checkpoint
 
@@ -23,21 +23,6 @@ SMALL = (
 def launch(*arguments: str, launcher: tuple[str, ...] = TORCHRUN) -> subprocess.CompletedProcess:
     command = [*launcher, "-m", "morlax_torch.train", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=200)
-
-
-def assert_same(one: object, other: object) -> None:
-    if isinstance(one, Tensor):
-        assert isinstance(other, Tensor) and torch.equal(one, other)
-    elif isinstance(one, dict):
-        assert isinstance(other, dict) and one.keys() == other.keys()
-        for key in one:
-            assert_same(one[key], other[key])
-    elif isinstance(one, list):
-        assert isinstance(other, list)
-        for left, right in zip(one, other, strict=True):
-            assert_same(left, right)
-    else:
-        assert one == other
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from same import assert_same
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlax_torch import MORLAX, MorlaxError
@@ -53,22 +54,6 @@ def trainer(config: Config, iterations: int) -> MORLAX:
 def metrics(run: Run) -> list[dict[str, str]]:
     with (run.folder / "metrics.csv").open() as file:
         return list(csv.DictReader(file))
-
-
-def assert_same(one: object, other: object) -> None:
-    """Assert that nested values are equal bit for bit."""
-    if isinstance(one, torch.Tensor):
-        assert torch.equal(one, other)
-    elif isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for key in one:
-            assert_same(one[key], other[key])
-    elif isinstance(one, list):
-        assert len(one) == len(other)
-        for left, right in zip(one, other, strict=True):
-            assert_same(left, right)
-    else:
-        assert one == other
 
 
 @pytest.mark.parametrize(

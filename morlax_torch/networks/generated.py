@@ -1,6 +1,7 @@
 """What families have in common that give every trade-off parameters of its own."""
 
 import copy
+from abc import ABC, abstractmethod
 
 import torch
 from torch import Tensor, nn
@@ -10,7 +11,7 @@ from ..gpu import fused
 from .mlp import mlp_sizes
 
 
-class Generated(nn.Module):
+class Generated(nn.Module, ABC):
     """Runs copies of a target module, each with its own parameters.
 
     A subclass maps trade-offs (K, m) to rows of P parameters (`flat`). Any target that
@@ -32,9 +33,9 @@ class Generated(nn.Module):
         for index, buffer in enumerate(target.buffers()):
             self.register_buffer(f"target_buffer_{index}", buffer.clone())
 
+    @abstractmethod
     def flat(self, tradeoffs: Tensor) -> Tensor:
         """Map trade-offs (K, m) to parameters (K, P), in the order of `shapes`."""
-        raise NotImplementedError
 
     def forward(self, tradeoffs: Tensor) -> dict[str, Tensor]:
         """Map trade-offs (K, m), scaled to sum to one, to parameters: name -> (K, *shape).

@@ -1,0 +1,19 @@
+"""Equality of nested states."""
+
+from torch import Tensor, equal
+
+
+def assert_same(one: object, other: object) -> None:
+    """Equal to the last bit, however nested."""
+    if isinstance(one, Tensor):
+        assert isinstance(other, Tensor) and equal(one, other)
+    elif isinstance(one, dict):
+        assert isinstance(other, dict) and one.keys() == other.keys()
+        for key in one:
+            assert_same(one[key], other[key])
+    elif isinstance(one, list):
+        assert isinstance(other, list)
+        for left, right in zip(one, other, strict=True):
+            assert_same(left, right)
+    else:
+        assert one == other
