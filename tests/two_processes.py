@@ -74,3 +74,4 @@ if __name__ == "__main__":
     found["statistics"] = statistics(group)
     torch.save(found, Path(folder) / f"{group.rank}.pt")
     assert group is not ALONE
+    torch.distributed.destroy_process_group()

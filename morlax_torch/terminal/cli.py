@@ -99,9 +99,12 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
 
 
 def _skip_teardown() -> None:
-    """End a process that used CUDA at once; Python would take a second to free its memory first."""
+    """End a process at once where Python's teardown would do harm.
+
+    It would take a second to free CUDA's memory, and abort threads that listen to other processes.
+    """
     torch = sys.modules.get("torch")
-    if torch is not None and torch.cuda.is_initialized():
+    if PROCESSES > 1 or (torch is not None and torch.cuda.is_initialized()):
         sys.stderr.flush()
         os._exit(0)
 
