@@ -14,7 +14,7 @@ class Learner(Protocol):
     env: Worlds
     config: Config
     group: Group
-    """The processes that train together; `state_dict` is of this one."""
+    """The processes that train together. `state_dict` copies the state of this process."""
     per_process: tuple[str, ...]
     """Keys of the state that differ between processes."""
     agent: Agent

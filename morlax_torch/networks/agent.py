@@ -84,8 +84,12 @@ class Agent(nn.Module):
         privileged_size: int = 0,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
+        in_order: bool = False,
     ) -> Self:
-        """Build the agent that a run's config describes."""
+        """Build the agent that a run's config describes.
+
+        With `in_order`, it has an independent network for each of the K trade-offs of an iteration.
+        """
         return cls(
             observation_size,
             action_size,
@@ -96,7 +100,8 @@ class Agent(nn.Module):
             actor=actor,
             critic=critic,
             num_values=config.num_values(num_objectives),
-            num_networks=config.num_networks,
+            num_networks=config.num_clusters if in_order else config.num_networks,
+            in_order=in_order,
         )
 
     def __init__(

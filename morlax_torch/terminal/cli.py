@@ -21,10 +21,8 @@ from tyro.constructors import (
 
 from ..envs import MorlaxError
 from .interrupt import exiting_on_signals
-from .startup import INTERRUPTED
+from .startup import FIRST, INTERRUPTED, SEVERAL
 
-FIRST = os.environ.get("RANK", "0") == "0"  # of the processes that torchrun started
-PROCESSES = int(os.environ.get("WORLD_SIZE", "1"))
 GRACE = 2.0  # seconds
 
 console = Console(highlight=False, soft_wrap=True, emoji=False, quiet=not FIRST)
@@ -68,8 +66,11 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         _check_text(arguments)
         with exiting_on_signals():
             main(arguments)
-        sys.stdout.flush()
         _skip_teardown()
+    except SystemExit as ended:
+        if SEVERAL and isinstance(ended.code, int):
+            _skip_teardown(ended.code)
+        raise
     except MorlaxError as error:
         fail(str(error))
     except KeyboardInterrupt:
@@ -98,15 +99,16 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         fail(f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold.")
 
 
-def _skip_teardown() -> None:
+def _skip_teardown(status: int = 0) -> None:
     """End a process at once where Python's teardown would do harm.
 
     It would take a second to free CUDA's memory, and abort threads that listen to other processes.
     """
+    sys.stdout.flush()
     torch = sys.modules.get("torch")
-    if PROCESSES > 1 or (torch is not None and torch.cuda.is_initialized()):
+    if SEVERAL or (torch is not None and torch.cuda.is_initialized()):
         sys.stderr.flush()
-        os._exit(0)
+        os._exit(status)
 
 
 def _check_text(arguments: Sequence[str]) -> None:
@@ -135,7 +137,6 @@ def fail(sentence: str) -> NoReturn:
     Console(stderr=True, highlight=False, soft_wrap=True, emoji=False).print(
         f"error: {sentence}", markup=False
     )
-    if PROCESSES > 1:
-        sys.stderr.flush()
-        os._exit(2)  # Python's teardown aborts while threads wait for other processes
+    if SEVERAL:
+        _skip_teardown(2)
     sys.exit(2)

@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
+SEVERAL = os.environ.get("WORLD_SIZE", "1") != "1"  # processes, which torchrun started
+FIRST = not SEVERAL or os.environ.get("RANK") == "0"  # of them
 
 
 def command_words() -> list[str] | None:
@@ -40,8 +42,7 @@ def collect_garbage_rarely() -> None:
 def announce_training() -> None:
     """Print what `train` starts with, since importing torch takes seconds."""
     words = command_words() or []
-    quiet = {"-h", "--help"} & set(words) or os.environ.get("RANK", "0") != "0"
-    if words[:1] == ["train"] and not quiet:
+    if FIRST and words[:1] == ["train"] and not {"-h", "--help"} & set(words):
         with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8
             print(f"starting: {shlex.join(words)}", flush=True)
 

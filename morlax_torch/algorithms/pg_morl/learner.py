@@ -63,15 +63,13 @@ class PGMORL(MORLAX):
 
     def make_trained(self) -> Agent:
         config, env = self.config, self.env
-        trained = Agent(
+        trained = Agent.of(
+            config,
             env.observation_size,
             env.action_size,
             len(env.objectives),
-            config.network,
             torch.Generator().manual_seed(config.seed),
             privileged_size=env.privileged_size,
-            num_values=config.num_values(len(env.objectives)),
-            num_networks=config.num_clusters,
             in_order=True,
             **self._networks,
         ).to(env.device)
