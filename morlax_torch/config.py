@@ -133,7 +133,9 @@ class EvaluationConfig(Section):
     """Environment steps between evaluations (None: spaced so that they take at most about 8 % of
     the time)."""
     tradeoffs: int = Field(default=512, ge=2, le=1_000_000)
-    """Number of fixed trade-offs to evaluate, one episode each."""
+    """Number of fixed trade-offs to evaluate."""
+    seeds: int = Field(default=1, ge=1, le=100_000)
+    """Episodes per trade-off, to average over; for tasks with random starts, models or commands."""
 
 
 class MethodOptions(Section):
@@ -288,6 +290,7 @@ class Config(Section):
                 f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: at least one is needed for "
                 f"each of the {num_objectives} objectives"
             )
+        self.task.check_seeds(self.evaluation.seeds)
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
         if dealt % self.ppo.minibatches:
             raise ValueError(

@@ -24,17 +24,17 @@ def command(arguments: Sequence[str]) -> None:
             tyro.conf.Positional,
             tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)"),
         ],
-        tradeoffs: int = 512,
+        tradeoffs: int | None = None,
         protocol: Literal["latched", "paper"] = "latched",
         device: str | None = None,
         backend: str | None = None,
         seed: int = 0,
-        seeds: int = 1,
+        seeds: int | None = None,
         reference: str | None = None,
         output: Path | None = None,
         trust: bool = False,
     ) -> None:
-        """Evaluate the policies of many trade-offs, one episode each, and print the indicators.
+        """Evaluate the policies of many trade-offs and print the indicators.
 
         Writes each run's front (front.npz, front.csv), figures (png and pdf), indicators.csv and
         report.html, a self-contained file. Several runs are compared: one figure overlays their
@@ -42,14 +42,15 @@ def command(arguments: Sequence[str]) -> None:
 
         Args:
             runs: Run folders, checkpoint files, or shipped policies.
-            tradeoffs: Number of trade-offs, spread evenly.
+            tradeoffs: Number of trade-offs, spread evenly (None: as in training).
             protocol: How returns are counted. latched: up to and including the first failed step.
                 paper: as in the paper's tables, which draw 1024 trade-offs at random;
                 failed steps earn no reward, and the reward of the reset is added.
             device: Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU).
             backend: Simulator: warp or mujoco (None: chosen by device).
             seed: Random seed of the worlds.
-            seeds: Episodes per trade-off, to average over; for tasks with random starts or models.
+            seeds: Episodes per trade-off, to average over; for tasks with random starts, models or
+                commands (None: as in training).
             reference: Reference front of IGD+: a front.npz or a run (None: the best points of all
                 runs, if there are several).
             output: Output folder (None: the run's folder, or evaluations/<time> for several runs

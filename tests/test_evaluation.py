@@ -213,6 +213,18 @@ def test_an_evaluated_front_has_objectives_trade_offs_and_reference_point(agent)
     assert front.hypervolume == pytest.approx(14.5 * 145)
 
 
+def test_seeds_are_episodes_with_different_draws(make_agent):
+    env = envs.make(
+        "cheetah", 6, "cpu", "mujoco", auto_reset=False, reset_noise=0.1, episode_length=20
+    )
+    agent = make_agent(env.observation_size, env.action_size)
+    mean = Evaluator(agent, env, TRADEOFFS, seeds=2).evaluate()
+    single = Evaluator(agent, env, TRADEOFFS.repeat(2, 1)).evaluate()
+    np.testing.assert_array_equal(mean.tradeoffs, TRADEOFFS)
+    assert not np.allclose(single.returns[:3], single.returns[3:])
+    np.testing.assert_allclose(mean.returns, (single.returns[:3] + single.returns[3:]) / 2)
+
+
 def test_episodes_of_one_tradeoff_are_averaged(front):
     twice = Front(
         front.objectives,

@@ -65,6 +65,14 @@ class ObjectiveOptions(Section):
         """Whether episodes of one policy differ at random."""
         return True
 
+    def check_seeds(self, seeds: int) -> None:
+        """Raise ValueError if several episodes of each policy would all be the same."""
+        if seeds > 1 and not self.for_evaluation().varies:
+            raise ValueError(
+                "nothing in this task is random (task.reset_noise is 0 and task.randomization is "
+                f"off), so {seeds} seeds would only repeat the same episode"
+            )
+
 
 class Randomization(Section):
     """Domain randomization; by default there is none.

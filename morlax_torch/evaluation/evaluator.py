@@ -18,13 +18,13 @@ Protocol = Literal["latched", "paper"]
 STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
 
 
-def share(tradeoffs: Tensor, group: Group) -> Tensor:
-    """Return the trade-offs (K, m) that this process evaluates."""
-    return tradeoffs[group.rank :: group.size]
+def share(tradeoffs: Tensor, seeds: int, group: Group) -> Tensor:
+    """Return the trade-off of each world (N, m) of this process."""
+    return tradeoffs.repeat(seeds, 1)[group.rank :: group.size]
 
 
 class Evaluator:
-    """Runs the deterministic policies of K trade-offs, one world each, for one episode.
+    """Runs the deterministic policies of K trade-offs, each in its own worlds, for one episode.
 
     Every evaluation repeats the same random draws, so that an unchanged policy gets an unchanged
     front.
@@ -36,10 +36,11 @@ class Evaluator:
 
     Args:
         agent: the policies, read anew at each evaluation.
-        env: K worlds without automatic reset, or this process's share of them.
+        env: K * seeds worlds without automatic reset, or this process's share of them.
         tradeoffs: (K, m).
         protocol: how returns are counted.
         seed: random seed of the episodes. It selects draws that training never sees.
+        seeds: episodes per trade-off, with different draws, to average over.
         group: processes that evaluate the `share` of the trade-offs each, and get all results.
     """
 
@@ -50,12 +51,13 @@ class Evaluator:
         tradeoffs: Tensor,
         protocol: Protocol = "latched",
         seed: int = 0,
+        seeds: int = 1,
         group: Group = ALONE,
     ):
-        self._points = tradeoffs.cpu().numpy()
-        tradeoffs = share(tradeoffs, group)
+        self._points, self._seeds = tradeoffs.repeat(seeds, 1).cpu().numpy(), seeds
+        tradeoffs = share(tradeoffs, seeds, group)
         if env.auto_reset or env.num_worlds != len(tradeoffs):
-            raise ValueError("an evaluator needs one world per trade-off and auto_reset=False")
+            raise ValueError("an evaluator needs a world per episode, and auto_reset=False")
         self.agent, self.env, self.protocol, self._group = agent, env, protocol, group
         self.tradeoffs = tradeoffs.to(env.device)
         self._seed = EVALUATION_SEEDS + seed
@@ -115,7 +117,7 @@ class Evaluator:
         if overflow.any():
             remedy = self.env.remedy(int(overflow.max()))
             raise MorlaxError(f"contacts overflowed their buffers in an evaluation: {remedy}.")
-        return Front(
+        front = Front(
             self.env.objectives,
             self._points.copy(),
             np.stack(returns, 1),
@@ -124,6 +126,7 @@ class Evaluator:
             falls,
             blowups if self._knows_blowups else None,
         )
+        return front if self._seeds == 1 else front.averaged(self._seeds)
 
     def _some_steps(self) -> None:
         for _ in range(self._stride):

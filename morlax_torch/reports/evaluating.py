@@ -30,12 +30,12 @@ MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them
 def evaluate_runs(
     runs: Sequence[str],
     typed: str,
-    tradeoffs: int = 512,
+    tradeoffs: int | None = None,
     protocol: Protocol = "latched",
     device: str | None = None,
     backend: str | None = None,
     seed: int = 0,
-    seeds: int = 1,
+    seeds: int | None = None,
     reference: str | None = None,
     output: Path | None = None,
     trust: bool = False,
@@ -58,6 +58,11 @@ def evaluate_runs(
     named = dict(zip(comparison.names(runs), runs, strict=True))
     policies = {name: load(run, place) for name, run in named.items()}
     comparison.check_comparable(policies)
+    usual = [policy.config.evaluation for policy in policies.values()]
+    if tradeoffs is None:
+        tradeoffs = max(evaluation.tradeoffs for evaluation in usual)
+    if seeds is None:
+        seeds = max(evaluation.seeds for evaluation in usual)
     histories = {name: history(run) for name, run in named.items()}
 
     def evaluated(policy: Policy) -> Front:

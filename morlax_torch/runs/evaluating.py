@@ -14,23 +14,24 @@ from .loading import load
 
 def evaluate(
     run: str | os.PathLike[str] | Policy,
-    tradeoffs: int = 512,
+    tradeoffs: int | None = None,
     protocol: Protocol = "latched",
     device: str | None = None,
     backend: str | None = None,
     seed: int = 0,
-    seeds: int = 1,
+    seeds: int | None = None,
 ) -> Front:
     """Evaluate a run's best checkpoint, a checkpoint file, a shipped name, or a policy.
 
     Args:
         run: the policies; a `Policy` is moved to the device.
-        tradeoffs: K, the number of trade-offs, spread evenly.
+        tradeoffs: K, the number of trade-offs, spread evenly; None: as in training.
         protocol: how returns are counted, see `Evaluator`.
         device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
         backend: "warp" or "mujoco"; None is chosen by device.
         seed: random seed of the worlds, for tasks with random starts or models.
-        seeds: episodes per trade-off, each with its own random draws, to average returns over.
+        seeds: episodes per trade-off, each with its own random draws, to average over; None: as in
+            training.
 
     Raises:
         MorlaxError: there is no such run, a number is out of range, or nothing in the task is
@@ -41,13 +42,14 @@ def evaluate(
     task, m = policy.config.task.for_evaluation(), len(policy.objectives)
     if not 0 <= seed < 2**63:
         raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
+    tradeoffs = policy.config.evaluation.tradeoffs if tradeoffs is None else tradeoffs
+    seeds = policy.config.evaluation.seeds if seeds is None else seeds
     if seeds < 1:
         raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
-    if seeds > 1 and not task.varies:
-        raise MorlaxError(
-            "nothing in this task is random (task.reset_noise is 0 and task.randomization is off), "
-            "so more seeds would only repeat the same episode: leave out --seeds."
-        )
+    try:
+        task.check_seeds(seeds)
+    except ValueError as error:
+        raise MorlaxError(f"{error}: leave out --seeds.") from None
     fixed = evaluation_tradeoffs(tradeoffs, m)
     drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
     env = envs.make(
@@ -59,6 +61,6 @@ def evaluate(
         auto_reset=False,
         **task.model_dump(),
     )
-    evaluator = Evaluator(policy.agent, env, drawn.repeat(seeds, 1), protocol, seed)
+    evaluator = Evaluator(policy.agent, env, drawn, protocol, seed, seeds)
     evaluator.compile()
-    return evaluator.evaluate().averaged(seeds)
+    return evaluator.evaluate()

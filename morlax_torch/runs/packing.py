@@ -24,7 +24,7 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         device: evaluates the front, see `evaluate`.
 
     Returns:
-        The front, evaluated anew with 512 trade-offs.
+        The front, evaluated anew as in training.
 
     Raises:
         MorlaxError: there is no such run, or `output` exists or cannot be written.

@@ -143,13 +143,14 @@ def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluato
     number, spread evenly.
     """
     config, group, m = learner.config, learner.group, len(learner.env.objectives)
+    seeds = config.evaluation.seeds
     if protocol == "paper":
         tradeoffs = dirichlet_tradeoffs(1024, m)
     else:
         tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, m)
     env = envs.make(
         config.env,
-        len(share(tradeoffs, group)),
+        len(share(tradeoffs, seeds, group)),
         config.device,
         config.backend,
         EVALUATION_SEEDS,
@@ -157,7 +158,7 @@ def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluato
         deterministic=config.deterministic,
         **config.task.for_evaluation().model_dump(),
     )
-    return Evaluator(learner.agent, env, tradeoffs, protocol, group=group)
+    return Evaluator(learner.agent, env, tradeoffs, protocol, seeds=seeds, group=group)
 
 
 def _iterate(
