@@ -108,10 +108,17 @@ def command(arguments: Sequence[str]) -> None:
     from .terminal.display import Display
 
     session = _prepare(config, run, output)
+    gather = session.learner.group.gather
+
+    def stopped() -> bool:
+        if received := max(gather(interrupted.signal)):
+            interrupted.signal = received  # a signal to one process ends all
+        return received > 0
+
     with (
         interruptible() as interrupted,
         Display(session.learner, session.run.folder, session.progress) as display,
-        closing(session.train(Limits.of(config, interrupted), began)) as evaluations,
+        closing(session.train(Limits.of(config, stopped), began)) as evaluations,
     ):
         for evaluation in evaluations:
             display.evaluated(evaluation)

@@ -1,8 +1,12 @@
 """`torchrun` starts one training in several processes."""
 
 import os
+import signal
+import socket
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -76,19 +80,149 @@ def test_a_mistake_is_told_once(runs):
     assert "whole exists already" in done.stderr
 
 
+BROKEN = """
+import os
+from morlax_torch import envs
+
+class Broken(envs.get("hopper")):
+    def terms(self):
+        self.steps = getattr(self, "steps", 0) + 1
+        broken = os.environ.get("RANK") == "1" and self.steps > 30
+        return {name: x / 0 if broken else x for name, x in super().terms().items()}
+"""
+
+
+@pytest.fixture
+def training(tmp_path, request) -> Iterator[tuple[subprocess.Popen, Path]]:
+    """Start two processes that train for ever, and wait for their second evaluation."""
+    run = tmp_path / "run"
+    command = [*TORCHRUN, *request.param, "-m", "morlax_torch.train", *SMALL, "--output", str(run)]
+    started = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    metrics, end = run / "metrics.csv", time.monotonic() + 100
+    while not metrics.exists() or len(metrics.read_text().splitlines()) < 3:
+        assert started.poll() is None and time.monotonic() < end
+        time.sleep(0.05)
+    yield started, run
+    if started.poll() is None:
+        os.killpg(started.pid, signal.SIGKILL)
+        started.communicate()
+
+
+def process(launcher: int, rank: int) -> int:
+    """Return the process of a rank."""
+    for child in Path(f"/proc/{launcher}/task/{launcher}/children").read_text().split():
+        if f"\0RANK={rank}\0" in f"\0{Path(f'/proc/{child}/environ').read_text()}":
+            return int(child)
+    raise AssertionError(rank)
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="there is no /proc")
+
+
+@needs_proc
+@pytest.mark.parametrize(
+    "training", [("--max-restarts=1", "--monitor-interval=0.2")], indirect=True
+)
+def test_training_goes_on_after_a_process_was_killed(training, runs):
+    launcher, run = training
+    os.kill(process(launcher.pid, 1), signal.SIGKILL)
+    killed, end = (run / "metrics.csv").read_text(), time.monotonic() + 100
+    while len((run / "metrics.csv").read_text()) < len(killed) + 300:
+        assert launcher.poll() is None and time.monotonic() < end
+        time.sleep(0.05)
+    os.kill(process(launcher.pid, 0), signal.SIGTERM)
+    launcher.communicate(timeout=100)
+    table = (run / "metrics.csv").read_text()
+    steps = [int(line.split(",")[1]) for line in table.splitlines()[1:]]
+    assert steps == list(range(0, 1600 * len(steps), 1600))
+    four = (runs / "whole" / "metrics.csv").read_text().splitlines()[:5]
+    assert hypervolumes(table.splitlines()[:5]) == hypervolumes(four)  # not only its own
+
+
+def hypervolumes(lines: list[str]) -> list[str]:
+    column = lines[0].split(",").index("hypervolume")
+    return [line.split(",")[column] for line in lines]
+
+
+@needs_proc
+@pytest.mark.parametrize("training", [()], indirect=True)
+def test_a_signal_to_one_process_ends_all(training):
+    launcher, run = training
+    os.kill(process(launcher.pid, 1), signal.SIGTERM)
+    output, _ = launcher.communicate(timeout=100)
+    assert output.count("interrupted: ") == 1
+    assert state(run).progress.env_steps > 1600
+
+
+def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
+    (tmp_path / "broken.py").write_text(BROKEN)
+    task = ("--env", f"{tmp_path / 'broken.py'}:Broken", "--output", str(tmp_path / "run"))
+    done = launch(*task, *SMALL[2:])
+    assert done.returncode != 0
+    assert done.stderr.count("error: ") == 1
+    assert "every world blew up" in done.stderr or "not finite" in done.stderr
+    assert state(tmp_path / "run").progress.env_steps >= 0
+
+
+def test_restarts_need_a_folder():
+    done = launch(*SMALL, launcher=(*TORCHRUN, "--max-restarts=1"))
+    assert "--max-restarts needs --output FOLDER, to go on from there" in done.stderr
+
+
+def test_restarts_do_not_continue_a_run_of_another_launch(runs):
+    before = state(runs / "whole").progress
+    launcher = (*TORCHRUN, "--max-restarts=1", "--monitor-interval=0.2")
+    done = launch(*SMALL, "--output", str(runs / "whole"), launcher=launcher)
+    assert done.returncode != 0
+    assert "whole exists already" in done.stderr
+    assert state(runs / "whole").progress == before
+
+
+def by_hand(rank: int, port: int, *arguments: str) -> subprocess.Popen:
+    """Start one of two processes, which wait for each other for 3 s."""
+    places = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
+    impatient = (
+        "from datetime import timedelta; from morlax_torch.gpu import group; "
+        "group.PATIENCE = timedelta(seconds=3); from morlax_torch.train import main; main()"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", impatient, *SMALL, *arguments],
+        env={**os.environ, **places, "RANK": str(rank), "LOCAL_RANK": str(rank)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
+
+
+def free_port() -> int:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+def test_a_missing_process_is_told():
+    first = by_hand(0, free_port())
+    message = first.communicate(timeout=100)[1]
+    assert first.returncode == 2
+    assert "the 2 processes of this run did not find each other" in message
+
+
+def test_a_port_in_use_is_told():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        first = by_hand(0, taken.getsockname()[1])
+        message = first.communicate(timeout=100)[1]
+    assert first.returncode == 2
+    assert "the 2 processes of this run did not find each other" in message
+    assert "in use" in message
+
+
 def test_processes_with_different_configs_do_not_train():
-    setting = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "29617", "WORLD_SIZE": "2"}
-    started = [
-        subprocess.Popen(
-            [sys.executable, "-m", "morlax_torch.train", *SMALL, "--seed", str(rank)],
-            env={**os.environ, **setting, "RANK": str(rank), "LOCAL_RANK": str(rank)},
-            stderr=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            text=True,
-        )
-        for rank in range(2)
-    ]
-    for process in started:
+    port = free_port()
+    for process in [by_hand(rank, port, "--seed", str(rank)) for rank in range(2)]:
         message = process.communicate(timeout=100)[1]
         assert process.returncode == 2
         assert "process 1 has another config than process 0" in message

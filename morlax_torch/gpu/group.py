@@ -1,6 +1,7 @@
 """Several processes that train one agent together, one per GPU."""
 
 import os
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -9,6 +10,7 @@ from typing import Any, TypeVar
 import torch
 import torch.distributed as dist
 from torch import Tensor
+from torch.distributed.rendezvous import rendezvous
 
 from ..config import Config
 from ..envs import MorlaxError, resolve_device
@@ -111,6 +113,12 @@ class Processes(Group):
         return values
 
 
+def launch() -> str:
+    """Return what names this start of `torchrun`, also after its restarts; "": it was not used."""
+    identity = os.environ.get("TORCHELASTIC_RUN_ID", "")
+    return f"{socket.gethostname()} {os.getppid()}" if identity == "none" else identity
+
+
 def join(config: Config) -> tuple[Config, Group]:
     """Join the processes that `torchrun` started, if it did, each on a GPU of its own.
 
@@ -125,7 +133,12 @@ def join(config: Config) -> tuple[Config, Group]:
         device = resolve_device(f"cuda:{os.environ.get('LOCAL_RANK', '0')}")
         torch.cuda.set_device(device)
     try:
-        dist.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=PATIENCE)
+        store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
+        store.set_timeout(PATIENCE)
+        # torchrun keeps its store over restarts, with the addresses of processes that have ended
+        store = dist.PrefixStore(os.environ.get("TORCHELASTIC_RESTART_COUNT", "0"), store)
+        backend = "nccl" if device.type == "cuda" else "gloo"
+        dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
         objects = dist.new_group(backend="gloo", timeout=PATIENCE)
         group = Processes(dist.group.WORLD, objects)
         configs = group.gather(config.model_dump_json())

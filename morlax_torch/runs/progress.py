@@ -2,9 +2,10 @@
 
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..evaluation.front import Front, hypervolume_in
+from ..gpu.group import launch
 
 
 class Evaluation(NamedTuple):
@@ -44,6 +45,8 @@ class Progress(BaseModel):
     env_steps: int = 0
     processes: int = 1
     """How many trained together last."""
+    launch: str = Field(default_factory=launch)
+    """The start of `torchrun` that trained last."""
     train_seconds: float = 0.0
     """Time spent exploring and learning, without compiling, evaluating and saving."""
     total_seconds: float = 0.0

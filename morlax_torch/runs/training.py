@@ -13,6 +13,7 @@ from ..envs import MorlaxError, Worlds
 from ..envs.random import EVALUATION_SEEDS, seed_of
 from ..evaluation.evaluator import Evaluator, Protocol, share
 from ..evaluation.front import Front
+from ..gpu.group import launch
 from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from . import checkpoint
 from .progress import Evaluation, Progress
@@ -59,7 +60,7 @@ def training(
     progress = Progress() if progress is None else progress
     began = time.perf_counter() if began is None else began
     began -= progress.total_seconds
-    progress.processes = learner.group.size
+    progress.processes, progress.launch = learner.group.size, launch()
     schedule = Schedule(learner, limits, progress)
     known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
     evaluated = learner.iteration if known else None

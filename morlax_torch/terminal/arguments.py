@@ -16,6 +16,7 @@ from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..envs.worlds.section import Section
 from . import cli
+from .startup import FIRST, RESTARTED, RESTARTS
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -78,7 +79,24 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
             f"a resumed run keeps its config ({'; '.join(found)}): leave that out, or start a new "
             f"run. Only {', '.join(MAY_CHANGE)} may change."
         )
-    return config, run, own["output"]
+    output = own["output"]
+    if RESTARTS:
+        if run is None and output is None:
+            raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
+        if RESTARTED and output is not None and _is_of_this_launch(output):
+            return config, _run(output), None
+    return config, run, output
+
+
+def _is_of_this_launch(output: Path) -> bool:
+    """Return whether the run was begun before `torchrun` restarted; only one process knows."""
+    if not (output / "config.yaml").is_file():
+        return False
+    from ..gpu.group import launch
+    from ..runs import checkpoint
+
+    known = checkpoint.load(output / "checkpoints" / "latest.pt").progress.launch
+    return not FIRST or known == launch()
 
 
 def _help_for_any_task(device: str | None) -> NoReturn:

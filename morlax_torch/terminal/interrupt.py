@@ -14,15 +14,15 @@ SIGNALS = [
 class Interruption:
     """Whether a signal has asked the program to end; call it to ask."""
 
-    signal: int | None = None
+    signal: int = 0
 
     def __call__(self) -> bool:
-        return self.signal is not None
+        return self.signal != 0
 
     @property
     def exit_status(self) -> int:
         """0, or 128 plus the signal, as shells report it: 130 for Ctrl-C, 143 for SIGTERM."""
-        return 0 if self.signal is None else 128 + self.signal
+        return 128 + self.signal if self.signal else 0
 
 
 @contextmanager
