@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from morlax_torch import envs
 from morlax_torch.config import Config, load_config
 from morlax_torch.config_files import task_values
 from morlax_torch.evaluation import figures
@@ -14,7 +15,8 @@ from morlax_torch.runs.loading import SHIPPED, find_run, load
 DOCS = Path(__file__).parent
 ABOUT = """# Gallery
 
-The package ships trained policies: one hypernetwork for each built-in task.
+The package ships trained policies: one hypernetwork for each built-in task, and a
+[Go1 of mjlab](mjlab.md).
 `morlax_torch.load("ant")` loads one, and `evaluate`, `record`, `explore` and `export` accept its
 name in place of a run's folder.
 
@@ -70,7 +72,7 @@ def command(config: Config) -> str:
 
 def main() -> None:
     text = ABOUT
-    for name in sorted(folder.name for folder in SHIPPED.iterdir()):
+    for name in sorted({folder.name for folder in SHIPPED.iterdir()} & set(envs.names())):
         folder, policy = find_run(name), load(name)
         front = Front.load(folder / "front.npz")
         history = History.load(folder / "metrics.csv")

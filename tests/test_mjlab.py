@@ -238,6 +238,19 @@ def test_a_robot_follows_the_command_that_a_viewer_sets(go1_run):
     assert [part.size for part in player.env.layout()] == [3, 3, 3, 12, 12, 12, 3]
 
 
+@pytest.mark.parametrize(("tradeoff", "least"), [((0.41, 0.17, 0.41), 0.5), ((0.0, 0.7, 0.3), 0.2)])
+def test_the_shipped_go1_walks_as_commanded(tradeoff, least):
+    player = Player(load("go1", device="cpu"), tradeoff)
+    player.command = [0.8, 0.0, 0.0]
+    for _ in range(100):
+        player.step()
+    began = player.data.qpos[:2].copy()
+    for _ in range(100):
+        player.step()
+    assert player.data.qpos[2] > 0.2
+    assert (((player.data.qpos[:2] - began) ** 2).sum()) ** 0.5 / 2 > least  # m/s
+
+
 def test_an_exported_policy_moves_the_joints_as_mjlab_does(go1_run, tmp_path):
     onnxruntime = pytest.importorskip("onnxruntime")
     policy = load(go1_run, device="cpu")

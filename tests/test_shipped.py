@@ -18,7 +18,8 @@ MEGABYTES = {"humanoid": 6.0, "bruce": 6.0}  # all others: 1
 EVALUATE = "import sys; from morlax_torch.evaluate import evaluate; " + (
     "print(evaluate(sys.argv[1], device='cpu', backend=sys.argv[2]).hypervolume)"
 )
-SHIPS = sorted(folder.name for folder in SHIPPED.iterdir())
+OF_PEERS = {"go1"}  # tested where mjlab is installed
+SHIPS = sorted(folder.name for folder in SHIPPED.iterdir() if folder.name not in OF_PEERS)
 
 
 def test_every_built_in_task_has_a_shipped_policy():
