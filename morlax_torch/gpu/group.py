@@ -1,7 +1,5 @@
 """Several processes that train one agent together, one per GPU."""
 
-import os
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -14,6 +12,7 @@ from torch.distributed.rendezvous import rendezvous
 
 from ..config import Config
 from ..envs import MorlaxError, resolve_device
+from ..torchrun import LOCAL_RANK, PROCESSES, RESTARTS, SEVERAL
 
 T = TypeVar("T")
 
@@ -113,12 +112,6 @@ class Processes(Group):
         return values
 
 
-def launch() -> str:
-    """Return what names this start of `torchrun`, also after its restarts; "": it was not used."""
-    identity = os.environ.get("TORCHELASTIC_RUN_ID", "")
-    return f"{socket.gethostname()} {os.getppid()}" if identity == "none" else identity
-
-
 def join(config: Config) -> tuple[Config, Group]:
     """Join the processes that `torchrun` started, if it did, each on a GPU of its own.
 
@@ -126,17 +119,17 @@ def join(config: Config) -> tuple[Config, Group]:
         MorlaxError: not all of them came within a minute, there are fewer GPUs, or they have
             different configs.
     """
-    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+    if not SEVERAL:
         return config, ALONE
     device = resolve_device(config.device)
     if device.type == "cuda":
-        device = resolve_device(f"cuda:{os.environ.get('LOCAL_RANK', '0')}")
+        device = resolve_device(f"cuda:{LOCAL_RANK}")
         torch.cuda.set_device(device)
     try:
         store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
         store.set_timeout(PATIENCE)
         # torchrun keeps its store over restarts, with the addresses of processes that have ended
-        store = dist.PrefixStore(os.environ.get("TORCHELASTIC_RESTART_COUNT", "0"), store)
+        store = dist.PrefixStore(str(RESTARTS), store)
         backend = "nccl" if device.type == "cuda" else "gloo"
         dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
         objects = dist.new_group(backend="gloo", timeout=PATIENCE)
@@ -145,8 +138,7 @@ def join(config: Config) -> tuple[Config, Group]:
     except (OSError, RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise MorlaxError(
-            f"the {os.environ['WORLD_SIZE']} processes of this run did not find each other: "
-            f"{reason}"
+            f"the {PROCESSES} processes of this run did not find each other: {reason}"
         ) from None
     others = [rank for rank, other in enumerate(configs) if other != configs[0]]
     if others:

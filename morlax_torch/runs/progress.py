@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..evaluation.front import Front, hypervolume_in
-from ..gpu.group import launch
+from ..torchrun import launch
 
 
 class Evaluation(NamedTuple):

@@ -13,7 +13,7 @@ from ..envs import MorlaxError, Worlds
 from ..envs.random import EVALUATION_SEEDS, seed_of
 from ..evaluation.evaluator import Evaluator, Protocol, share
 from ..evaluation.front import Front
-from ..gpu.group import launch
+from ..torchrun import launch
 from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from . import checkpoint
 from .progress import Evaluation, Progress

@@ -15,8 +15,8 @@ from ..config_files import algorithm_of, default_values, file_values, merged, ta
 from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..envs.worlds.section import Section
+from ..torchrun import FIRST, MAY_RESTART, RESTARTS, launch
 from . import cli
-from .startup import FIRST, RESTARTED, RESTARTS
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -80,10 +80,10 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
             f"run. Only {', '.join(MAY_CHANGE)} may change."
         )
     output = own["output"]
-    if RESTARTS:
+    if MAY_RESTART:
         if run is None and output is None:
             raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
-        if RESTARTED and output is not None and _is_of_this_launch(output):
+        if RESTARTS and output is not None and _is_of_this_launch(output):
             return config, _run(output), None
     return config, run, output
 
@@ -92,7 +92,6 @@ def _is_of_this_launch(output: Path) -> bool:
     """Return whether the run was begun before `torchrun` restarted; only one process knows."""
     if not (output / "config.yaml").is_file():
         return False
-    from ..gpu.group import launch
     from ..runs import checkpoint
 
     known = checkpoint.load(output / "checkpoints" / "latest.pt").progress.launch

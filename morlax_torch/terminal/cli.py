@@ -20,8 +20,9 @@ from tyro.constructors import (
 )
 
 from ..envs import MorlaxError
+from ..torchrun import FIRST, SEVERAL
 from .interrupt import exiting_on_signals
-from .startup import FIRST, INTERRUPTED, SEVERAL
+from .startup import INTERRUPTED
 
 GRACE = 2.0  # seconds
 

@@ -9,11 +9,9 @@ from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 
+from ..torchrun import FIRST
+
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
-SEVERAL = os.environ.get("WORLD_SIZE", "1") != "1"  # processes, which torchrun started
-RESTARTS = os.environ.get("TORCHELASTIC_MAX_RESTARTS", "0") != "0"  # torchrun restarts them
-RESTARTED = os.environ.get("TORCHELASTIC_RESTART_COUNT", "0") != "0"
-FIRST = not SEVERAL or os.environ.get("RANK") == "0"  # of them
 
 
 def command_words() -> list[str] | None:
