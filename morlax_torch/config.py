@@ -1,13 +1,10 @@
 """The config of a run: every number it depends on, typed and checked."""
 
-import math
 from functools import cache
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import (
     Field,
-    NonNegativeFloat,
-    NonNegativeInt,
     PositiveFloat,
     ValidationError,
     create_model,
@@ -17,159 +14,23 @@ from pydantic import (
 
 from . import envs
 from .config_files import algorithm_of, merged, task_values
+from .config_sections import (
+    OPTIONS,
+    REQUIRED,
+    EvaluationConfig,
+    HyperMORLOptions,
+    MethodOptions,
+    NetworkConfig,
+    PGMORLOptions,
+    PPOConfig,
+    SamplingConfig,
+)
 from .envs import MorlaxError, ObjectiveOptions
 from .envs.errors import explained
 from .envs.naming import absolute
 from .envs.worlds.section import Count, Section
 
-MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
-REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
-    "amor": {"network.type": "conditioned"},
-    "hyper-morl": {"network.type": "single", "sampling.mode": "sparse", "sampling.corners": 0},
-    "independent": {
-        "network.type": "independent",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-    },
-    "pg-morl": {
-        "network.type": "independent",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-        "ppo.optimizer": "separate",
-    },
-}
 MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
-
-Width = Annotated[int, Field(ge=1, le=65536)]
-Layers = Annotated[tuple[Width, ...], Field(max_length=16)]
-
-
-class SamplingConfig(Section):
-    """Which trade-offs an iteration explores."""
-
-    mode: Literal["sparse", "dense"] = "sparse"
-    """sparse: K clusters of worlds share a trade-off each; dense: every world has its own."""
-    clusters: int = 8
-    """K, for sparse sampling; must divide the number of worlds."""
-    corners: NonNegativeInt | None = None
-    """Number of clusters whose trade-off is a corner: 0 or one per objective (None: the latter)."""
-    alpha: float = Field(default=1.0, ge=1e-3, le=1e6)
-    """Concentration of the Dirichlet distribution; 1 is uniform on the simplex."""
-
-
-class NetworkConfig(Section):
-    """The networks of all trade-offs: hypernetworks and what they generate, or conditioned ones."""
-
-    type: Literal["dual", "single", "conditioned", "independent"] = "dual"
-    """dual: actor and critic have separate hypernetworks; single: they share its features;
-    conditioned: no hypernetworks, the trade-off is an input of actor and critic; independent:
-    separate networks for each of K trade-offs."""
-    hidden: Layers = (128, 128)
-    """Hidden layers of the hypernetworks' feature networks."""
-    features: Width = 16
-    """F, the number of features that generated parameters are affine in."""
-    scale: float = Field(default=0.0, ge=0, le=100)
-    """The affine map starts uniform in [-scale, scale]."""
-    actor: Layers = (64, 64)
-    """Hidden layers of the generated actors."""
-    critic: Layers = (64, 64)
-    """Hidden layers of the generated critics."""
-    initial_std: float = Field(default=math.log(2) + MIN_STD, gt=MIN_STD, le=100)
-    """Initial standard deviation of pre-tanh actions."""
-    output_scale: float = Field(default=1.0, ge=0, le=100)
-    """Factor on the initial weights of the actors' output layer: a small one starts from actions
-    close to zero."""
-
-
-class PPOConfig(Section):
-    """How PPO updates the hypernetworks."""
-
-    learning_rate: float = Field(default=3e-4, gt=0, le=1)
-    """Learning rate of Adam."""
-    critic_learning_rate: float | None = Field(default=None, gt=0, le=1)
-    """Learning rate of the critic (None: the same)."""
-    desired_kl: float | None = Field(default=None, gt=0, le=1)
-    """After every minibatch, change the actor's learning rate towards this KL divergence between
-    the policies that acted and the current ones (None: leave the learning rate)."""
-    anneal: bool = False
-    """Decay learning rates, desired KL, entropy bonus and normalizer updates linearly to zero at
-    max_env_steps or max_seconds, whichever comes first."""
-    epochs: Count = 4
-    """Passes over a rollout."""
-    minibatches: Count = 8
-    """Minibatches per pass; must divide the worlds of a cluster (dense sampling: all worlds)."""
-    discount: float = Field(default=0.99, ge=0, le=1)
-    """Discount factor gamma, per control step."""
-    gae_lambda: float = Field(default=0.95, ge=0, le=1)
-    """Lambda of generalized advantage estimation."""
-    clip: float = Field(default=0.2, gt=0, le=100)
-    """Clip range of the probability ratio."""
-    entropy: NonNegativeFloat = 0.01
-    """Weight of the entropy bonus."""
-    mean_penalty: NonNegativeFloat = 0.0
-    """Weight of a penalty on squared pre-tanh means, which avoids the flat ends of the tanh."""
-    value_coefficient: PositiveFloat = 0.5
-    """Weight of the value loss."""
-    max_grad_norm: PositiveFloat = 1.0
-    """Gradients are clipped to this norm, separately for actor and critic."""
-    normalize_values: bool = True
-    """Normalize value targets by their running mean and variance."""
-    critic: Literal["vector", "scalar"] = "vector"
-    """vector: critics predict one value per objective, and the trade-off weighs the advantages;
-    scalar: they predict one value, of the rewards weighed by the trade-off."""
-    optimizer: Literal["separate", "joint"] = "separate"
-    """separate: actor and critic have their own Adam and gradient norm; joint: one of both for the
-    sum of their losses, as a single hypernetwork always has."""
-    normalize_advantages: Literal["batch", "cluster"] = "batch"
-    """Normalize advantages over all trade-offs together, or within each cluster."""
-    truncation: Literal["bootstrap", "mask"] = "bootstrap"
-    """At a time limit, bootstrap from the value of the last state, or mask the step out."""
-
-
-class EvaluationConfig(Section):
-    """How fronts are evaluated while training."""
-
-    every: int | None = Field(default=None, gt=0, lt=2**63)
-    """Environment steps between evaluations (None: spaced so that they take at most about 8 % of
-    the time)."""
-    tradeoffs: int = Field(default=512, ge=2, le=1_000_000)
-    """Number of fixed trade-offs to evaluate."""
-    seeds: int = Field(default=1, ge=1, le=100_000)
-    """Episodes per trade-off, to average over; for tasks with random starts, models or commands."""
-
-
-class MethodOptions(Section):
-    """Options of an algorithm that has none of its own."""
-
-
-class HyperMORLOptions(MethodOptions):
-    """Options of HYPER-MORL."""
-
-    warmup: float = Field(default=0.1, ge=0, le=1)
-    """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
-
-
-class PGMORLOptions(MethodOptions):
-    """Options of PG-MORL."""
-
-    generation: Count = 20
-    """Iterations between two selections of what to train."""
-    warmup: Count = 80
-    """Iterations for which each policy keeps its trade-off of an even grid."""
-    bins: Annotated[int, Field(ge=1, le=10_000)] = 100
-    """Directions of the objective space in which policies are kept."""
-    bin_size: Annotated[int, Field(ge=1, le=100)] = 2
-    """Number of policies kept per direction."""
-    candidates: Annotated[int, Field(ge=2, le=1000)] = 7
-    """Trade-offs considered for each of the kept policies."""
-    sparsity: NonNegativeFloat = 1.0
-    """Weight of the front's sparsity, beside its hypervolume, in the selection."""
-
-
-OPTIONS: dict[str, type[MethodOptions]] = {
-    "hyper-morl": HyperMORLOptions,
-    "pg-morl": PGMORLOptions,
-}
 
 
 class Config(Section):

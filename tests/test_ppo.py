@@ -10,7 +10,7 @@ from torch.nn.functional import softplus
 
 from morlax_torch.algorithms.ppo import PPO, Batch, Table, make_batch
 from morlax_torch.algorithms.rollout import advantages
-from morlax_torch.config import PPOConfig
+from morlax_torch.config_sections import PPOConfig
 from morlax_torch.scalarization import Linear
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])

@@ -4,7 +4,8 @@ from typing import Any
 
 import torch
 
-from ..config import Config, HyperMORLOptions
+from ..config import Config
+from ..config_sections import HyperMORLOptions
 from ..envs import Worlds
 from ..networks.hypernetwork import Hypernetwork
 from ..tradeoffs import even_tradeoffs, sample_cells

@@ -8,7 +8,8 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
-from ..config import MIN_STD, Config, NetworkConfig
+from ..config import Config
+from ..config_sections import MIN_STD, NetworkConfig
 from ..tradeoffs import even_tradeoffs
 from .conditioned import Conditioned
 from .family import Family

@@ -7,7 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...config import Config, PGMORLOptions
+from ...config import Config
+from ...config_sections import PGMORLOptions
 from ...envs import Worlds, make
 from ...envs.random import EVALUATION_SEEDS
 from ...evaluation.evaluator import Evaluator
