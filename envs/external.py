@@ -27,9 +27,7 @@ def from_file(name: str) -> type[Worlds]:
     file, _, member = absolute(name).rpartition(":")
     if name.endswith(".py"):
         raise MorlaxError(f"{name} is a file: name a class in it, such as {name}:MyRobot.")
-    if not os.path.isfile(file):  # unlike Path.is_file, it never fails
-        raise MorlaxError(f"there is no file {file}, which should define the task {member}.")
-    module = _run(file)
+    module = import_file(file, f"the task {member}")
     own = {key for key, value in vars(module).items() if _is_task(value)}
     if member not in own:
         raise unknown(f"task of {file}", member, own)
@@ -87,7 +85,14 @@ def checked(task: type[Worlds]) -> type[Worlds]:
 
 
 @cache
-def _run(file: str) -> ModuleType:
+def import_file(file: str, what: str) -> ModuleType:
+    """Import a Python file, once, which should define `what`.
+
+    Raises:
+        MorlaxError: there is none, or the import fails.
+    """
+    if not os.path.isfile(file):  # unlike Path.is_file, it never fails
+        raise MorlaxError(f"there is no file {file}, which should define {what}.")
     # Registered under its path, a name that no other module has; pydantic looks it up there.
     spec = importlib.util.spec_from_file_location(file, file)
     assert spec is not None and spec.loader is not None

@@ -26,10 +26,11 @@ from .config_sections import (
     SamplingConfig,
 )
 from .envs import MorlaxError, ObjectiveOptions
-from .envs.errors import explained
-from .envs.naming import absolute
+from .envs.errors import explained, unknown
+from .envs.naming import absolute, is_file
 from .envs.worlds.section import Count, Section
 
+SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
 
 
@@ -42,6 +43,9 @@ class Config(Section):
     environment with a vector reward."""
     algorithm: Literal["morlax", "amor", "hyper-morl", "pg-morl", "independent"] = "morlax"
     """What learns the front: MORLAX, or a baseline of docs/algorithms.md."""
+    scalarization: str = "linear"
+    """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
+    augmented-chebyshev, or FILE.py:FUNCTION for your own (docs/scalarizations.md)."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Random seed."""
     device: str | None = None
@@ -74,6 +78,13 @@ class Config(Section):
     @classmethod
     def _for_any_folder(cls, env: str) -> str:
         return absolute(env)
+
+    @field_validator("scalarization")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if not is_file(name) and name not in SCALARIZATIONS:
+            raise unknown("scalarization", name, {*SCALARIZATIONS, "FILE.py:FUNCTION"})
+        return absolute(name)
 
     @property
     def ends(self) -> bool:
@@ -118,6 +129,10 @@ class Config(Section):
                 raise ValueError(
                     f"{name} is {given}, but algorithm {self.algorithm} needs {value}: leave it out"
                 )
+        if self.scalarization != "linear" and self.ppo.critic == "scalar":
+            raise ValueError(f"scalarization {self.scalarization} needs ppo.critic vector")
+        if self.scalarization != "linear" and self.algorithm == "pg-morl":
+            raise ValueError("algorithm pg-morl selects by weighted sums: leave out scalarization")
         if self.network.type == "independent" and "network.type" not in required:
             raise ValueError("network.type independent needs algorithm independent or pg-morl")
         if isinstance(self.method, HyperMORLOptions) and not self.ends:

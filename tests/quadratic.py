@@ -1,4 +1,4 @@
-"""A task whose Pareto front has a closed form: stand as near as possible to several places."""
+"""Tasks whose Pareto front has a closed form: stand as near as possible to several places."""
 
 import torch
 from torch import Tensor
@@ -30,6 +30,10 @@ class Quadratic(envs.Worlds):
     def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
         return cls(options, num_worlds, device, seed, auto_reset)
 
+    @staticmethod
+    def near(squared_distance: Tensor) -> Tensor:
+        return 1 - squared_distance
+
     def reset(self) -> Tensor:
         return self.critic_observation()
 
@@ -37,7 +41,7 @@ class Quadratic(envs.Worlds):
         return self.critic_observation()
 
     def step(self, action: Tensor) -> envs.TimeStep:
-        near = 1 - (action[:, None] - PLACES.to(self.device)).square().sum(-1)
+        near = self.near((action[:, None] - PLACES.to(self.device)).square().sum(-1))
         terms = dict(zip(self.reward_terms, near.unbind(1), strict=True))
         ended = torch.ones(self.num_worlds, dtype=torch.bool, device=self.device)
         seen = self.critic_observation()
@@ -51,6 +55,24 @@ class Quadratic(envs.Worlds):
 
     def critic_observation(self) -> Tensor:
         return torch.ones(self.num_worlds, 1, device=self.device)
+
+
+class Concave(Quadratic):
+    """As `Quadratic`, with exp(-4 distance²) to each place: a front that is mostly concave.
+
+    (The problem of Fonseca and Fleming, 1995.) All points between the places are optimal.
+    """
+
+    @staticmethod
+    def near(squared_distance: Tensor) -> Tensor:
+        return torch.exp(-4 * squared_distance)
+
+
+def concave_front(number: int) -> Tensor:
+    """Return `number` points (number, m) of the front of `Concave`."""
+    between = torch.linspace(0, 1, number)[:, None]
+    points = PLACES[0] + between * (PLACES[1] - PLACES[0])
+    return Concave.near((points[:, None] - PLACES).square().sum(-1))
 
 
 def best_returns(tradeoffs: Tensor) -> Tensor:

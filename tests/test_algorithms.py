@@ -239,7 +239,7 @@ def test_a_scalar_critic_learns_the_weighted_reward():
     learner = trained(small("morlax", **SCALAR), 1)
     learner.explore()
     ppo, tradeoffs, rollout = learner.config.ppo, learner.tradeoffs, learner.rollout
-    batch, explained = make_batch(learner.agent, tradeoffs, rollout, ppo, learner.scalarization)
+    batch, explained = make_batch(learner.agent, tradeoffs, rollout, ppo, tradeoffs)
     earned = (rollout.reward * tradeoffs[:, None]).sum(-1, keepdim=True)  # in one step, all of it
     assert batch.target.shape == (CLUSTERS, WORLDS // CLUSTERS, HORIZON, 1)
     found = learner.agent.value_normalizer.inverse(batch.target)

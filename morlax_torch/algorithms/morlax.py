@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from ..config import Config
 from ..envs import MorlaxError, Worlds
@@ -15,10 +15,13 @@ from ..gpu.group import ALONE, Group
 from ..gpu.threads import one_thread
 from ..networks import gaussian
 from ..networks.agent import Agent
-from ..scalarization import Linear
+from ..scalarizations.registry import make_scalarization
 from ..tradeoffs import sample_tradeoffs
+from .expected_returns import expected_returns
 from .ppo import PPO, Losses, Table, make_batch
 from .rollout import Rollout, collect
+
+STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
 
 
 class MORLAX:
@@ -84,13 +87,17 @@ class MORLAX:
             self._sample = gaussian_kernels.sample
             losses = Losses(loss_kernels.policy_loss, loss_kernels.value_loss)
         self.ppo = PPO(self.trained, config.ppo, losses, group)
-        self.scalarization = Linear()
         self.generator = torch.Generator(env.device).manual_seed(seed_of(config.seed, group.rank))
         clusters, m = config.num_clusters, len(env.objectives)
         self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
+        self.scalarization = make_scalarization(config.scalarization, m, env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
+        if self.scalarization.uses_returns:
+            starts = self.observation.view(clusters, -1, self.observation.shape[1])
+            self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
+            self.per_process = (*self.per_process, "starts")
         self.iteration = self.env_steps = 0
         self.time_spent = 0.0
         self._done = torch.zeros((), device=env.device)  # `done`, readable by graphs
@@ -158,6 +165,24 @@ class MORLAX:
         corners = self.config.num_corners(self.tradeoffs.shape[1])
         sample_tradeoffs(self.tradeoffs, corners, self.config.sampling.alpha, self.generator)
 
+    def _weights(self) -> Tensor:
+        """Return the weight (K, m) of each objective's advantage."""
+        if not self.scalarization.uses_returns:
+            return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
+        ppo = self.config.ppo
+        returns = expected_returns(
+            self.trained,
+            self.tradeoffs,
+            self._starts,
+            ppo.discount,
+            self.env.episode_length,
+            ppo.normalize_values,
+        )
+        self.scalarization.observe(returns, self.group)
+        weights = self.scalarization.weights(self.tradeoffs, returns)
+        # only the direction counts, so that no trade-off learns faster than another
+        return weights / weights.abs().sum(-1, keepdim=True).clamp(min=1e-12)
+
     def _learn(self, epochs: int | None = None) -> None:
         """Learn from the rollout for `epochs` (None: the config's)."""
         config, left = self.config.ppo, torch.ones_like(self._done)
@@ -165,7 +190,7 @@ class MORLAX:
             left = 1 - self._done
             self.ppo.anneal(left)
         batch, explained = make_batch(
-            self.trained, self.tradeoffs, self.rollout, config, self.scalarization, self.group
+            self.trained, self.tradeoffs, self.rollout, config, self._weights(), self.group
         )
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         table = Table(batch)
@@ -206,7 +231,9 @@ class MORLAX:
 
         Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
         """
+        starts = {"starts": self._starts.clone()} if self.scalarization.uses_returns else {}
         return {
+            **starts,
             "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
             "optimizers": [value.clone() for value in self.ppo.state()],
             "scalarization": [value.clone() for value in self.scalarization.state()],
@@ -224,6 +251,8 @@ class MORLAX:
         stored = state.get("scalarization", [])
         for mine, value in zip(self.scalarization.state(), stored, strict=True):
             mine.copy_(value)
+        if self.scalarization.uses_returns:
+            self._starts.copy_(state["starts"])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])

@@ -12,7 +12,6 @@ from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
 from ..networks.agent import Agent
 from ..networks.gaussian import TanhNormal
-from ..scalarization import Scalarization
 from .rollout import Rollout, advantages
 
 RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learning rate
@@ -34,10 +33,19 @@ def make_batch(
     tradeoffs: Tensor,
     rollout: Rollout,
     config: PPOConfig,
-    scalarization: Scalarization,
+    weights: Tensor,
     group: Group = ALONE,
 ) -> tuple[Batch, Tensor]:
     """Estimate what to learn from a rollout; statistics are those of all processes of the group.
+
+    Args:
+        agent: that acted.
+        tradeoffs: (K, m)
+        rollout: of K clusters.
+        config: of the updates.
+        weights: (K, m) of each objective's advantage; a scalar critic weighs rewards by the
+            trade-offs instead.
+        group: processes over which statistics are taken.
 
     Returns:
         A batch by world, (K, G, T, ...) each, and the explained variance per value of the critic,
@@ -71,7 +79,7 @@ def make_batch(
         agent.value_normalizer.update(target, group=group)
         target = agent.value_normalizer(target)
     if config.critic == "vector":
-        advantage = advantage * scalarization.weights(tradeoffs, value[0].mean(1))[:, None]
+        advantage = advantage * weights[:, None]
     scalar = advantage.sum(-1)  # (T, K, G)
     together = (0, 2) if config.normalize_advantages == "cluster" else (0, 1, 2)
     variance, mean = torch.var_mean(scalar, together, correction=0, keepdim=True)

@@ -4,8 +4,6 @@ import moocore
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..scalarization import Linear
-
 # Most points of an exact hypervolume by number of objectives: up to half a second of one CPU core,
 # measured on mutually non-dominated points. With fewer objectives any number is fast.
 EXACT_POINTS = {5: 500, 6: 400, 7: 150, 8: 80, 9: 48, 10: 36}
@@ -71,7 +69,7 @@ def expected_utility(points: ArrayLike, tradeoffs: ArrayLike) -> float:
     points = front(points)
     if not len(points):
         return float("-inf")
-    return float(Linear().utility(tradeoffs, points).max(1).mean())
+    return float((np.asarray(tradeoffs, np.float64) @ points.T).max(1).mean())
 
 
 def cardinality(points: ArrayLike) -> int:
@@ -108,7 +106,7 @@ def obeys(
     finite = np.isfinite(points).all(1)
     result = np.zeros(len(points), dtype=np.bool_)
     if finite.any():
-        utility = Linear().utility(np.asarray(tradeoffs)[finite], points[finite])
+        utility = np.asarray(tradeoffs, np.float64)[finite] @ points[finite].T
         most, least = utility.max(1), utility.min(1)
         result[finite] = most - utility.diagonal() <= tolerance * (most - least)
     return result

@@ -13,12 +13,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from .. import envs
 from ..algorithms.learner import Learner
 from ..config import MAY_CHANGE, Config, differences, load_config
 from ..config_files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..envs.naming import title
+from ..envs.naming import is_file, title
 from ..evaluation.history import read_rows
 from ..files import remove_drafts, replacing, unused
 from . import checkpoint
@@ -118,6 +119,10 @@ class Run:
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
         values = read_yaml(file)
         stored = checkpoint.read_config(checkpoint.load(path), path, trust)
+        if is_file(stored.scalarization):
+            if trust:
+                envs.trust(stored.scalarization)
+            envs.check_trusted(stored.scalarization, path)
         task = values.get("env")
         if task != stored.env:
             raise MorlaxError(

@@ -1,0 +1,1 @@
+"""How a trade-off turns several objectives into one: weighted sums, Chebyshev, or a user's own."""

@@ -1,0 +1,187 @@
+"""Scalarizations turn returns into one utility, and learners follow its gradient."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose
+from quadratic import Concave, concave_front
+from same import assert_same
+
+from morlax_torch import MORLAX, MorlaxError, config_for, envs
+from morlax_torch.algorithms.expected_returns import expected_returns
+from morlax_torch.config import SCALARIZATIONS
+from morlax_torch.evaluation import pareto
+from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.gpu.group import ALONE
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.run import Run
+from morlax_torch.scalarizations.chebyshev import AUGMENTATION, FORGETTING, SMOOTHNESS, Range
+from morlax_torch.scalarizations.registry import make_scalarization
+from morlax_torch.tradeoffs import evaluation_tradeoffs
+from morlax_torch.train import train
+
+CPU = torch.device("cpu")
+OWN = """
+import torch
+
+def least(tradeoffs, returns):
+    return -(-5.0 * tradeoffs * returns).logsumexp(-1)
+
+def bare(tradeoffs, returns):
+    return (returns > 0).float().sum(-1)
+
+def whole(tradeoffs, returns):
+    return returns.sum()
+
+def broken(tradeoffs, returns):
+    return returns @ torch.ones(7)
+
+def steep(tradeoffs, returns):
+    return (returns - returns.detach()).sqrt().sum(-1)
+"""
+SMALL = {
+    "device": "cpu",
+    "worlds": 512,
+    "horizon": 4,
+    "sampling.clusters": 32,
+    "ppo.minibatches": 2,
+    "ppo.entropy": 0.0,
+    "ppo.anneal": False,
+    "ppo.learning_rate": 1e-3,
+    "network.initial_std": 0.1,
+    "task.reference_point": [0.0, 0.0],
+}
+
+
+@pytest.fixture
+def own(tmp_path) -> str:
+    """Return the path of a file with utilities."""
+    path = tmp_path / "own.py"
+    path.write_text(OWN)
+    return str(path)
+
+
+@pytest.fixture
+def concave(monkeypatch) -> None:
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    envs.register("concave", Concave)
+
+
+@pytest.mark.parametrize("name", [*SCALARIZATIONS, "FILE:least"])
+def test_weights_are_the_derivatives_of_the_utility(name, own):
+    scalarization = make_scalarization(name.replace("FILE", own), 3, CPU)
+    generator = torch.Generator().manual_seed(0)
+    returns = 100 * torch.rand(6, 3, generator=generator, dtype=torch.float64)
+    tradeoffs = torch.rand(6, 3, generator=generator, dtype=torch.float64)
+    scalarization.observe(returns.float())
+    weights, step = scalarization.weights(tradeoffs, returns), 1e-4
+    for i in range(3):
+        change = torch.zeros(3, dtype=torch.float64)
+        change[i] = step
+        difference = scalarization.utility(tradeoffs, returns + change)
+        difference -= scalarization.utility(tradeoffs, returns - change)
+        assert_allclose(weights[:, i], difference / (2 * step), rtol=1e-4, atol=1e-8)
+
+
+def test_chebyshev_utilities_equal_their_formulas():
+    returns, tradeoffs = np.array([[4.0, 10.0], [8.0, 0.0]]), np.array([[0.3, 0.7], [1.0, 0.0]])
+    given = torch.tensor(tradeoffs), torch.tensor(returns)
+    behind = tradeoffs * (returns.max(0) - returns) / np.ptp(returns, axis=0)
+    smooth, augmented = (make_scalarization(n, 2, CPU) for n in SCALARIZATIONS[1:])
+    for scalarization in (smooth, augmented):
+        scalarization.observe(given[1].float())
+    expected = -SMOOTHNESS * np.log(np.exp(behind / SMOOTHNESS).sum(1))
+    assert_allclose(smooth.utility(*given), expected)
+    expected = -behind.max(1) - AUGMENTATION * behind.sum(1)
+    assert_allclose(augmented.utility(*given), expected)
+
+
+def test_the_range_takes_new_extremes_at_once_and_forgets_old_ones_slowly():
+    range_ = Range(2, CPU)
+    steps = torch.tensor([[[0.0, 5.0], [10.0, 1.0]], [[2.0, 9.0], [4.0, 3.0]]])
+    range_.observe(steps[0], ALONE)
+    assert range_.ideal.tolist() == [10, 5] and range_.nadir.tolist() == [0, 1]
+    range_.observe(steps[1], ALONE)
+    assert_allclose(range_.ideal, [10 - FORGETTING * 6, 9])
+    assert_allclose(range_.nadir, [FORGETTING * 2, 1 + FORGETTING * 2])
+
+
+def test_expected_returns_are_undiscounted(make_agent):
+    agent = make_agent(3, 2)
+    starts, tradeoffs = torch.randn(2, 5, 3), torch.eye(2)
+    value = agent.values(tradeoffs)(agent.observation_normalizer(starts)).mean(1)
+    found = expected_returns(agent, tradeoffs, starts, 0.9, 3, normalized=False)
+    assert_allclose(found, value.detach() * 3 / (1 + 0.9 + 0.81), rtol=1e-6)
+    found = expected_returns(agent, tradeoffs, starts, 1.0, 3, normalized=False)
+    assert_allclose(found, value.detach(), rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["linear", "chebyshev", "augmented-chebyshev"])
+def test_only_chebyshev_covers_a_concave_front(concave, name):
+    morlax = MORLAX(
+        envs.make("concave", 512, "cpu"), config_for("concave", scalarization=name, **SMALL)
+    )
+    for _ in range(300):
+        morlax.iterate()
+    env = envs.make("concave", 33, "cpu", auto_reset=False)
+    returns = Evaluator(morlax.agent, env, evaluation_tradeoffs(33, 2)).evaluate().returns
+    gaps = np.diff(np.sort(returns[:, 0]))
+    far = pareto.igd_plus(returns, concave_front(201).numpy())
+    if name == "linear":
+        assert gaps.max() > 0.25 and far > 0.04
+    else:
+        assert gaps.max() < 0.1 and far < 0.012
+        assert pareto.obedience(returns, evaluation_tradeoffs(33, 2)) > 0
+
+
+@pytest.mark.parametrize("name", ["chebyshev", "FILE:least"])
+def test_a_run_resumes_exactly(concave, name, own, tmp_path):
+    changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "evaluation.tradeoffs": 5}
+    config = config_for("concave", scalarization=name.replace("FILE", own), **changes)
+    steps = 64 * 4
+
+    def trained(folder: str, iterations: int, run: Run | None = None) -> Run:
+        limited = config.model_copy(update={"max_env_steps": iterations * steps})
+        return train(limited, run, None if run else tmp_path / folder)
+
+    whole, half = trained("whole", 4), trained("half", 2)
+    trained("half", 4, Run.open(half.folder))
+    contents = [checkpoint.load(run.checkpoints / "latest.pt").learner for run in (whole, half)]
+    assert contents[0] is not None and "starts" in contents[0]
+    assert_same(*contents)
+
+
+def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(concave, own, tmp_path):
+    changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "evaluation.tradeoffs": 5}
+    config = config_for("concave", scalarization=f"{own}:least", max_env_steps=256, **changes)
+    run = train(config, output=tmp_path / "run")
+    with pytest.raises(MorlaxError, match=r"would run the code of .*own.py:least"):
+        run.config()
+    assert run.config(trust=True).scalarization == f"{own}:least"
+
+
+MISTAKES = {
+    "unknown": ("chebishev", {}, "unknown scalarization 'chebishev': did you mean 'chebyshev'"),
+    "no file": ("nowhere.py:best", {}, "nowhere.py, which should define the utility best"),
+    "no function": ("FILE:last", {}, "unknown function of .*own.py 'last': did you mean 'least'"),
+    "not differentiable": ("FILE:bare", {}, "bare is not differentiable by the returns"),
+    "one number": ("FILE:whole", {}, r"whole must return one utility per row.*returned \(\)"),
+    "an error": ("FILE:broken", {}, "the utility .*broken fails: RuntimeError"),
+    "infinite": ("FILE:steep", {}, "the derivative of the utility .*steep is not finite"),
+    "a scalar critic": ("chebyshev", {"ppo.critic": "scalar"}, "needs ppo.critic vector"),
+    "PG-MORL": ("chebyshev", {"algorithm": "pg-morl"}, "pg-morl selects by weighted sums"),
+}
+
+
+@pytest.mark.parametrize(("name", "changes", "message"), MISTAKES.values(), ids=MISTAKES)
+def test_mistakes_are_one_sentence(name, changes, message, own, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MorlaxError, match=message):
+        config = config_for(
+            "hopper", scalarization=name.replace("FILE", own), device="cpu", worlds=64, **changes
+        )
+        make_scalarization(config.scalarization, 2, CPU)
+    assert not (Path.cwd() / "runs").exists()
