@@ -39,7 +39,7 @@ class CommandLine:
         self._program, self._about, self._options = program, about, options
 
     def early(self, arguments: Sequence[str], *more: str) -> argparse.Namespace:
-        """Return the options that decide which others there are, and `more` of them."""
+        """Read the options that decide which others exist, and those named in `more`."""
         first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
         for name in ("--env", "--algorithm", "--config", "--device", *more):
             first.add_argument(name)

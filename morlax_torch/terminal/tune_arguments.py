@@ -47,7 +47,7 @@ class TuneOptions(Section):
 
 
 class Request(NamedTuple):
-    """What a command line of `tune` asks for."""
+    """A parsed command line of `tune`."""
 
     config: Config
     options: TuneOptions

@@ -22,7 +22,7 @@ class TuneDisplay:
         self._study, self._folder, self._trials = study, folder, trials
 
     def started(self, devices: str) -> None:
-        """Print what is searched for, and the names of columns."""
+        """Print task, trials, options and storage, and the names of columns."""
         config, done = self._study.plan.base, len(self._study.results())
         options = ", ".join(name.rpartition(".")[2] for name in self._study.plan.space.parameters)
         ready = f", {done} of them done" if done else ""
@@ -59,7 +59,7 @@ class TuneDisplay:
         return f"{result.indicators[main] / base.indicators[main]:.2f}"
 
     def ended(self, continues: str) -> None:
-        """Print the best trials, and what to do next.
+        """Print the best trials, and the next command.
 
         Args:
             continues: the command that continues the search.

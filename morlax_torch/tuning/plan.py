@@ -1,4 +1,4 @@
-"""What the trials of a study share, so that they can be compared."""
+"""The settings that all trials of a study share, so that they can be compared."""
 
 import json
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ MINIMIZED = ("sparsity",)
 
 
 class Plan(NamedTuple):
-    """What the trials of a study share."""
+    """The settings that all trials of a study share."""
 
     base: Config
     space: Space
@@ -34,11 +34,11 @@ class Plan(NamedTuple):
         """Check and return a plan.
 
         Args:
-            config: of the task; its limits and times of evaluation do not count.
+            config: of the task; limits and evaluation times are replaced.
             space: the search space as plain values.
             seconds: of training per trial.
             indicators: to optimize.
-            source: what error messages call the space.
+            source: name of the space in error messages.
 
         Raises:
             MorlaxError: the space or an indicator cannot be used.

@@ -16,6 +16,7 @@ from .library import optuna
 
 Distribution = optuna.distributions.BaseDistribution
 
+DIGITS = 6  # of drawn numbers, so that files show 0.15 instead of 0.15000000000000002
 RANGE = ("low", "high", "log", "step")
 FIXED = (  # sections and options that all trials share
     *("env", "algorithm", "seed", "device", "backend", "deterministic", "evaluation"),
@@ -42,7 +43,7 @@ class Choice(NamedTuple):
         return next(value for value in self.values if _label(value) == drawn)
 
     def drawn(self, value: Any) -> Any:
-        """Return how Optuna knows a value; raises ValueError if it is none of them."""
+        """Return the draw that gives a value; raises ValueError if there is none."""
         return _label(self.values[self.values.index(value)])
 
 
@@ -68,10 +69,10 @@ class Range(NamedTuple):
         return (self.low, self.high, *between)
 
     def value(self, drawn: Any) -> Any:
-        return drawn
+        return drawn if self._whole else float(f"{drawn:.{DIGITS}g}")
 
     def drawn(self, value: Any) -> Any:
-        """Return how Optuna knows a value; raises ValueError if it is outside."""
+        """Return the draw that gives a value; raises ValueError if there is none."""
         if not isinstance(value, int | float) or not self.low <= value <= self.high:
             raise ValueError
         return value
@@ -82,7 +83,7 @@ class Range(NamedTuple):
 
 
 class Space(NamedTuple):
-    """Options by dotted name, and what they may be."""
+    """Options by dotted name, with the values that trials may give them."""
 
     parameters: Mapping[str, Choice | Range]
 
@@ -93,7 +94,7 @@ class Space(NamedTuple):
         Args:
             values: by option, a list of values or the fields of a range.
             base: config of the task.
-            source: what error messages call the space.
+            source: name of the space in error messages.
 
         Raises:
             MorlaxError: an option is unknown, or must be equal in all trials, or a range or value
@@ -119,7 +120,7 @@ class Space(NamedTuple):
         return {name: each.distribution for name, each in self.parameters.items()}
 
     def options(self, drawn: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values by option, of what Optuna has drawn."""
+        """Return the value of each option for a draw of Optuna."""
         return {name: self.parameters[name].value(value) for name, value in drawn.items()}
 
     def config(self, base: Config, drawn: Mapping[str, Any]) -> Config:
@@ -134,7 +135,7 @@ class Space(NamedTuple):
         return load_config(values)
 
     def drawn(self, config: Config) -> dict[str, Any]:
-        """Return what Optuna would have to draw for a config; nothing if it is outside."""
+        """Return the draw that gives a config; empty if the config lies outside the space."""
         values = flat(config.model_dump(mode="json"))
         try:
             return {name: each.drawn(values[name]) for name, each in self.parameters.items()}
@@ -156,7 +157,7 @@ def _number(value: Any) -> Any:
 
 
 def _parameter(given: Any, base: Any) -> Choice | Range:
-    """Return what an option may be; raises ValueError with the rest of a sentence."""
+    """Parse the values of one option; raises ValueError with the rest of a sentence."""
     if isinstance(given, list):
         return _choice([_number(value) for value in given])
     if isinstance(given, dict) and "times" in given:

@@ -1,5 +1,6 @@
 """Where Optuna keeps a study: a journal file, or a database."""
 
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,6 +8,9 @@ from pathlib import Path
 
 from ..envs import MorlaxError
 from .library import optuna
+
+CREATED = ("already exists", "unique constraint", "duplicate key")  # by another process just now
+PAUSE = 2.0  # seconds in which it creates the other tables
 
 
 def open_storage(place: str) -> optuna.storages.BaseStorage:
@@ -17,7 +21,7 @@ def open_storage(place: str) -> optuna.storages.BaseStorage:
     """
     try:
         if "://" in place:
-            return optuna.storages.RDBStorage(place)
+            return _database(place)
         Path(place).parent.mkdir(parents=True, exist_ok=True)
         if Path(place).exists() and not Path(place).is_file():
             raise MorlaxError(f"cannot use the storage {place}: it is not a regular file.")
@@ -32,9 +36,19 @@ def open_storage(place: str) -> optuna.storages.BaseStorage:
         raise MorlaxError(f"cannot use the storage {place}: {reason}.") from None
 
 
+def _database(url: str) -> optuna.storages.BaseStorage:
+    try:
+        return optuna.storages.RDBStorage(url)
+    except Exception as error:  # each driver has its own
+        if not any(words in str(error).lower() for words in CREATED):
+            raise
+    time.sleep(PAUSE)
+    return optuna.storages.RDBStorage(url)
+
+
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence Optuna's log and its notes on what it calls experimental."""
+    """Silence Optuna's log and its warnings about experimental features."""
     usual = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     try:

@@ -51,7 +51,7 @@ class Study:
     and its options are queued again.
 
     Args:
-        plan: what its trials share.
+        plan: settings that all trials share.
         storage: path of a journal file, or URL of a database.
         name: of the study in its storage (None: the task).
 
@@ -96,8 +96,10 @@ class Study:
         )
 
     def _check_plan(self) -> None:
+        # in this order: a process that starts at the same time sets the plan before its first trial
+        empty = not self._study.get_trials(deepcopy=False)
         own, known = self.plan.description(), self._study.user_attrs.get("plan")
-        if known is None and not self._study.get_trials(deepcopy=False):
+        if known is None and empty:
             self._study.set_user_attr("plan", own)
         elif known is None:
             raise MorlaxError(f"the study {self.name!r} in {self.storage} is of another program.")
@@ -165,7 +167,7 @@ class Study:
         env_steps: int,
         pruned: bool = False,
     ) -> Result:
-        """Store what a trial has reached."""
+        """Store the result of a trial that has not failed."""
         found = {"train_seconds": train_seconds, "env_steps": env_steps, "indicators": indicators}
         for name, value in found.items():
             claim.trial.set_user_attr(name, value)
@@ -254,7 +256,7 @@ class Study:
 
 
 def _option(name: str) -> str:
-    """Return what a user calls a value of a plan's description."""
+    """Return the option that sets a value of a plan's description."""
     if name.startswith("space."):
         return "--space"
     own = {"config.max_seconds": "--seconds", "indicators": "--indicators"}
