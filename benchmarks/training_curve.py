@@ -1,4 +1,4 @@
-"""Train for a fixed time with regular evaluations; shared by `search` and `table1`."""
+"""Train for a fixed time with regular evaluations, for `table1`."""
 
 import subprocess
 import sys

@@ -9,6 +9,7 @@ from .terminal import cli
 
 COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",
+    "tune": "search for a task's hyperparameters",
     "evaluate": "measure the fronts of trained runs",
     "explore": "steer a robot live in the browser",
     "record": "film a robot under several trade-offs",

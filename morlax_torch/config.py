@@ -13,7 +13,7 @@ from pydantic import (
 )
 
 from . import envs
-from .config_files import algorithm_of, merged, task_values
+from .config_files import algorithm_of, merged, nested, task_values
 from .config_sections import (
     OPTIONS,
     REQUIRED,
@@ -222,9 +222,7 @@ def config_for(env: str, **changes: Any) -> Config:
     device_type = envs.resolve_device(changes.get("device")).type
     values = task_values(env, device_type, algorithm_of(changes))
     for name, value in changes.items():
-        for part in reversed(name.split(".")):
-            value = {part: value}
-        values = merged(values, value)
+        values = merged(values, nested(name, value))
     return load_config(values)
 
 
@@ -233,7 +231,7 @@ def differences(one: Config, other: Config) -> list[str]:
 
     Each is as "ppo.clip: 0.3 instead of 0.2", with the value of `other` first.
     """
-    values, others = _flat(one.model_dump(mode="json")), _flat(other.model_dump(mode="json"))
+    values, others = flat(one.model_dump(mode="json")), flat(other.model_dump(mode="json"))
     return [
         f"{key}: {others.get(key)} instead of {values.get(key)}"
         for key in {**values, **others}
@@ -241,10 +239,10 @@ def differences(one: Config, other: Config) -> list[str]:
     ]
 
 
-def _flat(values: dict[str, Any]) -> dict[str, Any]:
+def flat(values: dict[str, Any]) -> dict[str, Any]:
     """Return nested values by dotted name."""
-    flat = {}
+    found = {}
     for key, value in values.items():
-        parts = _flat(value) if isinstance(value, dict) else None
-        flat |= {f"{key}.{name}": part for name, part in parts.items()} if parts else {key: value}
-    return flat
+        parts = flat(value) if isinstance(value, dict) else None
+        found |= {f"{key}.{name}": part for name, part in parts.items()} if parts else {key: value}
+    return found

@@ -58,26 +58,38 @@ def file_values(path: Path, device_type: str) -> dict[str, Any]:
     return merged(task_values(values["env"], device_type, algorithm_of(values)), values)
 
 
+def space_values(path: Path | None, device_type: str) -> dict[str, Any]:
+    """Return a YAML file's search space for "cuda" or "cpu"; without a file the default one."""
+    if path is None:
+        return _packaged("tuning/space", device_type)
+    return _fitted(read_yaml(path, "space", "ppo.epochs: [3, 4]"), device_type)
+
+
 def algorithm_of(values: dict[str, Any]) -> str:
     """Return the algorithm that a config names, or MORLAX."""
     return str(values.get("algorithm", "morlax"))
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path, what: str = "config", such_as: str = "env: ant") -> dict[str, Any]:
     """Read the keys and values of a YAML file.
+
+    Args:
+        path: the file.
+        what: the kind of file, for error messages.
+        such_as: a line of such a file, for error messages.
 
     Raises:
         MorlaxError: it cannot be read, is not a mapping, or has the same key twice.
     """
     try:
-        values = yaml.load(read(path, "config"), _UniqueKeys)
+        values = yaml.load(read(path, what), _UniqueKeys)
     except (yaml.YAMLError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise MorlaxError(f"the config {path} is not valid YAML: {reason}") from None
+        raise MorlaxError(f"the {what} {path} is not valid YAML: {reason}") from None
     except RecursionError:
-        raise MorlaxError(f"the config {path} is nested too deeply.") from None
+        raise MorlaxError(f"the {what} {path} is nested too deeply.") from None
     if not isinstance(values, dict):
-        raise MorlaxError(f"the config {path} must hold keys and values, such as env: ant.")
+        raise MorlaxError(f"the {what} {path} must hold keys and values, such as {such_as}.")
     return values
 
 
@@ -115,7 +127,26 @@ def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     """Merge `above` over `below`, section by section; groups of reward terms are replaced whole."""
     result = dict(below)
     for key, value in above.items():
-        both = isinstance(value, dict) and isinstance(result.get(key), dict)
-        whole = key in ("objectives", "shared")
-        result[key] = merged(result[key], value) if both and not whole else value
+        result[key] = merged(result[key], value) if _by_section(key, value, result) else value
     return result
+
+
+def changes(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Return what `merged` must put over `below` to give `above`, which has the same keys."""
+    return {
+        key: changes(below[key], value) if _by_section(key, value, below) else value
+        for key, value in above.items()
+        if key not in below or below[key] != value
+    }
+
+
+def _by_section(key: str, value: Any, below: dict[str, Any]) -> bool:
+    both = isinstance(value, dict) and isinstance(below.get(key), dict)
+    return both and key not in ("objectives", "shared")
+
+
+def nested(name: str, value: Any) -> dict[str, Any]:
+    """Return the value of a dotted name as sections, as `merged` takes them."""
+    for part in reversed(name.split(".")):
+        value = {part: value}
+    return value

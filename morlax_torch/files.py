@@ -69,11 +69,11 @@ def remove_drafts(folder: Path) -> None:
     """Remove the temporary files that killed processes have left in a folder."""
     for draft in folder.glob(f".*{DRAFT}"):
         process = draft.name.split(".")[1]
-        if process.isdecimal() and not _runs(int(process)):
+        if process.isdecimal() and not runs(int(process)):
             draft.unlink(missing_ok=True)
 
 
-def _runs(process: int) -> bool:
+def runs(process: int) -> bool:
     try:
         os.kill(process, 0)  # sends no signal, only asks
     except ProcessLookupError:

@@ -42,13 +42,6 @@ def test_table1(tmp_path):
         assert again.read_text() == first.read_text()
 
 
-def test_search(tmp_path):
-    (tmp_path / "given.yaml").write_text("- {worlds: 64, evaluation.tradeoffs: 8}\n")
-    options = ("--given", "given.yaml", "--seconds", "0.2", "--every", "0.2")
-    run("search", "--env", "hopper", *options, folder=tmp_path)
-    assert (tmp_path / "search.csv").read_text().startswith("hopper,0,0,")
-
-
 def test_throughput(tmp_path):
     options = ("--env", "hopper", "--worlds", "128", "--output", "rows.csv")
     run("throughput", *options, "--device", "cpu", "--seconds", "0.1", folder=tmp_path)

@@ -11,7 +11,7 @@ import yaml
 
 from morlax_torch import MORLAX, envs, export
 from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import file_values, merged, task_values
+from morlax_torch.config_files import file_values, merged, space_values, task_values
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import load
@@ -103,7 +103,19 @@ def test_shown_scripts_run(script, line, workplace):
     assert any(workplace.rglob("front.npz"))
 
 
-@pytest.mark.parametrize("text", blocks("yaml"))
+def test_the_shown_search_space_is_valid(workplace):
+    pytest.importorskip("optuna", reason="needs the extra tune")
+    from morlax_torch.tuning.space import Space
+
+    for device_type in ("cpu", "cuda"):
+        config = load_config(task_values("cheetah", device_type))
+        assert Space.of(space_values(Path("my_space.yaml"), device_type), config, "").parameters
+
+
+CONFIGS = [block for block in blocks("yaml") if not block.values[0].startswith("# my_space.yaml")]
+
+
+@pytest.mark.parametrize("text", CONFIGS)
 def test_configs_load(text, workplace):
     if "mjlab:" in text:
         pytest.importorskip("mjlab", reason="needs the extra mjlab")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from morlax_torch import MorlaxError, evaluate, explore, export, load, pack, record, train
+from morlax_torch import MorlaxError, evaluate, explore, export, load, pack, record, train, tune
 
 LONG = "a" * 5000
 COMMANDS = {
@@ -22,6 +22,9 @@ COMMANDS = {
     "resume": (train, ("--resume", "{}")),
     "config": (train, ("--config", "{}")),
     "output": (train, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
+    "space": (tune, ("--env", "cheetah", "--device", "cpu", "--space", "{}")),
+    "storage": (tune, ("--env", "cheetah", "--device", "cpu", "--storage", "{}")),
+    "tune output": (tune, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
     "robot": (train, ("--env", "{}.py:Robot")),
 }
 

@@ -51,7 +51,9 @@ def test_importing_the_package_imports_nothing_heavy(tmp_path):
     assert not imported(done) & HEAVY
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate", "explore", "record", "export", "pack"])
+@pytest.mark.parametrize(
+    "command", ["train", "tune", "evaluate", "explore", "record", "export", "pack"]
+)
 def test_help_imports_nothing_heavy(command, tmp_path):
     done = python(tmp_path, "-X", "importtime", "-m", f"morlax_torch.{command}", "--help")
     assert not imported(done) & HEAVY

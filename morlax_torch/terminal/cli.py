@@ -20,6 +20,7 @@ from tyro.constructors import (
 )
 
 from ..envs import MorlaxError
+from ..gpu.memory import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from .interrupt import exiting_on_signals
 from .startup import INTERRUPTED
@@ -87,17 +88,10 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             raise  # of code that is not ours, such as a user's robot
         fail(f"cannot use {error.filename}: {error.strerror}.")
     except (MemoryError, RuntimeError) as error:
-        # NumPy, torch and Warp each report a lack of memory in their own way
-        words = ("out of memory", "allocate")
-        if not isinstance(error, MemoryError) and not any(w in str(error) for w in words):
+        shortage = shortage_of_memory(error)
+        if shortage is None:
             raise
-        import torch  # it, or what it computes with, is what failed
-
-        free = "the memory is full"
-        if torch.cuda.is_available():
-            sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
-            free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
-        fail(f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold.")
+        fail(shortage)
 
 
 def _skip_teardown(status: int = 0) -> None:

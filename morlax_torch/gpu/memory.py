@@ -1,0 +1,27 @@
+"""Memory of the GPU: a lack of it, and giving it back."""
+
+import gc
+
+
+def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
+    """Say that memory is full, if that is why computing failed; else return None."""
+    # NumPy, torch and Warp each report a lack of memory in their own way
+    words = ("out of memory", "allocate")
+    if not isinstance(error, MemoryError) and not any(word in str(error) for word in words):
+        return None
+    import torch  # it, or what it computes with, is what failed
+
+    free = "the memory is full"
+    if torch.cuda.is_available():
+        sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
+        free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
+    return f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold."
+
+
+def release_memory() -> None:
+    """Give back what a learner that is no longer needed holds: its worlds, graphs and networks."""
+    import torch
+
+    gc.collect()  # a learner refers to itself
+    if torch.cuda.is_available():
+        torch.cuda.empty_cache()

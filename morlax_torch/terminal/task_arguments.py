@@ -1,0 +1,118 @@
+"""The command line of commands that train: options over a file or a task's config."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import tyro
+from pydantic import BaseModel, create_model
+
+from .. import envs
+from ..config import Config, config_class, load_config
+from ..config_files import algorithm_of, default_values, file_values, merged, task_values
+from ..envs import MorlaxError
+from ..envs.worlds.options import TaskOptions
+from ..envs.worlds.section import Section
+from . import cli
+
+PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
+
+
+class AnyTask(TaskOptions):
+    objectives: dict[str, dict[str, float]] = {}
+    """The objectives to trade off; each is a weighted sum of reward terms. Each task has its
+    own."""
+
+
+class CommandLine:
+    """The command line of one command.
+
+    Args:
+        program: as users type it.
+        about: its description.
+        options: the command's own options, beside those of a config.
+    """
+
+    def __init__(self, program: str, about: str, options: type[Section]):
+        self._program, self._about, self._options = program, about, options
+
+    def early(self, arguments: Sequence[str], *more: str) -> argparse.Namespace:
+        """Read the options that decide which others exist, and those named in `more`."""
+        first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        for name in ("--env", "--algorithm", "--config", "--device", *more):
+            first.add_argument(name)
+        return first.parse_known_args(arguments)[0]
+
+    def parse(self, arguments: Sequence[str], below: Config) -> tuple[dict, dict[str, Any]]:
+        """Parse the command line over `below`.
+
+        Returns:
+            The command's own options, and the values of a config.
+        """
+        kind = config_class(below.env, below.algorithm)
+        model = create_model("Command", __base__=(self._options, kind))
+        about = f"{self._about} The defaults below are those of --env {below.env}, from configs/."
+        default = model.model_validate(below.model_dump())
+        values = cli.parse(default, arguments, self._program, about)
+        return {name: values.pop(name) for name in self._options.model_fields}, values
+
+    def help_for_any_task(self, device: str | None) -> NoReturn:
+        """Print the options that all robots have, and exit, without importing torch."""
+        device_type = "cpu" if device == "cpu" else "cuda"
+        values: dict[str, Any] = default_values(device_type)
+        for name, field in Config.model_fields.items():
+            kind = field.annotation
+            if name in values and isinstance(kind, type) and issubclass(kind, BaseModel):
+                values[name] = kind.model_validate(values[name])
+        model = create_model("Command", __base__=(self._options, Config), task=(AnyTask, AnyTask()))
+        about = (
+            f"{self._about} The defaults below are those of a new robot on "
+            f"{PLACES[device_type]}. Add --env NAME for the options and defaults of a task."
+        )
+        default = model.model_construct(env=tyro.MISSING, **values)
+        cli.parse(default, ["--help"], self._program, about)
+        sys.exit(0)
+
+
+def asks_for_help(arguments: Sequence[str]) -> bool:
+    return bool({"-h", "--help"} & set(arguments))
+
+
+def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
+    """Return the config of these values, with the device resolved and a simulator for it.
+
+    Args:
+        values: of a config.
+        resumed: config of the run to resume, which may move to another device.
+    """
+    place = envs.resolve_device(values["device"])
+    moved = resumed is not None and str(place) != resumed.device
+    robot = issubclass(envs.get(values["env"]), envs.Environment)  # others have one simulator
+    kept = resumed is not None and moved and values["backend"] == resumed.backend
+    if robot and (values["backend"] is None or kept):
+        values["backend"] = "warp" if place.type == "cuda" else "mujoco"
+    return load_config({**values, "device": str(place)})
+
+
+def base_values(early: argparse.Namespace) -> dict:
+    """Return the values of the file or task that the command line names."""
+    own: dict[str, Any] = {} if early.algorithm is None else {"algorithm": early.algorithm}
+    if early.config is None:
+        if early.env is None:
+            names = ", ".join(envs.names())
+            raise MorlaxError(f"name a task: --env NAME, one of {names}, or FILE.py:CLASS.")
+        envs.get(early.env)  # an unknown name is told before torch is imported
+        device_type = envs.resolve_device(early.device).type
+        return {**task_values(early.env, device_type, algorithm_of(own)), **own}
+    device_type = envs.resolve_device(early.device).type
+    values = file_values(Path(early.config), device_type)
+    for name, given in (("env", early.env), ("algorithm", early.algorithm)):
+        if given is not None and values.setdefault(name, given) != given:
+            raise MorlaxError(
+                f"{early.config} is for {name} {values[name]!r}, but --{name} says {given!r}."
+            )
+    if (early.env is None and early.algorithm is None) or not isinstance(values.get("env"), str):
+        return values
+    return merged(task_values(values["env"], device_type, algorithm_of(values)), values)

@@ -1,0 +1,126 @@
+"""What `tune` prints: a line per trial, and a table of the best ones."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from ..envs.naming import title
+from ..tuning.importance import FEWEST, importances
+from ..tuning.study import Result, Study
+from .cli import console
+
+BEST = 5  # trials in the table
+LABEL, VALUE = 24, 8  # widths of columns
+
+
+class TuneDisplay:
+    """Lines about a study, none of them wider than the terminal."""
+
+    def __init__(self, study: Study, folder: Path, trials: int):
+        self._study, self._folder, self._trials = study, folder, trials
+
+    def started(self, devices: str) -> None:
+        """Print task, trials, options and storage, and the names of columns."""
+        config, done = self._study.plan.base, len(self._study.results())
+        options = ", ".join(name.rpartition(".")[2] for name in self._study.plan.space.parameters)
+        ready = f", {done} of them done" if done else ""
+        print_line(
+            f"{title(config.env)}: {self._trials} trials of {config.max_seconds:g} s{ready}; "
+            f"{devices}"
+        )
+        print_line(f"options: {options}")
+        print_line(f"study {self._study.name} in {self._study.storage}")
+        print_line(f"trial  state     {self._main:>11}  ratio  options")
+
+    @property
+    def _main(self) -> str:
+        return self._study.plan.main[:11]
+
+    def finished(self, study: Study, result: Result) -> None:
+        """Print the line of a trial."""
+        about = f"{result.number:5d}  {result.state:8}  "
+        if result.state == "failed":
+            print_line(about + result.reason)
+            return
+        options = "the base config" if result.base else self._changed(result)
+        value = result.indicators[study.plan.main]
+        print_line(f"{about}{value:11.4e}  {self._ratio(result):>5}  {options}")
+
+    def _changed(self, result: Result) -> str:
+        given = ((name.rpartition(".")[2], value) for name, value in result.options.items())
+        return " ".join(f"{name}={_short(value)}" for name, value in given)
+
+    def _ratio(self, result: Result) -> str:
+        base, main = self._study.base_result(), self._study.plan.main
+        if base is None or base.indicators[main] <= 0:
+            return "-"
+        return f"{result.indicators[main] / base.indicators[main]:.2f}"
+
+    def ended(self, continues: str) -> None:
+        """Print the best trials, and the next command.
+
+        Args:
+            continues: the command that continues the search.
+        """
+        ranked, results = self._study.ranked(), self._study.results()
+        print_line(f"{len(results)} of {self._trials} trials done")
+        if ranked and len(self._study.plan.indicators) == 1:
+            self._print_best(ranked)
+        elif ranked:
+            self._print_front(ranked)
+        if len(results) < self._trials:
+            console.print(f"continue: {continues}", markup=False)
+        if ranked:
+            console.print(
+                f"next: python -m morlax_torch.train --config {self._folder / 'best.yaml'}",
+                markup=False,
+            )
+
+    def _print_best(self, ranked: list[Result]) -> None:
+        base = self._study.base_result()
+        shown = [*([base] if base else []), *(r for r in ranked if not r.base)][: BEST + 1]
+        shares = importances(self._study)
+        names = ["base" if result.base else str(result.number) for result in shown]
+        self._row("trial", names, "share" if shares else "")
+        self._row(self._study.plan.main, [_short(self._value(r)) for r in shown])
+        self._row("ratio", [self._ratio(result) for result in shown])
+        for option in sorted(self._study.plan.space.parameters, key=lambda n: -shares.get(n, 0)):
+            share = f"{shares[option]:.0%}" if option in shares else ""
+            self._row(option, [_short(result.options[option]) for result in shown], share)
+        if shares:
+            print_line("share: how much an option decides whether a trial is among the best")
+        else:
+            print_line(f"the importance of options needs {FEWEST} trials")
+
+    def _value(self, result: Result) -> float:
+        return result.indicators[self._study.plan.main]
+
+    def _print_front(self, ranked: list[Result]) -> None:
+        names = self._study.plan.indicators
+        print_line("non-dominated trials:")
+        print_line(f"trial  {'  '.join(f'{name:>16}' for name in names)}  ratio  options")
+        for result in ranked:
+            values = "  ".join(f"{result.indicators[name]:16.4e}" for name in names)
+            options = "the base config" if result.base else self._changed(result)
+            print_line(f"{result.number:5d}  {values}  {self._ratio(result):>5}  {options}")
+
+    def _row(self, label: str, values: list[str], share: str = "") -> None:
+        cells = "".join(f" {value[: VALUE - 1]:>{VALUE - 1}}" for value in values)
+        print_line(f"{label[:LABEL]:{LABEL}}{cells} {share:>5}".rstrip())
+
+
+def print_line(text: str) -> None:
+    """Print one line, cut where the terminal ends."""
+    console.print(Text(text), overflow="ellipsis", no_wrap=True, soft_wrap=False, crop=True)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        text = f"{value:.3g}"
+        mantissa, _, exponent = (text if len(text) < VALUE else f"{value:.2e}").partition("e")
+        return f"{mantissa}e{int(exponent)}" if exponent else mantissa
+    if isinstance(value, list):
+        return ",".join(map(_short, value))
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,84 @@
+"""The settings that all trials of a study share, so that they can be compared."""
+
+import json
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, Self, get_args
+
+from ..config import Config, load_config
+from ..config_files import merged
+from ..envs import MorlaxError
+from ..runs.progress import Evaluation
+from .library import optuna
+from .space import Space
+
+Indicator = Literal["hypervolume", "expected_utility", "sparsity", "obedience", "cardinality"]
+MINIMIZED = ("sparsity",)
+
+
+class Plan(NamedTuple):
+    """The settings that all trials of a study share."""
+
+    base: Config
+    space: Space
+    indicators: tuple[Indicator, ...]
+
+    @classmethod
+    def of(
+        cls,
+        config: Config,
+        space: Mapping[str, Any],
+        seconds: float,
+        indicators: tuple[Indicator, ...],
+        source: str,
+    ) -> Self:
+        """Check and return a plan.
+
+        Args:
+            config: of the task; limits and evaluation times are replaced.
+            space: the search space as plain values.
+            seconds: of training per trial.
+            indicators: to optimize.
+            source: name of the space in error messages.
+
+        Raises:
+            MorlaxError: the space or an indicator cannot be used.
+        """
+        if not indicators or len(set(indicators)) < len(indicators):
+            raise MorlaxError("name at least one indicator, and each only once.")
+        for name in indicators:
+            if name not in get_args(Indicator):
+                raise MorlaxError(f"{name!r} is none of {', '.join(get_args(Indicator))}.")
+        limits = {"max_seconds": seconds, "max_env_steps": None, "evaluation": {"every": None}}
+        base = load_config(merged(config.model_dump(mode="json"), limits))
+        return cls(base, Space.of(space, base, source), indicators)
+
+    @property
+    def main(self) -> str:
+        """The indicator that trials are compared by."""
+        return self.indicators[0] if len(self.indicators) == 1 else "hypervolume"
+
+    @property
+    def sign(self) -> int:
+        """1 if more of the main indicator is better, else -1."""
+        return -1 if self.main in MINIMIZED else 1
+
+    @property
+    def directions(self) -> list[Literal["minimize", "maximize"]]:
+        return ["minimize" if name in MINIMIZED else "maximize" for name in self.indicators]
+
+    def measured(self, evaluation: Evaluation) -> dict[str, float]:
+        """Return every indicator that a study can have."""
+        values = {**evaluation.indicators, "hypervolume": evaluation.hypervolume}
+        return {name: float(values[name]) for name in get_args(Indicator)}
+
+    def description(self) -> dict[str, Any]:
+        """Return plain values that are equal if trials can be compared."""
+        distributions = self.space.distributions.items()
+        space = {
+            name: json.loads(optuna.distributions.distribution_to_json(each))
+            for name, each in distributions
+        }
+        config = self.base.model_dump(mode="json", exclude={"device"})
+        return json.loads(
+            json.dumps({"config": config, "space": space, "indicators": self.indicators})
+        )

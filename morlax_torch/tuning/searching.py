@@ -1,0 +1,95 @@
+"""The search: trials, one after the other, until there are enough."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..config import Config
+from ..config_files import space_values
+from ..envs import resolve_device
+from ..envs.naming import title
+from .plan import Indicator, Plan
+from .results import write_results
+from .study import Result, Study
+from .trial import run_trial
+
+
+def tune(
+    config: Config,
+    space: Mapping[str, Any] | Path | None = None,
+    output: Path | None = None,
+    *,
+    trials: int = 50,
+    seconds: float = 60.0,
+    indicators: tuple[Indicator, ...] = ("hypervolume",),
+    storage: str | None = None,
+    study: str | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    on_trial: Callable[[Study, Result], None] | None = None,
+) -> Study:
+    """Search for hyperparameters; returns the study, whose best trial is `ranked()[0]`.
+
+    Trial 0 is `config`. An existing study continues, and other processes may share it. It prints
+    nothing and installs no signal handlers.
+
+    Args:
+        config: of the task; options outside the space keep its values.
+        space: the search space, as plain values or a YAML file (None: configs/tuning/space.yaml).
+        output: folder of trials.csv and best.yaml (None: tuning/<task>).
+        trials: number of trials of the study, finished ones included.
+        seconds: training time of each trial.
+        indicators: to optimize; several look for trade-offs, without pruning.
+        storage: path of a journal file, or URL of a database (None: journal.log in `output`).
+        study: name of the study in its storage (None: the task).
+        stopped: asked after each training iteration; true ends the search, and its running trial
+            is queued again.
+        on_trial: called with the study and each trial of this process once it is written.
+
+    Raises:
+        MorlaxError: Optuna is not installed, or space, storage or output cannot be used.
+    """
+    found = open_study(config, space, output, seconds, indicators, storage, study)
+    search(found, folder_of(config, output), trials, stopped, on_trial)
+    return found
+
+
+def folder_of(config: Config, output: Path | None) -> Path:
+    """Return the output folder of a search."""
+    return output or Path("tuning") / title(config.env)
+
+
+def open_study(
+    config: Config,
+    space: Mapping[str, Any] | Path | None,
+    output: Path | None,
+    seconds: float,
+    indicators: tuple[Indicator, ...],
+    storage: str | None,
+    study: str | None,
+) -> Study:
+    """Open or create the study of `tune`, which describes the arguments and errors."""
+    source = "the search space"
+    if space is None or isinstance(space, Path):
+        source = f"the search space {space}" if space else source
+        space = space_values(space, resolve_device(config.device).type)
+    plan = Plan.of(config, space, seconds, indicators, source)
+    return Study(plan, storage or str(folder_of(config, output) / "journal.log"), study)
+
+
+def search(
+    study: Study,
+    folder: Path,
+    trials: int,
+    stopped: Callable[[], bool],
+    on_trial: Callable[[Study, Result], None] | None,
+) -> None:
+    """Run trials until the study has enough of them, or `stopped`."""
+    while not stopped():
+        claim = study.claim(trials)
+        if claim is None:
+            return
+        result = run_trial(study, claim, stopped)
+        if result is not None:
+            write_results(study, folder)
+            if on_trial is not None:
+                on_trial(study, result)

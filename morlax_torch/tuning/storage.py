@@ -1,0 +1,59 @@
+"""Where Optuna keeps a study: a journal file, or a database."""
+
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..envs import MorlaxError
+from .library import optuna
+
+CREATED = ("already exists", "unique constraint", "duplicate key")  # by another process just now
+PAUSE = 2.0  # seconds in which it creates the other tables
+
+
+def open_storage(place: str) -> optuna.storages.BaseStorage:
+    """Open a journal file or the database of a URL, such as postgresql://...
+
+    Raises:
+        MorlaxError: it cannot be opened or written.
+    """
+    try:
+        if "://" in place:
+            return _database(place)
+        Path(place).parent.mkdir(parents=True, exist_ok=True)
+        if Path(place).exists() and not Path(place).is_file():
+            raise MorlaxError(f"cannot use the storage {place}: it is not a regular file.")
+        backend = optuna.storages.journal.JournalFileBackend(place)
+        return optuna.storages.JournalStorage(backend)
+    except MorlaxError:
+        raise
+    except OSError as error:
+        raise MorlaxError(f"cannot use the storage {place}: {error.strerror or error}.") from None
+    except Exception as error:  # each database and driver fails in its own way
+        reason = " ".join(str(error).split("\n")[0].split()).rstrip(".")
+        raise MorlaxError(f"cannot use the storage {place}: {reason}.") from None
+
+
+def _database(url: str) -> optuna.storages.BaseStorage:
+    try:
+        return optuna.storages.RDBStorage(url)
+    except Exception as error:  # each driver has its own
+        if not any(words in str(error).lower() for words in CREATED):
+            raise
+    time.sleep(PAUSE)
+    return optuna.storages.RDBStorage(url)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Silence Optuna's log and its warnings about experimental features."""
+    usual = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            yield
+    finally:
+        optuna.logging.set_verbosity(usual)

@@ -1,0 +1,84 @@
+"""Worker processes of a search, each of which runs trials of the same study."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import torch
+
+PARENT = "MORLAX_TUNE_PARENT"  # set in workers: the process that waits for them
+PAUSE = 0.1  # seconds
+
+
+def is_worker() -> bool:
+    return PARENT in os.environ
+
+
+def is_orphan() -> bool:
+    """Return whether this is a worker whose parent is gone."""
+    return is_worker() and os.environ[PARENT] != str(os.getppid())
+
+
+def places(device: torch.device, number: int | None, one_gpu: bool) -> list[str | None]:
+    """Return the value of CUDA_VISIBLE_DEVICES for each worker; None: as it is.
+
+    Args:
+        device: of the config.
+        number: of workers (None: one per visible GPU, one on the CPU).
+        one_gpu: whether the user has chosen one of the GPUs.
+    """
+    if device.type == "cpu" or one_gpu:
+        return [None] * (number or 1)
+    count = torch.cuda.device_count()
+    named = os.environ.get("CUDA_VISIBLE_DEVICES", "")
+    gpus = named.split(",")[:count] if named else [str(index) for index in range(count)]
+    return [gpus[index % count] for index in range(number or count)]
+
+
+def run_workers(
+    arguments: Sequence[str],
+    visible: Sequence[str | None],
+    asked: Callable[[], int],
+    on_end: Callable[[int, int], None],
+) -> list[int]:
+    """Run one `tune` per entry of `visible` until all have ended; returns their exit statuses.
+
+    Args:
+        arguments: of the command line.
+        visible: value of CUDA_VISIBLE_DEVICES for each worker; None: as it is.
+        asked: the signal that asks to end, to forward once; 0: none has come.
+        on_end: called with the number and status of each worker that has ended.
+    """
+    running = {
+        index: subprocess.Popen(
+            [sys.executable, "-m", "morlax_torch.tune", *arguments],
+            env=_environment(gpu, len(visible)),
+            process_group=0,  # the terminal's Ctrl-C reaches workers through the parent, so once
+        )
+        for index, gpu in enumerate(visible)
+    }
+    statuses, forwarded = {}, False
+    try:
+        while running:
+            signal = asked()
+            if signal and not forwarded:
+                forwarded = True
+                for process in running.values():
+                    process.send_signal(signal)
+            for index in [i for i, process in running.items() if process.poll() is not None]:
+                statuses[index] = running.pop(index).returncode
+                on_end(index, statuses[index])
+            time.sleep(PAUSE)
+    finally:
+        for process in running.values():
+            process.kill()
+            process.wait()
+    return [statuses[index] for index in sorted(statuses)]
+
+
+def _environment(gpu: str | None, workers: int) -> dict[str, str]:
+    threads = str(max(1, (os.cpu_count() or 1) // workers))
+    own = {PARENT: str(os.getpid())} | ({} if gpu is None else {"CUDA_VISIBLE_DEVICES": gpu})
+    return {"OMP_NUM_THREADS": threads, **os.environ, **own}

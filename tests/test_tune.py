@@ -1,0 +1,446 @@
+"""Hyperparameter search: trials, their files, sharing, interruption, failures and bad spaces."""
+
+import csv
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+pytest.importorskip("optuna", reason="needs the extra tune")
+
+from morlax_torch import MorlaxError, config_for, train, tune
+from morlax_torch.config import Config
+from morlax_torch.config_files import space_values
+from morlax_torch.runs import Run
+from morlax_torch.terminal import tune_arguments
+from morlax_torch.tuning import trial as trial_module
+from morlax_torch.tuning.importance import importances
+from morlax_torch.tuning.plan import Plan
+from morlax_torch.tuning.results import write_results
+from morlax_torch.tuning.searching import tune as search
+from morlax_torch.tuning.space import Space
+from morlax_torch.tuning.study import Claim, Study
+from morlax_torch.tuning.workers import places
+
+TINY = (
+    *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
+    *("--sampling.clusters", "8", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "7"),
+    *("--task.episode-length", "20"),
+)
+SPACE = "ppo.learning_rate: {low: 1e-4, high: 3e-3, log: true}\nppo.epochs: [2, 3]\n"
+VALUES: dict[str, Any] = yaml.safe_load(SPACE)
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch) -> Path:
+    (tmp_path / "space.yaml").write_text(SPACE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def tiny(**changes: Any) -> Config:
+    return tune_arguments.read(TINY).config.model_copy(update=changes)
+
+
+def typed(*arguments: str) -> list[str]:
+    command = [sys.executable, "-m", "morlax_torch.tune", *TINY, "--seconds", "0.1"]
+    return [*command, "--space", "space.yaml", *arguments]
+
+
+def run(monkeypatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", typed(*arguments)[2:])
+    tune.main()
+
+
+def rows(folder: Path = Path("tuning/hopper")) -> list[dict[str, str]]:
+    with (folder / "trials.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def scripted(study: Study, claim: Claim, curve: list[float]) -> str:
+    """Let a trial reach the values of a curve at even times; returns its state."""
+    seconds, best = claim.config.max_seconds or 0.0, -math.inf
+    for number, value in enumerate(curve, 1):
+        best, now = max(best, value), seconds * number / len(curve)
+        indicators = {"hypervolume": best, "expected_utility": -value}
+        if number < len(curve) and study.prunes(claim, best, now):
+            return study.finish(claim, indicators, now, number, pruned=True).state
+    return study.finish(claim, indicators, seconds, len(curve)).state
+
+
+def study_at(path: Path, *indicators: Any, **space: Any) -> Study:
+    given = space or VALUES
+    plan = Plan.of(tiny(), given, 9.0, indicators or ("hypervolume",), "the search space")
+    return Study(plan, str(path / "journal.log"))
+
+
+def claimed(study: Study, most: int = 1000) -> Claim:
+    claim = study.claim(most)
+    assert claim is not None
+    return claim
+
+
+def test_a_search_writes_trials_and_a_config_that_trains(workplace, monkeypatch, capsys):
+    run(monkeypatch, "--trials", "3")
+    lines = capsys.readouterr().out.splitlines()
+    assert max(len(line) for line in lines if not line.startswith("next: ")) <= 80
+    assert "3 of 3 trials done" in lines and "base" in "".join(lines)
+    found = rows()
+    assert [row["number"] for row in found] == ["0", "1", "2"]
+    assert found[0]["base"] == "True" and found[0]["ppo.learning_rate"] == "0.0005"
+    assert all(float(row["hypervolume"]) > 0 and int(row["env_steps"]) > 0 for row in found)
+    best = max(
+        (row for row in found if row["state"] == "complete"), key=lambda r: float(r["hypervolume"])
+    )
+    monkeypatch.setattr(
+        sys,
+        "argv",
+        [
+            *("train", "--config", "tuning/hopper/best.yaml", "--device", "cpu"),
+            *("--max-seconds", "0.1", "--output", "run"),
+        ],
+    )
+    train.main()
+    config = Run.open(Path("run")).config()
+    assert config.ppo.learning_rate == float(best["ppo.learning_rate"])
+    assert (config.worlds, config.task.episode_length) == (32, 20)
+    assert config.max_env_steps is None
+
+    run(monkeypatch, "--trials", "3")
+    assert "3 of them done" in capsys.readouterr().out
+    assert rows() == found
+
+
+def test_best_yaml_of_an_own_robot_trains_with_the_same_config(workplace):
+    robot = "from morlax_torch import envs\n\n\nclass Mine(envs.get('hopper')):\n    pass\n"
+    (workplace / "mine.py").write_text(robot)
+    base = config_for("mine.py:Mine", device="cpu", worlds=32, evaluation={"tradeoffs": 5})
+    objectives = {"a": {"run": 1.0}, "b": {"jump": 2.0}}
+    base = base.model_copy(update={"task": base.task.model_copy(update={"objectives": objectives})})
+    study = Study(Plan.of(base, {"ppo.clip": [0.3]}, 5.0, ("hypervolume",), ""), "journal.log")
+    assert scripted(study, claimed(study), [1.0]) == "complete"
+    second = claimed(study)
+    scripted(study, second, [2.0] * 9)
+    write_results(study, workplace)
+    text = (workplace / "best.yaml").read_text()
+    assert yaml.safe_load(text)["env"] == f"{workplace}/mine.py:Mine"
+    config = train.read(["--config", "best.yaml", "--device", "cpu"])[0]
+    left_out = {"device", "backend"}
+    assert config.model_dump(exclude=left_out) == second.config.model_dump(exclude=left_out)
+    assert config.task.objectives == objectives and config.ppo.clip == 0.3
+
+
+def test_two_processes_share_the_trials_of_one_storage(workplace):
+    started = [
+        subprocess.Popen(
+            typed("--trials", "5", "--storage", "shared.log", "--output", name),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for name in ("one", "other")
+    ]
+    for process in started:
+        told = process.communicate(timeout=60)[0]
+        assert process.returncode == 0, told
+    study = search(tiny(), VALUES, Path("again"), trials=5, seconds=0.1, storage="shared.log")
+    found = study.results()
+    assert len(found) == 5 and [result.base for result in found].count(True) == 1
+    drawn = [tuple(result.options.values()) for result in found]
+    assert len(set(drawn)) == 5
+
+
+def test_workers_share_a_study_and_a_signal_ends_all_of_them(workplace):
+    command = typed("--trials", "500", "--workers", "2")
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    table = Path("tuning/hopper/trials.csv")
+    while process.poll() is None and (not table.exists() or len(table.read_text()) < 300):
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=60)[0]
+    assert process.returncode == 130, told
+    assert "Traceback" not in told and told.count("starting") == 0
+    assert told.count("continue: python -m morlax_torch.tune --env hopper") == 1
+    assert told.count("of 500 trials done") == 1 and Path("tuning/hopper/best.yaml").exists()
+
+
+def test_an_interrupted_trial_is_run_again(workplace):
+    ends: list[int] = []
+
+    def stopped() -> bool:
+        return len(ends) == 2
+
+    def ended(study: Study, _: object) -> None:
+        ends.append(1)
+
+    study = search(
+        tiny(), VALUES, trials=3, seconds=0.05, stopped=lambda: stopped(), on_trial=ended
+    )
+    assert len(study.results()) == 2
+    claim = claimed(study, 3)
+    study.put_back(claim)
+    assert len(study.results()) == 2
+    again = search(tiny(), VALUES, trials=3, seconds=0.05).results()
+    assert len(again) == 3 and again[2].number == claim.trial.number + 1
+    assert again[2].config == claim.config
+
+
+def test_training_that_is_stopped_is_queued_again(workplace):
+    asked: list[int] = []
+
+    def stopped() -> bool:
+        asked.append(1)
+        return len(asked) > 3
+
+    study = search(tiny(), VALUES, trials=3, seconds=100.0, stopped=stopped)
+    assert study.results() == []
+    again = claimed(study)
+    assert again.base and again.trial.number == 1
+
+
+def test_the_trial_of_a_killed_process_is_run_again(workplace):
+    study = study_at(workplace)
+    for deaths in range(3):
+        claim = claimed(study)
+        assert claim.base and claim.deaths == deaths
+        claim.trial.set_user_attr("process", 2**22 + 1)  # larger than any process
+    failed = trial_module.run_trial(study, claim, lambda: False)
+    assert failed is not None and failed.reason == "2 processes died in it."
+    assert [result.state for result in study.results()] == ["failed"]
+
+
+def test_a_trial_that_fails_does_not_end_the_study(workplace, monkeypatch, capsys):
+    make_worlds = trial_module.make_worlds
+    errors = iter([MorlaxError("the loss became nan."), MemoryError(), None])
+
+    def failing(config: Config, number: int) -> Any:
+        error = next(errors)
+        if error is not None:
+            raise error
+        return make_worlds(config, number)
+
+    monkeypatch.setattr(trial_module, "make_worlds", failing)
+    run(monkeypatch, "--trials", "3")
+    states = [(row["state"], row["reason"]) for row in rows()]
+    assert states[0] == ("failed", "the loss became nan.")
+    assert states[1][1].startswith("the memory is full")
+    assert states[2] == ("complete", "")
+    assert "failed    the loss became nan." in capsys.readouterr().out
+
+
+def test_a_study_whose_trials_all_fail_says_so(workplace, monkeypatch, capsys):
+    def failing(config: Config, number: int) -> Any:
+        raise MorlaxError("it is broken.")
+
+    monkeypatch.setattr(trial_module, "make_worlds", failing)
+    with pytest.raises(SystemExit) as ended:
+        run(monkeypatch, "--trials", "2")
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert "every trial failed, the last one because: it is broken." in " ".join(told.split())
+
+
+def test_other_errors_are_not_hidden_and_lose_no_trial(workplace, monkeypatch):
+    def failing(config: Config, number: int) -> Any:
+        raise ValueError("a bug of the task")
+
+    monkeypatch.setattr(trial_module, "make_worlds", failing)
+    with pytest.raises(ValueError, match="a bug"):
+        search(tiny(), VALUES, trials=1, seconds=0.05)
+    monkeypatch.undo()
+    os.chdir(workplace)
+    assert len(search(tiny(), VALUES, trials=1, seconds=0.05).results()) == 1
+
+
+def test_clearly_worse_trials_are_pruned_at_a_ninth_and_a_third_of_the_time(tmp_path):
+    study = study_at(tmp_path)
+    good = [100.0 * n for n in range(1, 10)]
+    assert scripted(study, claimed(study), good) == "complete"
+    assert scripted(study, claimed(study), [1.0] * 9) == "pruned"
+    assert scripted(study, claimed(study), [100.0, 100, 100, 900, 900, 900, 900, 900, 1e9]) == (
+        "pruned"
+    )
+    assert scripted(study, claimed(study), [2 * value for value in good]) == "complete"
+    assert [result.train_seconds for result in study.results()] == [9, 1, 3, 9]
+    assert [result.number for result in study.ranked()] == [3, 0]
+
+
+def test_the_base_config_is_never_pruned(tmp_path):
+    study = study_at(tmp_path)
+    first = claimed(study)
+    assert first.base
+    assert scripted(study, claimed(study), [5.0] * 9) == "complete"
+    assert scripted(study, first, [1.0] * 9) == "complete"
+
+
+def test_several_indicators_keep_all_non_dominated_trials(tmp_path):
+    study = study_at(tmp_path, "hypervolume", "expected_utility")
+    for value in (1.0, 3.0, 2.0):
+        assert scripted(study, claimed(study), [value]) == "complete"
+    assert [result.indicators["hypervolume"] for result in study.ranked()] == [3, 2, 1]
+
+
+def test_importance_finds_the_option_that_matters(tmp_path):
+    study = study_at(tmp_path, **{"ppo.epochs": [2, 3], "ppo.learning_rate": [1e-4, 2e-4, 3e-4]})
+    assert importances(study) == {}
+    for _ in range(25):
+        claim = claimed(study)
+        scripted(study, claim, [claim.config.ppo.learning_rate] * 9)
+    shares = importances(study)
+    assert next(iter(shares)) == "ppo.learning_rate"
+
+
+def test_draws_fit_together(tmp_path):
+    space = {"sampling.clusters": [4, 7, 8, 16], "ppo.minibatches": [2, 3, 5, 8]}
+    study = study_at(tmp_path, **space)
+    for _ in range(20):
+        scripted(study, claimed(study), [1.0] * 9)
+    assert len(study.results()) == 20
+
+
+@pytest.mark.parametrize("env", ["ant", "bruce", "cheetah", "hopper"])
+@pytest.mark.parametrize("device_type", ["cpu", "cuda"])
+def test_the_default_space_fits_every_task(env, device_type, tmp_path):
+    plan = Plan.of(
+        config_for(env, device="cpu"), space_values(None, device_type), 60.0, ("hypervolume",), ""
+    )
+    study = Study(plan, str(tmp_path / "journal.log"))
+    for _ in range(3):
+        assert claimed(study).config.max_seconds == 60
+
+
+BAD_SPACES = {
+    "empty": ("{}", "the search space bad.yaml is empty"),
+    "no mapping": ("[1]", "the space bad.yaml must hold keys and values, such as ppo.epochs"),
+    "unknown option": ("ppo.learning_rat: [1]", "did you mean 'learning_rate'?"),
+    "unknown section": ("pppo.clip: [1]", "did you mean 'ppo'?"),
+    "a section": ("ppo: {clip: [1]}", "ppo needs a list of values or {low: ..., high: ...}"),
+    "a constant": ("ppo.clip: 0.2", "ppo.clip needs a list of values"),
+    "low above high": ("ppo.clip: {low: 3, high: 1}", "low must not be above high"),
+    "no high": ("ppo.clip: {low: 3}", "needs a list of values or {low: ..., high: ...}"),
+    "unknown key": ("ppo.clip: {low: 1, high: 3, stop: 1}", "did you mean 'step'?"),
+    "log of zero": ("ppo.entropy: {low: 0, high: 1, log: true}", "which has no logarithm"),
+    "log and step": ("ppo.clip: {low: 1, high: 2, log: true, step: 1}", "both log and step"),
+    "step of zero": ("ppo.clip: {low: 1, high: 2, step: 0}", "has step 0: use one above 0"),
+    "text in a range": ("ppo.clip: {low: a, high: 2}", "low 'a', which is not a number"),
+    "endless": ("ppo.clip: {low: 0.1, high: .inf}", "high inf, which is not finite"),
+    "log of what": ("ppo.clip: {low: 1, high: 2, log: 3}", "has log 3: use true or false"),
+    "empty list": ("ppo.clip: []", "has an empty list"),
+    "twice": ("ppo.clip: [0.1, 0.2, 0.1]", "lists 0.1 twice"),
+    "fractions": ("ppo.epochs: {low: 1.0, high: 3.5}", "ppo.epochs: Input should be a valid int"),
+    "wrong type": ("ppo.clip: [often]", "ppo.clip: Input should be a valid number"),
+    "out of bounds": ("ppo.discount: {low: 0.9, high: 1.1}", "less than or equal to 1"),
+    "no multiples": ("ppo.anneal: {times: [1, 2]}", "is True in the base config, which has no"),
+    "no factors": ("worlds: {times: [0, 1]}", "needs a list of positive factors"),
+    "never fits": ("sampling.clusters: [7, 9]", "do not fit together, the last one because"),
+    **{
+        f"measures {name}": (f"{name}: [{value}]", f"names {name}, which all trials share")
+        for name, value in {
+            "env": "ant",
+            "seed": "1",
+            "device": "cpu",
+            "max_seconds": "3",
+            "evaluation.tradeoffs": "9",
+            "task.objectives": "{}",
+            "task.objectives.run.run": "3",
+            "task.reference_point": "null",
+            "task.episode_length": "30",
+            "task.reset_noise": "0.1",
+            "task.randomization.mass": "[0.5, 2]",
+        }.items()
+    },
+}
+
+
+@pytest.mark.parametrize("mistake", BAD_SPACES)
+def test_a_bad_space_is_one_sentence(mistake, workplace, monkeypatch, capsys):
+    text, sentence = BAD_SPACES[mistake]
+    (workplace / "bad.yaml").write_text(text)
+    with pytest.raises(SystemExit) as ended:
+        run(monkeypatch, "--space", "bad.yaml")
+    captured = capsys.readouterr()
+    assert ended.value.code == 2 and captured.out == ""
+    assert sentence in " ".join(captured.err.split())
+    assert not Path("tuning").exists()
+
+
+BAD_OPTIONS = {
+    "no trials": (("--trials", "0"), "trials"),
+    "no time": (("--seconds", "0"), "seconds"),
+    "own limit": (("--max-seconds", "5"), "sets max_seconds by --seconds: leave out --max-seconds"),
+    "own times": (("--evaluation.every", "5"), "leave out --evaluation.every"),
+    "indicator": (("--indicators", "hypervolum"), "hypervolum"),
+    "indicator twice": (("--indicators", *["sparsity"] * 2), "each only once"),
+    "no space": (("--space", "none.yaml"), "there is no space none.yaml"),
+    "no database": (("--storage", "nosql://x"), "cannot use the storage nosql://x"),
+    "damaged": (("--storage", "space.yaml"), "cannot use the storage space.yaml"),
+    "a folder": (("--storage", "."), "it is not a regular file"),
+}
+
+
+@pytest.mark.parametrize("mistake", BAD_OPTIONS)
+def test_a_bad_option_is_one_sentence(mistake, workplace, monkeypatch, capsys):
+    options, sentence = BAD_OPTIONS[mistake]
+    with pytest.raises(SystemExit) as ended:
+        run(monkeypatch, *options)
+    assert ended.value.code == 2
+    assert sentence in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_study_keeps_what_its_trials_share(tmp_path):
+    study_at(tmp_path)
+    with pytest.raises(MorlaxError, match="was started with another --space"):
+        study_at(tmp_path, **{"ppo.epochs": [2, 3]})
+    with pytest.raises(MorlaxError, match="was started with another --seconds"):
+        plan = Plan.of(tiny(), VALUES, 8.0, ("hypervolume",), "")
+        Study(plan, str(tmp_path / "journal.log"))
+
+
+def test_a_range_has_steps_and_numbers_without_a_point():
+    space = Space.of({"ppo.clip": {"low": "1e-1", "high": 0.45, "step": 0.1}}, tiny(), "")
+    assert space.parameters["ppo.clip"].examples[1] == 0.4
+    space = Space.of({"worlds": {"times": [0.5, 1, 2]}}, tiny(), "")
+    assert space.parameters["worlds"].examples == (16, 32, 64)
+
+
+def test_a_missing_optuna_names_the_extra():
+    code = (
+        "import sys; sys.modules['optuna'] = None\n"
+        "from morlax_torch import tune\n"
+        f"sys.argv = ['tune', *{TINY}]\n"
+        "tune.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "pip install 'morlax-torch[tune]'" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_torchrun_is_refused():
+    done = subprocess.run(
+        [sys.executable, "-m", "morlax_torch.tune", *TINY],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "WORLD_SIZE": "2", "RANK": "0"},
+    )
+    assert done.returncode == 2 and "start it without torchrun" in done.stderr
+
+
+def test_workers_are_spread_over_gpus(monkeypatch):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    gpu = torch.device("cuda", 0)
+    assert places(gpu, None, False) == ["0", "1"]
+    assert places(gpu, 4, False) == ["0", "1", "0", "1"]
+    assert places(gpu, None, True) == [None]
+    assert places(torch.device("cpu"), 3, False) == [None] * 3
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7")
+    assert places(gpu, 3, False) == ["5", "7", "5"]
