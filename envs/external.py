@@ -84,7 +84,6 @@ def checked(task: type[Worlds]) -> type[Worlds]:
     return task
 
 
-@cache
 def import_file(file: str, what: str) -> ModuleType:
     """Import a Python file, once, which should define `what`.
 
@@ -93,6 +92,11 @@ def import_file(file: str, what: str) -> ModuleType:
     """
     if not os.path.isfile(file):  # unlike Path.is_file, it never fails
         raise MorlaxError(f"there is no file {file}, which should define {what}.")
+    return _run(file)
+
+
+@cache
+def _run(file: str) -> ModuleType:
     # Registered under its path, a name that no other module has; pydantic looks it up there.
     spec = importlib.util.spec_from_file_location(file, file)
     assert spec is not None and spec.loader is not None

@@ -31,6 +31,7 @@ from .envs.naming import absolute, is_file
 from .envs.worlds.section import Count, Section
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
+CONSTRAINED = "constrained:"  # before the name of an objective
 MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
 
 
@@ -45,7 +46,8 @@ class Config(Section):
     """What learns the front: MORLAX, or a baseline of docs/algorithms.md."""
     scalarization: str = "linear"
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
-    augmented-chebyshev, or FILE.py:FUNCTION for your own (docs/scalarizations.md)."""
+    augmented-chebyshev, constrained:OBJECTIVE (at least so much of one objective), or
+    FILE.py:FUNCTION for your own (docs/scalarizations.md)."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Random seed."""
     device: str | None = None
@@ -82,8 +84,10 @@ class Config(Section):
     @field_validator("scalarization")
     @classmethod
     def _known(cls, name: str) -> str:
-        if not is_file(name) and name not in SCALARIZATIONS:
-            raise unknown("scalarization", name, {*SCALARIZATIONS, "FILE.py:FUNCTION"})
+        special = is_file(name) or name.startswith(CONSTRAINED)
+        if not special and name not in SCALARIZATIONS:
+            others = {f"{CONSTRAINED}OBJECTIVE", "FILE.py:FUNCTION"}
+            raise unknown("scalarization", name, {*SCALARIZATIONS, *others})
         return absolute(name)
 
     @property
@@ -117,6 +121,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         self._check_algorithm()
+        self._check_scalarization()
         self.check_sizes(len(self.task.objectives))
         return self
 
@@ -129,16 +134,24 @@ class Config(Section):
                 raise ValueError(
                     f"{name} is {given}, but algorithm {self.algorithm} needs {value}: leave it out"
                 )
-        if self.scalarization != "linear" and self.ppo.critic == "scalar":
-            raise ValueError(f"scalarization {self.scalarization} needs ppo.critic vector")
-        if self.scalarization != "linear" and self.algorithm == "pg-morl":
-            raise ValueError("algorithm pg-morl selects by weighted sums: leave out scalarization")
         if self.network.type == "independent" and "network.type" not in required:
             raise ValueError("network.type independent needs algorithm independent or pg-morl")
         if isinstance(self.method, HyperMORLOptions) and not self.ends:
             raise ValueError(
                 "method.warmup needs max_env_steps or max_seconds: it is a share of them"
             )
+
+    def _check_scalarization(self) -> None:
+        name = self.scalarization
+        if name == "linear":
+            return
+        objective = name.removeprefix(CONSTRAINED)
+        if name.startswith(CONSTRAINED) and objective not in self.task.objectives:
+            raise unknown("objective", objective, self.task.objectives)
+        if self.ppo.critic == "scalar":
+            raise ValueError(f"scalarization {name} needs ppo.critic vector")
+        if self.algorithm == "pg-morl":
+            raise ValueError("algorithm pg-morl selects by weighted sums: leave out scalarization")
 
     def check_sizes(self, num_objectives: int) -> None:
         """Raise ValueError if sizes do not fit together."""

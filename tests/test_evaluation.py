@@ -129,7 +129,7 @@ def test_an_evaluation_leaves_the_agent_unchanged(agent, protocol):
 
 
 def test_an_evaluator_rejects_worlds_that_do_not_fit(agent):
-    with pytest.raises(ValueError, match="one world per trade-off"):
+    with pytest.raises(ValueError, match="needs a world per episode"):
         Evaluator(agent, Scripted(), TRADEOFFS[:2])
     with pytest.raises(ValueError, match="auto_reset"):
         Evaluator(agent, Scripted(auto_reset=True), TRADEOFFS)

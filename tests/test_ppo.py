@@ -11,7 +11,6 @@ from torch.nn.functional import softplus
 from morlax_torch.algorithms.ppo import PPO, Batch, Table, make_batch
 from morlax_torch.algorithms.rollout import advantages
 from morlax_torch.config_sections import PPOConfig
-from morlax_torch.scalarization import Linear
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 
@@ -137,7 +136,7 @@ def test_make_batch_uses_each_cluster_s_own_critic(learner, make_rollout, normal
     scalar = torch.einsum("tkgm,km->tkg", vector, TRADEOFFS)
     scalar = (scalar - scalar.mean()) / scalar.std()
 
-    batch, explained = make_batch(agent, TRADEOFFS, rollout, config, Linear())
+    batch, explained = make_batch(agent, TRADEOFFS, rollout, config, TRADEOFFS)
 
     def by_world(column: Tensor) -> Tensor:  # (T, K, G, ...) -> (K, G, T, ...)
         return column.movedim(0, 2)
@@ -159,7 +158,7 @@ def test_make_batch_updates_only_the_value_normalizer(learner, make_rollout, nor
     before = copy.deepcopy(agent)
     stored = [column.clone() for column in rollout]
     batch, _ = make_batch(
-        agent, TRADEOFFS, rollout, PPOConfig(normalize_values=normalize), Linear()
+        agent, TRADEOFFS, rollout, PPOConfig(normalize_values=normalize), TRADEOFFS
     )
     assert all(torch.equal(a, b) for a, b in zip(rollout, stored, strict=True))
     if normalize:
@@ -175,7 +174,7 @@ def test_a_perfect_critic_explains_all_variance(learner, make_rollout):
     seen = agent.observation_normalizer(rollout.observation)
     value = torch.stack([agent.values(TRADEOFFS)(step) for step in seen]).detach()
     perfect = rollout._replace(reward=agent.value_normalizer.inverse(value))
-    _, explained = make_batch(agent, TRADEOFFS, perfect, PPOConfig(discount=0.0), Linear())
+    _, explained = make_batch(agent, TRADEOFFS, perfect, PPOConfig(discount=0.0), TRADEOFFS)
     torch.testing.assert_close(explained, torch.ones(2), rtol=0, atol=1e-5)
 
 

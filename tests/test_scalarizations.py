@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.testing import assert_allclose
-from quadratic import Concave, concave_front
+from quadratic import Concave, Quadratic, concave_front
 from same import assert_same
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
@@ -17,7 +17,9 @@ from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.run import Run
-from morlax_torch.scalarizations.chebyshev import AUGMENTATION, FORGETTING, SMOOTHNESS, Range
+from morlax_torch.scalarizations.chebyshev import AUGMENTATION, SMOOTHNESS
+from morlax_torch.scalarizations.constrained import LEVELS, MOST, RATE, Constrained
+from morlax_torch.scalarizations.range import FORGETTING, Range
 from morlax_torch.scalarizations.registry import make_scalarization
 from morlax_torch.tradeoffs import evaluation_tradeoffs
 from morlax_torch.train import train
@@ -64,18 +66,20 @@ def own(tmp_path) -> str:
 
 
 @pytest.fixture
-def concave(monkeypatch) -> None:
+def tasks(monkeypatch) -> None:
     monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("concave", Concave)
+    envs.register("quadratic", Quadratic)
 
 
-@pytest.mark.parametrize("name", [*SCALARIZATIONS, "FILE:least"])
+@pytest.mark.parametrize("name", [*SCALARIZATIONS, "constrained:b", "FILE:least"])
 def test_weights_are_the_derivatives_of_the_utility(name, own):
-    scalarization = make_scalarization(name.replace("FILE", own), 3, CPU)
+    scalarization = make_scalarization(name.replace("FILE", own), "abc", CPU)
     generator = torch.Generator().manual_seed(0)
     returns = 100 * torch.rand(6, 3, generator=generator, dtype=torch.float64)
     tradeoffs = torch.rand(6, 3, generator=generator, dtype=torch.float64)
-    scalarization.observe(returns.float())
+    tradeoffs /= tradeoffs.sum(1, keepdim=True)
+    scalarization.observe(tradeoffs.float(), returns.float())
     weights, step = scalarization.weights(tradeoffs, returns), 1e-4
     for i in range(3):
         change = torch.zeros(3, dtype=torch.float64)
@@ -89,9 +93,9 @@ def test_chebyshev_utilities_equal_their_formulas():
     returns, tradeoffs = np.array([[4.0, 10.0], [8.0, 0.0]]), np.array([[0.3, 0.7], [1.0, 0.0]])
     given = torch.tensor(tradeoffs), torch.tensor(returns)
     behind = tradeoffs * (returns.max(0) - returns) / np.ptp(returns, axis=0)
-    smooth, augmented = (make_scalarization(n, 2, CPU) for n in SCALARIZATIONS[1:])
+    smooth, augmented = (make_scalarization(n, "ab", CPU) for n in SCALARIZATIONS[1:])
     for scalarization in (smooth, augmented):
-        scalarization.observe(given[1].float())
+        scalarization.observe(*(each.float() for each in given))
     expected = -SMOOTHNESS * np.log(np.exp(behind / SMOOTHNESS).sum(1))
     assert_allclose(smooth.utility(*given), expected)
     expected = -behind.max(1) - AUGMENTATION * behind.sum(1)
@@ -120,7 +124,7 @@ def test_expected_returns_are_undiscounted(make_agent):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["linear", "chebyshev", "augmented-chebyshev"])
-def test_only_chebyshev_covers_a_concave_front(concave, name):
+def test_only_chebyshev_covers_a_concave_front(tasks, name):
     morlax = MORLAX(
         envs.make("concave", 512, "cpu"), config_for("concave", scalarization=name, **SMALL)
     )
@@ -137,8 +141,39 @@ def test_only_chebyshev_covers_a_concave_front(concave, name):
         assert pareto.obedience(returns, evaluation_tradeoffs(33, 2)) > 0
 
 
-@pytest.mark.parametrize("name", ["chebyshev", "FILE:least"])
-def test_a_run_resumes_exactly(concave, name, own, tmp_path):
+def test_multipliers_follow_their_levels():
+    constrained, generator = Constrained(0, 2, CPU), torch.Generator().manual_seed(0)
+    levels, expected = np.linspace(0, 1, LEVELS), np.ones(LEVELS)
+    for _ in range(20):
+        required = torch.rand(50, generator=generator)
+        returns = torch.rand(50, 2, generator=generator)
+        constrained.observe(torch.stack([required, 1 - required], 1), returns)
+        low, high = constrained.range.nadir[0].item(), constrained.range.ideal[0].item()
+        missing = required.numpy() - (returns[:, 0].numpy() - low) / (high - low)
+        near = np.maximum(1 - abs(required.numpy()[:, None] - levels) * (LEVELS - 1), 0)
+        expected += RATE * (missing @ near) / np.maximum(near.sum(0), 1e-6)
+        expected = np.clip(expected, 0, MOST)
+    assert_allclose(constrained.multipliers, expected, atol=1e-4)
+    assert expected[-1] > 1 > expected[0] == 0
+
+
+@pytest.mark.slow
+def test_one_family_meets_every_level_of_a_constraint(tasks):
+    config = config_for("quadratic", scalarization="constrained:left", **SMALL)
+    morlax = MORLAX(envs.make("quadratic", 512, "cpu"), config)
+    for _ in range(400):
+        morlax.iterate()
+    levels = torch.linspace(0, 1, 11)
+    env = envs.make("quadratic", 11, "cpu", auto_reset=False)
+    tradeoffs = torch.stack([levels, 1 - levels], 1)
+    left, right = Evaluator(morlax.agent, env, tradeoffs).evaluate().returns.T
+    assert abs(left - levels.numpy()).max() < 0.15
+    away = np.sqrt(1 - left.clip(0, 1))  # from the left place, on the way to the right one
+    assert (right > 1 - (1 - away) ** 2 - 0.05).all()
+
+
+@pytest.mark.parametrize("name", ["chebyshev", "constrained:left", "FILE:least"])
+def test_a_run_resumes_exactly(tasks, name, own, tmp_path):
     changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "evaluation.tradeoffs": 5}
     config = config_for("concave", scalarization=name.replace("FILE", own), **changes)
     steps = 64 * 4
@@ -154,7 +189,7 @@ def test_a_run_resumes_exactly(concave, name, own, tmp_path):
     assert_same(*contents)
 
 
-def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(concave, own, tmp_path):
+def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(tasks, own, tmp_path):
     changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "evaluation.tradeoffs": 5}
     config = config_for("concave", scalarization=f"{own}:least", max_env_steps=256, **changes)
     run = train(config, output=tmp_path / "run")
@@ -165,6 +200,7 @@ def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(concave, own,
 
 MISTAKES = {
     "unknown": ("chebishev", {}, "unknown scalarization 'chebishev': did you mean 'chebyshev'"),
+    "an unknown objective": ("constrained:rum", {}, "objective 'rum': did you mean 'run'"),
     "no file": ("nowhere.py:best", {}, "nowhere.py, which should define the utility best"),
     "no function": ("FILE:last", {}, "unknown function of .*own.py 'last': did you mean 'least'"),
     "not differentiable": ("FILE:bare", {}, "bare is not differentiable by the returns"),
@@ -183,5 +219,5 @@ def test_mistakes_are_one_sentence(name, changes, message, own, tmp_path, monkey
         config = config_for(
             "hopper", scalarization=name.replace("FILE", own), device="cpu", worlds=64, **changes
         )
-        make_scalarization(config.scalarization, 2, CPU)
+        make_scalarization(config.scalarization, ("run", "jump"), CPU)
     assert not (Path.cwd() / "runs").exists()

@@ -48,7 +48,7 @@ def statistics(group: Group) -> dict[str, Any]:
     rollout = Rollout(*map(drawn, learner.rollout))
     learner.tradeoffs.copy_(torch.rand(learner.tradeoffs.shape, generator=generator))
     batch, _ = make_batch(
-        learner.agent, learner.tradeoffs, rollout, own.ppo, learner.scalarization, group
+        learner.agent, learner.tradeoffs, rollout, own.ppo, learner.tradeoffs, group
     )
     learner.agent.observation_normalizer.update(rollout.observation, group=group)
     return {

@@ -90,7 +90,7 @@ class MORLAX:
         self.generator = torch.Generator(env.device).manual_seed(seed_of(config.seed, group.rank))
         clusters, m = config.num_clusters, len(env.objectives)
         self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
-        self.scalarization = make_scalarization(config.scalarization, m, env.device)
+        self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
@@ -178,7 +178,7 @@ class MORLAX:
             self.env.episode_length,
             ppo.normalize_values,
         )
-        self.scalarization.observe(returns, self.group)
+        self.scalarization.observe(self.tradeoffs, returns, self.group)
         weights = self.scalarization.weights(self.tradeoffs, returns)
         # only the direction counts, so that no trade-off learns faster than another
         return weights / weights.abs().sum(-1, keepdim=True).clamp(min=1e-12)

@@ -4,46 +4,10 @@ import torch
 from torch import Tensor
 
 from ..gpu.group import ALONE, Group
+from .range import Range
 
 SMOOTHNESS = 0.05  # mu, in units of the range between nadir and ideal
 AUGMENTATION = 0.05  # rho
-FORGETTING = 0.01  # share by which the range shrinks towards today's returns, per iteration
-
-
-class Range:
-    """A running ideal and nadir point: the best and worst expected return in each objective.
-
-    Better and worse returns count at once. Where there are none, the points move slowly towards
-    today's best and worst, so that returns of the first policies are forgotten.
-
-    Args:
-        num_objectives: m.
-        device: of the points.
-    """
-
-    def __init__(self, num_objectives: int, device: torch.device):
-        self.ideal = torch.full((num_objectives,), -torch.inf, device=device)
-        self.nadir = torch.full((num_objectives,), torch.inf, device=device)
-
-    def observe(self, returns: Tensor, group: Group) -> None:
-        best = group.largest_(torch.cat([returns.amax(0), -returns.amin(0)]))
-        high, low = best[: len(self.ideal)], -best[len(self.ideal) :]
-        slow_high = self.ideal + FORGETTING * (high - self.ideal)
-        slow_low = self.nadir + FORGETTING * (low - self.nadir)
-        self.ideal.copy_(torch.where(self.ideal.isfinite(), torch.maximum(slow_high, high), high))
-        self.nadir.copy_(torch.where(self.nadir.isfinite(), torch.minimum(slow_low, low), low))
-
-    def scale(self) -> Tensor:
-        """Return the width of the range (m,), above zero."""
-        width = self.ideal - self.nadir
-        return width.clamp(min=1e-6 * self.ideal.abs().clamp(min=1.0))
-
-    def distances(self, returns: Tensor) -> Tensor:
-        """Return how far returns (K, m) lie below the ideal point, in units of the range."""
-        return (self.ideal - returns) / self.scale()
-
-    def state(self) -> list[Tensor]:
-        return [self.ideal, self.nadir]
 
 
 class AugmentedChebyshev:
@@ -67,7 +31,7 @@ class AugmentedChebyshev:
         furthest = torch.zeros_like(behind).scatter_(-1, behind.argmax(-1, keepdim=True), 1.0)
         return tradeoffs / self.range.scale() * (furthest + AUGMENTATION)
 
-    def observe(self, returns: Tensor, group: Group = ALONE) -> None:
+    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         self.range.observe(returns, group)
 
     def state(self) -> list[Tensor]:

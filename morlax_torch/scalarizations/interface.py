@@ -26,8 +26,8 @@ class Scalarization(Protocol):
         """Return du/dr (K, m)."""
         ...
 
-    def observe(self, returns: Tensor, group: Group = ALONE) -> None:
-        """Take note of the expected returns (K, m) of all trade-offs, before their `weights`."""
+    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
+        """Take note of expected returns (K, m) under trade-offs (K, m), before their `weights`."""
         ...
 
     def state(self) -> list[Tensor]:

@@ -16,7 +16,7 @@ class Linear:
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         return tradeoffs
 
-    def observe(self, returns: Tensor, group: Group = ALONE) -> None:
+    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         pass
 
     def state(self) -> list[Tensor]:

@@ -40,7 +40,7 @@ class OwnUtility:
             (slope,) = torch.autograd.grad(self._function(tradeoffs, given).sum(), given)
         return slope
 
-    def observe(self, returns: Tensor, group: Group = ALONE) -> None:
+    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         pass
 
     def state(self) -> list[Tensor]:

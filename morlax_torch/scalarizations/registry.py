@@ -1,36 +1,40 @@
 """Scalarizations by name."""
 
+from collections.abc import Sequence
+
 import torch
 
-from ..envs import MorlaxError
+from ..config import CONSTRAINED
 from ..envs.errors import unknown
 from ..envs.external import import_file
-from ..envs.naming import is_file
 from .chebyshev import AugmentedChebyshev, SmoothChebyshev
+from .constrained import Constrained
 from .interface import Scalarization
 from .linear import Linear
 from .own import OwnUtility
 
 
-def make_scalarization(name: str, num_objectives: int, device: torch.device) -> Scalarization:
+def make_scalarization(name: str, objectives: Sequence[str], device: torch.device) -> Scalarization:
     """Make the scalarization that a config names.
 
     Args:
-        name: linear, chebyshev, augmented-chebyshev, or FILE.py:FUNCTION.
-        num_objectives: m.
+        name: linear, chebyshev, augmented-chebyshev, constrained:OBJECTIVE, or FILE.py:FUNCTION.
+        objectives: their names.
         device: of the returns.
 
     Raises:
         MorlaxError: the file has no such function, or the function cannot be used.
     """
+    num_objectives = len(objectives)
     if name == "linear":
         return Linear()
     if name == "chebyshev":
         return SmoothChebyshev(num_objectives, device)
     if name == "augmented-chebyshev":
         return AugmentedChebyshev(num_objectives, device)
-    if not is_file(name):
-        raise MorlaxError(f"there is no scalarization {name!r}.")
+    if name.startswith(CONSTRAINED):
+        constrained = objectives.index(name.removeprefix(CONSTRAINED))
+        return Constrained(constrained, num_objectives, device)
     file, _, member = name.rpartition(":")
     module = import_file(file, f"the utility {member}")
     functions = {key for key, value in vars(module).items() if callable(value)}
