@@ -11,6 +11,7 @@ COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",
     "tune": "search for a task's hyperparameters",
     "evaluate": "measure the fronts of trained runs",
+    "choose": "find the trade-off that meets a requirement",
     "explore": "steer a robot live in the browser",
     "record": "film a robot under several trade-offs",
     "export": "write a policy to a file that runs without this package",

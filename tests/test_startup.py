@@ -52,7 +52,7 @@ def test_importing_the_package_imports_nothing_heavy(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", ["train", "tune", "evaluate", "explore", "record", "export", "pack"]
+    "command", ["train", "tune", "evaluate", "choose", "explore", "record", "export", "pack"]
 )
 def test_help_imports_nothing_heavy(command, tmp_path):
     done = python(tmp_path, "-X", "importtime", "-m", f"morlax_torch.{command}", "--help")

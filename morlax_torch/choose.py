@@ -1,0 +1,67 @@
+"""Choose a trade-off by what its policy must reach."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from .envs import MorlaxError
+from .envs.lazy import handed_on
+from .terminal import cli
+
+if TYPE_CHECKING:
+    from .evaluation.choosing import choose as choose
+
+__getattr__, __dir__ = handed_on(__name__, {"choose": "evaluation.choosing"})
+
+
+def command(arguments: Sequence[str]) -> None:
+    def main(
+        run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
+        maximize: Annotated[str, tyro.conf.arg(metavar="OBJECTIVE")],
+        constrain: Annotated[
+            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="'run >= 2000'")
+        ] = (),
+    ) -> None:
+        """Print the trade-off that maximizes one objective while others reach required returns.
+
+        It searches the run's latest front, and between neighboring trade-offs.
+
+        Args:
+            run: Run folder, checkpoint file, or shipped policy.
+            maximize: The objective to maximize.
+            constrain: Least return of an objective.
+        """
+        from .evaluation.choosing import choose
+        from .evaluation.front import Front
+        from .runs.loading import find_run
+
+        front = Front.load(find_run(run) / "front.npz")
+        choice = choose(front, dict(map(_required, constrain)), maximize)
+        for name, value in choice.returns.items():
+            cli.console.print(f"{name:>12} {value:.4g}", markup=False)
+        weights = ",".join(f"{weight:.4g}" for weight in choice.tradeoff)
+        cli.console.print(f"trade-off: {weights}", markup=False)
+
+    tyro.cli(main, args=arguments, prog="python -m morlax_torch.choose")
+
+
+def _required(text: str) -> tuple[str, float]:
+    name, sign, least = text.partition(">=")
+    try:
+        if not sign or not name.strip():
+            raise ValueError
+        return name.strip(), float(least)
+    except ValueError:
+        raise MorlaxError(
+            f"{text!r} is not a constraint: write OBJECTIVE >= NUMBER, such as 'run >= 2000'."
+        ) from None
+
+
+def main() -> None:
+    cli.run(command)
+
+
+if __name__ == "__main__":
+    main()
