@@ -138,6 +138,7 @@ def test_rsl_rl_logs_to_weights_and_biases(tmp_path, monkeypatch):
     runner = OnPolicyRunner(env, {**settings(), "logger": logger}, str(tmp_path), "cpu")
     runner.learn(1)
     wandb.finish()
+    wandb.tensorboard.unpatch()  # or every later SummaryWriter of this process warns
     (log,) = tmp_path.glob("wandb/offline-run-*/*.wandb")
     assert b"Return/jump" in log.read_bytes() and b"env_cfg" in log.read_bytes()
 
