@@ -1,0 +1,86 @@
+"""Find the trade-off that a user prefers, from comparisons of two behaviors at a time."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..envs import MorlaxError
+from .front import Front
+
+PARTICLES = 5_000
+SHARPNESS = 15.0  # of choices: log odds per difference of the whole range of utilities
+MISTAKES = 0.1  # share of answers that tell nothing about the preference
+CANDIDATES = 300  # pairs of which the most informative one is asked about
+
+
+class Preference:
+    """A user's weights of objectives, learned from answers to "A or B?".
+
+    The user's utility is taken as a weighted sum of returns, each scaled to [0, 1] over the front,
+    with unknown weights: at first all are equally likely, later those that explain the answers.
+    The probability of an answer is that of Bradley and Terry (1952), with a share of mistakes.
+    Particles represent the posterior, and the next pair is the one whose answer is expected to
+    tell most about the weights (Lindley, 1956).
+
+    Args:
+        front: evaluated trade-offs; only non-dominated ones are compared.
+        seed: random seed of particles and of the pairs that are considered.
+
+    Raises:
+        MorlaxError: the front has fewer than two non-dominated policies.
+    """
+
+    def __init__(self, front: Front, seed: int = 0):
+        self.policies = np.flatnonzero(front.non_dominated)
+        if len(self.policies) < 2:
+            raise MorlaxError(
+                "there is nothing to compare: the front has fewer than two non-dominated policies."
+            )
+        returns = front.returns[self.policies]
+        self._scaled = (returns - returns.min(0)) / np.ptp(returns, axis=0).clip(min=1e-12)
+        self._random = np.random.default_rng(seed)
+        self._weights = self._random.dirichlet(np.ones(returns.shape[1]), PARTICLES)
+        self._log_posterior = np.zeros(PARTICLES)
+
+    def pair(self) -> tuple[int, int]:
+        """Return the indices of two policies of the front to compare next."""
+        n = len(self.policies)
+        first, second = self._random.integers(n, size=(2, CANDIDATES))
+        second = np.where(first == second, (first + 1) % n, second)
+        chance, posterior = self._chance(first, second), self._posterior()
+        information = _entropy(posterior @ chance) - posterior @ _entropy(chance)
+        best = int(information.argmax())
+        return int(self.policies[first[best]]), int(self.policies[second[best]])
+
+    def answer(self, preferred: int, other: int) -> None:
+        """Learn that the user prefers one policy of the front to another, both by index.
+
+        Raises:
+            MorlaxError: a policy is not one of those that are compared.
+        """
+        for index in (preferred, other):
+            if index not in self.policies:
+                raise MorlaxError(f"policy {index} is not one of the front's non-dominated ones.")
+        pair = np.searchsorted(self.policies, [[preferred], [other]])
+        self._log_posterior += np.log(self._chance(*pair)[:, 0])
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """The expected weights (m,) of the objectives, each in units of its range."""
+        return self._posterior() @ self._weights
+
+    def best(self) -> int:
+        """Return the index of the policy with the largest expected utility."""
+        return int(self.policies[(self._scaled @ self.weights).argmax()])
+
+    def _posterior(self) -> NDArray[np.float64]:
+        likelihood = np.exp(self._log_posterior - self._log_posterior.max())
+        return likelihood / likelihood.sum()
+
+    def _chance(self, first: np.ndarray, second: np.ndarray) -> NDArray[np.float64]:
+        """Return the probabilities (PARTICLES, n) that each first policy is preferred."""
+        gain = self._weights @ (self._scaled[first] - self._scaled[second]).T
+        return MISTAKES / 2 + (1 - MISTAKES) / (1 + np.exp(-SHARPNESS * gain))
+
+
+def _entropy(chance: NDArray[np.float64]) -> NDArray[np.float64]:
+    return -chance * np.log(chance) - (1 - chance) * np.log1p(-chance)
