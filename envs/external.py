@@ -85,10 +85,14 @@ def checked(task: type[Worlds]) -> type[Worlds]:
 
 
 def import_file(file: str, what: str) -> ModuleType:
-    """Import a Python file, once, which should define `what`.
+    """Import a Python file once.
+
+    Args:
+        file: its absolute path.
+        what: the file should define, for the error message.
 
     Raises:
-        MorlaxError: there is none, or the import fails.
+        MorlaxError: the file does not exist, or its import fails.
     """
     if not os.path.isfile(file):  # unlike Path.is_file, it never fails
         raise MorlaxError(f"there is no file {file}, which should define {what}.")

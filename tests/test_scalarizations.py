@@ -1,7 +1,5 @@
 """Scalarizations turn returns into one utility, and learners follow its gradient."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -11,13 +9,14 @@ from same import assert_same
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.algorithms.expected_returns import expected_returns
+from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.config import SCALARIZATIONS
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.run import Run
-from morlax_torch.scalarizations.chebyshev import AUGMENTATION, SMOOTHNESS
+from morlax_torch.scalarizations.chebyshev import AUGMENTATION, SMOOTHNESS, SmoothChebyshev
 from morlax_torch.scalarizations.constrained import LEVELS, MOST, RATE, Constrained
 from morlax_torch.scalarizations.range import FORGETTING, Range
 from morlax_torch.scalarizations.registry import make_scalarization
@@ -189,6 +188,22 @@ def test_a_run_resumes_exactly(tasks, name, own, tmp_path):
     assert_same(*contents)
 
 
+@pytest.mark.parametrize("algorithm", ["amor", "hyper-morl", "independent"])
+def test_baselines_train_with_chebyshev_utilities(tasks, algorithm):
+    changes = {**SMALL, "worlds": 128, "max_env_steps": 128 * 4 * 10}
+    config = config_for("concave", algorithm=algorithm, scalarization="chebyshev", **changes)
+    learner = make_learner(envs.make("concave", 128, "cpu"), config)
+    assert isinstance(learner.scalarization, SmoothChebyshev)
+    before = {name: value.clone() for name, value in learner.agent.state_dict().items()}
+    for _ in range(10):
+        learner.iterate()
+    assert all(np.isfinite(value) for value in learner.metrics().values())
+    assert any(
+        not torch.equal(before[name], value) for name, value in learner.agent.state_dict().items()
+    )
+    assert (learner.scalarization.range.ideal > learner.scalarization.range.nadir).all()
+
+
 def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(tasks, own, tmp_path):
     changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "evaluation.tradeoffs": 5}
     config = config_for("concave", scalarization=f"{own}:least", max_env_steps=256, **changes)
@@ -220,4 +235,3 @@ def test_mistakes_are_one_sentence(name, changes, message, own, tmp_path, monkey
             "hopper", scalarization=name.replace("FILE", own), device="cpu", worlds=64, **changes
         )
         make_scalarization(config.scalarization, ("run", "jump"), CPU)
-    assert not (Path.cwd() / "runs").exists()

@@ -138,7 +138,9 @@ def test_training_goes_on_after_a_process_was_killed(training, runs):
     steps = [int(line.split(",")[1]) for line in table.splitlines()[1:]]
     assert steps == list(range(0, 1600 * len(steps), 1600))
     four = (runs / "whole" / "metrics.csv").read_text().splitlines()[:5]
-    assert hypervolumes(table.splitlines()[:5]) == hypervolumes(four)  # not only its own
+    assert hypervolumes(table.splitlines()[:5]) == hypervolumes(
+        four
+    )  # as if no process had been killed
 
 
 def hypervolumes(lines: list[str]) -> list[str]:
@@ -163,7 +165,7 @@ def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
     assert done.returncode != 0
     assert done.stderr.count("error: ") == 1
     assert "every world blew up" in done.stderr or "not finite" in done.stderr
-    assert state(tmp_path / "run").progress.env_steps >= 0
+    assert all(value.isfinite().all() for value in state(tmp_path / "run").agent.values())
 
 
 def test_restarts_need_a_folder():

@@ -18,7 +18,8 @@ class Constrained:
     all trade-offs, 1 its best (see `Range`). The other weights weigh the other objectives, in units
     of their ranges. The Lagrangian is
 
-        u = sum_{i != c} w_i / (1 - w_c) r_i / range_i + lambda(w_c) (r_c / range_c - w_c)
+        u = sum_{i != c} w_i / (1 - w_c) r_i / range_i
+            + lambda(w_c) ((r_c - nadir_c) / range_c - w_c)
 
     and gradient ascent on the policies takes turns with gradient descent on the multipliers
     lambda >= 0 (Arrow, Hurwicz and Uzawa, 1958), a piecewise linear function of the level.

@@ -11,8 +11,8 @@ FORGETTING = 0.01  # share by which the range shrinks towards today's returns, p
 class Range:
     """A running ideal and nadir point: the best and worst expected return in each objective.
 
-    Better and worse returns count at once. Where there are none, the points move slowly towards
-    today's best and worst, so that returns of the first policies are forgotten.
+    A return beyond the range widens it at once. Otherwise both points move slowly towards today's
+    best and worst returns, so that those of the first policies are forgotten.
 
     Args:
         num_objectives: m.
