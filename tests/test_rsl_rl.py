@@ -1,5 +1,10 @@
 """rsl_rl's runner trains in the package's worlds."""
 
+import json
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -17,6 +22,15 @@ from morlax_torch.adapters.rsl_rl import RslRlVecEnv
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 TRADEOFF = (0.7, 0.3)
+# in a process of its own, because Weights & Biases changes TensorBoard for the whole process
+TRAIN_LOGGED = """
+import json, sys
+from rsl_rl.runners import OnPolicyRunner
+from morlax_torch.adapters.rsl_rl import RslRlVecEnv
+logger = {"class_name": "WandbLogWriter", "project_name": "morlax"}
+env = RslRlVecEnv("hopper", (0.7, 0.3), 16, "cpu", episode_length=5)
+OnPolicyRunner(env, {**json.loads(sys.argv[1]), "logger": logger}, ".", "cpu").learn(2)
+"""
 
 
 def worlds(task: str = "walker", num_envs: int = 4, **options) -> RslRlVecEnv:
@@ -129,16 +143,16 @@ def test_recurrent_policies_and_random_network_distillation_train(tmp_path):
     assert "Rnd/mean_intrinsic_reward" in EventAccumulator(str(tmp_path)).Reload().Tags()["scalars"]
 
 
-def test_rsl_rl_logs_to_weights_and_biases(tmp_path, monkeypatch):
-    wandb = pytest.importorskip("wandb")
-    monkeypatch.setenv("WANDB_MODE", "offline")
-    monkeypatch.chdir(tmp_path)
-    logger = {"class_name": "WandbLogWriter", "project_name": "morlax"}
-    env = worlds("hopper", 16, episode_length=5)
-    runner = OnPolicyRunner(env, {**settings(), "logger": logger}, str(tmp_path), "cpu")
-    runner.learn(1)
-    wandb.finish()
-    wandb.tensorboard.unpatch()  # or every later SummaryWriter of this process warns
+def test_rsl_rl_logs_to_weights_and_biases(tmp_path):
+    pytest.importorskip("wandb")
+    done = subprocess.run(
+        [sys.executable, "-c", TRAIN_LOGGED, json.dumps(settings())],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "WANDB_MODE": "offline"},
+    )
+    assert done.returncode == 0, done.stderr
     (log,) = tmp_path.glob("wandb/offline-run-*/*.wandb")
     assert b"Return/jump" in log.read_bytes() and b"env_cfg" in log.read_bytes()
 
