@@ -12,6 +12,7 @@ COMMANDS = {
     "tune": "search for a task's hyperparameters",
     "evaluate": "measure the fronts of trained runs",
     "choose": "find the trade-off that meets a requirement",
+    "teach": "learn an objective from comparisons of clips",
     "explore": "steer a robot live in the browser",
     "record": "film a robot under several trade-offs",
     "export": "write a policy to a file that runs without this package",

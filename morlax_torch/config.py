@@ -1,6 +1,7 @@
 """The config of a run: every number it depends on, typed and checked."""
 
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import (
@@ -48,6 +49,9 @@ class Config(Section):
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
     augmented-chebyshev, constrained:OBJECTIVE (at least so much of one objective), or
     FILE.py:FUNCTION for your own (docs/scalarizations.md)."""
+    start_from: str | None = None
+    """Start with the policies of this run, which may have fewer objectives: a folder, a checkpoint
+    or a shipped name."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Random seed."""
     device: str | None = None
@@ -80,6 +84,11 @@ class Config(Section):
     @classmethod
     def _for_any_folder(cls, env: str) -> str:
         return absolute(env)
+
+    @field_validator("start_from")
+    @classmethod
+    def _from_any_folder(cls, run: str | None) -> str | None:
+        return str(Path(run).absolute()) if run and Path(run).exists() else run
 
     @field_validator("scalarization")
     @classmethod

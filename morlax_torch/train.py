@@ -90,12 +90,15 @@ def _prepare(
     from .gpu.group import join
     from .runs.progress import Progress
     from .runs.run import Run
+    from .runs.starting import start_from
     from .runs.training import make_evaluator, make_worlds
 
     config, group = join(config)
     worlds = make_worlds(config, config.worlds, group.rank)
     learner = make_learner(worlds, config, actor, critic, group=group)
     evaluator = make_evaluator(learner)
+    if config.start_from is not None and run is None:
+        start_from(config.start_from, learner)
     if run is not None:
         return _Session(learner, evaluator, run, run.restore(learner))
     return _Session(learner, evaluator, Run.create(learner, output), Progress())

@@ -19,10 +19,12 @@ from . import checks, episodes, randomization
 from .disturbances import Delay, Noise, Pushes
 from .interface import TimeStep
 from .layout import Part
+from .learned import TERM, LearnedReward
 from .options import TaskOptions
 from .robot import Robot
 from .starts import Starts, around
 
+BEFORE = "learned.before"  # name of the remembered observation
 OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have
 
 
@@ -61,6 +63,7 @@ class Environment(Robot):
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
         self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
+        self._learned: LearnedReward | None = None
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
@@ -69,8 +72,11 @@ class Environment(Robot):
         self._randomize(seed)
         checks.control(self)
         checks.rewards(self)
+        self._learn_reward()
         self.reset()
         self.reward_terms = tuple(self.terms())
+        if self._learned:
+            self.reward_terms += (TERM,)
         self.define_objectives(physics.qpos.dtype)
 
     @classmethod
@@ -114,6 +120,20 @@ class Environment(Robot):
             self._delay = Delay(chosen.action_delay, self.action_size, physics, generator)
         if chosen.push:
             self._pushes = Pushes(chosen.push, chosen.push_every, physics, generator)
+
+    def _learn_reward(self) -> None:
+        """Load the learned reward, if the options name one."""
+        path = self.options.learned
+        if path is None:
+            return
+        if TERM in self.terms():
+            raise MorlaxError(
+                f"{type(self).__name__} has a reward term of its own with the name {TERM}, which "
+                "task.learned needs: rename it."
+            )
+        learned = LearnedReward.load(path, self.observation_size, self.action_size)
+        self._learned = learned.to(self.device)
+        self.memory[BEFORE] = self.observe().float().clone()
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -221,6 +241,8 @@ class Environment(Robot):
         if self._noise:
             self._noise.draw()
         named = self.terms()
+        if self._learned:
+            named[TERM] = self._learned(self.memory[BEFORE], action, self.observe().float())
         terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
@@ -276,6 +298,8 @@ class Environment(Robot):
     def _remember(self) -> None:
         for name, value in self.remember().items():
             self.memory[name].copy_(value)
+        if self._learned:
+            self.memory[BEFORE].copy_(self.observe())
 
     def state_dict(self) -> dict[str, Any]:
         """Copy the state that the worlds' future depends on."""

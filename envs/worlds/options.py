@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Self, TypeVar
 
 from pydantic import AfterValidator, Field, NonNegativeFloat, field_validator
@@ -32,6 +33,7 @@ def check_objectives(names: Iterable[str]) -> None:
             )
 
 
+OwnFile = Annotated[Path, AfterValidator(Path.absolute)]
 Factor = Annotated[float, Field(gt=0, le=1e6)]
 Range = Annotated[tuple[Factor, Factor], AfterValidator(_ordered)]
 Delay = Annotated[int, Field(ge=0, le=1000)]
@@ -114,6 +116,8 @@ class TaskOptions(ObjectiveOptions):
     """Constraint-row buffer of MuJoCo Warp, per world."""
     randomization: Randomization = Randomization()
     """Domain randomization."""
+    learned: OwnFile | None = None
+    """File of a learned reward, which adds the reward term `learned` (docs/preferences.md)."""
 
     def for_evaluation(self) -> Self:
         return self.model_copy(update={"stagger": False})

@@ -17,6 +17,7 @@ from ..envs.errors import LONGEST, explained, shortened
 from ..files import read, replacing
 from .contents import FORMAT, Contents, Task, check_state
 from .progress import Progress
+from .rewards import localized
 
 
 def describe(env: Worlds) -> Task:
@@ -141,9 +142,14 @@ def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
         envs.trust(task)
     envs.check_trusted(task, path)
     try:
-        return load_config(contents.config)
+        return load_config(localized(contents.config, folder_of(path)))
     except MorlaxError as error:
         raise MorlaxError(f"the config in {path} does not fit: {error}") from None
+
+
+def folder_of(path: Path) -> Path:
+    """Return the run's folder of a checkpoint."""
+    return path.parent.parent if path.parent.name == "checkpoints" else path.parent
 
 
 def restore(contents: Contents, path: Path, learner: Learner) -> None:

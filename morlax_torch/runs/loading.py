@@ -24,7 +24,7 @@ def find_run(run: str | os.PathLike[str]) -> Path:
     """
     path = Path(run)
     if path.is_file():
-        return path.parent.parent if path.parent.name == "checkpoints" else path.parent
+        return checkpoint.folder_of(path)
     if path.is_dir():
         return path
     shipped = {folder.name: folder for folder in SHIPPED.glob("*")}

@@ -10,6 +10,7 @@ from ..evaluation.history import read_rows
 from ..files import read, replacing
 from .evaluating import evaluate
 from .loading import find_run, load, save
+from .rewards import copy_reward
 
 
 def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
@@ -42,6 +43,7 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         front = evaluate(policy, device=device)
         save(policy.cpu(), output / "checkpoints" / "best.pt")
         front.save(output / "front.npz")
+        copy_reward(policy.config, output)
         for name, contents in (
             ("config.yaml", write_yaml(policy.config).encode()),
             ("metrics.csv", metrics),

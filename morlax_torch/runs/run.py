@@ -25,6 +25,7 @@ from ..files import remove_drafts, replacing, unused
 from . import checkpoint
 from .lock import RunLock
 from .progress import Evaluation, Progress
+from .rewards import copy_reward, localized
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
@@ -37,6 +38,7 @@ class Run:
     metrics.csv     one row per evaluation
     front.npz       the latest evaluation
     checkpoints/    latest.pt, and best.pt by hypervolume
+    learned.pt      a learned reward, if the task has one
     events.*        TensorBoard
 
     One thread at a time may use it. As a context manager it closes itself.
@@ -83,6 +85,7 @@ class Run:
             latest = draft / "checkpoints" / "latest.pt"
             checkpoint.write_snapshot(latest, contents, Progress())
             _write(draft / "config.yaml", write_yaml(config))
+            copy_reward(config, draft)
             draft.replace(folder)
         except OSError as error:
             raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
@@ -117,7 +120,7 @@ class Run:
                 task would run code that is not trusted.
         """
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
-        values = read_yaml(file)
+        values = localized(read_yaml(file), self.folder)
         stored = checkpoint.read_config(checkpoint.load(path), path, trust)
         if is_file(stored.scalarization):
             if trust:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
-from .front import Front
+from ..evaluation.front import Front
 
 PARTICLES = 5_000
 SHARPNESS = 15.0  # of choices: log odds per difference of the whole range of utilities

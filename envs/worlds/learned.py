@@ -1,0 +1,140 @@
+"""A reward term that is learned from comparisons of clips."""
+
+import io
+import zipfile
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from torch import Tensor, nn
+
+from ..errors import MorlaxError, shortened
+
+TERM = "learned"  # name of the reward term
+FORMAT = 1
+
+
+class LearnedReward(nn.Module):
+    """An ensemble of small networks that rate control steps; the reward is their mean.
+
+    A step is the observation before it, its action, and the observation after it.
+    `morlax_torch.preferences.reward.fit` trains one from comparisons (Christiano et al., 2017).
+
+    Args:
+        observation_size: O.
+        action_size: A.
+        members: E, the number of networks.
+        hidden: sizes of their hidden layers.
+        generator: draws the initial parameters.
+    """
+
+    mean: Tensor
+    scale: Tensor
+    offset: Tensor
+    unit: Tensor
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_size: int,
+        members: int = 5,
+        hidden: Sequence[int] = (64, 64),
+        generator: torch.Generator | None = None,
+    ):
+        super().__init__()
+        self.observation_size, self.action_size = observation_size, action_size
+        self.members, self.hidden = members, tuple(hidden)
+        inputs = 2 * observation_size + action_size
+        sizes = (inputs, *hidden, 1)
+        self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
+        for rows, columns in pairwise(sizes):
+            drawn = torch.randn(members, rows, columns, generator=generator)
+            self.weights.append(nn.Parameter(drawn / rows**0.5))
+            self.biases.append(nn.Parameter(torch.zeros(members, 1, columns)))
+        self.register_buffer("mean", torch.zeros(inputs))
+        self.register_buffer("scale", torch.ones(inputs))  # one over the standard deviation
+        self.register_buffer("offset", torch.zeros(()))  # rating that earns nothing
+        self.register_buffer("unit", torch.ones(()))  # rating that earns one more
+
+    def forward(self, before: Tensor, action: Tensor, after: Tensor) -> Tensor:
+        """Return the rewards (N,) of steps from (N, O) under (N, A) to (N, O)."""
+        ratings = self.ratings(torch.cat([before, action, after], -1)).mean(0)
+        return (ratings - self.offset) / self.unit
+
+    def ratings(self, steps: Tensor) -> Tensor:
+        """Return each network's rating (E, n) of steps (n, 2 O + A)."""
+        x = ((steps.float() - self.mean) * self.scale).clamp(-10, 10).expand(self.members, -1, -1)
+        *inner, last = zip(self.weights, self.biases, strict=True)
+        for weight, bias in inner:
+            x = torch.baddbmm(bias, x, weight).tanh()
+        weight, bias = last
+        return torch.baddbmm(bias, x, weight).squeeze(-1)
+
+    def contents(self) -> dict[str, Any]:
+        """Return plain values and tensors that `load` restores."""
+        return {
+            "format": FORMAT,
+            "observation_size": self.observation_size,
+            "action_size": self.action_size,
+            "members": self.members,
+            "hidden": list(self.hidden),
+            "state": self.state_dict(),
+        }
+
+    @classmethod
+    def load(cls, path: Path, observation_size: int, action_size: int) -> Self:
+        """Read a learned reward of a task with O observations and A actions.
+
+        Raises:
+            MorlaxError: there is no such file, it is damaged, or it is of another task.
+        """
+        values = _read(path)
+        found = (values["observation_size"], values["action_size"])
+        if found != (observation_size, action_size):
+            raise MorlaxError(
+                f"the learned reward {path} is for {found[0]} observations and {found[1]} "
+                f"actions, but this task has {observation_size} and {action_size}."
+            )
+        try:
+            reward = cls(observation_size, action_size, values["members"], values["hidden"])
+            reward.load_state_dict(values["state"])
+        except (RuntimeError, TypeError, ValueError, AttributeError):
+            raise _damaged(path) from None
+        if not all(value.isfinite().all() for value in reward.state_dict().values()):
+            raise _damaged(path)
+        return reward.requires_grad_(False)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MorlaxError(
+            f"cannot read the learned reward {path}: {error.strerror or error}."
+        ) from None
+    try:
+        if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
+            raise _damaged(path)
+        values = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+    except MemoryError:
+        raise
+    except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
+        raise _damaged(path) from None
+    wanted = {"format", "observation_size", "action_size", "members", "hidden", "state"}
+    if not isinstance(values, dict) or values.keys() != wanted:
+        raise _damaged(path)
+    if values["format"] != FORMAT:
+        raise MorlaxError(
+            f"the learned reward {path} has format {shortened(values['format'])}, but this version "
+            f"of morlax_torch reads format {FORMAT}."
+        )
+    return values
+
+
+def _damaged(path: Path) -> MorlaxError:
+    return MorlaxError(
+        f"the learned reward {path} is damaged or not one: fit it again with "
+        "python -m morlax_torch.teach."
+    )

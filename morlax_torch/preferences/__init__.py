@@ -1,0 +1,1 @@
+"""Find out what a user wants from answers to "A or B?"."""
