@@ -22,6 +22,11 @@ class MorlaxError(Exception):
     """
 
 
+def installation(extra: str) -> str:
+    """Return the commands that install one of our extras, from PyPI and from a checkout."""
+    return f"pip install 'morlax-torch[{extra}]', or in a checkout pip install '.[{extra}]'"
+
+
 def shortened(value: object) -> str:
     """Return `repr(value)` in one line, shortened if it is long or deeply nested."""
     return " ".join(_SHORT.repr(value).split())

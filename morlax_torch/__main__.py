@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from .envs import MorlaxError
 from .envs.errors import unknown
 from .terminal import cli
+from .terminal.startup import program
 
 COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",
@@ -22,9 +23,11 @@ COMMANDS = {
 
 def command(arguments: Sequence[str]) -> None:
     if not arguments or arguments[0] in ("-h", "--help"):
-        cli.console.print("usage: morlax COMMAND ... (morlax COMMAND --help for its options)")
+        typed = program("COMMAND")
+        cli.console.print(f"usage: {typed} ... ({typed} --help for its options)")
         for name, about in COMMANDS.items():
             cli.console.print(f"  {name:9} {about}")
+        cli.console.print("  --version print the version")
         if not arguments:
             raise MorlaxError(f"name a command: {', '.join(COMMANDS)}.")
         return

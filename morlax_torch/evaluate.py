@@ -10,6 +10,7 @@ import tyro
 from .envs import MorlaxError
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.startup import program
 
 if TYPE_CHECKING:
     from .runs.evaluating import evaluate as evaluate
@@ -80,7 +81,7 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(table(found))
         cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.evaluate")
+    tyro.cli(main, args=arguments, prog=program("evaluate"))
 
 
 def main() -> None:

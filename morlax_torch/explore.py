@@ -7,8 +7,10 @@ from typing import Annotated
 import tyro
 
 from .envs import MorlaxError
+from .envs.errors import installation
 from .terminal import cli
 from .terminal.interrupt import interruptible
+from .terminal.startup import program
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -33,7 +35,7 @@ def explore(run: str, host: str, port: int) -> None:
         if error.name not in ("viser", "trimesh"):
             raise
         raise MorlaxError(
-            "the page needs viser, which is not installed: pip install 'morlax-torch[explore]'."
+            f"the page needs viser, which is not installed: {installation('explore')}."
         ) from None
     import torch
 
@@ -72,7 +74,7 @@ def command(arguments: Sequence[str]) -> None:
             trust_task(chosen)
         explore(chosen, host, port)
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.explore")
+    tyro.cli(main, args=arguments, prog=program("explore"))
 
 
 def _check_free(host: str, port: int) -> None:

@@ -8,6 +8,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.startup import program
 
 if TYPE_CHECKING:
     from .exports.exporting import export as export
@@ -33,7 +34,8 @@ def command(arguments: Sequence[str]) -> None:
             run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
             tradeoff: Weight of each objective; weights need not sum to one (None: the trade-off
                 stays an input).
-            format: File format. onnx needs an extra: pip install 'morlax-torch[onnx]'.
+            format: File format. onnx needs an extra: pip install 'morlax-torch[onnx]', or in a
+                checkout pip install '.[onnx]'.
             output: Output file (None: policy.onnx, .ts or .pt2, or family.* if the trade-off
                 is an input; in the run's folder, or in the working directory for a shipped
                 policy).
@@ -52,7 +54,7 @@ def command(arguments: Sequence[str]) -> None:
         largest = export(policy, place, format, weights, {"run": provenance(run)})
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.export")
+    tyro.cli(main, args=arguments, prog=program("export"))
 
 
 def _default_folder(run: Path) -> Path:

@@ -9,6 +9,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.startup import program
 
 if TYPE_CHECKING:
     from .runs.packing import pack as pack
@@ -43,7 +44,7 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {output} ({size:.1f} MB)")
         cli.console.print(f"use it: python -m morlax_torch.evaluate {shlex.quote(str(output))}")
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.pack")
+    tyro.cli(main, args=arguments, prog=program("pack"))
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.startup import program
 
 if TYPE_CHECKING:
     from .viewers.filming.recording import record as record
@@ -71,7 +72,7 @@ def command(arguments: Sequence[str]) -> None:
         )
         cli.console.print(f"written: {place}")
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.record")
+    tyro.cli(main, args=arguments, prog=program("record"))
 
 
 def _default_output(run: Path) -> Path:

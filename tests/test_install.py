@@ -1,5 +1,6 @@
 """The wheel installs one self-contained package."""
 
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -7,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from morlax_torch import __version__
+
 ROOT = Path(__file__).parent.parent
+LARGEST = 25e6  # bytes of the wheel
 BUILD_EVERY_TASK = """
 import morlax_torch
 from morlax_torch import config, config_files, envs
@@ -22,8 +26,13 @@ print(morlax_torch.__file__)
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
+    sources = folder / "sources"  # a copy, since tests in other processes build the wheel too
+    for name in ("morlax_torch", "envs", "configs"):
+        shutil.copytree(ROOT / name, sources / name)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, sources)
     subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, ROOT],
+        [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, sources],
         check=True,
         capture_output=True,
     )
@@ -38,18 +47,42 @@ def test_the_wheel_contains_only_its_own_package_and_all_assets(wheel):
     assert "morlax_torch/configs/ant.yaml" in names
 
 
-def test_an_installed_wheel_builds_every_task(wheel, tmp_path):
+def test_the_wheel_is_small_and_named_after_the_version(wheel):
+    assert wheel.name == f"morlax_torch-{__version__}-py3-none-any.whl"
+    assert wheel.stat().st_size < LARGEST
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory) -> Path:
+    """Return a folder that holds the installed wheel, and nothing of the checkout."""
+    folder = tmp_path_factory.mktemp("installed")
     subprocess.run(
-        [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", tmp_path, wheel],
+        [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", folder, wheel],
         check=True,
         capture_output=True,
     )
-    done = subprocess.run(
-        [sys.executable, "-c", BUILD_EVERY_TASK],
+    return folder
+
+
+def python(installed: Path, *words: str | Path, **variables: str) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, *words],
         capture_output=True,
         text=True,
-        cwd=tmp_path,
-        env={"PYTHONPATH": str(tmp_path), "PATH": ""},
+        cwd=installed,
+        env={"PYTHONPATH": str(installed), "PATH": "", **variables},
     )
+
+
+def test_an_installed_wheel_builds_every_task(installed):
+    done = python(installed, "-c", BUILD_EVERY_TASK)
     assert done.returncode == 0, done.stderr
-    assert Path(done.stdout.strip()).is_relative_to(tmp_path)
+    assert Path(done.stdout.strip()).is_relative_to(installed)
+
+
+@pytest.mark.slow
+def test_an_installed_wheel_runs_every_command(installed, opengl):
+    for module in ("viser", "onnxruntime", "onnxscript", "optuna"):
+        pytest.importorskip(module)
+    done = python(installed, ROOT / ".ci" / "smoke.py", OMP_NUM_THREADS="1")
+    assert done.returncode == 0, done.stdout + done.stderr

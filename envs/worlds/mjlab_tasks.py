@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import PositiveFloat
 
-from ..errors import MorlaxError, unknown
+from ..errors import MorlaxError, installation, unknown
 from .foreign import imported
 from .options import ObjectiveOptions
 from .section import Count
@@ -108,10 +108,7 @@ def _registry() -> Any:
     try:
         version = metadata.version("mjlab")
     except metadata.PackageNotFoundError:
-        raise MorlaxError(
-            "tasks of mjlab need mjlab: pip install 'morlax-torch[mjlab]', or in a checkout "
-            "pip install '.[mjlab]'."
-        ) from None
+        raise MorlaxError(f"tasks of mjlab need mjlab: {installation('mjlab')}.") from None
     if tuple(map(int, version.split(".")[:2])) < OLDEST:
         raise MorlaxError(
             f"mjlab {version} is installed, but 1.6 or newer is needed: pip install 'mjlab>=1.6'."

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from importlib import metadata
 from typing import Any
 
-from ..errors import MorlaxError, shortened, unknown
+from ..errors import MorlaxError, installation, shortened, unknown
 from .foreign import imported
 from .options import ObjectiveOptions
 from .section import Count
@@ -42,8 +42,7 @@ def registry() -> Any:
         metadata.version("playground")
     except metadata.PackageNotFoundError:
         raise MorlaxError(
-            "tasks of MuJoCo Playground need it: pip install 'morlax-torch[playground]', or in a "
-            "checkout pip install '.[playground]'."
+            f"tasks of MuJoCo Playground need it: {installation('playground')}."
         ) from None
     import warp as wp
 

@@ -4,6 +4,7 @@ import re
 from importlib import metadata
 
 from ..envs import MorlaxError
+from ..envs.errors import installation
 
 
 def require(name: str, package: str, least: str, extra: str) -> None:
@@ -18,7 +19,7 @@ def require(name: str, package: str, least: str, extra: str) -> None:
     Raises:
         MorlaxError: the library is missing, or older than `least`.
     """
-    install = f"pip install 'morlax-torch[{extra}]'"
+    install = installation(extra)
     try:
         found = metadata.version(package)
     except metadata.PackageNotFoundError:

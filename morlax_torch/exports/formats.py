@@ -13,6 +13,7 @@ from torch import Tensor, fx
 from torch.export import ExportedProgram
 
 from ..envs import MorlaxError
+from ..envs.errors import installation
 
 EXTRA_FILE = "morlax_torch.json"
 OUTPUT = "action"
@@ -104,7 +105,7 @@ def _onnx():
         import onnxscript  # noqa: F401
     except ImportError as error:
         raise MorlaxError(
-            f"ONNX needs {error.name}, which is not installed: pip install 'morlax-torch[onnx]'."
+            f"ONNX needs {error.name}, which is not installed: {installation('onnx')}."
         ) from None
     return onnxruntime
 

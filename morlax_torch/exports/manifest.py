@@ -3,7 +3,6 @@
 import hashlib
 import os
 from collections.abc import Sequence
-from importlib import metadata
 from itertools import accumulate
 from typing import Any
 
@@ -15,6 +14,7 @@ from ..envs import Environment, Robot
 from ..evaluation.history import History
 from ..networks.policy import Policy
 from ..runs.loading import find_checkpoint, find_run
+from ..version import __version__
 
 STEP = 2**-6  # of an action, to measure the slope of its control; exact in binary
 
@@ -29,7 +29,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
     config = policy.config
     env = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
     return {
-        "morlax_torch": _version(),
+        "morlax_torch": __version__,
         "task": config.env,
         "objectives": list(policy.objectives),
         "tradeoff": None if tradeoff is None else list(tradeoff),
@@ -113,10 +113,3 @@ def control(env: Robot) -> dict[str, list[float]] | None:
             return None
     named = {"scale": scale, "offset": offset, "low": low, "high": high}
     return {name: values.tolist() for name, values in named.items()}
-
-
-def _version() -> str | None:
-    try:
-        return metadata.version("morlax-torch")
-    except metadata.PackageNotFoundError:  # running from a checkout that is not installed
-        return None

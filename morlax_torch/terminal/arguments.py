@@ -9,6 +9,7 @@ from ..config import MAY_CHANGE, Config, differences, load_config
 from ..envs import MorlaxError
 from ..envs.worlds.section import Section
 from ..torchrun import FIRST, MAY_RESTART, RESTARTS, launch
+from .startup import program
 from .task_arguments import CommandLine, asks_for_help, base_values, placed
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class Command(Section):
 
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     """Read the command line over the config of the file, task or run that it names."""
-    line = CommandLine("python -m morlax_torch.train", ABOUT, Command)
+    line = CommandLine(program("train"), ABOUT, Command)
     early = line.early(arguments, "--resume", "--output")
     for name in ("config", "output"):
         if early.resume and getattr(early, name):

@@ -22,6 +22,7 @@ from tyro.constructors import (
 from ..envs import MorlaxError
 from ..gpu.memory import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
+from ..version import __version__
 from .interrupt import exiting_on_signals
 from .startup import INTERRUPTED
 
@@ -65,6 +66,9 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
     arguments = sys.argv[1:]
     try:
+        if "--version" in arguments:
+            print(f"morlax_torch {__version__}")
+            return
         _check_text(arguments)
         with exiting_on_signals():
             main(arguments)

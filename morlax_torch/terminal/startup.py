@@ -29,6 +29,17 @@ def command_words() -> list[str] | None:
     return None
 
 
+def program(name: str) -> str:
+    """Return the command `name` the way that the user started it, such as "morlax train"."""
+    if ("-m", "morlax_torch") in pairwise(sys.orig_argv):
+        return f"python -m morlax_torch {name}"
+    scripts = {Path(word).stem for word in sys.orig_argv[:2]}
+    if "morlax" in scripts:
+        return f"morlax {name}"
+    script = f"morlax-{name}"
+    return script if script in scripts else f"python -m morlax_torch.{name}"
+
+
 def runs_a_command() -> bool:
     """Return whether this process was started as one of the commands of morlax_torch."""
     return command_words() is not None
@@ -42,7 +53,7 @@ def collect_garbage_rarely() -> None:
 def announce_training() -> None:
     """Print what `train` starts with, since importing torch takes seconds."""
     words = command_words() or []
-    if FIRST and words[:1] == ["train"] and not {"-h", "--help"} & set(words):
+    if FIRST and words[:1] == ["train"] and not {"-h", "--help", "--version"} & set(words):
         with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8
             print(f"starting: {shlex.join(words)}", flush=True)
 

@@ -10,6 +10,7 @@ from ..config import Config, load_config
 from ..envs import MorlaxError
 from ..envs.errors import explained
 from ..envs.worlds.section import Count, Section
+from .startup import program
 from .task_arguments import CommandLine, asks_for_help, base_values, placed
 
 ABOUT = "Search for a task's hyperparameters with Optuna."
@@ -56,7 +57,7 @@ class Request(NamedTuple):
 
 def read(arguments: Sequence[str]) -> Request:
     """Read the command line over the config of the file or task that it names."""
-    line = CommandLine("python -m morlax_torch.tune", ABOUT, TuneOptions)
+    line = CommandLine(program("tune"), ABOUT, TuneOptions)
     early = line.early(arguments)
     if asks_for_help(arguments) and not (early.env or early.config):
         line.help_for_any_task(early.device)

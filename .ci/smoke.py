@@ -1,0 +1,57 @@
+"""Try every command of the installed package in an empty folder: `python smoke.py`."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import urllib.request
+from pathlib import Path
+
+from morlax_torch.__main__ import COMMANDS
+
+TINY = (
+    *("--device", "cpu", "--worlds", "8", "--horizon", "4", "--sampling.clusters", "4"),
+    *("--ppo.minibatches", "1", "--evaluation.tradeoffs", "4", "--task.episode-length", "20"),
+)
+LINES = {
+    "train": ("--env", "cheetah", *TINY, "--max-env-steps", "64", "--output", "run"),
+    "tune": ("--env", "hopper", *TINY, "--trials", "1", "--seconds", "1", "--output", "tuning"),
+    "evaluate": ("run", "--device", "cpu"),
+    "choose": ("run", "--maximize", "energy"),
+    "record": ("run", "--output", "strip.png", "--seconds", "0.1", "--pictures", "2"),
+    "export": ("run", "--tradeoff", "0.7,0.3"),
+    "pack": ("run", "small", "--device", "cpu"),
+}
+WRITTEN = {
+    *("run/front.npz", "tuning/best.yaml", "run/report.html", "strip.png", "run/policy.onnx"),
+    "small/front.npz",
+}
+
+
+def main() -> None:
+    assert {*LINES, "explore"} == set(COMMANDS), "a command is not tried"
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        for name, arguments in LINES.items():
+            subprocess.run([sys.executable, "-m", "morlax_torch", name, *arguments], check=True)
+        for path in WRITTEN:
+            assert Path(path).is_file(), f"{path} is missing"
+        explore()
+
+
+def explore() -> None:
+    """Open the page of a shipped policy, and end its server with Ctrl-C."""
+    words = [sys.executable, "-m", "morlax_torch", "explore", "cheetah", "--port", "0"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        first = server.stdout.readline()
+        print(first, end="")
+        with urllib.request.urlopen(first.split()[1]) as page:
+            assert b"<html" in page.read()
+        server.send_signal(signal.SIGINT)
+        assert server.wait(timeout=60) == 0
+
+
+if __name__ == "__main__":
+    main()
