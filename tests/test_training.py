@@ -133,10 +133,12 @@ def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
         *("train/policy_loss", "train/value_loss", "train/entropy", "train/kl"),
         *("train/clip_fraction", "train/env_steps_per_second", "train/blowups"),
         *("train/explained_variance/run", "train/explained_variance/jump"),
-        "front_by_train_ms/hypervolume",
+        *("train/learning_rate/actor", "train/gradient_norm/critic", "train/action_std"),
+        *("train/episode_return/run", "train/episode_return/jump", "train/episode_length"),
+        *("time/train_seconds", "time/total_seconds"),
     }
     assert curves <= set(tags["scalars"])
-    assert "front" in tags["images"]
+    assert {"figures/front", "figures/returns"} == set(tags["images"])
     assert "config/text_summary" in tags["tensors"]
     steps = [event.step for event in events.Scalars("front/hypervolume")]
     assert steps == [0, 800, 1600]
@@ -327,8 +329,8 @@ def test_a_time_limit_ends_training_with_an_evaluation():
 
 def test_pictures_in_tensorboard_become_rarer():
     """A run of a million evaluations has fewer than 150."""
-    from morlax_torch.runs.run import _shows_picture
+    from morlax_torch.runs.run import _shows_pictures
 
-    shown = [number for number in range(10**6) if _shows_picture(number)]
+    shown = [number for number in range(10**6) if _shows_pictures(number)]
     assert shown[:10] == list(range(10)) and len(shown) < 150
     assert all(later <= 1.2 * number + 1 for number, later in pairwise(shown))

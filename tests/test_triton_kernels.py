@@ -94,15 +94,16 @@ def test_thirty_steps_of_adam_equal_torch(monkeypatch):
     optimizer = ClippedAdam(parameters, 3e-4, max_norm=1.0)
     vector = optimizer.vector.clone()
     means, squares, steps = torch.zeros_like(vector), torch.zeros_like(vector), vector.new_zeros(())
-    state = means, squares, steps, optimizer.rate
+    state, norms = (means, squares, steps, optimizer.rate), vector.new_zeros(())
     for index in range(30):
         scale = 1e-3 if index % 2 else 1  # some clipped
         gradients = [scale * torch.randn(shape, device=DEVICE) for shape in shapes]
         optimizer.step(sum((p * g).sum() for p, g in zip(parameters, gradients, strict=True)))
-        adam_kernels.step(vector, gradients, *state, 1.0, DECAYS, EPSILON)
+        adam_kernels.step(vector, gradients, *state, 1.0, DECAYS, EPSILON, norms)
     torch.testing.assert_close(vector, optimizer.vector, rtol=1e-6, atol=1e-6)
     torch.testing.assert_close(means, optimizer.mean, rtol=1e-5, atol=1e-8)
     torch.testing.assert_close(squares, optimizer.square, rtol=1e-5, atol=1e-10)
+    torch.testing.assert_close(norms, optimizer.norms)
     assert steps.item() == 30
 
 

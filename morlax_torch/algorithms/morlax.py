@@ -17,6 +17,7 @@ from ..networks import gaussian
 from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization
 from ..tradeoffs import sample_tradeoffs
+from .episodes import Episodes
 from .expected_returns import expected_returns
 from .ppo import PPO, Losses, Table, make_batch
 from .rollout import Rollout, collect
@@ -46,7 +47,7 @@ class MORLAX:
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
 
-    per_process: tuple[str, ...] = ("generator", "environment", "observation")
+    per_process: tuple[str, ...] = ("generator", "environment", "observation", "episodes")
 
     def __init__(
         self,
@@ -111,6 +112,12 @@ class MORLAX:
         )
         self._metrics = torch.zeros(len(self.metric_names), device=env.device)
         self._metrics_since = 0
+        self._episode_names = (
+            *(f"episode_return/{name}" for name in env.objectives),
+            "episode_length",
+            "episodes",
+        )
+        self._episodes = Episodes(config.worlds, len(env.objectives), env.device)
         generators = (self.generator, env.generator)
         self.explore = Graph(self._explore, env.device, generators, partial(self._explore, 1))
         self.learn = Graph(self._learn, env.device, [self.generator], partial(self._learn, 1))
@@ -127,7 +134,7 @@ class MORLAX:
         if self.env.recordable:
             self.explore.record()
         self.load_state_dict(state)
-        self._metrics.zero_()
+        self._restart_metrics()
 
     def iterate(self) -> None:
         """Run one iteration of MORLAX."""
@@ -200,6 +207,7 @@ class MORLAX:
         # Only now: during the update the policies must see the inputs that they acted on. Annealed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
         self.trained.observation_normalizer.update(self.rollout.observation, left, self.group)
+        self._episodes.observe(self.rollout)
         reward, terminated = self.rollout.reward, self.rollout.terminated
         self._metrics += torch.cat(
             [
@@ -213,18 +221,41 @@ class MORLAX:
     def metrics(self) -> dict[str, float]:
         """Return means over the iterations since the last call, and over all processes.
 
-        Waits for the GPU, and for the other processes, which must call it too.
+        Episode returns and lengths are those of episodes that ended since then, if any did. Waits
+        for the GPU, and for the other processes, which must call it too.
         """
         iterations = max(1, self.iteration - self._metrics_since)
         self._metrics_since = self.iteration
-        means = self.group.mean_(
-            torch.cat([self._metrics / iterations, self.env.blowups.float()[None]])
-        )
-        means[-1] *= self.group.size
+        updates = iterations * self.config.ppo.epochs * self.config.ppo.minibatches
+        optimizers = self.ppo.optimizers
+        parts = {
+            **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
+            **self._by_optimizer("learning_rate", [each.rate for each in optimizers]),
+            **self._by_optimizer("gradient_norm", [each.norms / updates for each in optimizers]),
+            **dict(zip(self._episode_names, self._episodes.totals, strict=True)),
+            "blowups": self.env.blowups.float(),
+        }
+        means = self.group.mean_(torch.stack(list(parts.values())))
         overflow = self.group.largest_(self.env.overflow().max().float()[None])
         values = torch.cat([means, overflow]).tolist()
-        self._metrics.zero_()
-        return dict(zip((*self.metric_names, "blowups", "overflow"), values, strict=True))
+        self._restart_metrics()
+        metrics = dict(zip((*parts, "overflow"), values, strict=True))
+        metrics["blowups"] *= self.group.size
+        episodes = metrics.pop("episodes")
+        for name in self._episode_names[:-1]:
+            total = metrics.pop(name)
+            if episodes:
+                metrics[name] = total / episodes
+        return metrics
+
+    def _by_optimizer(self, name: str, values: list[Tensor]) -> dict[str, Tensor]:
+        names = (f"{name}/{optimizer}" for optimizer in self.ppo.optimizer_names)
+        return dict(zip(names, values, strict=True))
+
+    def _restart_metrics(self) -> None:
+        sums = self._metrics, self._episodes.totals, *(each.norms for each in self.ppo.optimizers)
+        for value in sums:
+            value.zero_()
 
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on.
@@ -240,6 +271,7 @@ class MORLAX:
             "generator": self.generator.get_state(),
             "environment": self.env.state_dict() if self.env.resumable else {},
             "observation": self.observation.clone(),
+            "episodes": self._episodes.running.clone(),
             "iteration": self.iteration,
             "env_steps": self.env_steps,
         }
@@ -257,8 +289,11 @@ class MORLAX:
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])
             self.observation.copy_(state["observation"])
+            if "episodes" in state:  # checkpoints of version 0.1 lack it
+                self._episodes.running.copy_(state["episodes"])
         else:
             self.observation.copy_(self.env.critic_observation())
+            self._episodes.running.zero_()
         self.iteration = self._metrics_since = state["iteration"]
         # before several processes could train, every iteration had as many
         self.env_steps = state.get("env_steps", self.iteration * self.steps_per_iteration)

@@ -157,7 +157,8 @@ def policy_loss(
         entropy_weight: (), a tensor so that a recorded graph can anneal it.
 
     Returns:
-        The loss (), and the surrogate, entropy, KL and clipped share (4,), without gradients.
+        The loss (), and without gradients (5,): the surrogate, the entropy, the KL, the clipped
+        share, and the mean standard deviation of actions before the tanh.
     """
     policy = TanhNormal(output)
     log_ratio = policy.log_prob(action) - old_log_prob.squeeze(-1)
@@ -171,7 +172,7 @@ def policy_loss(
     with torch.no_grad():
         kl = (ratio - 1 - log_ratio).mean()
         clip_fraction = (ratio != clipped).float().mean()
-        found = torch.stack([surrogate, entropy, kl, clip_fraction])
+        found = torch.stack([surrogate, entropy, kl, clip_fraction, policy.std.mean()])
     return loss, found
 
 
@@ -209,7 +210,7 @@ class PPO:
         group: processes that update equal agents together.
     """
 
-    metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction")
+    metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction", "action_std")
 
     def __init__(
         self,
@@ -232,6 +233,7 @@ class PPO:
                 groups, self.rates, (group, group.channel()), strict=False
             )
         ]
+        self.optimizer_names = ("joint",) if self.joint else ("actor", "critic")
         self.entropy = actor[0].new_tensor(config.entropy)
         self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
         self._branch = Branch(actor[0].device)
@@ -252,7 +254,7 @@ class PPO:
         self.entropy.copy_(entropy)
 
     def improve(self, parts: list[tuple[Tensor, Batch]], generator: torch.Generator) -> Tensor:
-        """Take an optimizer step on every minibatch; returns the means of `metrics`, (5,)."""
+        """Take an optimizer step on every minibatch; returns the means of `metrics`, (6,)."""
         policies, values = [], []
         shapes = [batch.action.shape for _, batch in parts]
         drawn = self.entropy.new_empty(sum(shape.numel() for shape in shapes))

@@ -67,6 +67,7 @@ def _step(
     corrections,  # (2,)
     rate,  # ()
     squares,  # of the gradients, one sum per program
+    norms,  # ()
     max_norm,
     DECAY1: tl.constexpr,
     DECAY2: tl.constexpr,
@@ -79,6 +80,8 @@ def _step(
     part = tl.arange(0, PROGRAMS)
     sums = tl.load(squares + part, mask=part < FIRSTS[len(SIZES)], other=0.0)
     norm = tl.sqrt(tl.sum(sums, 0))
+    if tl.program_id(0) == 0:
+        tl.store(norms, tl.load(norms) + norm)
     g, i, inside = _gradient(gradients, FIRSTS, SIZES, B)
     g /= tl.maximum(norm / max_norm, 1.0)
     m = tl.load(means + i, mask=inside, other=0.0)
@@ -103,6 +106,7 @@ def step(
     max_norm: float,
     decays: tuple[float, float],
     epsilon: float,
+    norms: Tensor | None = None,
 ) -> None:
     """Scale gradients down to a joint norm of `max_norm` and take a step of Adam, in place.
 
@@ -116,12 +120,14 @@ def step(
         max_norm: largest norm of the gradients.
         decays: of the first and second moments, per step.
         epsilon: keeps the step finite.
+        norms: () increased by the norm of the gradients before scaling, in place, if given.
     """
     gradients = tuple(gradient.contiguous() for gradient in gradients)
     sizes = tuple(gradient.numel() for gradient in gradients)
     firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))
     programs = firsts[-1]
     sums, corrections = vector.new_empty(programs), vector.new_empty(2)
+    norms = vector.new_empty(()) if norms is None else norms
     with torch.cuda.device_of(vector):
         _squares[(programs,)](
             gradients,
@@ -142,6 +148,7 @@ def step(
             corrections,
             rate,
             sums,
+            norms,
             max_norm,
             DECAY1=decays[0],
             DECAY2=decays[1],

@@ -38,7 +38,7 @@ def _policy(
     advantage_s,
     entropy_weight,  # ()
     slope,  # (K, S, 2A), of the loss by the output
-    found,  # (5, programs), the sums over each program's samples
+    found,  # (6, programs), the sums over each program's samples
     rows,
     S,
     clip,
@@ -72,7 +72,8 @@ def _policy(
     _add(found, 1, program, programs, live, entropy)
     _add(found, 2, program, programs, live, ratio - 1.0 - log_ratio)
     _add(found, 3, program, programs, live, tl.where(ratio == clipped, 0.0, 1.0))
-    _add(found, 4, program, programs, live, tl.sum(mean * mean, 1))
+    _add(found, 4, program, programs, live, tl.sum(tl.where(inside, std, 0.0), 1) / A)
+    _add(found, 5, program, programs, live, tl.sum(mean * mean, 1))
 
     by_log_ratio = tl.where(ratio * gain <= clipped * gain, -ratio * gain, 0.0)[:, None]
     standard = (u - mean) / std
@@ -91,20 +92,20 @@ def _total(found, part, programs, rows, PROGRAMS: tl.constexpr):
 
 @triton.jit
 def _policy_means(
-    found,  # (5, programs)
+    found,  # (6, programs)
     entropy_weight,
     loss,  # ()
-    parts,  # (4,)
+    parts,  # (5,)
     programs,
     rows,
     mean_penalty,
     PROGRAMS: tl.constexpr,  # padded
 ):
-    for part in tl.static_range(4):
+    for part in tl.static_range(5):
         tl.store(parts + part, _total(found, part, programs, rows, PROGRAMS))
     total = _total(found, 0, programs, rows, PROGRAMS)
     total -= tl.load(entropy_weight) * _total(found, 1, programs, rows, PROGRAMS)
-    total += mean_penalty * _total(found, 4, programs, rows, PROGRAMS)
+    total += mean_penalty * _total(found, 5, programs, rows, PROGRAMS)
     tl.store(loss, total)
 
 
@@ -164,8 +165,8 @@ class _PolicyLoss(torch.autograd.Function):
         K, S, A = action.shape
         programs = triton.cdiv(K * S, ROWS)
         output = output.contiguous()
-        slope, found = torch.empty_like(output), output.new_empty(5, programs)
-        loss, parts = output.new_empty(()), output.new_empty(4)
+        slope, found = torch.empty_like(output), output.new_empty(6, programs)
+        loss, parts = output.new_empty(()), output.new_empty(5)
         with torch.cuda.device_of(output):
             _policy[(programs,)](
                 output,

@@ -44,6 +44,8 @@ class ClippedAdam:
             parameter.data = part.view_as(parameter)
         self.mean, self.square = torch.zeros_like(self.vector), torch.zeros_like(self.vector)
         self.steps, self.rate = self.vector.new_zeros(()), self.vector.new_tensor(rate)
+        self.norms = torch.zeros_like(self.rate)
+        """Sum over steps of the gradients' norm before clipping, a mean over networks."""
         self._one = torch.ones_like(self.rate)
 
     def state(self) -> list[Tensor]:
@@ -71,16 +73,19 @@ class ClippedAdam:
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
         gradients = self._averaged(torch.autograd.grad(loss, self.parameters, self._one))
-        max_norm = self.max_norm
+        max_norm, norms = self.max_norm, self.norms
         if self.networks > 1:
-            gradients, max_norm = self._clipped(gradients), math.inf
+            gradients, max_norm, norms = self._clipped(gradients), math.inf, None
         if fused.available(self.vector.device):
             from . import adam_kernels
 
             state = self.mean, self.square, self.steps, self.rate
-            adam_kernels.step(self.vector, gradients, *state, max_norm, DECAYS, EPSILON)
+            adam_kernels.step(self.vector, gradients, *state, max_norm, DECAYS, EPSILON, norms)
             return
         gradient = torch.cat([g.flatten() for g in gradients])
+        norm = gradient.norm()
+        if norms is not None:
+            norms += norm
         adam(
             [self.vector],
             [gradient],
@@ -89,7 +94,7 @@ class ClippedAdam:
             max_exp_avg_sqs=[],
             state_steps=[self.steps],
             fused=True,
-            grad_scale=(gradient.norm() / max_norm).clamp(min=1.0),
+            grad_scale=(norm / max_norm).clamp(min=1.0),
             amsgrad=False,
             beta1=DECAYS[0],
             beta2=DECAYS[1],
@@ -111,5 +116,6 @@ class ClippedAdam:
         """Clip the gradients (R, ...) of every network by itself."""
         rows = [self.networks * gradient.flatten(1) for gradient in gradients]
         norm = torch.cat(rows, 1).norm(dim=1, keepdim=True)
+        self.norms += norm.mean()
         scale = self.networks / (norm / self.max_norm).clamp(min=1.0)
         return tuple((gradient.flatten(1) * scale).view_as(gradient) for gradient in gradients)

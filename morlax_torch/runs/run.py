@@ -28,7 +28,7 @@ from .progress import Evaluation, Progress
 from .rewards import copy_reward, localized
 
 if TYPE_CHECKING:
-    from torch.utils.tensorboard import SummaryWriter
+    from .tensorboard import Events
 
 
 class Run:
@@ -47,7 +47,7 @@ class Run:
     def __init__(self, folder: Path):
         self.folder = folder
         self._rows: list[dict[str, Any]] = []
-        self._events: SummaryWriter | None = None
+        self._events: Events | None = None
         self._lock = RunLock(folder)
         self._purge_step: int | None = None  # TensorBoard drops events from this step on
 
@@ -191,27 +191,14 @@ class Run:
         self, metrics: Mapping[str, float], env_steps: int, steps_per_second: float
     ) -> None:
         """Write the learner's metrics to TensorBoard."""
-        curves = {**metrics, "env_steps_per_second": steps_per_second}
         with self._written() as events:
-            for name, value in curves.items():
-                events.add_scalar(f"train/{name}", value, env_steps)
+            events.log_metrics({**metrics, "env_steps_per_second": steps_per_second}, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
-        """Write an evaluation of a `task`: curves, a picture, front.npz, a row of metrics.csv."""
-        steps, front = evaluation.env_steps, evaluation.front
-        milliseconds = round(1000 * evaluation.train_seconds)
-        name = f"{title(task)} after {steps / 1e6:.1f} M environment steps"
+        """Write an evaluation of a `task`: events, front.npz, a row of metrics.csv."""
         with self._written() as events:
-            for indicator, value in evaluation.indicators.items():
-                events.add_scalar(f"front/{indicator}", value, steps)
-                events.add_scalar(f"front_by_train_ms/{indicator}", value, milliseconds)
-            if _shows_picture(len(self._rows)):
-                from ..evaluation.figures import front_figure, pixels  # matplotlib loads slowly
-
-                image = pixels(front_figure(front, name))
-                events.add_image("front", image, steps, dataformats="HWC")
-            events.flush()
-        front.save(self.folder / "front.npz")
+            events.log_evaluation(evaluation, task, _shows_pictures(len(self._rows)))
+        evaluation.front.save(self.folder / "front.npz")
         row = evaluation.row()
         self._rows.append(row)
         table = io.StringIO()
@@ -221,15 +208,13 @@ class Run:
         _write(self.folder / "metrics.csv", table.getvalue())
 
     @contextmanager
-    def _written(self) -> "Iterator[SummaryWriter]":
+    def _written(self) -> "Iterator[Events]":
         """Open the TensorBoard events for writing."""
         try:
             if self._events is None:
-                from torch.utils.tensorboard import SummaryWriter  # loads slowly
+                from .tensorboard import Events  # loads slowly
 
-                self._events = SummaryWriter(str(self.folder), purge_step=self._purge_step)
-                config = (self.folder / "config.yaml").read_text()
-                self._events.add_text("config", "\n".join(f"    {x}" for x in config.splitlines()))
+                self._events = Events(self.folder, self._purge_step)
             yield self._events
         except OSError as error:
             reason = error.strerror or error
@@ -259,8 +244,8 @@ class Run:
                 raise  # else on a full disk this error would hide the first one
 
 
-def _shows_picture(evaluation: int) -> bool:
-    """Return whether TensorBoard gets a picture of an evaluation, counted from 0.
+def _shows_pictures(evaluation: int) -> bool:
+    """Return whether TensorBoard gets pictures of an evaluation, counted from 0.
 
     After the first ten, each is a tenth later than the last, so that a long run stays small.
     """

@@ -1,0 +1,84 @@
+"""The TensorBoard events of a run. docs/experiment-tools.md lists the tags."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from torch.utils.tensorboard import SummaryWriter
+from torch.utils.tensorboard.summary import hparams
+
+from ..config_files import read_yaml
+from ..envs.naming import title
+from .progress import Evaluation
+
+
+class Events:
+    """Writes the events of one session of a run.
+
+    Args:
+        folder: of the run, with its config.yaml.
+        purge_step: TensorBoard drops events of earlier sessions from this step on.
+    """
+
+    def __init__(self, folder: Path, purge_step: int | None):
+        self._folder, self._writer = folder, SummaryWriter(str(folder), purge_step=purge_step)
+        self._has_hyperparameters = False
+        lines = (folder / "config.yaml").read_text().splitlines()
+        self._writer.add_text("config", "\n".join(f"    {line}" for line in lines))
+
+    def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
+        """Write metrics of training."""
+        for name, value in metrics.items():
+            self._writer.add_scalar(f"train/{name}", value, env_steps)
+
+    def log_evaluation(self, evaluation: Evaluation, task: str, pictures: bool) -> None:
+        """Write an evaluation of a `task`, with or without its `pictures`."""
+        steps = evaluation.env_steps
+        curves = {
+            **{f"front/{name}": value for name, value in evaluation.indicators.items()},
+            "time/train_seconds": evaluation.train_seconds,
+            "time/total_seconds": evaluation.total_seconds,
+        }
+        if not self._has_hyperparameters:
+            self._log_hyperparameters(curves)
+            self._has_hyperparameters = True
+        for tag, value in curves.items():
+            self._writer.add_scalar(tag, value, steps)
+        if pictures:
+            self._log_pictures(evaluation, f"{title(task)} after {steps / 1e6:.1f} M steps")
+        self._writer.flush()
+
+    def _log_pictures(self, evaluation: Evaluation, name: str) -> None:
+        from ..evaluation import figures  # matplotlib loads slowly
+
+        for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
+            image = figures.pixels(draw(evaluation.front, name))
+            self._writer.add_image(f"figures/{tag}", image, evaluation.env_steps, dataformats="HWC")
+
+    def _log_hyperparameters(self, tags: Iterable[str]) -> None:
+        """Fill the HPARAMS tab, which shows the latest value of each of the `tags`."""
+        config = flat(read_yaml(self._folder / "config.yaml"))
+        # `add_hparams` would write to a folder of its own, which TensorBoard shows as another run
+        experiment, session, _ = hparams(config, dict.fromkeys(tags, 0.0))
+        assert self._writer.file_writer is not None
+        for summary in (experiment, session):
+            self._writer.file_writer.add_summary(summary)
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._writer.close()
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str | float]:
+    """Flatten nested values to numbers and, as JSON, all others, by dotted name."""
+    found: dict[str, str | float] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{prefix}{name}.")
+        elif isinstance(value, str) or (type(value) in (int, float) and math.isfinite(value)):
+            found[f"{prefix}{name}"] = value
+        else:
+            found[f"{prefix}{name}"] = json.dumps(value)
+    return found

@@ -1,0 +1,160 @@
+"""TensorBoard shows what the docs list, and statistics of episodes count whole episodes."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.hparams import metadata
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
+from tiny import tiny
+from torch import Tensor
+
+from morlax_torch import MORLAX
+from morlax_torch.algorithms.episodes import Episodes
+from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.gpu.optimizer import ClippedAdam
+from morlax_torch.runs import Run
+from morlax_torch.runs.training import make_worlds
+from morlax_torch.train import train
+
+PAGE = Path(__file__).parent.parent / "docs" / "experiment-tools.md"
+LONG = {"max_env_steps": 320, "evaluation.every": 160}
+OTHER = {"ppo.optimizer": "joint", "ppo.critic": "scalar"}
+
+
+def events(run: Run) -> EventAccumulator:
+    return EventAccumulator(str(run.folder), size_guidance={"tensors": 0}).Reload()
+
+
+def documented() -> set[str]:
+    """Return the tags of the docs' table, with hopper's objectives."""
+    section = PAGE.read_text().split("\n## TensorBoard\n")[1].split("\n## ")[0]
+    cells = "\n".join(line for line in section.splitlines() if line.startswith("| `"))
+    tags = set(re.findall(r"`([a-z]+(?:/[\w/]+)|config)`", cells))
+    named = {tag for tag in tags if "OBJECTIVE" in tag}
+    spelled = {tag.replace("OBJECTIVE", name) for tag in named for name in ("run", "jump")}
+    return tags - named | spelled
+
+
+def written(run: Run) -> list[str]:
+    tags = events(run).Tags()
+    found = [*tags["scalars"], *tags["images"], *tags["tensors"]]
+    return [tag.removesuffix("/text_summary") for tag in found]
+
+
+def test_the_documented_tags_are_those_written(tmp_path):
+    one = written(train(tiny(**LONG), output=tmp_path / "one"))
+    other = written(train(tiny(**LONG, **OTHER), output=tmp_path / "other"))
+    assert len(one) == len(set(one)) and len(other) == len(set(other))
+    assert {*one, *other} == documented()
+
+
+def test_the_hparams_tab_has_the_config_and_names_the_indicators(tmp_path):
+    run = train(tiny(), output=tmp_path / "run")
+    found = events(run)
+    summaries = found.SummaryMetadata
+
+    def content(tag: str) -> Any:
+        return HParamsPluginData.FromString(summaries(tag).plugin_data.content)
+
+    values = content(metadata.SESSION_START_INFO_TAG).session_start_info.hparams
+    assert values["env"].string_value == "hopper"
+    assert values["worlds"].number_value == 8
+    assert values["ppo.learning_rate"].number_value == run.config().ppo.learning_rate
+    assert values["ppo.anneal"].string_value == "true"
+    assert values["network.hidden"].string_value == "[4]"
+    infos = content(metadata.EXPERIMENT_TAG).experiment.metric_infos
+    tags = {info.name.tag for info in infos}
+    assert {"front/hypervolume", "time/train_seconds"} <= tags
+    assert tags <= set(found.Tags()["scalars"])
+
+
+def steps(ends: list[list[int]], reward: list[list[float]]) -> Rollout:
+    """Return a rollout of one objective, (T, 1, G): episodes fail at 1 and time out at 2."""
+    over = torch.tensor(ends)[:, None]
+    nothing = torch.zeros(0)
+    return Rollout(nothing, nothing, nothing, tensor(reward), over == 1, over == 2, nothing)
+
+
+def tensor(reward: list[list[float]]) -> Tensor:
+    return torch.tensor(reward)[:, None, :, None]
+
+
+def test_episodes_are_counted_over_several_rollouts():
+    episodes = Episodes(2, 1, torch.device("cpu"))
+    episodes.observe(steps([[0, 0], [0, 1], [0, 0]], [[1, 10], [2, 20], [4, 40]]))
+    assert episodes.totals.tolist() == [30, 2, 1]
+    assert episodes.running.tolist() == [[7, 3], [40, 1]]
+    episodes.observe(steps([[2, 0], [1, 0], [0, 0]], [[8, 80], [16, 160], [32, 320]]))
+    assert episodes.totals.tolist() == [30 + 15 + 16, 2 + 4 + 1, 3]
+    assert episodes.running.tolist() == [[32, 1], [600, 4]]
+
+
+def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
+    config = tiny(horizon=4)  # episodes last 5 steps, and every fifth rollout ends with one
+    learner = MORLAX(make_worlds(config, config.worlds), config)
+    rewards, sums = [], torch.zeros(8, 2)
+    for iteration in range(5):
+        if iteration == 3:
+            other = MORLAX(make_worlds(config, config.worlds), config)
+            other.load_state_dict(learner.state_dict())
+            other._episodes.totals.copy_(learner._episodes.totals)
+            learner = other
+        learner.iterate()
+        rollout = learner.rollout
+        for t in range(4):
+            sums += rollout.reward[t].flatten(0, 1)
+            over = (rollout.terminated | rollout.truncated)[t].flatten()
+            rewards += sums[over].tolist()
+            sums[over] = 0
+    totals = learner._episodes.totals
+    assert len(rewards) == totals[-1] == 32
+    torch.testing.assert_close(totals[:2], torch.tensor(rewards).sum(0))
+    assert totals[2] / totals[3] == 5
+
+
+def test_metrics_are_means_over_the_episodes_that_ended():
+    config = tiny()
+    learner = MORLAX(make_worlds(config, config.worlds), config)
+    learner.iterate()
+    assert "episode_length" not in learner.metrics()  # none has ended
+    learner.iterate()
+    found = learner.metrics()
+    assert found["episode_length"] == 5 and found["episode_return/run"] > 0
+    assert "episodes" not in found
+    learner.iterate()
+    learner.iterate()
+    assert learner.metrics()["episode_length"] == 5
+
+
+def test_rates_and_action_noise_are_those_in_use():
+    config = tiny(**{"ppo.learning_rate": 3e-4, "ppo.critic_learning_rate": 7e-4})
+    learner = MORLAX(make_worlds(config, config.worlds), config)
+    learner.iterate()
+    found = learner.metrics()
+    assert found["learning_rate/actor"] == pytest.approx(3e-4)
+    assert found["learning_rate/critic"] == pytest.approx(7e-4)
+    learner.iterate()
+    assert 0 < learner.metrics()["learning_rate/actor"] < 3e-4  # annealed
+    assert 0.1 < found["action_std"] < 2
+    assert found["gradient_norm/actor"] > 0
+
+
+DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("networks", (1, 2))
+def test_gradient_norms_are_summed_before_clipping(device, networks):
+    if device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("no CUDA device")
+    parameter = torch.nn.Parameter(torch.zeros(2, 2, device=device))
+    adam = ClippedAdam([parameter], 0.1, 0.5, networks)
+    slopes = torch.tensor([[3.0, 4.0], [0.0, 12.0]], device=device)
+    adam.step((parameter * slopes).sum())
+    adam.step((2 * parameter * slopes).sum())
+    one = 13.0 if networks == 1 else 2 * (5.0 + 12.0) / 2  # a loss is the mean over networks
+    assert adam.norms.item() == pytest.approx(3 * one)
