@@ -19,6 +19,7 @@ LINES = {
     "tune": ("--env", "hopper", *TINY, "--trials", "1", "--seconds", "1", "--output", "tuning"),
     "evaluate": ("run", "--device", "cpu"),
     "choose": ("run", "--maximize", "energy"),
+    "teach": ("cheetah", "lesson", "--objective", "tall", "--judge", "height", "--clips", "20"),
     "record": ("run", "--output", "strip.png", "--seconds", "0.1", "--pictures", "2"),
     "export": ("run", "--tradeoff", "0.7,0.3"),
     "pack": ("run", "small", "--device", "cpu"),
@@ -26,6 +27,7 @@ LINES = {
 WRITTEN = {
     *("run/front.npz", "tuning/best.yaml", "run/report.html", "strip.png", "run/policy.onnx"),
     "small/front.npz",
+    "lesson/learned.pt",
 }
 
 

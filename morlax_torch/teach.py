@@ -9,6 +9,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.startup import program
 
 if TYPE_CHECKING:
     from .preferences.teaching import Lesson as Lesson
@@ -52,9 +53,9 @@ def command(arguments: Sequence[str]) -> None:
             f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"
         )
         config = shlex.quote(str(folder / "config.yaml"))
-        cli.console.print(f"train: python -m morlax_torch.train --config {config}", markup=False)
+        cli.console.print(f"train: {program('train')} --config {config}", markup=False)
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.teach")
+    tyro.cli(main, args=arguments, prog=program("teach"))
 
 
 def main() -> None:

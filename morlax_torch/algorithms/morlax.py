@@ -233,6 +233,7 @@ class MORLAX:
             **self._by_optimizer("learning_rate", [each.rate for each in optimizers]),
             **self._by_optimizer("gradient_norm", [each.norms / updates for each in optimizers]),
             **dict(zip(self._episode_names, self._episodes.totals, strict=True)),
+            **self.scalarization.metrics(self.env.objectives),
             "blowups": self.env.blowups.float(),
         }
         means = self.group.mean_(torch.stack(list(parts.values())))

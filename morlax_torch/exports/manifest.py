@@ -31,6 +31,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
     return {
         "morlax_torch": __version__,
         "task": config.env,
+        "scalarization": config.scalarization,
         "objectives": list(policy.objectives),
         "tradeoff": None if tradeoff is None else list(tradeoff),
         "control_rate_hz": round(1 / env.dt, 6),

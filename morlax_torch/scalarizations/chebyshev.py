@@ -1,5 +1,7 @@
 """Chebyshev scalarizations, which reach the concave parts of a front too."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -36,6 +38,9 @@ class AugmentedChebyshev:
 
     def state(self) -> list[Tensor]:
         return self.range.state()
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        return self.range.metrics(objectives)
 
 
 class SmoothChebyshev(AugmentedChebyshev):

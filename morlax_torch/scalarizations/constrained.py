@@ -1,5 +1,7 @@
 """Constraints: at least so much of one objective, for every level of it."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -59,6 +61,11 @@ class Constrained:
 
     def state(self) -> list[Tensor]:
         return [*self.range.state(), self.multipliers]
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        quarters = range(0, LEVELS, (LEVELS - 1) // 4)
+        multipliers = {f"multiplier/{i / (LEVELS - 1):g}": self.multipliers[i] for i in quarters}
+        return {**self.range.metrics(objectives), **multipliers}
 
     def _reached(self, returns: Tensor) -> Tensor:
         """Return the constrained objective's returns as levels (K,)."""

@@ -1,5 +1,6 @@
 """What a scalarization is."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from torch import Tensor
@@ -32,4 +33,8 @@ class Scalarization(Protocol):
 
     def state(self) -> list[Tensor]:
         """Return the tensors that `observe` updates, in a fixed order."""
+        ...
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        """Return numbers () to log by name, of objectives with these names."""
         ...

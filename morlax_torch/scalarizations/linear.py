@@ -1,5 +1,7 @@
 """Weighted sums."""
 
+from collections.abc import Sequence
+
 from torch import Tensor
 
 from ..gpu.group import ALONE, Group
@@ -21,3 +23,6 @@ class Linear:
 
     def state(self) -> list[Tensor]:
         return []
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        return {}

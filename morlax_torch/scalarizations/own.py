@@ -1,6 +1,6 @@
 """A user's own utility."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -45,6 +45,9 @@ class OwnUtility:
 
     def state(self) -> list[Tensor]:
         return []
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        return {}
 
     def _check(self, name: str, m: int, device: torch.device) -> None:
         corners = torch.eye(m, device=device)

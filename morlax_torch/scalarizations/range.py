@@ -1,5 +1,7 @@
 """The range of returns that today's policies reach."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -43,3 +45,12 @@ class Range:
 
     def state(self) -> list[Tensor]:
         return [self.ideal, self.nadir]
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        """Return both points () each, by name."""
+        points = {"best_return": self.ideal, "worst_return": self.nadir}
+        return {
+            f"{kind}/{name}": value
+            for kind, point in points.items()
+            for name, value in zip(objectives, point, strict=True)
+        }
