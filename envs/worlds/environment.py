@@ -72,7 +72,7 @@ class Environment(Robot):
         self._randomize(seed)
         checks.control(self)
         checks.rewards(self)
-        self._learn_reward()
+        self._load_learned_reward()
         self.reset()
         self.reward_terms = tuple(self.terms())
         if self._learned:
@@ -121,7 +121,7 @@ class Environment(Robot):
         if chosen.push:
             self._pushes = Pushes(chosen.push, chosen.push_every, physics, generator)
 
-    def _learn_reward(self) -> None:
+    def _load_learned_reward(self) -> None:
         """Load the learned reward, if the options name one."""
         path = self.options.learned
         if path is None:
