@@ -1,6 +1,7 @@
 """The explorer as a command, and two ways to visit it: Chromium, and a websocket of our own."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from morlax_torch.viewers.explorer.picking import FIELD
 
 ROOT = Path(__file__).parent.parent
 PATIENCE = 120  # s until a page that does not answer counts as broken, also on a busy machine
@@ -56,6 +59,73 @@ def exploring(*arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
         process.communicate()
 
 
+class View:
+    """One browser tab and the values that a user reads in it."""
+
+    def __init__(self, browser: Any, address: str, width: int = 800, height: int = 780):
+        self.tab = browser.new_page(viewport={"width": width, "height": height})
+        self.tab.set_default_timeout(1000 * PATIENCE)
+        self.elsewhere: list[str] = []
+        self.errors: list[str] = []
+        self.tab.on("request", lambda request: self._note(request.url, address))
+        self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.tab.goto(address)
+        self.tab.wait_for_selector("[data-tradeoff]", state="attached")
+
+    def _note(self, url: str, address: str) -> None:
+        if not url.startswith((address, "data:", "blob:")):
+            self.elsewhere.append(url)
+
+    def numbers(self, name: str) -> tuple[float, ...]:
+        """Return the numbers in the attribute data-`name` of the page's only such element."""
+        text = self.tab.locator(f"[data-{name}]").get_attribute(f"data-{name}")
+        return tuple(map(float, text.split(",")))
+
+    def tradeoff(self) -> tuple[float, ...]:
+        return self.numbers("tradeoff")
+
+    def slider(self, label: str) -> float:
+        """Return the number next to the slider with this label."""
+        return float(self._row(label).locator("input[inputmode]").input_value())
+
+    def set_slider(self, label: str, value: float) -> None:
+        """Type a number next to the slider with this label."""
+        self._row(label).locator("input[inputmode]").fill(str(value))
+
+    def choose(self, label: str, option: str) -> None:
+        """Choose an option of the dropdown with this label."""
+        self._row(label).locator("input").first.click()
+        self.tab.get_by_role("option", name=option, exact=True).click()
+
+    def press(self, name: str) -> None:
+        self.tab.get_by_role("button", name=name, exact=True).click()
+
+    def field_box(self) -> Any:
+        return self._row(FIELD).locator("input")
+
+    def field(self) -> str:
+        return self.field_box().input_value()
+
+    def status(self) -> str:
+        return self.tab.locator("b", has_text="this episode").locator("..").inner_text()
+
+    def until(self, happened: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not happened():
+            assert time.monotonic() < deadline, what
+            self.tab.wait_for_timeout(50)
+
+    def _row(self, label: str) -> Any:
+        exactly = re.compile(f"^{re.escape(label)}$")
+        return self.tab.locator("label").filter(has_text=exactly).locator("xpath=../../..")
+
+
+def middle(locator: Any) -> tuple[float, float]:
+    """Return the middle of an element, in pixels of its tab."""
+    box = locator.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
 @contextmanager
 def chromium() -> Iterator[Any]:
     """Start a browser without a window."""
@@ -77,9 +147,12 @@ class Client:
     Args:
         address: of the page, as the command prints it.
         headers: of the request, such as {"Origin": "http://example.org"}.
+        label: of a widget to wait for.
     """
 
-    def __init__(self, address: str, headers: dict[str, str] | None = None):
+    def __init__(
+        self, address: str, headers: dict[str, str] | None = None, label: str = "trade-off"
+    ):
         import viser
         from websockets.sync.client import connect
 
@@ -91,8 +164,10 @@ class Client:
         )
         self.widgets: dict[str, dict[str, Any]] = {}
         self.notifications: list[str] = []
+        self.moves = 0  # of anything in the scene
+        self._names: dict[str, str] = {}  # of robots, by viser's names of the labels
         self.send("ViewerCameraMessage", **POSE)  # viser ignores browsers that have no camera yet
-        self.until(lambda: "trade-off" in self.labels(), "the page has no widgets")
+        self.until(lambda: label in self.labels(), "the page has no widgets")
 
     def close(self) -> None:
         """Leave the page."""
@@ -128,6 +203,10 @@ class Client:
         """Return the texts and drawings of the page."""
         return "".join(str(fields.get("content", "")) for fields in self.widgets.values())
 
+    def names(self) -> list[str]:
+        """Return the names above the robots."""
+        return list(self._names.values())
+
     def until(self, happened: Callable[[], bool], what: str) -> None:
         """Receive messages until `happened` returns true, for PATIENCE seconds at most."""
         deadline = time.monotonic() + PATIENCE
@@ -152,6 +231,14 @@ class Client:
                 self.widgets.setdefault(uuid, {}).update(updates)
             case {"type": "GuiRemoveMessage", "uuid": uuid}:
                 self.widgets.pop(uuid, None)
+            case {"type": "SetPositionMessage"}:
+                self.moves += 1
+            case {"type": "LabelMessage", "name": name, "props": props}:
+                self._names[name] = props["text"]
+            case {"type": "SceneNodeUpdateMessage", "name": name, "updates": {"text": text}}:
+                self._names[name] = text
+            case {"type": "RemoveSceneNodeMessage", "name": name}:
+                self._names = {k: v for k, v in self._names.items() if not k.startswith(name)}
             case {"type": "NotificationShowMessage", "props": props}:
                 self.notifications.append(props["body"])
             case {"type": str(kind), "uuid": uuid, "props": props} if kind.startswith("Gui"):

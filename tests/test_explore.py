@@ -5,17 +5,15 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browsing import PATIENCE, chromium, exploring
+from browsing import View, chromium, exploring, middle
 
 from morlax_torch import explore
 from morlax_torch.terminal import cli
 from morlax_torch.viewers.explorer import library, weights
-from morlax_torch.viewers.explorer.picking import FIELD
 
 
 @pytest.fixture
@@ -93,52 +91,6 @@ def browser() -> Iterator:
         yield browser
 
 
-class View:
-    """One browser tab and the values that a user reads in it."""
-
-    def __init__(self, browser, address: str, width: int = 800, height: int = 780):
-        self.tab = browser.new_page(viewport={"width": width, "height": height})
-        self.tab.set_default_timeout(1000 * PATIENCE)
-        self.elsewhere: list[str] = []
-        self.tab.on("request", lambda request: self._note(request.url, address))
-        self.tab.goto(address)
-        self.tab.wait_for_selector("[data-tradeoff]", state="attached")
-
-    def _note(self, url: str, address: str) -> None:
-        if not url.startswith((address, "data:", "blob:")):
-            self.elsewhere.append(url)
-
-    def tradeoff(self) -> tuple[float, ...]:
-        text = self.tab.locator("[data-tradeoff]").get_attribute("data-tradeoff")
-        return tuple(map(float, text.split(",")))
-
-    def sliders(self) -> list[float]:
-        boxes = self.tab.locator(".mantine-Slider-root").locator("..").locator("input[inputmode]")
-        values = boxes.evaluate_all("boxes => boxes.map(b => b.value)")
-        return [float(text) for text in values[:-1]]  # the last is the pace
-
-    def field_box(self):
-        label = self.tab.locator("label", has_text=FIELD)
-        return label.locator("xpath=../../..").locator("input")
-
-    def field(self) -> str:
-        return self.field_box().input_value()
-
-    def status(self) -> str:
-        return self.tab.locator("b", has_text="this episode").locator("..").inner_text()
-
-    def until(self, happened, what: str) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not happened():
-            assert time.monotonic() < deadline, what
-            self.tab.wait_for_timeout(50)
-
-
-def middle(locator) -> tuple[float, float]:
-    box = locator.bounding_box()
-    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-
-
 @pytest.mark.slow
 def test_a_browser_steers_the_robot(served, browser, tmp_path):
     address, _ = served
@@ -162,7 +114,9 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.03), "slider has no effect")
     first, *others = view.tradeoff()
     assert others == pytest.approx([(1 - first) / 2] * 2, abs=2e-3)
-    view.until(lambda: view.sliders()[1] == pytest.approx(others[0], abs=6e-3), "sliders differ")
+    view.until(
+        lambda: view.slider("energy") == pytest.approx(others[0], abs=6e-3), "sliders differ"
+    )
     assert weights.read(view.field(), 3) == pytest.approx(view.tradeoff(), abs=2e-3)
     view.tab.screenshot(path=shots / "slider.png")
 
@@ -171,7 +125,10 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     view.tab.mouse.click(*middle(corner))
     view.until(lambda: view.tradeoff() == (0, 1, 0), "the click has no effect")
     assert middle(view.tab.locator("[data-here]").first) == pytest.approx(middle(corner), abs=1)
-    view.until(lambda: view.sliders() == [0, 1, 0], "the sliders do not follow")
+    view.until(
+        lambda: [view.slider(o) for o in ("run", "energy", "height")] == [0, 1, 0],
+        "the sliders do not follow",
+    )
 
     # drag the point of the triangle, also beyond an edge
     triangle = view.tab.locator("polygon").bounding_box()
@@ -190,7 +147,7 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     view.until(lambda: view.tradeoff() == (0.5, 0.25, 0.25), "typing has no effect")
     view.tab.mouse.click(*middle(corner))
     view.until(lambda: view.tradeoff() == (0, 1, 0), "the second click has no effect")
-    view.tab.get_by_role("button", name="copy trade-off").click()
+    view.tab.get_by_role("button", name="copy", exact=True).click()
     view.field_box().fill("")
     view.field_box().press("Control+v")
     assert view.field() == "0.000, 1.000, 0.000"
@@ -235,7 +192,7 @@ def test_the_robot_keeps_running_when_browsers_leave(served, browser, tmp_path):
     third.tab.get_by_label("policy").first.click()
     third.tab.get_by_role("option", name="runs/hopper/b").click()
     third.until(lambda: len(third.tradeoff()) == 2, "the other run is not shown")
-    assert len(third.sliders()) == 2
+    assert third.slider("run") + third.slider("jump") == pytest.approx(1)
     third.tab.wait_for_timeout(500)
     third.tab.screenshot(path=shots / "another.png")
 
@@ -243,8 +200,9 @@ def test_the_robot_keeps_running_when_browsers_leave(served, browser, tmp_path):
     third.tab.get_by_label("policy").first.click()
     third.tab.get_by_role("option", name="runs/bruce/c").click()
     third.until(lambda: len(third.tradeoff()) == 6, "the third run is not shown")
-    third.until(lambda: third.sliders()[:2] == [0.12, 0.0], "the velocity command is not shown")
-    assert third.sliders()[2:] == pytest.approx([1 / 6] * 6, abs=5e-3)
+    third.until(lambda: third.slider("m/s forward") == 0.12, "the velocity command is not shown")
+    assert third.slider("m/s to the left") == 0
+    assert third.slider("smooth") == pytest.approx(1 / 6, abs=5e-3)
     third.tab.wait_for_timeout(500)
     third.tab.screenshot(path=shots / "command.png")
 

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 # of Okabe and Ito: distinct to color-blind readers too
 PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
-GRAY, PALE, INK = "#c4cad3", "#e3e7ec", "#495057"
+GRAY, INK = "#9aa3ad", "currentColor"  # readable on light and on dark pages
 
 
 def of_objectives(m: int) -> list[str]:

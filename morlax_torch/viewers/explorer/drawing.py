@@ -4,65 +4,70 @@ The drawing is sent once. The marks of the current trade-off are a second SVG on
 browser redraws little while a user drags.
 """
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...evaluation.front import Front
 from . import picking, svg
-from .colors import mix
+from .colors import INK, mix
 from .pair import PairPlot
 from .svg import Box
 from .triangle import Triangle
 from .weights import Weights, show
 
 WIDTH = 320.0
-TALL, LOW = 225.0, 150.0  # height of a single plot, and of each of several plots
+TALL, LOW = 205.0, 150.0  # height of a single plot, and of two plots side by side
 
 
 class Drawing:
-    """A plot for every pair of objectives; with three objectives, the triangle comes first.
+    """The returns of two objectives; with three objectives, the triangle comes first.
 
     Args:
         objectives: their names.
-        front: the evaluated front, None if there is none: then there are no plots.
+        front: the evaluated front, None if there is none: then there is no plot.
+        pair: indices of the objectives on the x and y axes of the plot.
     """
 
-    def __init__(self, objectives: Sequence[str], front: Front | None):
-        m = len(objectives)
-        pairs = list(combinations(range(m), 2)) if front is not None else []
-        number = len(pairs) + (m == 3)
-        wide, high = (WIDTH, TALL) if number == 1 else (WIDTH / 2, LOW)
-        boxes = [Box(i % 2 * wide, i // 2 * high, wide, high) for i in range(number)]
-        self._height = -(-number // 2) * high
-        self._triangle = Triangle(objectives, boxes.pop(0)) if m == 3 else None
-        self._plots = [
-            PairPlot(front, *pair, box)
-            for pair, box in zip(pairs, boxes, strict=True)
-            if front is not None
-        ]
+    def __init__(self, objectives: Sequence[str], front: Front | None, pair: tuple[int, int]):
+        number = (len(objectives) == 3) + (front is not None)
+        wide, self._height = (WIDTH / 2, LOW) if number == 2 else (WIDTH, TALL * number)
+        boxes = [Box(i * wide, 0.0, wide, self._height) for i in range(number)]
+        self._triangle = Triangle(objectives, boxes.pop(0)) if len(objectives) == 3 else None
+        self._plot = PairPlot(front, *pair, boxes.pop()) if front is not None else None
 
     def html(self) -> str:
         """Return the static part of the drawing, to send once."""
-        shapes = [self._triangle, *self._plots] if self._triangle else self._plots
+        shapes = [shape.html() for shape in (self._triangle, self._plot) if shape is not None]
         style = "touch-action:none;user-select:none;cursor:pointer"
-        return self._svg("".join(shape.html() for shape in shapes), style, **picking.handlers())
+        return self._svg("".join(shapes), style, **picking.handlers())
 
-    def marks(self, weights: Weights, nearest: int | None) -> str:
+    def marks(
+        self,
+        weights: Weights,
+        nearest: int | None,
+        others: Sequence[int] = (),
+        levels: Mapping[int, float] | None = None,
+    ) -> str:
         """Return the overlay that marks the current trade-off.
 
         Args:
             weights: the current trade-off, marked in the triangle.
-            nearest: index of the nearest evaluated trade-off, marked in the plots; None without a
+            nearest: index of the nearest evaluated trade-off, marked in the plot; None without a
                 front.
+            others: indices of further evaluated trade-offs, of other robots.
+            levels: required returns by index of the objective, drawn as lines.
         """
-        line: dict[str, Any] = {"stroke": "#111", "stroke_width": 2}
+        line: dict[str, Any] = {"stroke": INK, "stroke_width": 2}
         parts = []
         if self._triangle is not None:
             parts.append(svg.circle(self._triangle.place(weights), 6, mix(weights), **line))
-        if nearest is not None:
-            for plot in self._plots:
-                parts.append(svg.circle(plot.places[nearest], 6, "none", data_here="", **line))
+        if self._plot is not None:
+            parts += [self._plot.level(i, value) for i, value in (levels or {}).items()]
+            faint = {**line, "stroke_width": 1.2, "stroke_opacity": 0.6}
+            parts += [svg.circle(self._plot.places[i], 5, "none", **faint) for i in others]
+            if nearest is not None:
+                place = self._plot.places[nearest]
+                parts.append(svg.circle(place, 6, "none", data_here="", **line))
         style = "position:absolute;left:0;bottom:0;pointer-events:none"
         over = self._svg("".join(parts), style, data_tradeoff=show(weights))
         return svg.element("div", over, style="position:relative;height:0")

@@ -17,6 +17,7 @@ class History:
         self._pending: list[Sequence[float]] = []
         self._signals = signals
         self._begun = 0.0
+        self._ends: deque[float] = deque()  # s, of the samples before which episodes ended
 
     def add(self, time: float, values: Sequence[float]) -> None:
         """Add one sample.
@@ -30,6 +31,19 @@ class History:
             self._rows.append(np.array([time, *np.mean(self._pending, axis=0)]))
             self._pending.clear()
             self._begun = time
+
+    def end_episode(self) -> None:
+        """Remember that the next sample belongs to a new episode."""
+        if not self._rows or (self._ends and self._ends[-1] == self._rows[-1][0]):
+            return
+        self._ends.append(float(self._rows[-1][0]))
+        self._pending.clear()  # a mean over two episodes would be neither's
+
+    def ends(self) -> list[float]:
+        """Return the times of the last sample of each episode that ended, in seconds."""
+        while self._ends and self._ends[0] < self._rows[0][0]:
+            self._ends.popleft()
+        return list(self._ends)
 
     def columns(self) -> np.ndarray:
         """Return the times and, below them, each signal (1 + signals, T)."""

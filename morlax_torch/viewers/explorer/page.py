@@ -1,42 +1,45 @@
-"""The page: widgets that control a session and show its state."""
+"""The page: a server, the robots that it shows, and the widgets that control them."""
 
-import logging
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from functools import partial
-from queue import Empty, SimpleQueue
+from typing import Any
 
 import rich
 import viser
 
-from ...envs import MorlaxError
 from ...envs.naming import title
 from . import access, library
+from .asking import NAMES
+from .behavior import MAX_LAG, Behavior
 from .charts import Charts
-from .drawing import Drawing
-from .picking import FIELD, copy_button
-from .scene import RobotScene
+from .commands import Commands
+from .finding import Finding
+from .front_view import FrontView
+from .lineup import MOST, Lineup
+from .menu import Menu
+from .serving import Requests, tell
 from .session import PUSH, Session
-from .status import NO_FRONT, status
-from .weights import Weights, move_slider, read, show
+from .stage import Stage
+from .status import status
+from .steering import Steering
+from .thresholds import Thresholds
+from .weights import Weights
 
-FRAME = 1 / 40  # s between updates of the robot
+FRAME = 1 / 40  # s between updates of the robots
 CHART = 1 / 5  # s between updates of the charts
 SCAN = 3.0  # s between searches for new runs
-USUAL_SIZE = 1.6  # m; the camera moves closer to smaller robots
 PAUSE, RESUME = "pause", "resume"
-_log = logging.getLogger(__name__)
+FIND = "A or B?"
+ADD, DROP = "add a robot", "remove"
 
 
 class Page:
-    """A viser server and the session that it shows; `serve` runs both.
+    """A viser server and the robots that it shows; `serve` runs both.
 
-    Callbacks run on viser's event loop, so they only queue requests; the loop of `serve` executes
-    them between two steps. Only its thread uses the session, so no browser can interrupt a step.
-    A request or a step that fails becomes a notification on the page; a failed step also pauses the
-    robot, and browsers that connect later are told why. `address` is what a browser must open; it
-    contains a secret token.
+    Only the thread of `serve` uses the robots: browsers queue their requests. A step that fails
+    also pauses the robots, and browsers that connect later are told why. `address` is what a
+    browser must open; it contains a secret token.
 
     Args:
         run: a run's folder, a checkpoint file, or a shipped policy.
@@ -50,25 +53,25 @@ class Page:
 
     def __init__(self, run: str, host: str, port: int):
         self._choice = library.choose(run)
-        self._session = Session(self._choice)
-        self._requests: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._failure: str | None = None  # why the robot paused by itself
+        session = Session.open(self._choice)
+        self._failure: str | None = None  # why the robots paused by themselves
+        self._paused, self._pace = False, 1.0
         rich.get_console().quiet = True  # hides viser's banner; the command prints the address
         self.server, self.address = access.start(host, port)
-        self.server.scene.world_axes.visible = False
-        self.server.scene.configure_fog(10.0, 30.0)
+        self._requests = Requests(self.server)
+        self._stage = Stage(self.server)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
-        self.server.initial_camera.fov = 0.8
-        self.server.on_client_connect(self._welcome)
         self._add_widgets()
-        self._add_session(RobotScene(self.server, self._session.player.model))
+        self._set_stage((session,), ())
+        self._begin(session)
+        self.server.on_client_connect(self._welcome)
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Run the session in real time and serve browsers until `ended` returns true."""
+        """Run the robots in real time and serve browsers until `ended` returns true."""
         frame = chart = scan = 0.0
         while not ended():
             now = time.perf_counter()
-            failure = self._attempt(partial(self._session.advance, now))
+            failure = self._requests.attempt(partial(self._advance, now))
             if failure is not None:
                 self._pause(True, failure)
             if now >= frame:
@@ -76,240 +79,234 @@ class Page:
                 self._draw()
             if now >= chart:
                 chart = now + CHART
-                self._charts.draw()
-                self._status.content = status(self._session)
+                self._report()
             if now >= scan:
                 scan = now + SCAN
-                self._attempt(self._update_runs)
-            wait = min(self._session.until_next(), frame - time.perf_counter())
-            self._execute_requests(max(wait, 0.0))
+                self._requests.attempt(self._menu.refresh)
+            waits = [behavior.until_next() for behavior in self._behaviors]
+            wait = min(*waits, MAX_LAG, frame - time.perf_counter())
+            self._requests.execute(max(wait, 0.0))
 
     def stop(self) -> None:
         """Stop the server and disconnect the browsers."""
         self.server.stop()
 
-    def _execute_requests(self, seconds: float) -> None:
-        """Wait up to `seconds` for a request, then execute all that are queued."""
-        with suppress(Empty):
-            self._attempt(self._requests.get(timeout=seconds))
-            for _ in range(self._requests.qsize()):
-                self._attempt(self._requests.get_nowait())
-
-    def _attempt(self, action: Callable[[], object]) -> str | None:
-        """Run `action`; if it fails, tell all browsers why, and return it."""
-        try:
-            action()
-        except MorlaxError as error:
-            text = str(error)
-        except Exception as error:  # in the robot's own code, for example
-            _log.exception("The page goes on after this error:")
-            text = f"{type(error).__name__}: {error}"
-        else:
-            return None
-        for client in self.server.get_clients().values():
-            _tell(client, text)
-        return text
-
-    def _update_runs(self) -> None:
-        runs = tuple(self._runs())
-        if runs != self._run_choice.options:
-            self._run_choice.options = runs
-
-    def _runs(self) -> list[str]:
-        runs = [*library.shipped(), *library.trained()]
-        return runs if self._choice.run in runs else [self._choice.run, *runs]
+    # what every run shares
 
     def _add_widgets(self) -> None:
-        """Add the widgets that every session shares."""
-        gui = self.server.gui
-        self._run_choice = gui.add_dropdown(
-            "policy",
-            self._runs(),
-            initial_value=self._choice.run,
-            order=0,
-            hint="Shipped policies, and the runs in ./runs.",
-        )
-        self._checkpoint_choice = gui.add_dropdown(
-            "checkpoint",
-            list(self._choice.files),
-            initial_value=self._choice.checkpoint,
-            order=1,
-        )
-        self._actions = gui.add_button_group(
-            "robot",
-            (PAUSE, "reset", "push"),
-            order=3,
-            hint=f"A push adds {PUSH:g} m/s in a random horizontal direction.",
-        )
+        gui, put = self.server.gui, self._requests.put
+        self._menu = Menu(gui, self._choice, put, self._change)
+        hint = "Find your trade-off: compare robots two at a time, and say which one you like."
+        self._mode = gui.add_button_group("find", (FIND,), order=1.2, hint=hint)
+        hint = f"A push adds {PUSH:g} m/s in a random horizontal direction."
+        self._actions = gui.add_button_group("robot", (PAUSE, "reset", "push"), order=3, hint=hint)
+        hint = f"Show up to {MOST} robots with trade-offs of their own, side by side."
+        self._compare = gui.add_button_group("compare", (ADD,), order=3.1, hint=hint)
+        hint = "The robot that the sliders steer and the charts show."
+        self._steered = gui.add_dropdown("steer", ("1",), order=3.2, visible=False, hint=hint)
         hint = "Playback speed; 1 is real time."
         pace = gui.add_slider("pace", 0.05, 1.0, 0.05, 1.0, order=4, hint=hint)
         self._status = gui.add_html("", order=5)
         panel = gui.add_panel()
-        self._chart_tab = panel.add_tab("charts")
-        panel.float(x=12, y=-12, width=320)
+        self._plots = panel.add_tab("front and charts")
+        panel.dock_left()
+        panel.expand()  # also on a phone, where panels start folded
+        gui.main_panel.dock_right()
 
-        @self._run_choice.on_update
-        async def _(event: viser.GuiEvent) -> None:
+        self._mode.on_click(self._on_press)
+        self._actions.on_click(self._on_press)
+        self._compare.on_click(self._on_press)
+
+        @self._steered.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:
-                run = event.target.value
-                self._requests.put(lambda: self._change(run, None))
-
-        @self._checkpoint_choice.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                name = event.target.value
-                self._requests.put(lambda: self._change(self._choice.run, name))
-
-        @self._actions.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            action = event.target.value
-            self._requests.put(lambda: self._act(action))
+                index = int(event.target.value) - 1
+                put(partial(self._select, index))
 
         @pace.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            value = event.target.value
-            self._requests.put(lambda: self._set_pace(value))
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            put(partial(self._set_pace, event.target.value))
 
-    def _add_session(self, scene: RobotScene) -> None:
-        """Add what depends on the session: its objectives, commands and front."""
-        session, gui = self._session, self.server.gui
-        gui.set_panel_label(title(session.player.policy.config.env))
-        camera, size = self.server.initial_camera, self._size
-        camera.position, camera.look_at = (0.0, -4.6 * size, 1.6 * size), (0.0, 0.0, 0.55 * size)
-        self._scene = scene
-        self._drawing = Drawing(session.objectives, session.front)
-        self._shown: Weights | None = None
-        self._folder = gui.add_folder("objective weights", order=2)
-        with self._folder:
-            self._sliders = [
-                gui.add_slider(name, 0.0, 1.0, 0.01, round(weight, 2))
-                for name, weight in zip(session.objectives, session.tradeoff, strict=True)
-            ]
-            self._field = gui.add_text(
-                FIELD,
-                show(session.tradeoff),
-                hint="Type a trade-off; it is rescaled to sum to one.",
-            )
-            gui.add_html(copy_button())
-            if session.front is None:
-                gui.add_html(NO_FRONT)
-            gui.add_html(self._drawing.html())
-            self._marks = gui.add_html("")
-        limits = session.player.env.command_limits
-        self._commands = gui.add_folder("command", order=1.5, visible=bool(limits))
-        with self._commands:
-            for index, (name, ends) in enumerate(limits.items()):
-                commanded = min(max(round(session.player.command[index], 2), ends[0]), ends[1])
-                slider = gui.add_slider(name, *ends, 0.01, commanded)
-                self._send_commands(slider, session, index)
-        with self._chart_tab:
-            self._charts = Charts(self.server, session)
-        for slider in self._sliders:
-            self._send_weights(slider)
-
-        @self._field.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                text = event.target.value
-                self._requests.put(lambda: self._type(text))
-
-    def _send_weights(self, slider: viser.GuiSliderHandle[float]) -> None:
-        @slider.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                value = event.target.value
-                self._requests.put(lambda: self._slide(slider, value))
-
-    def _slide(self, slider: viser.GuiSliderHandle[float], value: float) -> None:
-        if slider not in self._sliders:
-            return  # its session was replaced before this request was executed
-        index = self._sliders.index(slider)
-        self._session.tradeoff = move_slider(self._session.tradeoff, index, value)
-        self._field.value = show(self._session.tradeoff)
-
-    def _send_commands(
-        self, slider: viser.GuiSliderHandle[float], session: Session, index: int
-    ) -> None:
-        @slider.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            value = event.target.value
-            self._requests.put(lambda: session.tell(index, value))
-
-    def _type(self, text: str) -> None:
-        # writing to the field here would disturb the user who is typing
-        weights = read(text, len(self._session.objectives))
-        self._session.tradeoff = weights or self._session.tradeoff
-
-    def _set_pace(self, pace: float) -> None:
-        self._session.pace = pace
+    async def _on_press(self, event: viser.GuiEvent[Any]) -> None:
+        self._requests.put(partial(self._act, event.target.value))
 
     def _act(self, action: str) -> None:
-        session = self._session
-        if action == "reset":
-            session.reset()
+        if action == FIND:
+            self._find()
+        elif action == ADD:
+            self._lineup.add()
+            self._update_choices()
+        elif action == DROP:
+            self._lineup.remove()
+            self._update_choices()
+        elif action == "reset":
+            for behavior in self._behaviors:
+                behavior.reset()
         elif action == "push":
-            session.push()
+            for session in self._all_sessions():
+                session.push()
         else:
             self._pause(action == PAUSE)
 
     def _pause(self, paused: bool, failure: str | None = None) -> None:
-        self._session.paused, self._failure = paused, failure
+        self._paused, self._failure = paused, failure
         self._actions.options = (RESUME if paused else PAUSE, "reset", "push")
+
+    def _set_pace(self, pace: float) -> None:
+        self._pace = pace
+
+    # what depends on the run
+
+    def _begin(self, session: Session) -> None:
+        """Add the widgets of a run; its robot is on the stage."""
+        gui, put = self.server.gui, self._requests.put
+        gui.set_panel_label(title(session.player.policy.config.env))
+        self._lineup = Lineup(session)
+        self._finding: Finding | None = None
+        self._marked: object = None
+        self._folder = gui.add_folder("objective weights", order=2)
+        with self._folder:
+            self._steering = Steering(gui, session, put, self._steer)
+        evaluated = session.front is not None
+        self._at_least = gui.add_folder(
+            "at least", order=2.5, expand_by_default=False, visible=evaluated
+        )
+        self._thresholds = None
+        if session.front is not None:
+            with self._at_least:
+                self._thresholds = Thresholds(gui, session.front, put, self._jump)
+        self._commands = Commands(gui, session, put, self._command)
+        with self._plots:
+            self._front = FrontView(gui, session, put)
+            self._charts = Charts(self.server, session)
+        self._update_choices()
+
+    def _end(self) -> None:
+        """Remove the widgets that `_begin` has added."""
+        self._leave(None)
+        for part in (self._folder, self._at_least, self._commands, self._front, self._charts):
+            part.remove()
 
     def _change(self, run: str, checkpoint: str | None) -> None:
         """Show another run or checkpoint; if that fails, keep this one."""
         try:
             choice = library.choose(run, checkpoint)
-            self._replace_session(Session(choice))
+            self._replace(Session.open(choice))
             self._choice = choice
         finally:  # the dropdowns name the run that is shown
-            self._run_choice.value = self._choice.run
-            self._checkpoint_choice.options = list(self._choice.files)
-            self._checkpoint_choice.value = self._choice.checkpoint
+            self._menu.show(self._choice)
 
-    def _replace_session(self, session: Session) -> None:
-        scene = RobotScene(self.server, session.player.model)  # may fail, so it comes first
-        old, self._session, self._failure = self._session, session, None
-        session.paused, session.pace = old.paused, old.pace
+    def _replace(self, session: Session) -> None:
+        old = self._lineup.steered
         if session.objectives == old.objectives:
             session.tradeoff = old.tradeoff
         if session.player.env.command_limits == old.player.env.command_limits:
             session.player.command = old.player.command
-        self._scene.remove()
-        self._folder.remove()
-        self._commands.remove()
-        self._charts.remove()
-        self._add_session(scene)
+        self._set_stage((session,), ())  # may fail, so it comes first
+        self._failure = None
+        self._end()
+        self._begin(session)
 
-    def _draw(self) -> None:
-        session = self._session
-        self._scene.draw(session.player.data)
-        if session.tradeoff != self._shown:
-            self._shown = session.tradeoff
-            self._marks.content = self._drawing.marks(session.tradeoff, session.nearest())
-            for slider, weight in zip(self._sliders, session.tradeoff, strict=True):
-                slider.value = round(weight, 2)
+    def _steer(self, tradeoff: Weights) -> None:
+        self._lineup.steered.tradeoff = tradeoff
+
+    def _jump(self, tradeoff: Weights) -> None:
+        """Steer to a trade-off that does not come from the sliders."""
+        self._steer(tradeoff)
+        self._steering.show(tradeoff)
+
+    def _command(self, index: int, value: float) -> None:
+        for session in self._all_sessions():
+            session.tell(index, value)
+
+    # several robots
+
+    def _select(self, index: int) -> None:
+        if index < len(self._lineup.sessions):
+            self._lineup.selected = index
+            self._steering.show(self._lineup.steered.tradeoff)
+
+    def _update_choices(self) -> None:
+        """Offer what can be done with the robots that there are."""
+        number, finding = len(self._lineup.sessions), self._finding is not None
+        self._mode.visible = self._folder.visible = not finding
+        self._at_least.visible = not finding and self._thresholds is not None
+        self._compare.visible = not finding
+        self._compare.options = ((ADD,) if number < MOST else ()) + ((DROP,) if number > 1 else ())
+        self._steered.visible = not finding and number > 1
+        self._steered.options = tuple(str(i + 1) for i in range(number))
+        self._steered.value = str(self._lineup.selected + 1)
+        self._steering.show(self._lineup.steered.tradeoff)
+
+    def _find(self) -> None:
+        """Enter the mode "A or B?"."""
+        if self._finding is None:
+            session = self._lineup.steered
+            self._finding = Finding(self.server.gui, session, self._requests.put, self._leave)
+            self._update_choices()
+
+    def _leave(self, tradeoff: Weights | None) -> None:
+        """Leave the mode "A or B?"; with a trade-off, go on with it."""
+        if self._finding is None:
+            return
+        self._finding.remove()
+        self._finding = None
+        if tradeoff is not None:
+            self._jump(tradeoff)
+        self._update_choices()
 
     @property
-    def _size(self) -> float:
-        """Size of the robot relative to `USUAL_SIZE`."""
-        return self._session.player.model.stat.extent / USUAL_SIZE
+    def _behaviors(self) -> Sequence[Behavior]:
+        """What is on the stage and moves."""
+        compared = self._finding.behaviors if self._finding else ()
+        return compared or self._lineup.sessions
+
+    def _all_sessions(self) -> list[Session]:
+        compared = [b for b in self._behaviors if isinstance(b, Session)]
+        return list({*self._lineup.sessions, *compared})
+
+    def _advance(self, now: float) -> None:
+        for behavior in self._behaviors:
+            behavior.paused, behavior.pace = self._paused, self._pace
+            behavior.advance(now)
+
+    # the scene
+
+    def _draw(self) -> None:
+        behaviors = tuple(self._behaviors)
+        compared = self._finding is not None and bool(self._finding.behaviors)
+        names = NAMES if compared else self._lineup.names()
+        if behaviors != self._on_stage:
+            self._set_stage(behaviors, names)
+        self._stage.rename(names)
+        self._stage.draw()
+        self._mark()
+
+    def _report(self) -> None:
+        """Show the robots' returns and charts; "A or B?" is to be answered without numbers."""
+        lineup = self._lineup
+        self._status.visible = self._behaviors is lineup.sessions
+        if self._status.visible:
+            self._charts.draw(lineup.steered)
+            self._status.content = status(lineup.sessions, lineup.selected)
+
+    def _set_stage(self, behaviors: tuple[Behavior, ...], names: Sequence[str]) -> None:
+        self._stage.show(behaviors, names)
+        self._on_stage = behaviors
+
+    def _mark(self) -> None:
+        """Show the current trade-offs on the sliders and in the drawing, if they have changed."""
+        lineup = self._lineup
+        levels = dict(self._thresholds.levels) if self._thresholds else {}
+        tradeoffs = [session.tradeoff for session in lineup.sessions]
+        marked = (tradeoffs, lineup.selected, levels, self._front.drawing)
+        if marked != self._marked:
+            self._marked = marked
+            self._front.mark(lineup.sessions, lineup.selected, levels)
+            self._steering.show(lineup.steered.tradeoff, field=False)
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        """Fit the camera of a new browser, and tell it why the robot stands still."""
+        """Fit the camera of a new browser, and tell it why the robots stand still."""
         if self._failure is not None:
-            _tell(client, self._failure)
-        self._fit_camera(client)
-
-    def _fit_camera(self, client: viser.ClientHandle) -> None:
-        """Show the robot in the upper half on a phone, where the panel covers the lower half."""
-        camera, size = client.camera, self._size
-        if camera.image_height <= camera.image_width:
-            return
-        with suppress(ValueError):  # viser cannot move a camera that looks at its own position
-            camera.position = (0.0, -6.0 * size, 2.6 * size)
-            camera.look_at = (0.0, 0.0, -1.35 * size)
-
-
-def _tell(client: viser.ClientHandle, text: str) -> None:
-    client.add_notification("Error", text, color="red")
+            tell(client, self._failure)
+        self._stage.welcome(client)

@@ -5,12 +5,18 @@ field, as if the user had typed it. In the drawing, `data-w` is the trade-off of
 `data-map` is the matrix from a position in the triangle to three weights.
 """
 
+from collections.abc import Sequence
+from html import escape
+
 from . import svg
+from .colors import of_objectives
+from .weights import Weights, even, show
 
 FIELD = "trade-off"  # the label of the text field
 
 FIND_FIELD = f"""
 let field = [...document.querySelectorAll('label')].find(l => l.textContent === '{FIELD}');
+if (!field) return;
 while (!field.querySelector('input')) field = field.parentElement;
 field = field.querySelector('input');
 """
@@ -40,7 +46,7 @@ COPY = """
 field.select();
 document.execCommand('copy');
 this.textContent = 'copied';
-setTimeout(() => this.textContent = 'copy trade-off', 1500);
+setTimeout(() => this.textContent = 'copy', 1500);
 """
 
 
@@ -50,13 +56,47 @@ def handlers() -> dict[str, str]:
     return {"onpointerdown": script, "onpointermove": script}
 
 
-def copy_button() -> str:
-    """Return a button that copies the text field; it needs neither a permission nor https."""
+def buttons(objectives: Sequence[str]) -> str:
+    """Return buttons that set the field to a corner or to the balance, or copy it.
+
+    Copying needs neither a permission nor https.
+    """
+    m = len(objectives)
+    corners = [tuple(float(i == k) for i in range(m)) for k in range(m)]
+    named = zip(objectives, corners, of_objectives(m), strict=True)
+    found = [_set(f"only {name}", corner, _dot(color), name) for name, corner, color in named]
+    found.append(_set("all objectives equally", even(m), "", "balance"))
+    found.append(
+        svg.element("button", "copy", **_button("copy the trade-off"), onclick=FIND_FIELD + COPY)
+    )
+    style = "display:flex;flex-wrap:wrap;gap:4px;padding:0 0.7em 0.5em"
+    return svg.element("div", "".join(found), style=style)
+
+
+def dot(color: str) -> str:
+    """Return a mark in the color of an objective, between the label and the slider that follow."""
+    mark = svg.element("span", "", style=f"position:absolute;left:90px;top:7px;{_disk(color)}")
+    return svg.element("div", mark, style="position:relative;height:0")
+
+
+def _set(hint: str, weights: Weights, mark: str, name: str) -> str:
+    script = FIND_FIELD + "const text = this.dataset.w;" + WRITE
+    return svg.element(
+        "button", mark + escape(name), **_button(hint), data_w=show(weights), onclick=script
+    )
+
+
+def _button(hint: str) -> dict[str, str]:
     style = (
-        "width:100%;height:2em;border:1px solid #ced4da;border-radius:4px;background:none;"
-        "color:inherit;font:inherit;font-size:0.85em;cursor:pointer"
+        "border:1px solid #8888;border-radius:1em;background:none;color:inherit;font:inherit;"
+        "font-size:0.8em;padding:0.1em 0.7em;cursor:pointer"
     )
-    button = svg.element(
-        "button", "copy trade-off", type="button", style=style, onclick=FIND_FIELD + COPY
-    )
-    return svg.element("div", button, style="padding:0 0.7em 0.5em")
+    return {"type": "button", "title": hint, "style": style}
+
+
+def _dot(color: str) -> str:
+    return svg.element("span", "", style=f"margin-right:0.4em;{_disk(color)}")
+
+
+def _disk(color: str) -> str:
+    return f"display:inline-block;width:8px;height:8px;border-radius:4px;background:{color}"

@@ -1,4 +1,4 @@
-"""A MuJoCo model in viser: its geoms as meshes, above a moving ground."""
+"""A MuJoCo model in viser: its geoms as meshes, kept in place while the world moves."""
 
 import itertools
 
@@ -6,36 +6,44 @@ import mujoco
 import numpy as np
 import trimesh
 import viser
+from numpy.typing import NDArray
 
 from ..following import followed_body
 
 HIDDEN_GROUP = 3  # MuJoCo's viewers show geoms of groups 0 to 2 by default
-SQUARE = 1.0  # m between the ground's major grid lines
+JUMP = 0.45  # times the robot's size; a robot that goes further up or down is followed
 _numbers = itertools.count()  # unique names: viser gives a reused name the old pose
 
 
 class RobotScene:
-    """One robot, kept at the origin while the ground moves.
+    """One robot, kept at a place while its world moves.
 
     The cameras of the browsers stay in place, so each user keeps their own orbit and zoom.
+
+    Args:
+        server: viser's server.
+        model: the robot.
+        x: the robot's place along x, in m.
     """
 
-    def __init__(self, server: viser.ViserServer, model: mujoco.MjModel):
+    def __init__(self, server: viser.ViserServer, model: mujoco.MjModel, x: float = 0.0):
         shown = [geom for geom in range(model.ngeom) if model.geom_group[geom] < HIDDEN_GROUP]
         meshes = {geom: geom_mesh(model, geom) for geom in shown}  # may fail: nothing is added yet
-        self._server, self._followed = server, followed_body(model)
-        root = f"/robot{next(_numbers)}"
-        self._root = server.scene.add_frame(root, show_axes=False)
+        self.followed, self.size = followed_body(model), float(model.stat.extent)
+        self.root = f"/robot{next(_numbers)}"
+        self._frame = server.scene.add_frame(self.root, show_axes=False, position=(x, 0.0, 0.0))
+        self._height: float | None = None  # m; of the followed body when it was first drawn
         self._bodies = {}
         for geom, mesh in meshes.items():
             if mesh is None:
                 continue
             body = int(model.geom_bodyid[geom])
             if body not in self._bodies:
-                self._bodies[body] = server.scene.add_frame(f"{root}/{body}", show_axes=False)
+                name = f"{self.root}/{body}"
+                self._bodies[body] = server.scene.add_frame(name, show_axes=False)
             red, green, blue, opacity = geom_color(model, geom)
             server.scene.add_mesh_simple(
-                f"{root}/{body}/{geom}",
+                f"{self.root}/{body}/{geom}",
                 mesh.vertices,
                 mesh.faces,
                 color=(red, green, blue),
@@ -44,33 +52,29 @@ class RobotScene:
                 position=model.geom_pos[geom],
                 wxyz=model.geom_quat[geom],
             )
-        self._ground = server.scene.add_grid(
-            f"{root}/ground",
-            infinite_grid=True,
-            cell_size=SQUARE / 2,
-            section_size=SQUARE,
-            cell_color=(214, 219, 226),
-            section_color=(170, 178, 190),
-            plane_color=(236, 239, 243),
-            plane_opacity=1.0,
-            shadow_opacity=0.3,
-            fade_distance=30.0,
-        )
 
-    def draw(self, data: mujoco.MjData) -> None:
-        """Move every body to its pose in `data`; a state that is not finite is skipped."""
+    def draw(self, data: mujoco.MjData) -> NDArray[np.float64] | None:
+        """Move every body to its pose in `data`.
+
+        Returns:
+            The point (3,) of the world that lies at the robot's place; None if the state is not
+            finite and was skipped.
+        """
         if not np.isfinite(data.xpos).all():
-            return
-        center = np.array([*data.xpos[self._followed, :2], 0.0])
-        with self._server.atomic():
-            self._ground.position = -np.fmod(center, SQUARE)
-            for body, frame in self._bodies.items():
-                frame.position = data.xpos[body] - center
-                frame.wxyz = data.xquat[body]
+            return None
+        x, y, z = data.xpos[self.followed]
+        if self._height is None:
+            self._height = float(z)
+        rise, most = float(z) - self._height, JUMP * self.size
+        center = np.array([x, y, rise - np.clip(rise, -most, most)])
+        for body, frame in self._bodies.items():
+            frame.position = data.xpos[body] - center
+            frame.wxyz = data.xquat[body]
+        return center
 
     def remove(self) -> None:
-        """Remove the robot and the ground from the scene."""
-        self._root.remove()
+        """Remove the robot from the scene."""
+        self._frame.remove()
 
 
 FLAT = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_MESH)

@@ -2,20 +2,22 @@
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from ...envs import MorlaxError
 from ...envs.worlds.disturbances import horizontal
 from ...evaluation.front import Front
+from ...networks.policy import Policy
 from ...runs.loading import find_run, load
 from ..player import Player
+from .behavior import Behavior
 from .history import History
 from .library import Choice
 from .weights import Weights, even
 
 PUSH = 1.5  # m/s added to the robot's velocity by a push
-MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
 
 
 @dataclass
@@ -27,64 +29,54 @@ class Episode:
     fell: bool
 
 
-class Session:
-    """A robot, its trade-off, its playback speed and its recent history.
+class Session(Behavior):
+    """A robot, its trade-off and its recent history.
 
-    Callers may set `tradeoff`, `paused` and `pace` (1 is real time) at any time; a new trade-off
-    acts from the next control step. Use a session from one thread only.
+    Callers may set `tradeoff` at any time; a new one acts from the next control step.
 
     Args:
-        choice: the checkpoint.
+        policy: as `morlax_torch.load` returns it.
+        front: the run's last evaluation, if it has one.
         seed: random seed of the world and of the pushes.
 
     Raises:
-        MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
+        MorlaxError: the task has no MuJoCo robot.
     """
 
-    def __init__(self, choice: Choice, seed: int = 0):
-        policy = load(choice.file)
-        self.objectives = policy.objectives
+    def __init__(self, policy: Policy, front: Front | None, seed: int = 0):
+        self.objectives, self.front = policy.objectives, front
         self.tradeoff: Weights = even(len(self.objectives))
-        self.player = Player(policy, self.tradeoff, seed)
-        self.front = _front(choice.run, self.objectives)
-        self.paused, self.pace = False, 1.0
+        self.player = player = Player(policy, self.tradeoff, seed)
+        super().__init__(player.model, player.data, player.env.dt)
         self.time = 0.0  # simulated seconds
         self.last_episode: Episode | None = None
-        self.axes = horizontal(self.player.model)
+        self.axes = horizontal(self.model)
         # signals: running returns, velocity along each axis, mechanical power
         self.history = History(len(self.objectives) + len(self.axes) + 1)
         self._acting_on = self.tradeoff
-        self._clock: float | None = None
-        self._due = 0.0
         self._directions = np.random.default_rng(seed)
 
-    @property
-    def dt(self) -> float:
-        """Duration of a control step in seconds."""
-        return self.player.env.dt
+    @classmethod
+    def open(cls, choice: Choice) -> Self:
+        """Show a checkpoint.
+
+        Raises:
+            MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
+        """
+        policy = load(choice.file)
+        return cls(policy, _front(choice.run, policy.objectives))
+
+    def twin(self) -> Self:
+        """Return another robot with the same policy, trade-off, command and pace."""
+        other = type(self)(self.player.policy, self.front)
+        other.tradeoff, other.paused, other.pace = self.tradeoff, self.paused, self.pace
+        other.player.command = list(self.player.command)
+        return other
 
     @property
     def seconds(self) -> float:
         """Simulated seconds since the episode began."""
         return self.player.steps * self.dt
-
-    def advance(self, now: float) -> int:
-        """Take the control steps that are due at clock time `now` in seconds; returns how many."""
-        elapsed = 0.0 if self._clock is None else now - self._clock
-        self._clock = now
-        if self.paused:
-            return 0
-        self._due += min(elapsed, MAX_LAG) * self.pace
-        steps = int(self._due / self.dt + 1e-9)
-        self._due -= steps * self.dt
-        for _ in range(steps):
-            self.step()
-        return steps
-
-    def until_next(self) -> float:
-        """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
-        wait = MAX_LAG if self.paused else (self.dt - self._due) / self.pace
-        return min(max(wait, 0.0), MAX_LAG)
 
     def step(self) -> None:
         """Take one control step; if the episode is over, start a new one first."""
@@ -95,7 +87,7 @@ class Session:
         if player.over:
             fell = player.steps < player.env.episode_length
             self.last_episode = Episode(player.returns.tolist(), self.seconds, fell)
-            player.reset()
+            self.reset()
         player.step()
         self.time += self.dt
         signals = [*player.returns.tolist(), *self.velocity(), self.power()]
@@ -104,6 +96,7 @@ class Session:
     def reset(self) -> None:
         """Start a new episode."""
         self.player.reset()
+        self.history.end_episode()
 
     def push(self) -> None:
         """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
@@ -120,12 +113,11 @@ class Session:
 
     def velocity(self) -> list[float]:
         """Return the velocity in m/s along x and, if the robot can move there, y."""
-        return [float(self.player.data.qvel[dof]) for dof in self.axes]
+        return [float(self.data.qvel[dof]) for dof in self.axes]
 
     def power(self) -> float:
         """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
-        data = self.player.data
-        return float(np.abs(data.actuator_force * data.actuator_velocity).sum())
+        return float(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum())
 
     def nearest(self) -> int | None:
         """Return the index of the nearest evaluated trade-off; None without a front."""

@@ -1,23 +1,37 @@
 """The text lines of the page."""
 
+from collections.abc import Sequence
 from html import escape
 
 from .session import Session
 
-NO_FRONT = (
-    '<p style="margin:0;padding:0 0.8em 0.6em;font-size:0.85em">This run has no front.npz to '
-    "plot. To write one: <code>python -m morlax_torch.evaluate RUN</code></p>"
+NO_FRONT_TEXT = (
+    "This run has no front.npz. To write one: <code>python -m morlax_torch.evaluate RUN</code>"
 )
 
 
-def status(session: Session) -> str:
-    """Return durations and returns of this and the last episode, as HTML."""
-    lines = [_episode(session, "this episode", session.seconds, session.player.returns.tolist())]
-    last = session.last_episode
+def small(html: str) -> str:
+    """Return lines of small text, as HTML."""
+    return f'<div style="padding:0 0.8em 0.6em;font-size:0.85em">{html}</div>'
+
+
+NO_FRONT = small(NO_FRONT_TEXT)
+
+
+def status(sessions: Sequence[Session], selected: int) -> str:
+    """Return durations and returns of this and the last episode, as HTML.
+
+    Of several robots, each has a line for this episode; the selected one also for its last.
+    """
+    lines = []
+    for number, session in enumerate(sessions):
+        name = "this episode" if len(sessions) == 1 else f"robot {number + 1}"
+        lines.append(_episode(session, name, session.seconds, session.player.returns.tolist()))
+    last = sessions[selected].last_episode
     if last is not None:
         end = "last episode (failed)" if last.fell else "last episode"
-        lines.append(_episode(session, end, last.seconds, last.returns))
-    return f'<div style="padding:0 0.8em 0.6em;font-size:0.85em">{"<br>".join(lines)}</div>'
+        lines.append(_episode(sessions[selected], end, last.seconds, last.returns))
+    return small("<br>".join(lines))
 
 
 def _episode(session: Session, name: str, seconds: float, returns: list[float]) -> str:

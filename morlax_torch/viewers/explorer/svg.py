@@ -25,10 +25,10 @@ def element(name: str, content: str = "", **attributes: Any) -> str:
     return f"<{name} {' '.join(written)}>{content}</{name}>"
 
 
-def circle(center: ArrayLike, r: float, fill: str, **attributes: Any) -> str:
-    """Return a disk of radius `r` around `center` (2,)."""
+def circle(center: ArrayLike, r: float, fill: str, content: str = "", **attributes: Any) -> str:
+    """Return a disk of radius `r` around `center` (2,); `content` may hold its <title>."""
     x, y = np.asarray(center, dtype=float)
-    return element("circle", cx=x, cy=y, r=r, fill=fill, **attributes)
+    return element("circle", content, cx=x, cy=y, r=r, fill=fill, **attributes)
 
 
 def text(content: str, x: float, y: float, fill: str, anchor: str = "middle", **more: Any) -> str:

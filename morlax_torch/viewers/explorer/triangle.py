@@ -37,7 +37,7 @@ class Triangle:
     def html(self) -> str:
         """Return the static part of the triangle."""
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in self._corners)
-        parts = [svg.element("polygon", points=points, fill="#f4f6f8", stroke=GRAY)]
+        parts = [svg.element("polygon", points=points, fill="transparent", stroke=GRAY)]
         for i in range(SHADES + 1):
             for j in range(SHADES + 1 - i):
                 weights = np.array([i, j, SHADES - i - j]) / SHADES

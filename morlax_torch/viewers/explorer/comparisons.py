@@ -1,0 +1,104 @@
+"""Which two behaviors a user compares next, and who learns from the answer."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from ...evaluation.front import Front
+from ...evaluation.preference import Preference
+from .behavior import Behavior
+from .clip import Clip
+from .session import Session
+from .weights import Weights
+
+
+class Question(NamedTuple):
+    """Two behaviors, A and B."""
+
+    behaviors: tuple[Behavior, Behavior]
+    tradeoffs: tuple[Weights, Weights] | None = None  # to show next to A and B
+
+
+class Comparisons(Protocol):
+    """A source of questions. `Asking` shows them; this interface does not know any browser."""
+
+    def ask(self) -> Question | None:
+        """Return the next question; None if there is none left."""
+        ...
+
+    def answer(self, preferred: int) -> None:
+        """Learn that the user prefers behavior 0 (A) or 1 (B) of the last question."""
+        ...
+
+
+class PolicyComparisons:
+    """Compare policies of a front to find the one that the user likes best.
+
+    Args:
+        front: evaluated trade-offs.
+        sessions: two robots with the policies of that front; their trade-offs are set.
+        seed: random seed of the questions.
+
+    Raises:
+        MorlaxError: the front has fewer than two non-dominated policies.
+    """
+
+    def __init__(self, front: Front, sessions: tuple[Session, Session], seed: int = 0):
+        self._preference = Preference(front, seed)
+        self._front, self._sessions = front, sessions
+        self._pair = (0, 0)  # of the front
+
+    def ask(self) -> Question:
+        self._pair = self._preference.pair()
+        tradeoffs = self._tradeoff(self._pair[0]), self._tradeoff(self._pair[1])
+        for session, tradeoff in zip(self._sessions, tradeoffs, strict=True):
+            session.tradeoff = tradeoff
+            session.reset()
+        return Question(self._sessions, tradeoffs)
+
+    def answer(self, preferred: int) -> None:
+        self._preference.answer(self._pair[preferred], self._pair[1 - preferred])
+
+    def best(self) -> tuple[int, Weights]:
+        """Return the index on the front of the policy liked best so far, and its trade-off."""
+        index = self._preference.best()
+        return index, self._tradeoff(index)
+
+    def _tradeoff(self, index: int) -> Weights:
+        return tuple(self._front.tradeoffs[index].tolist())
+
+
+class ClipComparisons:
+    """Compare recorded motions of one robot, two at a time.
+
+    Args:
+        model: the robot.
+        dt: seconds between two positions of a clip.
+        pairs: positions (T, nq) of A and of B for each question; may be endless.
+        answered: called with the number of the question, from 0, and with the preferred clip,
+            0 (A) or 1 (B). It is not called for skipped questions.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        dt: float,
+        pairs: Iterable[Sequence[NDArray[np.float64]]],
+        answered: Callable[[int, int], None],
+    ):
+        self._model, self._dt = model, dt
+        self._pairs, self._answered = enumerate(pairs), answered
+        self._number = -1
+
+    def ask(self) -> Question | None:
+        self._number, pair = next(self._pairs, (self._number, None))
+        if pair is None:
+            return None
+        a, b = (Clip(self._model, qpos, self._dt) for qpos in pair)
+        return Question((a, b))
+
+    def answer(self, preferred: int) -> None:
+        self._answered(self._number, preferred)
