@@ -1,4 +1,4 @@
-"""Copy what is needed to use a run into a small folder, to share or to ship."""
+"""Share runs: as small folders, or as a web page."""
 
 import shlex
 from collections.abc import Sequence
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from .envs import MorlaxError
 from .envs.lazy import handed_on
 from .terminal import cli
 from .terminal.startup import program
@@ -19,32 +20,60 @@ __getattr__, __dir__ = handed_on(__name__, {"pack": "runs.packing"})
 
 def command(arguments: Sequence[str]) -> None:
     def main(
-        run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
-        output: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")],
+        places: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN ...")],
+        web: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
         device: str | None = None,
         trust: bool = False,
     ) -> None:
-        """Write a run's policies, front, config and training curve to a small folder.
+        """Share runs: a run as a small folder (RUN FOLDER), or runs as a web page (RUN ... --web).
 
-        Every command accepts the folder as a run, but training cannot continue from it.
+        RUN FOLDER writes a run's policies, front, config and training curve. Every command accepts
+        the folder as a run, but training cannot continue from it.
+
+        RUN ... --web FOLDER writes a page on which the robots move in any browser, with a slider
+        for each objective. A static web server is enough: python -m http.server -d FOLDER.
 
         Args:
-            run: Run folder (its best checkpoint), or a checkpoint in it.
-            output: New folder.
+            places: Run folders (their best checkpoints), checkpoints or shipped policies; without
+                --web one of them, and then a new folder.
+            web: New folder for a web page; needs the extra onnx, and once the internet.
             device: Device that evaluates the front: cuda, cpu, ... (None: CUDA if there is a GPU).
-            trust: Let the run import the FILE.py or module that its task names.
+            trust: Let the runs import the FILE.py or module that their tasks name.
         """
         from .runs.loading import trust_task  # imports torch
-        from .runs.packing import pack
 
+        runs = places if web else places[:1]
+        if not places or not (web or len(places) == 2):
+            raise MorlaxError(
+                "name a run and a new folder (RUN FOLDER), or runs and a folder for their web page "
+                "(RUN ... --web FOLDER)."
+            )
         if trust:
-            trust_task(run)
-        front = pack(run, output, device)
-        size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6
-        cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {output} ({size:.1f} MB)")
-        cli.console.print(f"use it: python -m morlax_torch.evaluate {shlex.quote(str(output))}")
+            for run in runs:
+                trust_task(run)
+        if web:
+            _write_page(runs, web, device)
+        else:
+            _pack(runs[0], Path(places[1]), device)
 
     tyro.cli(main, args=arguments, prog=program("pack"))
+
+
+def _pack(run: str, output: Path, device: str | None) -> None:
+    from .runs.packing import pack
+
+    front = pack(run, output, device)
+    size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6
+    cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {output} ({size:.1f} MB)")
+    cli.console.print(f"use it: python -m morlax_torch.evaluate {shlex.quote(str(output))}")
+
+
+def _write_page(runs: Sequence[str], folder: Path, device: str | None) -> None:
+    from .viewers.web.writing import write_page
+
+    size = sum(write_page(runs, folder, device).values()) / 1e6
+    cli.console.print(f"written: {folder} ({size:.1f} MB)")
+    cli.console.print(f"see it: python -m http.server -d {shlex.quote(str(folder))}")
 
 
 def main() -> None:

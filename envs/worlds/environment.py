@@ -91,12 +91,8 @@ class Environment(Robot):
         auto_reset: bool,
         deterministic: bool,
     ) -> Self:
-        model = cls.model_for(options)
-        if options.solver_iterations is not None:
-            model.opt.iterations = options.solver_iterations
-        checks.model(cls, model)
         physics = build_physics(
-            model,
+            cls.compile_model(options),
             num_worlds,
             device,
             backend,
@@ -106,6 +102,19 @@ class Environment(Robot):
             deterministic=deterministic,
         )
         return cls(physics, options, seed, auto_reset)
+
+    @classmethod
+    def compile_model(cls, options: Any) -> mujoco.MjModel:
+        """Return the model to simulate under `options`, of the class `Options`.
+
+        Raises:
+            MorlaxError: a reset could not restore the model's state.
+        """
+        model = cls.model_for(options)
+        if options.solver_iterations is not None:
+            model.opt.iterations = options.solver_iterations
+        checks.model(cls, model)
+        return model
 
     def _randomize(self, seed: int) -> None:
         chosen, physics, generator = self.options.randomization, self.physics, self.generator

@@ -4,7 +4,7 @@ import io
 import json
 import logging
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -33,10 +33,7 @@ class Format(NamedTuple):
 
 def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
     """Return an ONNX model with each entry of `about` as JSON in its metadata_props."""
-    _onnx()
-    exported = torch.onnx.export(program, dynamo=True, output_names=[OUTPUT], verbose=False)
-    assert exported is not None
-    model = exported.model_proto
+    model = onnx_model(program, output_names=[OUTPUT])
     for value in [*model.graph.input, *model.graph.output]:
         rows = value.type.tensor_type.shape.dim[0]
         if rows.dim_param:
@@ -48,8 +45,20 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
     return model.SerializeToString()
 
 
+def onnx_model(program: ExportedProgram, **names: Sequence[str]) -> Any:
+    """Return a program as an ONNX ModelProto, with `input_names` and `output_names`.
+
+    Raises:
+        MorlaxError: the extra is not installed.
+    """
+    onnxruntime()
+    exported = torch.onnx.export(program, dynamo=True, verbose=False, **names)
+    assert exported is not None
+    return exported.model_proto
+
+
 def read_onnx(data: bytes) -> Callable[..., Tensor]:
-    session = _onnx().InferenceSession(data, providers=["CPUExecutionProvider"])
+    session = onnxruntime().InferenceSession(data, providers=["CPUExecutionProvider"])
     names = [value.name for value in session.get_inputs()]
 
     def run(*inputs: Tensor) -> Tensor:
@@ -97,17 +106,21 @@ FORMATS = {
 }
 
 
-def _onnx():
-    """Return onnxruntime, after checking that the whole extra is installed."""
+def onnxruntime() -> Any:
+    """Return onnxruntime, after checking that the whole extra is installed.
+
+    Raises:
+        MorlaxError: the extra is not installed.
+    """
     try:
         import onnx  # noqa: F401
-        import onnxruntime
+        import onnxruntime as runtime
         import onnxscript  # noqa: F401
     except ImportError as error:
         raise MorlaxError(
             f"ONNX needs {error.name}, which is not installed: {installation('onnx')}."
         ) from None
-    return onnxruntime
+    return runtime
 
 
 @contextmanager

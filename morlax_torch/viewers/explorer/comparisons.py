@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...evaluation.front import Front
-from ...evaluation.preference import Preference
+from ...preferences.tradeoff import Preference
 from .behavior import Behavior
 from .clip import Clip
 from .session import Session

@@ -1,0 +1,151 @@
+"""A compiled MuJoCo model as MJCF and assets that older versions of MuJoCo load too."""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest.mock import patch
+
+import mujoco
+import numpy as np
+
+from ...envs import MorlaxError
+
+# Arrays of mjModel that the physics depends on, and the names that their versions share.
+PHYSICAL = re.compile(
+    r"(body|jnt|dof|geom|site|actuator|eq|tendon|pair|wrap|sensor|qpos)_?\w*"
+    r"(?<!_user)(?<!user)(?<!aabb)(?<!rgba)"
+)
+# MuJoCo 4.0 writes this attribute also where it says nothing; 3.14 then refuses the file.
+INPUT_OF_PLAIN_ACTUATORS = re.compile(r"(<general\b[^>]*?) input=\"[^\"]*\"")
+
+
+class WebModel(NamedTuple):
+    """A model as text, for any version of MuJoCo."""
+
+    xml: str
+    assets: dict[str, bytes]  # by the names that `xml` has
+    fields: dict[str, list[float]]  # exact numbers of mjModel, which `xml` has rounded
+    options: dict[str, Any]  # of mjOption
+
+
+def compiled(make: Callable[[], mujoco.MjModel], what: str) -> tuple[mujoco.MjModel, WebModel]:
+    """Compile a model and describe it.
+
+    Args:
+        make: compiles the model, in any way that MuJoCo offers.
+        what: makes the model, for errors.
+
+    Raises:
+        MorlaxError: the model cannot be written as MJCF.
+    """
+    with _watching() as made:
+        model = make()
+    if not made:
+        raise MorlaxError(
+            f"{what} cannot run in a browser: its load_model() must compile the model with "
+            "MjModel.from_xml_path, MjModel.from_xml_string or MjSpec.compile."
+        )
+    spec = next((spec for own, spec in made if own is model), made[-1][1])
+    try:
+        return model, describe(model, spec)
+    except (ValueError, OSError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise MorlaxError(f"{what} cannot run in a browser: {reason}.") from None
+
+
+def describe(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
+    """Describe `model`, which `spec` was compiled to.
+
+    Raises:
+        ValueError: MuJoCo cannot write the model, or reads it back as another one.
+        OSError: an asset cannot be read.
+    """
+    assets = dict(_flattened(spec))
+    for name in ("meshdir", "texturedir"):
+        setattr(spec.compiler, name, "")
+    spec.assets = {}
+    for name, data in assets.items():
+        spec.assets[name] = data
+    spec.compile()  # only a compiled spec can be written
+    xml = INPUT_OF_PLAIN_ACTUATORS.sub(r"\1", spec.to_xml())
+    again = mujoco.MjModel.from_xml_string(xml, assets)
+    fields = {}
+    for name in dir(model):
+        values = getattr(model, name, None)
+        if not isinstance(values, np.ndarray):
+            continue
+        copied = getattr(again, name)
+        if values.shape != copied.shape:
+            raise ValueError(f"its {name} has another size after it was saved as XML")
+        if PHYSICAL.fullmatch(name) and values.dtype.kind == "f" and values.size:
+            fields[name] = values.ravel().tolist()
+    return WebModel(xml, assets, fields, _options(model.opt))
+
+
+@contextmanager
+def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
+    """Note every model that is compiled in the block, with a copy of its spec."""
+    made: list[tuple[mujoco.MjModel, mujoco.MjSpec]] = []
+    compile_, from_path = mujoco.MjSpec.compile, mujoco.MjModel.from_xml_path
+    from_string = mujoco.MjModel.from_xml_string
+
+    def compiling(spec: mujoco.MjSpec, *arguments: Any) -> mujoco.MjModel:
+        model = compile_(spec, *arguments)
+        made.append((model, spec.copy()))
+        return model
+
+    def loading(path: str, assets: dict[str, bytes] | None = None) -> mujoco.MjModel:
+        model = from_path(path, assets)
+        made.append((model, mujoco.MjSpec.from_file(path, assets=assets)))
+        return model
+
+    def reading(xml: str, assets: dict[str, bytes] | None = None) -> mujoco.MjModel:
+        model = from_string(xml, assets)
+        made.append((model, mujoco.MjSpec.from_string(xml, assets=assets)))
+        return model
+
+    with ExitStack() as stack:
+        for owner, name, substitute in (
+            (mujoco.MjSpec, "compile", compiling),
+            (mujoco.MjModel, "from_xml_path", loading),
+            (mujoco.MjModel, "from_xml_string", reading),
+        ):
+            stack.enter_context(patch.object(owner, name, substitute))
+        yield made
+
+
+def _flattened(spec: mujoco.MjSpec) -> Iterator[tuple[str, bytes]]:
+    """Give every file of the model a name without folders; yields names and contents."""
+    known: dict[Path | str, str] = {}
+    for kind, folder in (("meshes", "meshdir"), ("textures", "texturedir"), ("hfields", "meshdir")):
+        for element in getattr(spec, kind):
+            if not element.file:
+                continue
+            given = Path(element.file)
+            element.name = element.name or given.stem
+            place = Path(spec.modelfiledir or ".") / getattr(spec.compiler, folder) / given
+            element.content_type = ""
+            if place not in known:
+                known[place] = f"asset-{len(known)}{given.suffix.lower()}"
+                yield known[place], _contents(spec, given, place)
+            element.file = known[place]
+
+
+def _contents(spec: mujoco.MjSpec, given: Path, place: Path) -> bytes:
+    for name, data in spec.assets.items():
+        if Path(name).name == given.name:
+            return data
+    return place.read_bytes()
+
+
+def _options(options: mujoco.MjOption) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name in dir(options):
+        value = getattr(options, name)
+        if isinstance(value, np.ndarray):
+            found[name] = value.tolist()
+        elif isinstance(value, (int, float)) and not name.startswith("_"):
+            found[name] = value
+    return found

@@ -1,0 +1,190 @@
+// The page: load the robots, run the chosen one in real time, and react to the visitor.
+
+import { Problem, fetched } from "./files.js";
+import { Panel } from "./panel.js";
+import { icon } from "./pictures.js";
+import { even, parsed, shown } from "./weights.js";
+
+const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
+const PACES = [1, 0.5, 0.25];
+const OVER = { fell: "The episode ended: new start", time: "Time is up: new start" };
+const $ = (id) => document.getElementById(id);
+const query = new URLSearchParams(location.search);
+const state = { simulation: null, panel: null, stage: null, paused: false, pace: 1, resets: false };
+
+async function main() {
+  if (typeof WebAssembly !== "object") {
+    throw new Problem("This browser lacks WebAssembly: use a current Firefox, Chrome, Edge or Safari.");
+  }
+  document.body.classList.toggle("embed", query.has("embed"));
+  const { Stage } = await import("./stage.js");
+  state.stage = new Stage($("view"));
+  followTheme();
+  const runs = await (await fetched("runs.json")).json();
+  listRuns(runs);
+  wireControls();
+  await open(asked(runs));
+  $("controls").hidden = $("panel").hidden = false;
+  run();
+}
+
+/** Return the run that the address asks for by title or number. */
+function asked(runs) {
+  const name = query.get("run");
+  return runs.find((run, i) => run.title === name || String(i) === name) ?? runs[0];
+}
+
+/** Show one of the runs. */
+async function open(run) {
+  const former = state.simulation;
+  state.simulation = null;
+  $("loading").hidden = false;
+  $("progress").textContent = `Loading ${run.title}`;
+  const { Simulation } = await import("./simulation.js");
+  const simulation = await Simulation.load(run.folder);
+  const m = simulation.about.objectives.length;
+  simulation.tradeoff = parsed(query.get("tradeoff"), m) ?? even(m);
+  document.title = `${run.title} · morlax`;
+  $("title").textContent = run.title;
+  $("run").value = run.folder;
+  $("push").disabled = simulation.about.pushed.length === 0;
+  state.stage.show(simulation);
+  state.panel = new Panel(simulation, choose, remember);
+  state.panel.showEpisode();
+  state.simulation = simulation;
+  $("loading").hidden = true;
+  await former?.release();
+}
+
+function choose(tradeoff) {
+  state.simulation.tradeoff = tradeoff;
+  state.panel.showTradeoff();
+}
+
+/** Put robot and trade-off into the address, so that it can be shared. */
+function remember() {
+  query.set("run", $("title").textContent);
+  query.set("tradeoff", shown(state.simulation.tradeoff));
+  history.replaceState(null, "", `?${query.toString().replaceAll("%2C", ",").replace("embed=", "embed")}`);
+}
+
+/** Step and draw until an error ends it. */
+async function run() {
+  let former = performance.now();
+  let due = 0;
+  const frame = () => new Promise(requestAnimationFrame);
+  for (;;) {
+    await frame();
+    const now = performance.now();
+    const elapsed = Math.min((now - former) / 1000, MOST_DELAY);
+    former = now;
+    const { simulation, stage, panel, paused, pace } = state;
+    if (!simulation) continue;
+    if (!paused) due += elapsed * pace;
+    if (state.resets) restart(simulation);
+    while (due >= simulation.about.dt && performance.now() - now < 1000 * MOST_DELAY) {
+      due -= simulation.about.dt;
+      if (simulation.over) restart(simulation);
+      await simulation.step();
+      stage.advance();
+      if (simulation.over) announce(OVER[simulation.over]);
+    }
+    due = Math.min(due, simulation.about.dt);
+    if (simulation !== state.simulation) continue;
+    stage.draw(Math.min(due / simulation.about.dt, 1));
+    panel.showEpisode();
+    showClock(simulation);
+  }
+}
+
+function restart(simulation) {
+  state.resets = false;
+  simulation.reset();
+  state.stage.jump();
+}
+
+function showClock({ steps, about }) {
+  $("clock").textContent = `${(steps * about.dt).toFixed(1)} s`;
+}
+
+function announce(text) {
+  const place = $("event");
+  place.textContent = text;
+  place.classList.remove("fading");
+  void place.offsetWidth; // restarts the animation
+  place.classList.add("fading");
+}
+
+function listRuns(runs) {
+  const list = $("run");
+  list.replaceChildren(...runs.map((run) => new Option(run.title, run.folder)));
+  list.hidden = runs.length < 2;
+  $("title").hidden = runs.length > 1;
+  list.addEventListener("change", () => {
+    query.delete("tradeoff");
+    const run = runs.find(({ folder }) => folder === list.value);
+    open(run).then(remember, report);
+  });
+}
+
+function wireControls() {
+  const actions = {
+    pause: () => {
+      state.paused = !state.paused;
+      $("pause").replaceChildren(icon(state.paused ? "play" : "pause"));
+      $("pause").title = state.paused ? "Continue (space)" : "Pause (space)";
+    },
+    push: () => state.simulation?.push(),
+    reset: () => (state.resets = true),
+    camera: () => state.stage.lookHome(),
+    pace: () => {
+      state.pace = PACES[(PACES.indexOf(state.pace) + 1) % PACES.length];
+      $("pace").textContent = `${state.pace}×`;
+    },
+  };
+  for (const [name, act] of Object.entries(actions)) {
+    $(name).addEventListener("click", act);
+    if (name !== "pace") {
+      $(name).replaceChildren(icon(name));
+      $(name).setAttribute("aria-label", $(name).title);
+    }
+  }
+  const keys = { " ": "pause", p: "push", r: "reset", c: "camera" };
+  addEventListener("keydown", (event) => {
+    const typing = event.target.closest("button, select, input, summary");
+    const name = keys[event.key.toLowerCase()];
+    if (!name || typing || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    actions[name]();
+  });
+}
+
+/** Follow the system's light or dark theme, until the visitor switches. */
+function followTheme() {
+  const system = matchMedia("(prefers-color-scheme: dark)");
+  let chosen = query.get("theme");
+  const dress = () => {
+    const theme = chosen ?? (system.matches ? "dark" : "light");
+    document.documentElement.dataset.theme = theme;
+    state.stage.dress(theme);
+    $("theme").replaceChildren(icon(theme === "dark" ? "sun" : "moon"));
+  };
+  system.addEventListener("change", dress);
+  $("theme").setAttribute("aria-label", $("theme").title);
+  $("theme").addEventListener("click", () => {
+    chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    dress();
+  });
+  dress();
+}
+
+/** Show one sentence in place of the robot. */
+function report(error) {
+  const text =
+    error instanceof Problem ? error.message : `The page cannot run here: ${error.message ?? error}.`;
+  $("loading").hidden = $("controls").hidden = true;
+  $("problem").hidden = false;
+  $("problem").textContent = text;
+}
+
+main().catch(report);

@@ -1,0 +1,68 @@
+// SVG elements, the icons of buttons, and axes.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** Make an SVG element with attributes and children. */
+export function svg(name, attributes = {}, ...children) {
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  element.append(...children);
+  return element;
+}
+
+/** Make an HTML element with properties and children. */
+export function html(name, properties = {}, ...children) {
+  const element = Object.assign(document.createElement(name), properties);
+  element.append(...children);
+  return element;
+}
+
+const ICONS = {
+  pause: "M9 6v12M15 6v12",
+  play: "M8 5.5v13l10.5-6.5z",
+  push: "M3 12h11M10 7.5 14.5 12 10 16.5M19 5v14",
+  reset: "M5 12a7 7 0 1 0 2.3-5.2M5 4v4h4",
+  camera: "M4 9V5h4M16 5h4v4M20 15v4h-4M8 19H4v-4M12 9.5a2.5 2.5 0 1 0 0 5 2.5 2.5 0 1 0 0-5",
+  sun: "M12 8a4 4 0 1 0 0 8 4 4 0 1 0 0-8M12 3v1.5M12 19.5V21M3 12h1.5M19.5 12H21M5.6 5.6l1 1M17.4 17.4l1 1M18.4 5.6l-1 1M6.6 17.4l-1 1",
+  moon: "M19 14.5A7.5 7.5 0 0 1 9.5 5a7.5 7.5 0 1 0 9.5 9.5z",
+};
+
+/** Draw an icon by its name. */
+export function icon(name) {
+  return svg("svg", { viewBox: "0 0 24 24", class: "icon" }, svg("path", { d: ICONS[name] }));
+}
+
+/** Call `choose([x, y])`, in the drawing's own units, where a visitor clicks or drags. */
+export function onDrag(drawing, choose) {
+  const tell = (event) => {
+    const point = new DOMPoint(event.clientX, event.clientY);
+    const { x, y } = point.matrixTransform(drawing.getScreenCTM().inverse());
+    choose([x, y]);
+  };
+  drawing.addEventListener("pointerdown", (event) => {
+    drawing.setPointerCapture(event.pointerId);
+    tell(event);
+  });
+  drawing.addEventListener("pointermove", (event) => {
+    if (event.buttons) tell(event);
+  });
+}
+
+/** Return round numbers within [low, high], about `count` of them. */
+export function ticks(low, high, count = 4) {
+  const rough = (high - low) / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = power * [1, 2, 2.5, 5, 10].find((factor) => factor * power >= rough);
+  const first = Math.ceil(low / step);
+  const found = [];
+  for (let i = first; i * step <= high; i++) found.push(i * step);
+  return found;
+}
+
+/** Format a number for a tick: 2500 is 2.5k. */
+export function short(value) {
+  for (const [size, letter] of [[1e6, "M"], [1e3, "k"]]) {
+    if (Math.abs(value) >= size) return `${Number((value / size).toPrecision(3))}${letter}`;
+  }
+  return `${Number(value.toPrecision(3))}`;
+}

@@ -1,0 +1,125 @@
+// Sky, floor and lights, in a light and a dark version.
+
+import * as THREE from "three";
+
+const LOOKS = {
+  light: { zenith: "#7fb2e6", horizon: "#e9eff6", tiles: ["#e3e8ee", "#cbd5e1"], sun: 2.6, sky: 1.6 },
+  dark: { zenith: "#0d1526", horizon: "#33415a", tiles: ["#46566f", "#3a485e"], sun: 2.6, sky: 1.7 },
+};
+const TILES = 200; // along each side of the floor
+const SUN = new THREE.Vector3(-0.45, -0.6, 1.15); // from here it shines
+
+const SKY_VERTICES = `
+  varying vec3 direction;
+  void main() {
+    direction = position;
+    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  }`;
+const SKY_COLORS = `
+  uniform vec3 zenith;
+  uniform vec3 horizon;
+  varying vec3 direction;
+  void main() {
+    float height = clamp(normalize(direction).z, 0.0, 1.0);
+    gl_FragColor = vec4(mix(horizon, zenith, pow(height, 0.5)), 1.0);
+    #include <colorspace_fragment>
+  }`;
+
+export class Surroundings {
+  /** @param size of the robot in meters, which sets the scale of tiles, shadow and fog. */
+  constructor(scene, size, floorHeight) {
+    this.scene = scene;
+    this.size = size;
+    this.tile = size > 1 ? 1 : 0.25;
+    this.sky = skyDome();
+    this.sun = sunlight(size);
+    this.fill = new THREE.HemisphereLight();
+    this.floor = tiledFloor(this.tile);
+    this.floor.position.z = floorHeight;
+    scene.add(this.sky, this.sun, this.sun.target, this.fill, this.floor);
+    scene.fog = new THREE.Fog("white", 7 * size, 26 * size);
+  }
+
+  /** Change to the light or the dark version. */
+  dress(theme) {
+    const look = LOOKS[theme];
+    this.sky.material.uniforms.zenith.value.set(look.zenith);
+    this.sky.material.uniforms.horizon.value.set(look.horizon);
+    this.scene.fog.color.set(look.horizon);
+    this.sun.intensity = look.sun;
+    this.fill.color.set(look.zenith).lerp(new THREE.Color("white"), 0.6);
+    this.fill.groundColor.set(look.tiles[0]);
+    this.fill.intensity = look.sky;
+    this.floor.material.map?.dispose();
+    this.floor.material.map = checker(look.tiles);
+    this.floor.material.needsUpdate = true;
+  }
+
+  /** Stay around the robot at `center` and the camera at `eye`, so that they never end. */
+  follow(center, eye) {
+    const step = 2 * this.tile;
+    this.floor.position.x = step * Math.round(center.x / step);
+    this.floor.position.y = step * Math.round(center.y / step);
+    this.sky.position.copy(eye);
+    this.sun.target.position.copy(center);
+    this.sun.position.copy(SUN).multiplyScalar(4 * this.size).add(center);
+  }
+}
+
+function skyDome() {
+  const uniforms = {
+    zenith: { value: new THREE.Color() },
+    horizon: { value: new THREE.Color() },
+  };
+  const material = new THREE.ShaderMaterial({
+    uniforms,
+    vertexShader: SKY_VERTICES,
+    fragmentShader: SKY_COLORS,
+    side: THREE.BackSide,
+    depthWrite: false,
+    fog: false,
+    toneMapped: false,
+  });
+  const dome = new THREE.Mesh(new THREE.SphereGeometry(400, 32, 16), material);
+  dome.frustumCulled = false;
+  return dome;
+}
+
+function sunlight(size) {
+  const sun = new THREE.DirectionalLight("#fff4e6");
+  sun.castShadow = true;
+  sun.shadow.mapSize.set(2048, 2048);
+  sun.shadow.radius = 3;
+  sun.shadow.normalBias = 0.01 * size;
+  const reach = 1.7 * size;
+  const camera = sun.shadow.camera;
+  Object.assign(camera, { left: -reach, right: reach, top: reach, bottom: -reach });
+  Object.assign(camera, { near: 0.1 * size, far: 10 * size });
+  return sun;
+}
+
+function tiledFloor(tile) {
+  const side = TILES * tile;
+  const material = new THREE.MeshStandardMaterial({ roughness: 0.9, metalness: 0 });
+  const floor = new THREE.Mesh(new THREE.PlaneGeometry(side, side), material);
+  floor.receiveShadow = true;
+  return floor;
+}
+
+/** Draw four tiles and repeat them. */
+function checker([one, other]) {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 128;
+  const context = canvas.getContext("2d");
+  context.fillStyle = one;
+  context.fillRect(0, 0, 128, 128);
+  context.fillStyle = other;
+  context.fillRect(0, 0, 64, 64);
+  context.fillRect(64, 64, 64, 64);
+  const texture = new THREE.CanvasTexture(canvas);
+  texture.colorSpace = THREE.SRGBColorSpace;
+  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
+  texture.repeat.set(TILES / 2, TILES / 2);
+  texture.anisotropy = 8;
+  return texture;
+}

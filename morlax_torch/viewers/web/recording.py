@@ -1,0 +1,238 @@
+"""Record torch operations as graphs whose inputs are the tensors that persist."""
+
+import operator
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, fx, nn
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves, tree_map
+
+from ...envs import MorlaxError
+
+aten = torch.ops.aten
+RANDOM = {  # operations whose draws a page can repeat: kind, and default parameters
+    "aten::uniform_": ("uniform", (0.0, 1.0)),
+    "aten::normal_": ("normal", (0.0, 1.0)),
+    "aten::random_.from": ("integer", ()),
+    "aten::rand.generator": ("uniform", (0.0, 1.0)),
+    "aten::randn.generator": ("normal", (0.0, 1.0)),
+}
+
+
+class Draw(NamedTuple):
+    """Numbers that an operation draws: uniform and integer in [low, high), or normal."""
+
+    kind: str
+    parameters: tuple[float, ...]  # low and high, or mean and standard deviation
+
+
+def storage(tensor: Tensor) -> int:
+    """Return the identity of the memory that a tensor is a view of."""
+    return tensor.untyped_storage()._cdata
+
+
+def flat(tensor: Tensor) -> Tensor:
+    """Return a view (size,) of all the memory that a tensor is a view of."""
+    return torch.empty(0, dtype=tensor.dtype).set_(tensor.untyped_storage())
+
+
+def written(func: Any, arguments: Iterable[Any], named: dict[str, Any]) -> list[Tensor]:
+    """Return the tensors that an operation writes into."""
+    given = zip(func._schema.arguments, arguments, strict=False)
+    pairs = [*given, *((a, named[a.name]) for a in func._schema.arguments if a.name in named)]
+    changed = [value for a, value in pairs if a.alias_info and a.alias_info.is_write]
+    return [value for value in tree_leaves(changed) if isinstance(value, Tensor)]
+
+
+class Writes(TorchDispatchMode):
+    """Finds the tensors that are changed in place but existed before."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._new: dict[int, Tensor] = {}
+        self.found: dict[int, Tensor] = {}  # storage -> the whole of it
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        result = func(*args, **(kwargs or {}))
+        given = {storage(x) for x in tree_leaves((args, kwargs)) if isinstance(x, Tensor)}
+        for tensor in tree_leaves(result):
+            if isinstance(tensor, Tensor) and storage(tensor) not in given:
+                self._new[storage(tensor)] = tensor  # kept, so that no other gets its identity
+        for tensor in written(func, args, kwargs or {}):
+            if storage(tensor) not in self._new:
+                self.found.setdefault(storage(tensor), flat(tensor))
+        return result
+
+
+class Draws(TorchDispatchMode):
+    """Keeps the random numbers that are drawn, in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.values: list[Tensor] = []
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        result = func(*args, **(kwargs or {}))
+        if torch.Tag.nondeterministic_seeded in func.tags:
+            self.values.append(result.clone())
+        return result
+
+
+class Recorder(TorchDispatchMode):
+    """Records operations into a graph of the persisting tensors, which it reads and changes.
+
+    Views that were made before are views here too, because inputs are whole storages. Tensors
+    that no one changes become constants.
+
+    Args:
+        state: (size,) all tensors that persist, by name.
+        former: the recorder of the operations before, whose results may be needed here.
+    """
+
+    def __init__(self, state: dict[str, Tensor], former: "Recorder | None" = None):
+        super().__init__()
+        self.graph, self.root, self.former = fx.Graph(), nn.Module(), former
+        self.inputs: dict[str, Tensor] = {}  # in order, with values to trace with
+        self.outputs: dict[str, Any] = {}  # name -> node
+        self.carried: dict[str, Tensor] = {}  # results of `former` that are inputs here
+        self.draws: dict[str, Draw] = {}
+        self._nodes: dict[int, tuple[fx.Node, Tensor]] = {}  # id -> node, and the tensor itself
+        self._state = {storage(values): name for name, values in state.items()}
+        self._whole = state
+        self._bases: dict[str, fx.Node] = {}
+        self._changed: dict[str, None] = {}
+        self._dynamic: set[fx.Node] = set()
+        # Inputs, and views of the state, are found while recording, but belong before it.
+        self._end_of_inputs = self.graph.call_function(torch.zeros, ((),))
+        self._end_of_views = self.graph.call_function(torch.zeros, ((),))
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        kwargs = kwargs or {}
+        if func is aten._local_scalar_dense.default:
+            if self._is_dynamic(args[0]):
+                raise MorlaxError("it reads a tensor's number into Python (.item(), or if)")
+            return func(*args)
+        if torch.Tag.nondeterministic_seeded in func.tags:
+            return self._draw(func, args, kwargs)
+        nodes = tree_map(self._node_or_value, (args, kwargs))
+        result = func(*args, **kwargs)
+        node = self._call(func, *nodes)
+        self._note_writes(func, args, kwargs)
+        self._keep(result, node)
+        return result
+
+    def input(self, name: str, tensor: Tensor) -> None:
+        """Make `tensor` an input of the graph."""
+        self._nodes[id(tensor)] = self._placeholder(name, tensor), tensor
+
+    def output(self, name: str, tensor: Tensor) -> None:
+        """Make `tensor` an output of the graph."""
+        self.outputs[name] = self._node(tensor)
+
+    def module(self) -> fx.GraphModule:
+        """Return the graph as a module of `inputs`; it also returns the changed state."""
+        for name in self._changed:
+            self.outputs[name] = self._bases[name]
+        results = [self._call(aten.clone.default, (x,), {}) for x in self.outputs.values()]
+        self.graph.output(tuple(results))
+        for mark in (self._end_of_inputs, self._end_of_views):
+            self.graph.erase_node(mark)
+        return fx.GraphModule(self.root, self.graph)
+
+    def _draw(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> Tensor:
+        known = RANDOM.get(func._schema.name + _overload(func))
+        if known is None:
+            raise MorlaxError(f"it draws random numbers with torch's {func._schema.name[6:]}")
+        kind, parameters = known
+        result = func(*args, **kwargs)
+        in_place = func._schema.name.endswith("_")
+        if in_place:
+            given = [*args[1:], *(kwargs[k] for k in ("from", "to", "mean", "std") if k in kwargs)]
+            parameters = tuple(float(x) for x in given) + parameters[len(given) :]
+        name = f"random_{len(self.draws)}"
+        self.draws[name] = Draw(kind, parameters)
+        drawn = self._placeholder(name, result)
+        if in_place:
+            node = self._call(aten.copy_.default, (self._node(args[0]), drawn), {})
+            self._note_writes(func, args, kwargs)
+            self._keep(result, node)
+        else:
+            self._keep(result, drawn)
+        return result
+
+    def _call(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> fx.Node:
+        node = self.graph.call_function(func, args, kwargs)
+        if any(x in self._dynamic for x in node.all_input_nodes):
+            self._dynamic.add(node)
+        return node
+
+    def _keep(self, result: Any, node: fx.Node) -> None:
+        if isinstance(result, Tensor):
+            self._nodes[id(result)] = node, result
+        elif isinstance(result, (list, tuple)):
+            for index, part in enumerate(result):
+                if isinstance(part, Tensor):
+                    picked = self._call(operator.getitem, (node, index), {})
+                    self._nodes[id(part)] = picked, part
+
+    def _is_dynamic(self, tensor: Tensor) -> bool:
+        return self._node(tensor) in self._dynamic
+
+    def _node_or_value(self, value: Any) -> Any:
+        if isinstance(value, torch.Generator):
+            return None
+        return self._node(value) if isinstance(value, Tensor) else value
+
+    def _node(self, tensor: Tensor) -> fx.Node:
+        known = self._nodes.get(id(tensor))
+        if known is not None:
+            return known[0]
+        name, former = self._state.get(storage(tensor)), self.former
+        if name is not None:
+            node = self._view(name, tensor)
+        elif former is not None and id(tensor) in former._nodes:
+            name = f"carried_{len(self.carried)}"
+            node = self._placeholder(name, tensor)
+            self.carried[name] = tensor
+        else:
+            node = self._constant(tensor)
+        self._nodes[id(tensor)] = node, tensor
+        return node
+
+    def _view(self, name: str, tensor: Tensor) -> fx.Node:
+        """Return a view of a state's whole storage."""
+        if name not in self._bases:
+            whole = self._placeholder(name, self._whole[name])
+            with self.graph.inserting_before(self._end_of_views):
+                self._bases[name] = self._call(aten.clone.default, (whole,), {})
+        begin, size = tensor.storage_offset(), list(tensor.shape)
+        if tensor.dtype != self._whole[name].dtype or not tensor.is_contiguous():
+            raise MorlaxError("it keeps a strided view of a tensor that changes")
+        with self.graph.inserting_before(self._end_of_views):
+            end = begin + tensor.numel()
+            part = self._call(aten.slice.Tensor, (self._bases[name], 0, begin, end), {})
+            return self._call(aten.view.default, (part, size), {})
+
+    def _constant(self, tensor: Tensor) -> fx.Node:
+        name = f"constant_{len(list(self.root.buffers()))}"
+        self.root.register_buffer(name, tensor.detach().clone())
+        return self.graph.get_attr(name)
+
+    def _placeholder(self, name: str, tensor: Tensor) -> fx.Node:
+        self.inputs[name] = tensor.detach().clone()
+        with self.graph.inserting_before(self._end_of_inputs):
+            node = self.graph.placeholder(name)
+        self._dynamic.add(node)
+        return node
+
+    def _note_writes(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> None:
+        for tensor in written(func, args, kwargs):
+            name = self._state.get(storage(tensor))
+            if name is not None:
+                self._changed[name] = None
+
+
+def _overload(func: Any) -> str:
+    return f".{func._schema.overload_name}" if func._schema.overload_name else ""

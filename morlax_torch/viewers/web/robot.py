@@ -1,0 +1,168 @@
+"""One run as files for the page: model, graphs, policy, initial states and front."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...envs import Environment, MorlaxError
+from ...envs.naming import title
+from ...envs.registry import get
+from ...envs.worlds.disturbances import horizontal
+from ...evaluation.front import Front
+from ...exports.exporting import export
+from ...networks.policy import Policy
+from ...runs.evaluating import evaluate
+from ...runs.loading import find_run, load
+from ..following import followed_body
+from .checking import check
+from .model import WebModel, compiled
+from .physics import ARRAYS, PagePhysics
+from .recording import storage
+from .tracing import Graph, Traced, trace
+
+STARTS = 16  # initial states on the page, where a task draws them at random
+NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
+PUSH = 1.5  # m/s added to the robot's velocity by a push
+
+
+def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, Any]:
+    """Write what the page needs of one run into a new folder.
+
+    Args:
+        run: a run's folder, a checkpoint, or a shipped name.
+        folder: to make.
+        device: evaluates the front if the run has none, see `evaluate`.
+
+    Returns:
+        The run's title and objectives, for a list of runs.
+
+    Raises:
+        MorlaxError: there is no such run, or its task cannot run in a browser.
+    """
+    policy = load(run)
+    env, model = build(policy)
+    traced = trace(env)
+    check(env, traced, torch.Generator().manual_seed(0))
+    folder.mkdir(parents=True)
+    export(policy, folder / "policy.onnx")
+    for name, graph in (("before", traced.before), ("after", traced.after)):
+        (folder / f"{name}.onnx").write_bytes(graph.onnx)
+    (folder / "model.xml").write_text(model.xml)
+    for name, data in model.assets.items():
+        (folder / name).write_bytes(data)
+    front = front_of(run, policy, device)
+    about = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
+    everything = {**about, **_described(env, traced, model), "front": _plain(front)}
+    (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
+    return about
+
+
+def build(policy: Policy) -> tuple[Environment, WebModel]:
+    """Build the policy's task in float32, without domain randomization of the model.
+
+    Raises:
+        MorlaxError: the task is no MuJoCo robot of this package's kind, or its model cannot be
+            written as MJCF.
+    """
+    name, options = policy.config.env, policy.config.task.for_evaluation()
+    task = get(name)
+    if not issubclass(task, Environment):
+        raise MorlaxError(
+            f"{name} cannot run in a browser: only MuJoCo robots that are subclasses of "
+            "envs.Environment can."
+        )
+    options = task.Options.model_validate(options.model_dump())
+    nominal = options.randomization.model_copy(update=NOMINAL)
+    options = options.model_copy(update={"randomization": nominal})
+    model, described = compiled(lambda: task.compile_model(options), task.__name__)
+    physics = PagePhysics(model, task.substeps)
+    return task(physics, options, 0, auto_reset=False), described
+
+
+def front_of(run: str, policy: Policy, device: str | None) -> Front:
+    """Load a run's front, or evaluate it if the run has none."""
+    file = find_run(run) / "front.npz"
+    if file.is_file():
+        front = Front.load(file)
+        if front.objectives == policy.objectives:
+            return front
+    front = evaluate(policy, device=device)
+    policy.cpu()
+    return front
+
+
+def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
+    return {
+        "dt": env.dt,
+        "substeps": env.substeps,
+        "observation_size": env.observation_size,
+        "action_size": env.action_size,
+        "terms": list(traced.terms),
+        "physics": ARRAYS,
+        "fields": model.fields,
+        "options": {**model.options, **_flags(env)},
+        "assets": list(model.assets),
+        "state": {name: str(values.dtype)[6:] for name, values in traced.state.items()},
+        "before": _graph(traced.before),
+        "after": _graph(traced.after),
+        "starts": _starts(env, traced),
+        "command": _command(env),
+        "followed": followed_body(env.physics.model),
+        "pushed": horizontal(env.physics.model),
+        "push": PUSH,
+    }
+
+
+def _flags(env: Environment) -> dict[str, int]:
+    return {"disableflags": int(env.physics.model.opt.disableflags)}
+
+
+def _graph(graph: Graph) -> dict[str, Any]:
+    return {
+        "inputs": {
+            name: {"shape": list(values.shape), "type": str(values.dtype)[6:]}
+            for name, values in graph.inputs.items()
+        },
+        "outputs": list(graph.outputs),
+        "draws": {name: draw._asdict() for name, draw in graph.draws.items()},
+    }
+
+
+def _starts(env: Environment, traced: Traced) -> list[dict[str, list[float]]]:
+    """Return the whole state after some resets, with the first observation of each."""
+    many = STARTS if len(env.starts.states[0]) > 1 else 1
+    found = []
+    for _ in range(many):
+        observation = env.reset()
+        found.append({"observation": _numbers(observation)})
+        found[-1] |= {name: _numbers(values) for name, values in traced.state.items()}
+    return found
+
+
+def _command(env: Environment) -> dict[str, Any] | None:
+    """Return the limits and initial values of the command, and where its storage has it."""
+    if not env.command_limits:
+        return None
+    assert storage(env.command) == storage(env.command[0])
+    return {
+        "offset": env.command.storage_offset(),
+        "limits": {name: list(limits) for name, limits in env.command_limits.items()},
+        "initial": _numbers(env.command[0]),
+    }
+
+
+def _numbers(values: Tensor) -> list[float]:
+    return np.round(values.flatten().double().numpy(), 9).tolist()
+
+
+def _plain(front: Front) -> dict[str, Any]:
+    best = front.non_dominated
+    return {
+        "tradeoffs": front.tradeoffs.round(4).tolist(),
+        "returns": front.returns.round(3).tolist(),
+        "best": best.tolist(),
+    }

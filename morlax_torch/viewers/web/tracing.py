@@ -1,0 +1,119 @@
+"""Trace a task's control step into two graphs: before the physics, and after it."""
+
+from contextlib import ExitStack
+from typing import Any, NamedTuple
+from unittest.mock import patch
+
+import torch
+from torch import Tensor
+
+from ...envs import Environment, MorlaxError
+from ...envs.errors import LONGEST
+from ...exports.formats import onnx_model, quiet
+from .physics import PagePhysics
+from .recording import Recorder, Writes, flat, storage
+
+RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
+
+
+class Graph(NamedTuple):
+    """An ONNX model, and the order of its inputs and outputs."""
+
+    onnx: bytes
+    inputs: dict[str, Tensor]  # by name, with example values
+    outputs: tuple[str, ...]
+    draws: dict[str, Any]  # the inputs that are random: name -> `Draw`
+
+
+class Traced(NamedTuple):
+    """A control step as graphs; both read and change the state by name.
+
+    `before` maps an action to the control of the motors, `after` maps what the physics did to
+    observation, rewards and the end of the episode.
+    """
+
+    before: Graph
+    after: Graph
+    state: dict[str, Tensor]  # (size,) physics and task state: views of the environment's own
+    terms: tuple[str, ...]  # names of the reward terms
+
+
+def trace(env: Environment) -> Traced:
+    """Trace `env.step` in its own float32 physics.
+
+    Raises:
+        MorlaxError: the task does something that no graph can express.
+    """
+    try:
+        return _traced(env)
+    except MorlaxError as error:
+        raise cannot(env, str(error)) from None
+
+
+def cannot(env: Environment, reason: str) -> MorlaxError:
+    return MorlaxError(
+        f"{type(env).__name__} cannot run in a browser: {' '.join(reason.split()).rstrip('.')}."
+    )
+
+
+def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
+    """Return the storages (size,) that steps and resets change, by name; physics first."""
+    physics = env.physics
+    assert isinstance(physics, PagePhysics)
+    state = {name: flat(values) for name, values in physics.arrays.items()}
+    if env.command_limits:
+        state["command"] = flat(env.command)
+    known = {storage(values) for values in state.values()}
+    for act in (lambda: env.step(action), env.reset):
+        with Writes() as writes, torch.no_grad():
+            act()
+        for where, values in writes.found.items():
+            if where not in known:
+                known.add(where)
+                state[f"state_{len(state)}"] = values
+    return state
+
+
+def _traced(env: Environment) -> Traced:
+    action = torch.zeros(1, env.action_size)
+    state = persisting(env, action)
+    env.reset()
+    before = Recorder(state)
+    before.input("action", action)
+    after = Recorder(state, before)
+    simulate = env.physics.step
+
+    def switch() -> None:
+        recording.close()
+        simulate()
+        recording.enter_context(after)
+
+    with ExitStack() as recording, torch.no_grad(), patch.object(env.physics, "step", switch):
+        recording.enter_context(before)
+        step = env.step(action)
+        terms = torch.stack(list(step.terms.values()), -1)
+    for name in RESULTS:
+        after.output(name, getattr(step, name))
+    after.output("terms", terms)
+    for name, tensor in after.carried.items():
+        before.output(name, tensor)
+    return Traced(_graph(before), _graph(after), state, tuple(step.terms))
+
+
+def _graph(recorder: Recorder) -> Graph:
+    module = recorder.module()
+    inputs, outputs = recorder.inputs, tuple(recorder.outputs)
+    with quiet(), torch.no_grad():
+        try:
+            program = torch.export.export(module, tuple(inputs.values())).run_decompositions({})
+            results = [f"next_{name}" for name in outputs]  # ONNX needs names of their own
+            model = onnx_model(program, input_names=tuple(inputs), output_names=results)
+        except MorlaxError:
+            raise
+        except Exception as error:  # torch's exporters raise errors of many kinds
+            raise MorlaxError(str(error)[:LONGEST]) from error
+    for node in model.graph.node:
+        del node.metadata_props[:]  # where in Python each operation comes from
+        node.doc_string = ""
+    del model.graph.value_info[:]
+    return Graph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))

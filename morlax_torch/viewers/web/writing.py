@@ -1,0 +1,75 @@
+"""Write the page: a folder for any static web server."""
+
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Sequence
+from html import escape
+from importlib import resources
+from pathlib import Path
+
+from ...envs import MorlaxError
+from . import libraries
+from .robot import write_robot
+
+TITLE = "TITLE"  # in index.html
+
+
+def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> dict[str, int]:
+    """Write a page on which the policies of `runs` act in a browser.
+
+    Args:
+        runs: folders of runs, checkpoints or shipped names; the page has a chooser for several.
+        folder: a new folder. It is complete or not there at all.
+        device: evaluates the front of a run that has none, see `evaluate`.
+
+    Returns:
+        The size of every file in bytes, by its path in the folder.
+
+    Raises:
+        MorlaxError: a run's task cannot run in a browser, a library cannot be downloaded, or
+            `folder` exists or cannot be written.
+    """
+    if folder.exists():
+        raise MorlaxError(f"{folder} exists already: choose another folder.")
+    folder = Path(os.path.abspath(folder))
+    draft = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        draft.mkdir(parents=True)
+        _write(runs, draft, device)
+        draft.rename(folder)
+    except OSError as error:
+        raise MorlaxError(f"cannot write {folder}: {error.strerror or error}.") from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.stat().st_size for path in files}
+
+
+def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
+    (folder / "libraries").mkdir()
+    for name, data in libraries.files().items():
+        (folder / "libraries" / name).write_bytes(data)
+    known: list[dict] = []
+    for index, run in enumerate(runs):
+        place = f"runs/{index}"
+        known.append({"folder": place, **write_robot(run, folder / place, device)})
+    _number(known)
+    (folder / "runs.json").write_text(json.dumps(known))
+    titles = ", ".join(run["title"] for run in known)
+    for file in (resources.files(str(__package__)) / "page").iterdir():
+        data = file.read_bytes()
+        if file.name == "index.html":
+            data = data.replace(TITLE.encode(), escape(titles).encode())
+        (folder / file.name).write_bytes(data)
+
+
+def _number(runs: list[dict]) -> None:
+    """Tell runs of one task apart in their titles."""
+    counts: dict[str, int] = {}
+    for run in runs:
+        name = run["title"]
+        counts[name] = counts.get(name, 0) + 1
+        if counts[name] > 1:
+            run["title"] = f"{name} {counts[name]}"

@@ -1,0 +1,180 @@
+"""The web page's graphs and models are those of the tasks, and mistakes are explained."""
+
+import io
+import urllib.error
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import web_robots
+
+from morlax_torch import MorlaxError, envs, pack
+from morlax_torch.envs import Environment
+from morlax_torch.envs.registry import get
+from morlax_torch.viewers.web import libraries, writing
+from morlax_torch.viewers.web.checking import TOLERANCE, check
+from morlax_torch.viewers.web.model import compiled
+from morlax_torch.viewers.web.physics import PagePhysics
+from morlax_torch.viewers.web.robot import build, write_robot
+from morlax_torch.viewers.web.tracing import trace
+
+pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("bruce", "cheetah3", "humanoid")]
+
+
+def world(name: str, **options) -> Environment:
+    task = get(name)
+    chosen = task.Options.model_validate(options)
+    physics = PagePhysics(task.compile_model(chosen), task.substeps)
+    return task(physics, chosen, 0, auto_reset=False)
+
+
+@pytest.fixture
+def robots(tmp_path: Path, monkeypatch) -> str:
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    file = web_robots.write(tmp_path / "robots")
+    for name in ("Tumbler", "Counting", "Deciding", "Shuffled"):
+        envs.trust(f"{file}:{name}")
+    return file
+
+
+# Graphs
+
+
+@pytest.mark.parametrize("name", ["ant", "cheetah", "hopper", "walker", *SLOW])
+def test_graphs_step_like_the_task(name, generator):
+    env = world(name)
+    assert check(env, trace(env), generator) < TOLERANCE
+
+
+def test_a_task_of_a_user_can_be_traced(robots, generator):
+    env = world(f"{robots}:Tumbler")
+    traced = trace(env)
+    assert traced.terms == ("vx", "energy")
+    assert check(env, traced, generator) < TOLERANCE
+
+
+def test_noise_delays_and_pushes_are_repeated_with_the_same_draws(generator):
+    disturbed = {
+        "observation_noise": {"position": 0.1},
+        "action_delay": (1, 3),
+        "push": 0.5,
+        "push_every": 3,
+    }
+    env = world("hopper", randomization=disturbed, reset_noise=0.01)
+    traced = trace(env)
+    kinds = [draw.kind for graph in traced[:2] for draw in graph.draws.values()]
+    assert kinds == ["normal", "uniform", "normal"]
+    assert check(env, traced, generator) < TOLERANCE
+
+
+@pytest.mark.parametrize(
+    ("task", "reason"),
+    [("Deciding", "into Python"), ("Shuffled", "bernoulli")],
+)
+def test_tasks_that_no_graph_can_express_are_refused(robots, task, reason):
+    with pytest.raises(MorlaxError, match=f"{task} cannot run in a browser: .*{reason}"):
+        trace(world(f"{robots}:{task}"))
+
+
+def test_state_outside_tensors_is_found(robots, generator):
+    env = world(f"{robots}:Counting")
+    with pytest.raises(MorlaxError, match=r"Counting cannot run .* keep all state in tensors"):
+        check(env, trace(env), generator)
+
+
+# Models
+
+
+@pytest.mark.parametrize("name", ["bruce", "humanoid", "mo-gymnasium/humanoid"])
+def test_the_model_survives_as_text(name):
+    task = get(name)
+    model, web = compiled(lambda: task.compile_model(task.Options()), name)
+    again = mujoco.MjModel.from_xml_string(web.xml, web.assets)
+    for field, numbers in web.fields.items():
+        getattr(again, field).flat = numbers
+    datas = [mujoco.MjData(x) for x in (model, again)]
+    for data, own in zip(datas, (model, again), strict=True):
+        mujoco.mj_step(own, data, 100)
+    np.testing.assert_array_equal(datas[0].qpos, datas[1].qpos)
+
+
+def test_the_model_brings_its_meshes(robots):
+    task = get(f"{robots}:Tumbler")
+    model, web = compiled(lambda: task.compile_model(task.Options()), "Tumbler")
+    assert list(web.assets) == ["asset-0.stl"]
+    again = mujoco.MjModel.from_xml_string(web.xml, web.assets)
+    np.testing.assert_array_equal(model.mesh_vert, again.mesh_vert)
+
+
+def test_domain_randomization_keeps_to_the_nominal_robot(make_policy):
+    policy = make_policy("hopper", task={"randomization": {"mass": [2.0, 3.0]}})
+    env, _ = build(policy)
+    np.testing.assert_array_equal(env.physics.model.body_mass, get("hopper").load_model().body_mass)
+
+
+# Libraries
+
+
+def test_without_network_or_cache_one_sentence_says_so(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise urllib.error.URLError("no route to host")
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("urllib.request.urlopen", refuse)
+    with pytest.raises(MorlaxError, match=r"cannot download https.* \(no route to host\)"):
+        libraries.files()
+
+
+def test_a_changed_download_is_refused_and_not_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("urllib.request.urlopen", lambda *_, **__: io.BytesIO(b"other"))
+    with pytest.raises(MorlaxError, match="SHA-512"):
+        libraries.files()
+    assert not list(tmp_path.rglob("*.tgz"))
+
+
+# The command
+
+
+@pytest.fixture
+def no_libraries(monkeypatch):
+    monkeypatch.setattr(writing.libraries, "files", dict)
+
+
+def test_foreign_simulators_are_refused(make_policy):
+    policy = make_policy("hopper")
+    policy.config = policy.config.model_copy(update={"env": "gymnasium:mo-hopper-v5"})
+    with pytest.raises(MorlaxError, match="only MuJoCo robots"):
+        build(policy)
+
+
+def test_nothing_is_left_of_a_page_that_cannot_be_written(tmp_path, make_run, no_libraries):
+    make_run(tmp_path / "run", "hopper", "best")
+    for runs, message in (([str(tmp_path / "none")], "does not exist"), (["nothing"], "shipped")):
+        with pytest.raises(MorlaxError, match=message):
+            writing.write_page(runs, tmp_path / "page")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_an_existing_folder_is_kept(tmp_path, no_libraries):
+    with pytest.raises(MorlaxError, match="exists already"):
+        writing.write_page(["hopper"], tmp_path)
+
+
+@pytest.mark.parametrize("arguments", [[], ["hopper"], ["hopper", "ant", "page"]])
+def test_the_command_asks_for_a_run_and_a_folder(arguments, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["pack", *arguments])
+    with pytest.raises(SystemExit) as end:
+        pack.main()
+    assert end.value.code == 2
+    assert "RUN ... --web FOLDER" in capsys.readouterr().err
+
+
+def test_a_run_becomes_files(tmp_path, make_run):
+    run = make_run(tmp_path / "run", "hopper", "best")
+    about = write_robot(str(run), tmp_path / "page")
+    assert about == {"title": "hopper", "objectives": ["run", "jump"]}
+    names = {path.name for path in (tmp_path / "page").iterdir()}
+    assert names == {"run.json", "model.xml", "policy.onnx", "before.onnx", "after.onnx"}

@@ -1,0 +1,255 @@
+"""The web page in Chromium: physics, observations and policies are those of Python."""
+
+import functools
+import http.server
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import web_robots
+from browsing import PATIENCE, chromium
+
+import morlax_torch
+from morlax_torch import MorlaxError, envs
+from morlax_torch.viewers.web import libraries
+from morlax_torch.viewers.web.robot import build
+from morlax_torch.viewers.web.writing import write_page
+
+pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
+STEPS = 100
+SIMULATE = """async ([site, folder, controls]) => {
+  const { Simulation } = await import(`${site}simulation.js`);
+  const { engine, model, data, about } = await Simulation.load(`${site}${folder}`);
+  return controls.map((control) => {
+    data.ctrl.set(control);
+    for (let i = 0; i < about.substeps; i++) engine.mj_step(model, data);
+    return Array.from(data.qpos);
+  });
+}"""
+ACT = """async ([site, folder, tradeoff, steps]) => {
+  const { Simulation } = await import(`${site}simulation.js`);
+  const simulation = await Simulation.load(`${site}${folder}`);
+  simulation.tradeoff = tradeoff;
+  const found = [];
+  for (let i = 0; i < steps; i++) {
+    const { action, reward } = await simulation.step();
+    const { qpos, qvel, sensordata } = simulation.data;
+    const numbers = { action, reward, qpos, qvel, sensordata, observation: simulation.observation };
+    const plain = Object.entries(numbers).map(([name, x]) => [name, Array.from(x)]);
+    found.push({ ...Object.fromEntries(plain), over: simulation.over });
+    if (simulation.over) break;
+  }
+  return found;
+}"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A page with a shipped robot and one of a user, whose policy is untrained."""
+    try:
+        libraries.files()
+    except MorlaxError as error:
+        pytest.skip(str(error))
+    place = tmp_path_factory.mktemp("web")
+    task = f"{web_robots.write(place / 'robots')}:Tumbler"
+    envs.trust(task)
+    small = {"device": "cpu", "worlds": 8, "horizon": 4, "max_env_steps": 64}
+    config = morlax_torch.config_for(
+        task, **small, **{"sampling.clusters": 4, "ppo.minibatches": 1, "evaluation.tradeoffs": 4}
+    )
+    run = morlax_torch.train.train(config, output=place / "run").folder
+    write_page(["cheetah3", str(run)], place / "page")
+    return place / "page"
+
+
+@pytest.fixture(scope="module")
+def site(folder) -> Iterator[str]:
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, format, *args):
+            pass
+
+    handler = functools.partial(Quiet, directory=str(folder))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def visit(browser, site):
+    """Return a function that opens the page, with every other site blocked."""
+    contexts, complaints = [], []
+
+    def open_page(query: str = "", width: int = 1280, height: int = 800, before: str = ""):
+        context = browser.new_context(viewport={"width": width, "height": height})
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(1000 * PATIENCE)
+        page.route(lambda address: not address.startswith(site), lambda route: route.abort())
+        page.on("console", lambda m: m.type == "error" and complaints.append(m.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.add_init_script(before)
+        page.goto(site + query)
+        return page
+
+    open_page.complaints = complaints
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture
+def empty(browser, site):
+    """A page of the site that runs nothing by itself."""
+    page = browser.new_page()
+    page.set_default_timeout(1000 * PATIENCE)
+    page.goto(f"{site}libraries/three.LICENSE.txt")
+    yield page
+    page.close()
+
+
+def runs(page) -> None:
+    """Wait until the robot moves."""
+    page.wait_for_function("parseFloat(document.getElementById('clock').textContent) > 0.1")
+
+
+# Simulation
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_physics_follows_c_mujoco(empty, site, folder, number):
+    about = json.loads((folder / f"runs/{number}/run.json").read_text())
+    run = ["cheetah3", str(folder.parent / "run")][number]
+    env, _ = build(morlax_torch.load(run))
+    exact = envs.make_robot(morlax_torch.load(run).config.env, **env.options.model_dump()).physics
+    random = np.random.default_rng(0)
+    controls = random.uniform(-0.5, 0.5, (STEPS, exact.model.nu))
+    expected = []
+    for control in controls:
+        exact.ctrl[0] = torch.from_numpy(control)
+        exact.step()
+        expected.append(exact.qpos[0].numpy().copy())
+    found = empty.evaluate(SIMULATE, [site, f"runs/{number}", controls.tolist()])
+    assert about["dt"] == env.dt
+    gap = np.abs(np.array(found) - expected).max()
+    assert gap < 1e-6, gap
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_observations_and_actions_are_those_of_python(empty, site, folder, number):
+    run = ["cheetah3", str(folder.parent / "run")][number]
+    policy = morlax_torch.load(run)
+    env, _ = build(policy)
+    tradeoff = [0.5, *[0.5 / (len(policy.objectives) - 1)] * (len(policy.objectives) - 1)]
+    steps = empty.evaluate(ACT, [site, f"runs/{number}", tradeoff, STEPS])
+    assert len(steps) == STEPS
+    observation = env.reset()
+    for step in steps:
+        action = policy(observation, tradeoff)
+        torch.testing.assert_close(torch.tensor([step["action"]]), action, atol=1e-4, rtol=0)
+        for name, field in (("qpos", "qpos"), ("qvel", "qvel"), ("sensors", "sensordata")):
+            getattr(env.physics, name)[0] = torch.tensor(step[field])
+        observation = torch.tensor([step["observation"]])
+        torch.testing.assert_close(observation, env.observe(), atol=1e-4, rtol=1e-5)
+
+
+def test_trade_offs_change_the_gait(empty, site):
+    returns = {}
+    for tradeoff in ((1, 0, 0), (0, 1, 0)):
+        steps = empty.evaluate(ACT, [site, "runs/0", tradeoff, 150])
+        returns[tradeoff] = np.sum([step["reward"] for step in steps], 0)
+        returns[tradeoff] = np.append(returns[tradeoff], steps[-1]["qpos"][0])
+    fast, lazy = returns.values()
+    assert fast[0] > lazy[0] + 50 and lazy[1] > fast[1] + 50  # objectives: run, energy
+    assert fast[3] > lazy[3] + 1  # m along x
+
+
+# Page
+
+
+def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
+    page = visit("?run=cheetah3&tradeoff=0.7,0.3,0")
+    runs(page)
+    assert page.title() == "cheetah3 · morlax"
+    shares = page.locator("#weights output")
+    assert shares.all_inner_texts() == ["70 %", "30 %", "0 %"]
+    slider = page.get_by_label("height").first
+    slider.focus()
+    slider.press("End")
+    assert shares.all_inner_texts() == ["0 %", "0 %", "100 %"]
+    assert "tradeoff=0,0,1" in page.url
+    page.locator("#triangle svg").click(position={"x": 160, "y": 40})
+    assert int(shares.first.inner_text().split()[0]) > 80
+    assert not visit.complaints
+
+
+def test_buttons_pause_push_and_reset(visit):
+    page = visit()
+    runs(page)
+    page.click("#pause")
+    page.wait_for_timeout(500)
+    stopped = page.inner_text("#clock")
+    page.wait_for_timeout(500)
+    assert page.inner_text("#clock") == stopped
+    for name in ("push", "camera", "pace", "theme", "reset"):
+        page.click(f"#{name}")
+    page.wait_for_function("document.getElementById('clock').textContent === '0.0 s'")
+    assert page.inner_text("#pace") == "0.5×"
+    page.click("#pause")
+    runs(page)
+    assert not visit.complaints
+
+
+def test_another_robot_can_be_chosen(visit):
+    page = visit()
+    runs(page)
+    page.select_option("#run", label="Tumbler")
+    page.wait_for_function("document.title.startsWith('Tumbler')")
+    runs(page)
+    assert page.locator("#weights .name").all_inner_texts() == ["go", "save"]
+    assert not visit.complaints
+
+
+def test_an_embedded_page_shows_robot_sliders_and_front_only(visit):
+    page = visit("?embed", 900, 500)
+    runs(page)
+    shown = [page.is_visible(f"#{part}") for part in ("view", "weights", "front")]
+    hidden = [page.is_visible(part) for part in ("header", "#episode-section")]
+    assert all(shown) and not any(hidden)
+
+
+def test_on_a_phone_the_panel_lies_below_the_robot(visit):
+    page = visit("", 390, 844)
+    runs(page)
+    stage, panel = (page.locator(part).bounding_box() for part in ("#stage", "#panel"))
+    assert stage["width"] == panel["width"] == 390
+    assert panel["y"] >= stage["y"] + stage["height"]
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    page.locator("summary").scroll_into_view_if_needed()
+    page.click("summary")
+    assert page.is_visible("#terms")
+
+
+@pytest.mark.parametrize(
+    ("before", "sentence"),
+    [
+        ("HTMLCanvasElement.prototype.getContext = () => null", "cannot draw in 3D"),
+        ("delete globalThis.WebAssembly", "lacks WebAssembly"),
+        ("const get = fetch; globalThis.fetch = () => get('nowhere')", "is missing on this web"),
+    ],
+)
+def test_what_a_browser_lacks_is_one_sentence(visit, before, sentence):
+    page = visit("", before=before)
+    page.wait_for_selector("#problem:not([hidden])")
+    assert sentence in page.inner_text("#problem")
+    assert page.is_hidden("#loading")
