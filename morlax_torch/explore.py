@@ -1,16 +1,14 @@
 """Show a robot live in the browser, and change its trade-off while it moves."""
 
-import socket
 from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
-from .envs import MorlaxError
-from .envs.errors import installation
 from .terminal import cli
 from .terminal.interrupt import interruptible
 from .terminal.startup import program
+from .viewers.explorer.opening import check_free, importing_viser
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -28,15 +26,9 @@ def explore(run: str, host: str, port: int) -> None:
     from .viewers.explorer import library
 
     library.choose(run)  # importing viser takes seconds: report a wrong name first
-    _check_free(host, port)
-    try:
+    check_free(host, port)
+    with importing_viser():
         from .viewers.explorer.page import Page
-    except ModuleNotFoundError as error:
-        if error.name not in ("viser", "trimesh"):
-            raise
-        raise MorlaxError(
-            f"the page needs viser, which is not installed: {installation('explore')}."
-        ) from None
     import torch
 
     from .gpu.threads import one_thread
@@ -75,28 +67,6 @@ def command(arguments: Sequence[str]) -> None:
         explore(chosen, host, port)
 
     tyro.cli(main, args=arguments, prog=program("explore"))
-
-
-def _check_free(host: str, port: int) -> None:
-    """Check that the address is free.
-
-    viser would silently take another port, or wait forever for an invalid address.
-
-    Raises:
-        MorlaxError: the port is out of range, or the address cannot be listened on.
-    """
-    if not 0 <= port < 2**16:
-        raise MorlaxError(f"--port must be from 0 to 65535, not {port}.")
-    try:
-        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind) as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            trial.bind(address)
-    except (OSError, ValueError) as error:  # a name such as ".." is a UnicodeError
-        reason = getattr(error, "strerror", "not a host name")
-        raise MorlaxError(
-            f"cannot listen on {host}, port {port} ({reason}): choose another --port or --host."
-        ) from None
 
 
 def main() -> None:

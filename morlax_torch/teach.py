@@ -9,7 +9,9 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.interrupt import interruptible
 from .terminal.startup import program
+from .viewers.explorer.opening import check_free, importing_viser
 
 if TYPE_CHECKING:
     from .preferences.teaching import Lesson as Lesson
@@ -22,10 +24,12 @@ def command(arguments: Sequence[str]) -> None:
         run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
         folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")],
         objective: Annotated[str, tyro.conf.arg(metavar="NAME")],
-        judge: Annotated[str, tyro.conf.arg(metavar="TERM")],
         answers: int = 300,
+        judge: Annotated[str | None, tyro.conf.arg(metavar="TERM")] = None,
         clips: int = 200,
         seed: int = 0,
+        host: str = "127.0.0.1",
+        port: int = 8080,
         trust: bool = False,
     ) -> None:
         """Learn a reward from comparisons of a run's clips, and write a config to train with it.
@@ -34,10 +38,12 @@ def command(arguments: Sequence[str]) -> None:
             run: Run folder, checkpoint file, or shipped policy, of a MuJoCo robot.
             folder: Folder of the comparisons; an earlier one continues with its answers.
             objective: Name of the new objective.
+            answers: Number of questions to ask at most; Ctrl-C ends earlier.
             judge: Reward term of the task whose sum answers in place of a user, to try this out.
-            answers: Number of answers of the judge.
             clips: Number of clips to record of a run.
             seed: Random seed.
+            host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
+            port: TCP port to listen on; 0 selects a free one.
             trust: Let the run import the FILE.py or module that its task names.
         """
         from .preferences.teaching import Lesson
@@ -45,8 +51,13 @@ def command(arguments: Sequence[str]) -> None:
 
         if trust:
             trust_task(run)
+        if judge is None:
+            check_free(host, port)
         lesson = Lesson(run, folder, objective, clips, seed)
-        lesson.judge(judge, answers)
+        if judge is None:
+            _ask(lesson, answers, host, port)
+        else:
+            lesson.judge(judge, answers)
         fitted = lesson.finish()
         cli.console.print(
             f"{len(lesson.comparisons)} answers; the learned reward agrees with "
@@ -56,6 +67,19 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(f"train: {program('train')} --config {config}", markup=False)
 
     tyro.cli(main, args=arguments, prog=program("teach"))
+
+
+def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:
+    """Serve a page that asks a user, until Ctrl-C."""
+    with importing_viser():
+        from .viewers.explorer.comparing import ComparisonPage
+        from .viewers.explorer.teaching import questions
+
+    with interruptible() as ended:
+        page = ComparisonPage(questions(lesson, answers), host, port)
+        cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)", markup=False)
+        page.serve(ended)
+        page.stop()
 
 
 def main() -> None:

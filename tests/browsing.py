@@ -39,9 +39,16 @@ POSE = {
 @contextmanager
 def exploring(*arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
     """Serve a run from the current folder; yields the page's address and the process."""
+    with serving("explore", *arguments) as served:
+        yield served
+
+
+@contextmanager
+def serving(command: str, *arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
+    """Start a command that serves a page; yields the page's address and the process."""
     pytest.importorskip("viser", reason="the extra [explore] is not installed")
     process = subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch.explore", *arguments, "--port", "0"],
+        [sys.executable, "-m", f"morlax_torch.{command}", *arguments, "--port", "0"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

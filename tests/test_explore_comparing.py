@@ -1,5 +1,6 @@
 """The explorer's "A or B?": two behaviors side by side, and what is learned from answers."""
 
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,10 +8,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from browsing import Client, View, chromium, exploring
+from browsing import PATIENCE, Client, View, chromium, exploring, serving
 
 from morlax_torch import MorlaxError
+from morlax_torch.config import load_config
+from morlax_torch.config_files import read_yaml
 from morlax_torch.evaluation.front import Front
+from morlax_torch.preferences.comparisons import Comparisons
 from morlax_torch.runs.loading import find_run
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.clip import Clip
@@ -122,6 +126,37 @@ def test_a_skipped_question_is_not_answered(asked):
     client.until(lambda: 'data-answers="1"' in client.html(), "the answer has no effect")
     assert answers == [(1, 0)]
     client.close()
+
+
+@pytest.mark.slow
+def test_an_objective_is_taught_in_a_browser(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ("cheetah", "lesson", "--objective", "tall", "--clips", "12", "--answers", "12")
+    with serving("teach", *words) as (address, process), chromium() as browser:
+        comparisons, random = Comparisons.load(Path("lesson/comparisons.npz")), _draws()
+        height = comparisons.clips.terms[:, comparisons.terms.index("height")]
+        tab, errors = browser.new_page(), []
+        tab.set_default_timeout(1000 * PATIENCE)
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(address)
+        for number in range(12):
+            tab.wait_for_selector(f'[data-answers="{number}"]')
+            a, b = comparisons.pair(random)  # the clips that the page shows
+            comparisons.answer(*((a, b) if height[a] > height[b] else (b, a)))
+            preferred = "A" if height[a] > height[b] else "B"
+            tab.get_by_role("button", name=preferred, exact=True).click()
+        tab.wait_for_selector("text=nothing left to compare")
+        process.send_signal(signal.SIGINT)
+        printed, complaint = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0 and not complaint and not errors
+    assert "12 answers" in printed and "--config lesson/config.yaml" in printed
+    assert Comparisons.load(Path("lesson/comparisons.npz")).answers == comparisons.answers
+    assert load_config(read_yaml(Path("lesson/config.yaml"))).task.objectives["tall"]["learned"] > 0
+
+
+def _draws() -> np.random.Generator:
+    """Return the random numbers that a new lesson draws its pairs with."""
+    return np.random.default_rng([0, 0])
 
 
 # policies on the explorer's page

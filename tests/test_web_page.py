@@ -204,7 +204,7 @@ def test_buttons_pause_push_and_reset(visit):
     for name in ("push", "camera", "pace", "theme", "reset"):
         page.click(f"#{name}")
     page.wait_for_function("document.getElementById('clock').textContent === '0.0 s'")
-    assert page.inner_text("#pace") == "0.5×"
+    assert page.inner_text("#pace") == "0.5\N{MULTIPLICATION SIGN}"
     page.click("#pause")
     runs(page)
     assert not visit.complaints
