@@ -43,33 +43,27 @@ def command(arguments: Sequence[str]) -> None:
             output: Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip
                 (None: film.mp4 in the run's folder, or NAME.mp4 in the working directory
                 for a shipped policy).
-            seconds: Duration, in seconds of simulated time.
+            seconds: Duration, in seconds of simulated time. A film strip shows the end of it.
             speed: Playback speed; 0.5 is slow motion. Ignored for a film strip.
             width: Width of a panel, in pixels.
             height: Height of a panel, in pixels.
-            pictures: Number of pictures per row of a film strip, evenly spaced in time.
+            pictures: Number of pictures per row of a film strip, evenly spaced over the robot's
+                last gait cycle (the last two if a cycle has fewer control steps than pictures).
             seed: Random seed of the world.
             trust: Let the run import the FILE.py or module that its task names.
         """
         from .runs.loading import load  # imports torch
+        from .terminal.bar import bar
         from .tradeoffs import parse_tradeoff
         from .viewers.filming.recording import record
 
         policy = load(run, trust=trust)
         place = output or _default_output(run)
         tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
-        record(
-            policy,
-            place,
-            tradeoffs,
-            seconds,
-            speed,
-            width,
-            height,
-            pictures,
-            seed,
-            show_progress=cli.console.is_terminal,
-        )
+        with bar("filming") as watch:
+            record(
+                policy, place, tradeoffs, seconds, speed, width, height, pictures, seed, watch=watch
+            )
         cli.console.print(f"written: {place}")
 
     tyro.cli(main, args=arguments, prog=program("record"))

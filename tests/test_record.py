@@ -1,5 +1,6 @@
 """The record command writes videos, GIFs and film strips."""
 
+import io
 import os
 import re
 import subprocess
@@ -9,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 
-from morlax_torch import MorlaxError, record, save
+from morlax_torch import MorlaxError, load, record, save
 from morlax_torch.runs import loading
-from morlax_torch.viewers.filming import recording, video
+from morlax_torch.terminal import bar
+from morlax_torch.viewers.filming import panels, recording, video
 from morlax_torch.viewers.filming.film import Film
 from morlax_torch.viewers.filming.video import write_video
 from morlax_torch.viewers.player import Player
@@ -81,8 +84,8 @@ def test_a_gif_suffix_writes_an_animated_gif(saved, monkeypatch):
     with Image.open("film.gif") as image:
         assert image.format == "GIF"
         assert image.size == (2 * 95 + GAP, 65)
-        assert image.n_frames == 11
-        assert image.info["duration"] == 40  # milliseconds
+        assert image.n_frames == 9
+        assert image.info["duration"] == 50  # milliseconds
         assert image.info["loop"] == 0  # forever
 
 
@@ -94,16 +97,73 @@ def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, *strip)
     with Image.open("strip.png") as image:
         pixels = np.asarray(image)
-    below, right = 2 * (65 + GAP) - GAP, 5 * (95 + GAP) - GAP
-    top, left = pixels.shape[0] - below, pixels.shape[1] - right
-    assert 0 < top < 65 and 0 < left < 200
-    labels, pictures = pixels[top:, :left], pixels[top:, left:]
+    right = 5 * (95 + GAP) - GAP
+    left = pixels.shape[1] - right
+    assert pixels.shape[0] == 2 * (65 + GAP) - GAP and 0 < left < 200
+    labels, rows = pixels[:, :left], (pixels[:65, left:], pixels[65 + GAP :, left:])
     assert labels.min() < 100 and (labels == 255).mean() > 0.7
-    starts = pictures[:65, :95], pictures[65 + GAP :, :95]
-    np.testing.assert_array_equal(*starts)
-    ends = pictures[:65, -95:], pictures[65 + GAP :, -95:]
-    assert (ends[0] != ends[1]).any()
-    assert (starts[0] != ends[0]).any()
+    for row in rows:
+        first, *_, last = (row[:50, x : x + 95] for x in range(0, right, 95 + GAP))  # no times
+        assert (first != last).mean() > 0.05
+    assert (rows[0] != rows[1]).mean() > 0.05
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
+    film = Film(load("cheetah"), [(1.0, 0.0), (0.0, 1.0)], 160, 120)
+    times = []
+    timed = panels.timed
+    monkeypatch.setattr(
+        panels, "timed", lambda picture, time: times.append(time) or timed(picture, time)
+    )
+    done = []
+    strip = film.strip(3.0, 6, done.append)
+    assert done == [0.5, 1.0]
+    runs, stands = np.array(times[:6]), np.array(times[6:])
+    assert runs[-1] == stands[-1] == 3.0
+    assert 0.15 < np.ptp(runs) < 0.4  # a cycle
+    assert np.ptp(stands) == 1.0  # it has none
+    first, *_, last = (strip[:90, -x - 160 : -x or None] for x in range(5 * 164, -1, -164))
+    middle = strip[:90, -2 * 164 - 160 : -2 * 164]
+    robot = slice(20, 80)  # rows; the first and the last picture show the same phase
+    closing, opposite = (
+        np.abs(picture[robot].astype(int) - first[robot]).mean() for picture in (last, middle)
+    )
+    assert closing < opposite
+
+
+@pytest.mark.usefixtures("opengl")
+def test_gifs_are_small(tmp_path):
+    film = Film(load("cheetah"), [(1.0, 0.0)], 320, 240)
+    every, fps = film.pace(1.0, video.FASTEST[".gif"])
+    frames = list(film.frames(1.0, every))
+    write_video(tmp_path / "film.gif", iter(frames), fps)
+    assert fps == 20 and len(frames) == 21
+    assert (tmp_path / "film.gif").stat().st_size < 150_000
+    with Image.open(tmp_path / "film.gif") as image:
+        image.seek(20)
+        shown = np.asarray(image.convert("RGB")).astype(float)
+    assert np.sqrt(np.square(shown - frames[20]).mean()) < 4  # of 255
+
+
+def test_a_progress_bar_is_shown_on_terminals_only(monkeypatch):
+    for terminal in (True, False):
+        output = io.StringIO()
+        console = Console(file=output, force_terminal=terminal, width=80, legacy_windows=False)
+        monkeypatch.setattr(bar, "console", console)
+        with bar.bar("filming") as watch:
+            for share in (0.25, 1.0):
+                watch(share)
+        assert ("filming" in output.getvalue()) == terminal
+
+
+@pytest.mark.usefixtures("opengl")
+def test_filming_tells_its_progress(make_policy, tmp_path):
+    shares = []
+    size = {"width": 64, "height": 64}
+    place = tmp_path / "film.mp4"
+    recording.record(make_policy(), place, [(1, 0)], 0.4, **size, watch=shares.append)
+    assert shares == sorted(shares) and len(shares) == 12 and shares[-1] == 1.0
 
 
 @pytest.mark.usefixtures("opengl")

@@ -1,19 +1,21 @@
 """A robot under several trade-offs side by side, as video frames or as a film strip."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from ...envs import MorlaxError
 from ...networks.policy import Policy
+from ..camera import WHOLE, Area, FollowingCamera, cameras_for
 from ..player import Player
 from . import panels
-from .rendering import Scene
+from .gait import joint_positions, moments
+from .rendering import Scene, check_size
 
-FASTEST = 30  # frames per second
 LONGEST = 3600.0  # simulated seconds of a film
 MOST_PICTURES = 100
 LINGER = 1.0  # seconds that a film continues after every robot has failed
@@ -34,7 +36,7 @@ class Film:
         seed: random seed of the world, the same for every trade-off.
 
     Raises:
-        MorlaxError: a trade-off is invalid, or the task has no MuJoCo robot.
+        MorlaxError: a trade-off or the size is invalid, or the task has no MuJoCo robot.
     """
 
     def __init__(
@@ -45,7 +47,10 @@ class Film:
         height: int = 360,
         seed: int = 0,
     ):
-        self._takes = [_Take(Player(policy, tradeoff, seed)) for tradeoff in tradeoffs]
+        check_size(width, height)
+        self._takes = [
+            _Take(Player(policy, tradeoff, seed), width, height) for tradeoff in tradeoffs
+        ]
         self._size = width, height
         self.dt = self._takes[0].player.env.dt
 
@@ -62,11 +67,12 @@ class Film:
             )
         return round(seconds / self.dt)
 
-    def pace(self, speed: float = 1.0) -> tuple[int, float]:
-        """Return the control steps per frame, and the frames per second, at most 30.
+    def pace(self, speed: float = 1.0, fastest: float = 30.0) -> tuple[int, float]:
+        """Return the control steps per frame, and the frames per second.
 
         Args:
             speed: playback speed; 1 is real time.
+            fastest: frames per second, at most.
 
         Raises:
             MorlaxError: `speed` is not in (0, 100].
@@ -74,7 +80,7 @@ class Film:
         if not 0 < speed <= 100:
             raise MorlaxError(f"the speed must be above 0 and at most 100, not {speed:g}.")
         rate = speed / self.dt
-        every = max(1, math.ceil(rate / FASTEST - 1e-9))
+        every = max(1, math.ceil(rate / fastest - 1e-9))
         return every, rate / every
 
     def frames(self, seconds: float = 5.0, every: int = 1) -> Iterator[NDArray[np.uint8]]:
@@ -93,12 +99,21 @@ class Film:
             pairs = zip(self._takes, pictures, strict=True)
             yield panels.side_by_side([take.captioned(picture) for take, picture in pairs])
 
-    def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
+    def strip(
+        self,
+        seconds: float = 5.0,
+        pictures: int = 8,
+        watch: Callable[[float], object] = lambda share: None,
+    ) -> NDArray[np.uint8]:
         """Render a film strip (H, W, 3) RGB: a row of pictures for each trade-off.
 
+        A row shows the last gait cycle of the simulated time, or the last two if the cycle has
+        fewer control steps than pictures.
+
         Args:
-            seconds: simulated time of the last picture; the first shows the start.
+            seconds: simulated time of the last picture.
             pictures: number per row, evenly spaced in time.
+            watch: called with the share of the strip that is done.
 
         Raises:
             MorlaxError: an unusable duration, number or size, or no OpenGL.
@@ -107,11 +122,13 @@ class Film:
             raise MorlaxError(
                 f"a film strip needs 2 to {MOST_PICTURES} pictures in a row, not {pictures}."
             )
-        steps = np.linspace(0, self.steps(seconds), pictures).round().astype(int).tolist()
-        columns = list(self._pictures(steps))
-        times = [f"{step * self.dt:.2f} s" for step in steps[: len(columns)]]
+        steps, rows = self.steps(seconds), []
+        with Scene(self._takes[0].player.model, *self._size) as scene:
+            for number, take in enumerate(self._takes):
+                rows.append(take.row(steps, pictures, scene))
+                watch((number + 1) / len(self._takes))
         labels = ["\n".join(map(" ".join, take.weights())) for take in self._takes]
-        return panels.strip(columns, times, labels)
+        return panels.strip(rows, labels)
 
     def _pictures(self, moments: Iterable[int]) -> Iterator[list[Image.Image]]:
         """Render every robot after each number of control steps in `moments`, of a new episode."""
@@ -130,38 +147,81 @@ class Film:
 class _Take:
     """One robot and its latest picture, frozen once it fails."""
 
-    def __init__(self, player: Player):
-        self.player = player
+    def __init__(self, player: Player, width: int, height: int):
+        self.player, self._size = player, (width, height)
+        self._camera = FollowingCamera(player.model, width / height, self._free())
         self.failed = False
         self._last: Image.Image | None = None
 
+    def _free(self) -> list[Area]:
+        """Return the parts of a picture right of the table and below it; of a small one, all."""
+        width, height = self._size
+        right, bottom = panels.table_corner(self._table(), height)
+        below, beside = Area(0, 0, 1, 1 - bottom / height), Area(right / width, 0, 1, 1)
+        return [area for area in (below, beside) if min(area.top, 1 - area.left) > 0.5] or [WHOLE]
+
     def reset(self) -> None:
         self.player.reset()
+        self._camera.restart(self.player.data)
         self.failed, self._last = False, None
+
+    def step(self) -> None:
+        self.failed = bool(self.player.step().terminated)
+        self._camera.follow(self.player.data, self.player.env.dt)
 
     def at(self, step: int, scene: Scene) -> Image.Image:
         """Return the picture after `step` control steps; a failed robot is drawn only once."""
         if self.failed and self._last is not None:
             return self._last
         while self.player.steps < step and not self.failed:
-            self.failed = bool(self.player.step().terminated)
-        picture = Image.fromarray(scene.draw(self.player.data))
+            self.step()
+        picture = Image.fromarray(scene.draw(self.player.data, self._camera.camera))
         self._last = panels.dimmed(picture) if self.failed else picture
         return self._last
+
+    def row(self, steps: int, pictures: int, scene: Scene) -> list[Image.Image]:
+        """Return pictures of the last gait cycle of an episode of at most `steps`, with times."""
+        self.reset()
+        states = [self._state()]
+        while self.player.steps < steps and not self.failed:
+            self.step()
+            states.append(self._state())
+        states = [state for state in states if np.isfinite(state).all()]
+        model, dt = self.player.model, self.player.env.dt
+        shown = moments(joint_positions(model, np.stack(states)), dt, pictures)
+        poses = [_posed(model, states[step]) for step in shown]
+        cameras, row = cameras_for(model, self._size[0] / self._size[1], poses), []
+        for step, pose, camera in zip(shown, poses, cameras, strict=True):
+            picture = Image.fromarray(scene.draw(pose, camera))
+            over = self.failed and step == len(states) - 1
+            row.append(panels.timed(panels.dimmed(picture) if over else picture, step * dt))
+        return row
+
+    def _state(self) -> NDArray[np.float64]:
+        return self.player.data.qpos.copy()
 
     def captioned(self, picture: Image.Image) -> Image.Image:
         clock = f"{self.player.steps * self.player.env.dt:.2f} s"
         return panels.captioned(
-            picture,
-            [
-                (*weight, f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}")
-                for weight, value in zip(self.weights(), self.player.returns.tolist(), strict=True)
-            ],
-            f"failed after {clock}" if self.failed else clock,
+            picture, self._table(), f"failed after {clock}" if self.failed else clock
         )
+
+    def _table(self) -> list[panels.Row]:
+        return [
+            (*weight, f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}")
+            for weight, value in zip(self.weights(), self.player.returns.tolist(), strict=True)
+        ]
 
     def weights(self) -> list[tuple[str, str]]:
         """Return the name and normalized weight of each objective."""
         shares = self.player.tradeoff / self.player.tradeoff.sum()
         names = self.player.env.objectives
         return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]
+
+
+def _posed(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> mujoco.MjData:
+    """Return a robot in the pose `qpos` (nq,)."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    return data

@@ -20,29 +20,26 @@ def dimmed(picture: Image.Image) -> Image.Image:
     return Image.blend(picture, Image.new("RGB", picture.size, PALE), 0.45)
 
 
-def captioned(
-    picture: Image.Image, rows: Sequence[tuple[str, str, str]], clock: str
-) -> Image.Image:
+Row = tuple[str, str, str]  # name, weight and return of an objective
+HEAD: Row = ("", "trade-off", "return")
+
+
+def captioned(picture: Image.Image, rows: Sequence[Row], clock: str) -> Image.Image:
     """Return a copy with a table and the time drawn on it.
 
     Args:
         picture: of one robot.
-        rows: name, weight and return of each objective.
+        rows: of the table.
         clock: the time, in words.
     """
     picture = picture.copy()
-    size = max(11, picture.height // 22)
-    pad, line, font = size // 2, round(1.35 * size), _font(size)
-    wide = [max(map(font.getlength, column)) for column in zip(*rows, strict=True)]
-    head = ("", "trade-off", "return")
-    small = _font(round(0.8 * size))
-    wide[1] = max(wide[1], small.getlength(head[1]))
-    wide[2] = max(wide[2], font.getlength("00,000"))  # keeps the table width constant
-    right = np.cumsum(wide) + size * np.arange(2, 5)
+    size = _size(picture.height)
+    pad, line, font, small = size // 2, round(1.35 * size), _font(size), _font(round(0.8 * size))
+    right = _columns(rows, size)
     draw = ImageDraw.Draw(picture, "RGBA")
-    table = (pad, pad, float(right[2]), 2 * pad + line * (1 + len(rows)))
+    table = (pad, pad, *table_corner(rows, picture.height))
     draw.rounded_rectangle(table, radius=pad, fill=(*PAPER, 190))
-    for number, row in enumerate([head, *rows]):
+    for number, row in enumerate([HEAD, *rows]):
         y = 1.5 * pad + (number + 0.5) * line
         look = (INK, font) if number else (PALE, small)
         draw.text((2 * pad, y), row[0], *look, anchor="lm")
@@ -50,6 +47,27 @@ def captioned(
             draw.text((x, y), words, *look, anchor="rm")
     draw.text((picture.width - pad, picture.height - pad), clock, INK, font, anchor="rs")
     return picture
+
+
+def table_corner(rows: Sequence[Row], height: int) -> tuple[float, float]:
+    """Return the lower right corner of the table on a picture of this height, in pixels."""
+    size = _size(height)
+    line = round(1.35 * size)
+    return float(_columns(rows, size)[2]), 2 * (size // 2) + line * (1 + len(rows))
+
+
+def _columns(rows: Sequence[Row], size: int) -> NDArray[np.float64]:
+    """Return the right edges of the table's columns."""
+    font, small = _font(size), _font(round(0.8 * size))
+    wide = [max(map(font.getlength, column)) for column in zip(*rows, strict=True)]
+    wide[1] = max(wide[1], small.getlength(HEAD[1]))
+    wide[2] = max(wide[2], font.getlength("00,000"))  # keeps the table width constant
+    return np.cumsum(wide) + size * np.arange(2, 5)
+
+
+def _size(height: int) -> int:
+    """Return the size of a table's letters, by the height of the picture."""
+    return max(11, height // 22)
 
 
 def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
@@ -64,32 +82,40 @@ def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
     return np.asarray(sheet)
 
 
-def strip(
-    columns: Sequence[Sequence[Image.Image]], times: Sequence[str], labels: Sequence[str]
-) -> NDArray[np.uint8]:
+def timed(picture: Image.Image, seconds: float) -> Image.Image:
+    """Return a copy with the time at its lower right corner."""
+    picture = picture.copy()
+    size = _large(picture)
+    place = picture.width - size / 3, picture.height - size / 3
+    ImageDraw.Draw(picture).text(place, f"{seconds:.2f} s", INK, _font(size), anchor="rs")
+    return picture
+
+
+def strip(rows: Sequence[Sequence[Image.Image]], labels: Sequence[str]) -> NDArray[np.uint8]:
     """Arrange pictures in a table: (H, W, 3) RGB.
 
     Args:
-        columns: pictures of one size; each column has one per row.
-        times: a heading for each column.
+        rows: pictures of one size.
         labels: a label for each row, of one or more lines.
     """
-    panel = columns[0][0]
-    size = max(11, panel.height // 9)  # readable when the strip is scaled to page width
+    panel = rows[0][0]
+    size = _large(panel)
     font, width, height = _font(size), panel.width + GAP, panel.height + GAP
     lines = [line for label in labels for line in label.splitlines()]
-    left, top = math.ceil(max(map(font.getlength, lines))) + size, round(1.5 * size)
-    extent = left + len(columns) * width - GAP, top + len(labels) * height - GAP
-    sheet = Image.new("RGB", extent, PAPER)
+    left = math.ceil(max(map(font.getlength, lines))) + size
+    sheet = Image.new("RGB", (left + len(rows[0]) * width - GAP, len(rows) * height - GAP), PAPER)
     draw = ImageDraw.Draw(sheet)
-    for x, (column, time) in enumerate(zip(columns, times, strict=True)):
-        draw.text((left + (x + 0.5) * width, top / 2), time, INK, font, anchor="mm")
-        for y, picture in enumerate(column):
-            sheet.paste(picture, (left + x * width, top + y * height))
-    for y, label in enumerate(labels):
-        place = left - size / 2, top + (y + 0.5) * height
+    for y, (row, label) in enumerate(zip(rows, labels, strict=True)):
+        place = left - size / 2, (y + 0.5) * height
         draw.multiline_text(place, label, INK, font, "rm", align="right")
+        for x, picture in enumerate(row):
+            sheet.paste(picture, (left + x * width, y * height))
     return np.asarray(sheet)
+
+
+def _large(picture: Image.Image) -> int:
+    """Return a size of letters that is readable when a strip is scaled to page width."""
+    return max(11, picture.height // 9)
 
 
 @cache

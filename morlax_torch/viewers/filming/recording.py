@@ -1,17 +1,18 @@
 """Write films and film strips."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
-from rich.progress import track
 
 from ...envs import MorlaxError
 from ...files import replacing
 from ...networks.policy import Policy
 from ...tradeoffs import typical_tradeoffs
 from .film import Film
-from .video import ENDINGS, write_video
+from .video import ENDINGS, FASTEST, write_video
 
 
 def record(
@@ -24,7 +25,7 @@ def record(
     height: int = 360,
     pictures: int = 8,
     seed: int = 0,
-    show_progress: bool = False,
+    watch: Callable[[float], object] = lambda share: None,
 ) -> None:
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
 
@@ -32,13 +33,13 @@ def record(
         policy: as `morlax_torch.load` returns it.
         output: the file.
         tradeoffs: (P, m), one panel each (empty: the corners and the balanced trade-off).
-        seconds: simulated time.
+        seconds: simulated time; a film strip shows the end of it.
         speed: playback speed of a film; 0.5 is slow motion.
         width: of a panel, in pixels.
         height: of a panel, in pixels.
-        pictures: number per row of a film strip, evenly spaced in time.
+        pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
         seed: random seed of the world.
-        show_progress: draw a progress bar in the terminal.
+        watch: called with the share that is done, in [0, 1], again and again.
 
     Raises:
         MorlaxError: an unusable number, no OpenGL, no ffmpeg, or `output` cannot be written.
@@ -54,9 +55,18 @@ def record(
     )
     if output.suffix.lower() == ".png":
         with replacing(output) as file:
-            Image.fromarray(film.strip(seconds, pictures)).save(file, format="PNG")
+            Image.fromarray(film.strip(seconds, pictures, watch)).save(file, format="PNG")
     else:
-        every, fps = film.pace(speed)
+        every, fps = film.pace(speed, FASTEST[output.suffix.lower()])
         total = film.steps(seconds) // every + 1
-        watched = track(film.frames(seconds, every), "filming", total, disable=not show_progress)
-        write_video(output, iter(watched), fps)
+        write_video(output, _watched(film.frames(seconds, every), total, watch), fps)
+
+
+def _watched(
+    frames: Iterator[NDArray[np.uint8]], total: int, watch: Callable[[float], object]
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield frames, at most `total` of them, and tell how many there have been."""
+    for number, frame in enumerate(frames, 1):
+        yield frame
+        watch(number / total)
+    watch(1.0)

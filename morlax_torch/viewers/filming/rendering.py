@@ -4,6 +4,7 @@ import importlib
 import os
 import subprocess
 import sys
+from copy import copy
 from functools import cache
 from types import TracebackType
 from typing import Self
@@ -14,19 +15,21 @@ from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
 from ...envs import MorlaxError
-from ..following import followed_body
+from ..looks import Looks
+from .scenery import Scenery
 
-CAMERA = "track"  # name of the camera in the built-in robots
 SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
+SHADOWED = 3.0  # sizes of the robot around it in which the added light casts shadows
 
 
 class Scene:
-    """Renders a robot from its camera `track`, or from a camera that follows it.
+    """Renders a robot, with default looks where its model has no sky, light or floor.
 
-    It holds an OpenGL context: close it, or use it as a context manager.
+    It renders a copy of the model, so that neither model nor physics change. It holds an OpenGL
+    context: close it, or use it as a context manager.
 
     Args:
-        model: such as `player.model`; its offscreen buffer is enlarged if needed.
+        model: such as `player.model`.
         width: of the pictures, in pixels.
         height: of the pictures, in pixels.
 
@@ -35,24 +38,21 @@ class Scene:
     """
 
     def __init__(self, model: mujoco.MjModel, width: int = 480, height: int = 360):
-        if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
-            raise MorlaxError(
-                f"cannot draw a picture of {width} x {height}: width and height must be "
-                f"from {SMALLEST} to {LARGEST} pixels."
-            )
+        check_size(width, height)
         choose_opengl()
-        size = model.vis.global_
-        size.offwidth, size.offheight = max(size.offwidth, width), max(size.offheight, height)
-        self._renderer = mujoco.Renderer(model, height, width)
-        self._camera = _camera(model)
+        looks = Looks.of(model)
+        self._renderer = mujoco.Renderer(_rendered(model, looks, width, height), height, width)
+        self._scenery = Scenery(self._renderer, model, looks)
 
-    def draw(self, data: mujoco.MjData) -> NDArray[np.uint8]:
-        """Render the state in `data`: (height, width, 3) RGB."""
-        self._renderer.update_scene(data, self._camera)
+    def draw(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> NDArray[np.uint8]:
+        """Render the state in `data` as `camera` sees it: (height, width, 3) RGB."""
+        self._renderer.update_scene(data, camera)
+        self._scenery.add(camera)
         return self._renderer.render()
 
     def close(self) -> None:
         """Free the OpenGL context."""
+        self._scenery.close()
         self._renderer.close()
 
     def __enter__(self) -> Self:
@@ -67,16 +67,29 @@ class Scene:
         self.close()
 
 
-def _camera(model: mujoco.MjModel) -> mujoco.MjvCamera:
-    camera = mujoco.MjvCamera()
-    camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
-    if camera.fixedcamid >= 0:
-        camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-    else:
-        camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-        camera.trackbodyid = followed_body(model)
-        camera.distance, camera.azimuth, camera.elevation = 2 * model.stat.extent, 90, -15
-    return camera
+def check_size(width: int, height: int) -> None:
+    """Check the size of a picture in pixels.
+
+    Raises:
+        MorlaxError: it is out of range.
+    """
+    if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
+        raise MorlaxError(
+            f"cannot draw a picture of {width} x {height}: width and height must be "
+            f"from {SMALLEST} to {LARGEST} pixels."
+        )
+
+
+def _rendered(model: mujoco.MjModel, looks: Looks, width: int, height: int) -> mujoco.MjModel:
+    """Return a copy of a model whose clipping, haze and shadows suit the robot's own size."""
+    model = copy(model)
+    model.stat.extent = looks.size
+    visual = model.vis
+    size = visual.global_
+    size.offwidth, size.offheight = max(size.offwidth, width), max(size.offheight, height)
+    if looks.light:
+        visual.map.shadowclip = max(visual.map.shadowclip, SHADOWED)
+    return model
 
 
 @cache

@@ -1,0 +1,208 @@
+"""Cameras that follow a robot, at a distance that fits the robot's own size."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from .following import corners, followed_body, robot_geoms
+
+CAMERA = "track"  # a camera of this name in the model sets the direction of view
+SIDE, QUARTER = (90.0, -8.0), (125.0, -14.0)  # azimuth and elevation in degrees
+FILL = 0.72  # share of the picture that the robot fills at the start, in width or height
+FULL = 0.9  # share above which the camera moves back
+EDGE = 0.97  # share that the robot never exceeds
+SNUG = 0.86  # share that a row of pictures fills
+LAG = 0.3  # s in which the camera follows a change of speed
+SHIFT = 1.0  # s in which the camera follows a change of shape
+BACK = 0.4  # s in which the camera moves back
+SLACK = 0.25  # largest distance from the picture's center, in sizes of the robot
+JUMP = 3.0  # sizes of the robot: what moves farther in one step was put there
+
+Points = NDArray[np.float64]  # (P, 3) in world coordinates
+
+
+class Area(NamedTuple):
+    """A part of a picture: shares of its width from the left, and of its height from below."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+
+WHOLE = Area(0.0, 0.0, 1.0, 1.0)
+
+
+class View:
+    """What a picture of a robot shows: from one direction, in one shape.
+
+    Args:
+        model: of the robot.
+        aspect: width of a picture by its height.
+        area: the part of the picture that the robot is placed in.
+    """
+
+    def __init__(self, model: mujoco.MjModel, aspect: float, area: Area = WHOLE):
+        self._model, self._geoms = model, robot_geoms(model)
+        self._tree = int(model.body_rootid[min(followed_body(model), model.nbody - 1)])
+        tangent = math.tan(math.radians(model.vis.global_.fovy) / 2)
+        self._tangents = np.array([tangent * aspect, tangent])
+        self._aim = np.array([area.left + area.right, area.bottom + area.top]) - 1.0
+        self._half = np.array([area.right - area.left, area.top - area.bottom])
+        aside, above = np.degrees(np.arctan(self._aim * self._tangents))
+        azimuth, elevation = direction(model)
+        self._angles = azimuth + aside, elevation - above  # so that the robot is seen from there
+        self._axes = axes(*self._angles)
+
+    def points(self, data: mujoco.MjData) -> Points:
+        """Return the corners of the boxes around the robot's geoms."""
+        if len(self._geoms):
+            return corners(self._model, data, self._geoms)
+        return self.mass(data) + 0.5 * np.array([[-1.0], [1.0]])  # nothing is shown
+
+    def mass(self, data: mujoco.MjData) -> Points:
+        """Return the robot's center of mass (3,)."""
+        return data.subtree_com[self._tree].copy()
+
+    def middle(self, points: Points) -> Points:
+        """Return the center (3,) of the box around points, as the camera sees them."""
+        local = points @ self._axes.T
+        return (local.min(0) + local.max(0)) / 2 @ self._axes
+
+    def distance(self, points: Points, center: Points, share: float) -> float:
+        """Return the distance at which points lie within a share of the area's width and height.
+
+        The area's own center shows `center` (3,).
+        """
+        local = (points - center) @ self._axes.T
+        back = local[:, 2:]
+        sides = np.abs(local[:, :2] / self._tangents + self._aim * back) / (share * self._half)
+        return float((sides + back).max())
+
+    def place(self, camera: mujoco.MjvCamera, center: Points, distance: float) -> None:
+        """Place a camera so that the area's center shows `center` (3,)."""
+        aside = distance * self._aim * self._tangents
+        camera.azimuth, camera.elevation = self._angles
+        camera.lookat[:] = center - aside @ self._axes[:2]
+        camera.distance = distance
+
+
+class FollowingCamera:
+    """A camera that keeps one robot in its picture without shaking.
+
+    It moves with the smoothed speed of the robot's center of mass, and moves back when the robot
+    stretches. `camera` is its current pose.
+
+    Args:
+        model: of the robot.
+        aspect: width of a picture by its height.
+        areas: parts of the picture that are free; the robot is placed where it is largest.
+    """
+
+    def __init__(self, model: mujoco.MjModel, aspect: float, areas: Sequence[Area] = (WHOLE,)):
+        self._views = [View(model, aspect, area) for area in areas]
+        self._view = self._views[0]
+        self.camera = mujoco.MjvCamera()
+        self._center: Points | None = None  # (3,) smoothed
+
+    def restart(self, data: mujoco.MjData) -> None:
+        """Fit the picture to the pose in `data`."""
+        points = self._view.points(data)
+        self._center, self._speed = self._view.middle(points), np.zeros(3)
+        self._offset = self._center - self._view.mass(data)
+        self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        choices = [view.distance(points, self._center, FILL) for view in self._views]
+        self._view = self._views[int(np.argmin(choices))]
+        self._view.place(self.camera, self._center, min(choices))
+
+    def follow(self, data: mujoco.MjData, seconds: float) -> None:
+        """Move on with the robot, which took `seconds` to get to the pose in `data`.
+
+        A state that is not finite is skipped.
+        """
+        points, mass = self._view.points(data), self._view.mass(data)
+        if not np.isfinite(points).all():
+            return
+        if self._center is None or self._has_jumped(mass, seconds):
+            self.restart(data)
+            return
+        shift = self._view.middle(points) - mass - self._offset
+        self._offset = self._offset + (1 - math.exp(-seconds / SHIFT)) * shift
+        target = mass + self._offset
+        error = target - self._center - self._speed * seconds
+        keep = math.exp(-seconds / LAG)  # an alpha-beta filter: no lag at a constant speed
+        self._speed = self._speed + (1 - keep) ** 2 / seconds * error
+        slack = SLACK * self._size
+        self._center = target - np.clip(keep**2 * error, -slack, slack)
+        distance = self.camera.distance
+        more = max(0.0, self._view.distance(points, self._center, FULL) - distance)
+        distance += (1 - math.exp(-seconds / BACK)) * more
+        edge = self._view.distance(points, self._center, EDGE)
+        self._view.place(self.camera, self._center, max(distance, edge))
+
+    def _has_jumped(self, mass: Points, seconds: float) -> bool:
+        moved = mass + self._offset - self._center - self._speed * seconds
+        return float(np.linalg.norm(moved)) > JUMP * self._size
+
+
+def cameras_for(
+    model: mujoco.MjModel, aspect: float, poses: Sequence[mujoco.MjData]
+) -> list[mujoco.MjvCamera]:
+    """Return a camera for each pose: all at one height and distance, centered on the robot.
+
+    Args:
+        model: of the robot.
+        aspect: width of a picture by its height.
+        poses: one or more.
+    """
+    view = View(model, aspect)
+    bodies = [view.points(pose) for pose in poses]
+    centers = [view.middle(points) * (1, 1, 0) for points in bodies]
+    together = np.concatenate([p - center for p, center in zip(bodies, centers, strict=True)])
+    middle = view.middle(together)
+    distance = view.distance(together, middle, SNUG)
+    cameras = [mujoco.MjvCamera() for _ in poses]
+    for camera, center in zip(cameras, centers, strict=True):
+        view.place(camera, center + middle, distance)
+    return cameras
+
+
+def direction(model: mujoco.MjModel) -> tuple[float, float]:
+    """Return the direction of view, azimuth and elevation in degrees.
+
+    The direction of the model's camera `track`, a side view of a planar robot, or from ahead.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
+    named = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
+    if named >= 0:
+        x, y, z = -data.cam_xmat[named].reshape(3, 3)[:, 2]
+        return math.degrees(math.atan2(y, x)), math.degrees(math.asin(np.clip(z, -1, 1)))
+    if _moves_within(model, data, normal=1):
+        return SIDE
+    if _moves_within(model, data, normal=0):
+        return SIDE[0] + 90, SIDE[1]
+    return QUARTER
+
+
+def axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Return the directions right, up and back (3, 3) of a camera; angles are in degrees."""
+    a, e = math.radians(azimuth), math.radians(elevation)
+    back = -np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    right = np.array([math.sin(a), -math.cos(a), 0.0])
+    return np.stack([right, np.cross(back, right), back])
+
+
+def _moves_within(model: mujoco.MjModel, data: mujoco.MjData, normal: int) -> bool:
+    """Return whether every joint moves within the plane whose normal is a coordinate axis."""
+    along = np.abs(data.xaxis[:, normal])
+    hinge = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    slide = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+    within = (hinge & (along > 0.99)) | (slide & (along < 0.01))
+    return bool(model.njnt and within.all())

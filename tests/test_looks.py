@@ -1,0 +1,200 @@
+"""Models without sky, light or floor film well; physics and the user's own looks stay as set."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from morlax_torch.viewers.camera import FollowingCamera, direction
+from morlax_torch.viewers.filming.rendering import Scene
+from morlax_torch.viewers.looks import FLOOR, Looks, floor_color
+
+CART_POLE = """
+<mujoco>
+  {head}
+  <worldbody>
+    {world}
+    <geom name="rail" type="capsule" fromto="-2 0 0 2 0 0" size="0.02"/>
+    <body>
+      <joint name="slide" type="slide" axis="1 0 0"/>
+      <geom type="box" size="0.1 0.06 0.05" rgba="0.2 0.4 0.8 1" contype="0"/>
+      <body>
+        <joint name="pole" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" rgba="0.9 0.5 0.1 1" contype="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="slide" gear="20"/></actuator>
+</mujoco>
+"""
+
+
+def built(world: str = "", head: str = "") -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(CART_POLE.format(world=world, head=head))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def picture(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    following = FollowingCamera(model, 4 / 3)
+    following.restart(data)
+    with Scene(model, 160, 120) as scene:
+        return scene.draw(data, following.camera).astype(float)
+
+
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("head", ("", '<visual><headlight active="0"/></visual>'))
+@pytest.mark.parametrize("world", ("", '<geom type="plane" size="0 0 1" pos="0 0 -1"/>'))
+def test_a_bare_model_films_bright_and_with_contrast(world, head):
+    image = picture(*built(world, head))
+    light = image.mean(-1)
+    assert 130 < light.mean() < 230  # of 255
+    assert (light < 20).mean() < 0.01  # nothing is black
+    sky, floor = image[:20].reshape(-1, 3), image[-20:].reshape(-1, 3)
+    assert sky[:, 2].mean() > sky[:, 0].mean() + 20  # blue
+    assert floor.std(0).max() > 4  # checkered
+    pole = (image[..., 0] > image[..., 2] + 60).mean()
+    assert pole > 0.01
+
+
+@pytest.mark.usefixtures("opengl")
+def test_without_looks_this_model_would_be_dark():
+    model, data = built()
+    following = FollowingCamera(model, 4 / 3)
+    following.restart(data)
+    with mujoco.Renderer(model, 120, 160) as renderer:
+        renderer.update_scene(data, following.camera)
+        assert (renderer.render().mean(-1) < 20).mean() > 0.8
+
+
+@pytest.mark.usefixtures("opengl")
+def test_looks_change_neither_model_nor_motion():
+    def motion(filmed: bool) -> np.ndarray:
+        model, data = built()
+        following, states = FollowingCamera(model, 4 / 3), []
+        scene = Scene(model, 64, 64) if filmed else None
+        for step in range(200):
+            data.ctrl[0] = np.sin(0.05 * step)
+            mujoco.mj_step(model, data)
+            if scene and step % 20 == 0:
+                following.follow(data, 0.02)
+                scene.draw(data, following.camera)
+            states.append(np.concatenate([data.qpos, data.qvel, data.qacc_warmstart]))
+        if scene:
+            scene.close()
+        return np.stack(states)
+
+    np.testing.assert_array_equal(motion(True), motion(False))
+    model, data = built()
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    before, after = buffer.copy(), buffer.copy()
+    mujoco.mj_saveModel(model, None, before)
+    picture(model, data)
+    mujoco.mj_saveModel(model, None, after)
+    np.testing.assert_array_equal(before, after)
+
+
+OWN = """
+<asset>
+  <texture name="sky" type="skybox" builtin="flat" rgb1="0.6 0.1 0.1" width="16" height="16"/>
+  <texture name="grass" type="2d" builtin="flat" rgb1="0.1 0.6 0.1" width="16" height="16"/>
+  <material name="grass" texture="grass"/>
+</asset>
+"""
+
+
+@pytest.mark.usefixtures("opengl")
+def test_the_user_s_own_sky_light_and_floor_are_kept():
+    light = '<light type="directional" dir="0 0 -1" diffuse="0.3 0.3 0.3"/>'
+    floor = '<geom type="plane" size="0 0 1" pos="0 0 -1" material="grass"/>'
+    model, data = built(light + floor, OWN)
+    looks = Looks.of(model)
+    assert (looks.sky, looks.light, looks.plain_floors, looks.ground) == (False, False, (), None)
+    image = picture(model, data)
+    assert image[0, 0, 0] > 3 * image[0, 0, 2]  # a red sky
+    assert image[-1, 0, 1] > 3 * image[-1, 0, 2]  # a green floor
+    following = FollowingCamera(model, 4 / 3)
+    following.restart(data)
+    model.stat.extent = looks.size  # what a film sets in its own copy
+    with mujoco.Renderer(model, 120, 160) as renderer:
+        renderer.update_scene(data, following.camera)
+        np.testing.assert_array_equal(image, renderer.render())
+
+
+def test_looks_find_what_a_model_lacks():
+    model, _ = built()
+    looks = Looks.of(model)
+    assert looks.sky and looks.light and looks.plain_floors == ()
+    assert looks.ground is not None and -0.8 < looks.ground < -0.6  # the pole can hang down
+    assert 0.6 < looks.size < 0.8  # the rail is not the robot
+    model, _ = built('<geom name="own" type="plane" size="0 0 1" rgba="0.2 0.3 0.4 1"/>')
+    looks, own = Looks.of(model), model.geom("own").id
+    assert looks.ground is None and looks.plain_floors == (own,)
+    np.testing.assert_allclose(floor_color(model, own), [0.2, 0.3, 0.4, 1])
+    model, _ = built('<geom name="own" type="plane" size="0 0 1"/>')
+    np.testing.assert_allclose(floor_color(model, own), [*FLOOR, 1])
+    model, _ = built('<geom type="box" size="9 9 0.1" pos="0 0 -1"/>')
+    assert Looks.of(model).ground is None  # a wide box is a floor
+    bright = '<visual><headlight ambient="0.4 0.4 0.4" diffuse="0.6 0.6 0.6"/></visual>'
+    assert not Looks.of(built(head=bright)[0]).light
+    assert not Looks.of(built("<light/>")[0]).light
+    assert Looks.of(built('<light active="false"/>')[0]).light
+
+
+def test_a_model_without_anything_to_show_has_looks_too():
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert Looks.of(model).sky
+    following = FollowingCamera(model, 1.0)
+    following.restart(data)
+    following.follow(data, 0.02)
+    assert 0 < following.camera.distance < 10
+
+
+def test_a_planar_robot_is_seen_from_its_side():
+    assert direction(built()[0])[0] == 90
+    across = CART_POLE.replace('axis="1 0 0"', 'axis="0 1 0"').replace('"0 1 0"/>\n', '"1 0 0"/>\n')
+    across = across.replace('type="slide" axis="1 0 0"', 'type="slide" axis="0 1 0"')
+    assert direction(mujoco.MjModel.from_xml_string(across.format(world="", head="")))[0] == 180
+
+
+def test_the_camera_follows_a_fast_cart_smoothly():
+    model, data = built()
+    following = FollowingCamera(model, 4 / 3)
+    following.restart(data)
+    start = following.camera.lookat[0] - data.qpos[0]
+    xs, gaps = [], []
+    for step in range(300):
+        data.qpos[0] = 0.06 * step + 0.01 * (-1) ** step  # 3 m/s, shaken by 1 cm
+        mujoco.mj_forward(model, data)
+        following.follow(data, 0.02)
+        xs.append(following.camera.lookat[0])
+        gaps.append(following.camera.lookat[0] - 0.06 * step - start)
+    steps = np.diff(xs[150:])
+    assert np.ptp(steps) < 0.003  # the cart's own steps differ by 0.04
+    assert np.abs(gaps[150:]).max() < 0.01  # and the camera does not lag
+
+
+def test_the_camera_moves_back_when_the_robot_stretches_and_skips_a_blown_up_state():
+    model, data = built()
+    data.joint("pole").qpos[0] = 0.0
+    mujoco.mj_forward(model, data)
+    following = FollowingCamera(model, 3.0)
+    following.restart(data)
+    before = following.camera.distance
+    data.qpos[:] = np.nan
+    data.geom_xpos[:] = np.nan
+    following.follow(data, 0.02)
+    assert following.camera.distance == before
+    moved, moved_data = built()
+    moved_data.qpos[1] = np.pi / 2  # sideways: wider than it was
+    narrow = FollowingCamera(moved, 0.5)
+    start = mujoco.MjData(moved)
+    mujoco.mj_forward(moved, start)
+    narrow.restart(start)
+    first = narrow.camera.distance
+    mujoco.mj_forward(moved, moved_data)
+    for _ in range(50):
+        narrow.follow(moved_data, 0.02)
+    assert narrow.camera.distance > 1.2 * first
