@@ -1,0 +1,118 @@
+"""The documentation site builds without warnings, has no broken link, and loads nothing remote."""
+
+import re
+import sys
+from html.parser import HTMLParser
+from importlib import import_module
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from morlax_torch.__main__ import COMMANDS
+
+DOCS = Path(__file__).parents[1] / "docs"
+sys.path.insert(0, str(DOCS / "site"))
+site = import_module("pages")
+REMOTE = re.compile(r"(?:https?:)?//")
+
+
+class Page(HTMLParser):
+    """The links, loaded files and anchors of a page."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.links, self.loads, self.anchors = [], [], set()
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag, attrs):
+        named = dict(attrs)
+        self.anchors.add(named.get("id"))
+        if tag == "a" and "href" in named:
+            self.links.append(named["href"])
+        elif tag == "link" or "src" in named:
+            self.loads.append(named.get("src") or named["href"])
+
+
+def broken(root: Path) -> list[str]:
+    """Return the links of a site that lead nowhere, and files that it loads from other hosts."""
+    pages = {path.resolve(): Page(path) for path in root.rglob("*.html") if path.name != "404.html"}
+    found = []
+    for path, page in pages.items():
+        found += [f"{path}: {file}" for file in page.loads if REMOTE.match(file)]
+        for link in page.links + page.loads:
+            if re.match(r"[a-z]+:|//", link):
+                continue
+            place, _, anchor = unquote(link).partition("#")
+            target = (path.parent / place).resolve() if place else path
+            target = target / "index.html" if target.is_dir() else target
+            known = pages[target].anchors if target in pages else {anchor}
+            if not target.is_file() or (anchor and anchor not in known):
+                found.append(f"{path}: {link}")
+    return found
+
+
+def test_broken_links_are_found(tmp_path):
+    (tmp_path / "index.html").write_text(
+        '<h1 id="a"></h1><a href="#a"></a><a href="#b"></a><a href="none.html"></a>'
+        '<script src="https://cdn.example/x.js"></script><img src="index.html">'
+    )
+    ends = [line.partition(": ")[2] for line in broken(tmp_path)]
+    assert ends == ["https://cdn.example/x.js", "#b", "none.html"]
+
+
+def test_the_site_builds_strictly_and_all_its_links_work(tmp_path):
+    pytest.importorskip("zensical", reason="needs the extra docs")
+    pytest.importorskip("mkdocstrings_handlers.python", reason="needs the extra docs")
+    import_module("build").build(tmp_path / "site")
+    assert broken(tmp_path / "site") == []
+    commands = (tmp_path / "site" / "commands" / "index.html").read_text()
+    assert all(f"python -m morlax_torch.{name} [-h]" in commands for name in COMMANDS)
+    reference = (tmp_path / "site" / "api" / "index.html").read_text()
+    for name in re.findall(r"<!-- api: (\S+) -->", (DOCS / "api.md").read_text()):
+        assert f'id="{name}"' in reference, name
+
+
+def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):
+    monkeypatch.setattr(site, "ROOT", tmp_path)
+    with pytest.raises(FileNotFoundError, match="links to none"):
+        site.relinked("[text](none.md)", tmp_path / "page.md", None)
+
+
+CODE = "[the robots](../envs/robots)"
+
+
+@pytest.mark.parametrize(
+    ("text", "repository", "expected"),
+    [
+        (CODE, None, "the robots"),
+        (CODE, "https://host/me", "[the robots](https://host/me/tree/main/envs/robots)"),
+        ("[a](tasks.md#b)", None, "[a](tasks.md#b)"),
+        ("[log](../CHANGELOG.md)", None, "[log](changelog.md)"),
+        ("![film](media/cheetah.gif)", None, "![film](media/cheetah.gif)"),
+        ("[x](https://host)", None, "[x](https://host)"),
+    ],
+)
+def test_links_lead_to_pages_or_the_repository(text, repository, expected):
+    assert site.relinked(text, DOCS / "index.md", repository) == expected
+
+
+def test_links_of_top_level_pages_lead_to_the_same_pages():
+    text = "[a](docs/tasks.md) [b](CHANGELOG.md)"
+    relinked = site.relinked(text, DOCS.parent / "CONTRIBUTING.md", None)
+    assert relinked == "[a](tasks.md) [b](changelog.md)"
+
+
+def test_code_keeps_its_brackets():
+    text = "[a](none.md)\n```python\nf[a](none.md)\n```\n[a](none.md)\n"
+    changed = site.outside_code(text, lambda part: part.replace("[a](none.md)", "a"))
+    assert changed == "a\n```python\nf[a](none.md)\n```\na\n"
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_the_player_is_framed_if_it_is_there(there, tmp_path, monkeypatch):
+    monkeypatch.setattr(site, "DOCS", tmp_path)
+    if there:
+        (tmp_path / "player").mkdir()
+        (tmp_path / "player" / "index.html").write_text("")
+    assert ('<iframe src="player/index.html"' in site.player(None)) == there

@@ -1,0 +1,72 @@
+"""The tutorial's code runs in its order, and its notebook is the same text."""
+
+import json
+import shlex
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from morlax_torch import envs
+from morlax_torch.__main__ import command
+
+DOCS = Path(__file__).parents[1] / "docs"
+sys.path.insert(0, str(DOCS / "site"))
+notebook = import_module("notebook")
+
+LONG, SHORT = "max_env_steps=300_000", "max_env_steps=4_096"
+ENDLESS = "python -m morlax_torch.explore"  # test_install.py and test_explore.py start it
+WRITE = "%%writefile "
+
+
+def run_command(line: str) -> None:
+    assert line.startswith("python -m morlax_torch.")
+    _, _, module, *arguments = shlex.split(line)
+    command([module.rpartition(".")[2], *arguments])
+
+
+def run_cells(cells: list[str]) -> dict:
+    """Run cells of code as Jupyter would, and return their variables."""
+    names: dict = {}
+    for cell in cells:
+        first, _, rest = cell.partition("\n")
+        if first.startswith(WRITE):
+            Path(first.removeprefix(WRITE)).write_text(rest)
+        elif first.startswith("!"):
+            for line in cell.splitlines():
+                if not line[1:].startswith(ENDLESS):
+                    run_command(line[1:])
+        else:
+            exec(cell, names)
+    return names
+
+
+def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("onnxruntime")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    content = json.loads((DOCS / "tutorial.ipynb").read_text())
+    code = ["".join(cell["source"]) for cell in content["cells"] if cell["cell_type"] == "code"]
+    assert sum(LONG in cell for cell in code) == 1
+    names = run_cells([cell.replace(LONG, SHORT) for cell in code])
+    assert names["choice"].returns["steady"] >= 185
+    for written in ("front.png", "runs/crane/report.html", "runs/crane/policy.onnx"):
+        assert Path(written).is_file()
+
+
+def test_the_notebook_is_the_page():
+    page = (DOCS / "tutorial.md").read_text()
+    stored = (DOCS / "tutorial.ipynb").read_text()
+    assert notebook.notebook(page) == stored, "run python docs/site/notebook.py"
+
+
+def test_blocks_become_cells():
+    page = "# Title\n\n```python\n# robot.py\nx = 1\n```\n\n"
+    page += "```sh\nls\npwd\n```\n\n```yaml\na: 1\n```\n"
+    assert [tuple(cell) for cell in notebook.cells(page)] == [
+        ("markdown", "# Title"),
+        ("code", "%%writefile robot.py\n# robot.py\nx = 1"),
+        ("code", "!ls\n!pwd"),
+        ("markdown", "```yaml\na: 1\n```"),
+    ]
