@@ -41,6 +41,8 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "MUJOCO_GL=osmesa": "needs OSMesa",
     "--storage ": "needs a shared folder or a database; test_tune.py has one",
     "best.yaml": "needs the result of a search; test_tune.py trains with it",
+    "morlax_torch.teach": "asks a user in a browser; test_explore_comparing.py answers",
+    "lesson/config.yaml": "needs the answers of a user; test_teach.py trains with it",
     "morlax_torch.pack": "needs a finished run; .ci/smoke.py packs one",
     "for seed in": "a loop",
     "done": "a loop",
