@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import torch
-from quadratic import PLACES, Quadratic, best_returns
+from closed_form import PLACES, Quadratic, best_returns
 from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, config_for, evaluate, load
@@ -22,7 +22,7 @@ from morlax_torch.runs.training import make_evaluator, make_worlds
 from morlax_torch.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.train import command, train
 
-TASK = f"{Path(__file__).with_name('quadratic.py')}:{Quadratic.__name__}"
+TASK = f"{Path(__file__).with_name('closed_form.py')}:{Quadratic.__name__}"
 WORLDS, HORIZON, CLUSTERS = 64, 4, 8
 SMALL: dict[str, Any] = {
     "device": "cpu",

@@ -2,23 +2,32 @@
 
 import importlib.util
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 import torch
 
+from morlax_torch import config_for, envs
+from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.threads import one_thread
+from morlax_torch.train import train
 
 EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
+TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"
 
 
-@pytest.fixture
-def cleanrl_ppo():
-    spec = importlib.util.spec_from_file_location("cleanrl_ppo", EXAMPLES / "cleanrl_ppo.py")
+def imported(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture
+def cleanrl_ppo() -> ModuleType:
+    return imported("cleanrl_ppo")
 
 
 def test_the_cleanrl_style_ppo_example_learns(cleanrl_ppo, capsys):
@@ -33,3 +42,34 @@ def test_the_cleanrl_style_ppo_example_learns(cleanrl_ppo, capsys):
         returns = cleanrl_ppo.train(settings)
     assert np.mean(returns[-3:]) > 2 * returns[0]
     assert "steps/s" in capsys.readouterr().out
+
+
+def points_between_goals(two_goals: ModuleType, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return fingertips (number, 2) in m from goal to goal, and their rewards (number, 2)."""
+    env = envs.make(TWO_GOALS, 1, "cpu")
+    left, right = env.goal("left"), env.goal("right")
+    tips = right + np.linspace(0, 1, number)[:, None] * (left - right)
+    return tips, two_goals.nearness(torch.from_numpy(tips), env.goals.cpu()).numpy()
+
+
+def test_the_arm_between_two_goals_earns_what_its_kinematics_say():
+    two_goals = imported("two_goals")
+    tips, expected = points_between_goals(two_goals, 21)
+    env = envs.make(TWO_GOALS, 21, "cpu", auto_reset=False)
+    action = torch.from_numpy(two_goals.joint_angles(tips) - env.initial_qpos()).float()
+    for _ in range(env.episode_length):
+        step = env.step(action)
+    assert np.abs(step.reward.numpy() - expected).max() < 1e-3
+    assert expected.sum(1).min() < 0.5 * expected.sum(1).max()  # worse than a mix of the ends
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scalarization", ["linear", "chebyshev"])
+def test_chebyshev_covers_more_of_the_arm_s_concave_front(scalarization, tmp_path):
+    changes = {"worlds": 256, "ppo.learning_rate": 1e-3, "evaluation.tradeoffs": 65}
+    config = config_for(
+        TWO_GOALS, device="cpu", scalarization=scalarization, max_env_steps=400_000, **changes
+    )
+    run = train(config, output=tmp_path / "run")
+    volume = Front.load(run.folder / "front.npz").hypervolume
+    assert volume < 70 if scalarization == "linear" else volume > 85
