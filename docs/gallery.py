@@ -20,8 +20,8 @@ The package ships trained policies: one hypernetwork for each built-in task, and
 `morlax_torch.load("ant")` loads one, and `evaluate`, `record`, `explore` and `export` accept its
 name in place of a run's folder.
 
-Each front shows the returns of 512 trade-offs, one episode each. Each film strip shows the first
-seconds under every objective alone and under all objectives equally.
+Each front shows the returns of 512 trade-offs, one episode each. Each film strip shows the robot
+under every objective alone and under all objectives equally.
 [How policies are evaluated](evaluation.md). `docs/gallery.py` writes this page.
 
 The ant and walker networks are smaller than in their configs, to stay below one megabyte. Walker,

@@ -25,7 +25,7 @@ _ENCODERS = {
     ),
 }
 FASTEST = {".mp4": 30.0, ".gif": 20.0}  # frames per second, at most
-UNSEEN = 6  # of 255: a smaller change of a pixel is left out of a GIF, which then compresses better
+UNSEEN = 3  # of 255: a smaller change of a pixel is left out of a GIF, which then compresses better
 ENDINGS = tuple(_ENCODERS)
 
 
