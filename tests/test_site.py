@@ -1,19 +1,17 @@
 """The documentation site builds without warnings, has no broken link, and loads nothing remote."""
 
 import re
-import sys
 from html.parser import HTMLParser
-from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote
 
+import build_site
+import pages as site
 import pytest
 
 from morlax_torch.__main__ import COMMANDS
 
 DOCS = Path(__file__).parents[1] / "docs"
-sys.path.insert(0, str(DOCS / "site"))
-site = import_module("pages")
 REMOTE = re.compile(r"(?:https?:)?//")
 
 
@@ -64,13 +62,20 @@ def test_broken_links_are_found(tmp_path):
 def test_the_site_builds_strictly_and_all_its_links_work(tmp_path):
     pytest.importorskip("zensical", reason="needs the extra docs")
     pytest.importorskip("mkdocstrings_handlers.python", reason="needs the extra docs")
-    import_module("build").build(tmp_path / "site")
+    build_site.build(tmp_path / "site")
     assert broken(tmp_path / "site") == []
     commands = (tmp_path / "site" / "commands" / "index.html").read_text()
     assert all(f"python -m morlax_torch.{name} [-h]" in commands for name in COMMANDS)
     reference = (tmp_path / "site" / "api" / "index.html").read_text()
     for name in re.findall(r"<!-- api: (\S+) -->", (DOCS / "api.md").read_text()):
         assert f'id="{name}"' in reference, name
+
+
+def test_every_page_is_in_the_navigation():
+    config = (DOCS / "site" / "mkdocs.yml").read_text()
+    listed = set(re.findall(r": (\S+\.md)$", config, re.MULTILINE)) - set(site.FROM_ROOT.values())
+    pages = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    assert listed == pages, "list the page under nav in docs/site/mkdocs.yml"
 
 
 def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):

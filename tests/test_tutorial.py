@@ -2,18 +2,15 @@
 
 import json
 import shlex
-import sys
-from importlib import import_module
 from pathlib import Path
 
+import notebook
 import pytest
 
 from morlax_torch import envs
 from morlax_torch.__main__ import command
 
 DOCS = Path(__file__).parents[1] / "docs"
-sys.path.insert(0, str(DOCS / "site"))
-notebook = import_module("notebook")
 
 LONG, SHORT = "max_env_steps=300_000", "max_env_steps=4_096"
 ENDLESS = "python -m morlax_torch.explore"  # test_install.py and test_explore.py start it

@@ -67,7 +67,7 @@ def help_of(command: str) -> str:
         capture_output=True,
         text=True,
         check=True,
-        env={**os.environ, "COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"},
+        env={**os.environ, "COLUMNS": "82", "NO_COLOR": "1", "TERM": "dumb"},
     )
     lines = [line.rstrip() for line in done.stdout.strip().splitlines()]
     return "\n".join(["```text", *lines, "```"])

@@ -1,4 +1,4 @@
-"""Build the documentation site, strictly and offline: `python docs/site/build.py FOLDER`.
+"""Build the documentation site, strictly and offline: `python docs/site/build_site.py FOLDER`.
 
 The environment variable REPOSITORY_URL is where links to source code lead.
 """
@@ -54,5 +54,5 @@ def prepare(place: Path, repository: str | None) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("usage: python docs/site/build.py FOLDER")
+        sys.exit("usage: python docs/site/build_site.py FOLDER")
     build(Path(sys.argv[1]), os.environ.get("REPOSITORY_URL"))
