@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...envs import MorlaxError
+from ...envs.errors import installation
 from ...files import replacing
 
 # The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
@@ -86,7 +87,7 @@ def find_ffmpeg() -> str:
         import imageio_ffmpeg
     except ImportError:
         raise MorlaxError(
-            "writing a film needs ffmpeg: pip install 'morlax-torch[video]', or write a film strip "
+            f"writing a film needs ffmpeg: {installation('video')}, or write a film strip "
             "with --output FILE.png."
         ) from None
     # which() is None if IMAGEIO_FFMPEG_EXE is wrong; RuntimeError if the wheel has no ffmpeg
