@@ -25,7 +25,7 @@ def command(arguments: Sequence[str]) -> None:
         for name, about in COMMANDS.items():
             cli.console.print(f"  {name:9} {about}")
         if not arguments:
-            raise MorlaxError(f"name a command: {', '.join(COMMANDS)}.")
+            raise MorlaxError("name a command of this list.")
         return
     name, *rest = arguments
     if name not in COMMANDS:

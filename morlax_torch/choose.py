@@ -9,6 +9,7 @@ import tyro
 from .envs import MorlaxError
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 
 if TYPE_CHECKING:
     from .evaluation.choosing import choose as choose
@@ -44,7 +45,7 @@ def command(arguments: Sequence[str]) -> None:
         weights = ",".join(f"{weight:.4g}" for weight in choice.tradeoff)
         cli.console.print(f"trade-off: {weights}", markup=False)
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.choose")
+    call(main, arguments, "morlax choose")
 
 
 def _required(text: str) -> tuple[str, float]:

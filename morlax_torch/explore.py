@@ -8,6 +8,7 @@ import tyro
 
 from .envs import MorlaxError
 from .terminal import cli
+from .terminal.help import call
 from .terminal.interrupt import interruptible
 
 
@@ -41,7 +42,7 @@ def explore(run: str, host: str, port: int) -> None:
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)
-        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", markup=False)
+        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", markup=False, soft_wrap=True)
         page.serve(ended)
         page.stop()
 
@@ -72,7 +73,7 @@ def command(arguments: Sequence[str]) -> None:
             trust_task(chosen)
         explore(chosen, host, port)
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.explore")
+    call(main, arguments, "morlax explore")
 
 
 def _check_free(host: str, port: int) -> None:

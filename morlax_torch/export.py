@@ -8,6 +8,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 
 if TYPE_CHECKING:
     from .exports.exporting import export as export
@@ -52,7 +53,7 @@ def command(arguments: Sequence[str]) -> None:
         largest = export(policy, place, format, weights, {"run": provenance(run)})
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.export")
+    call(main, arguments, "morlax export")
 
 
 def _default_folder(run: Path) -> Path:

@@ -9,6 +9,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 
 if TYPE_CHECKING:
     from .runs.packing import pack as pack
@@ -41,9 +42,9 @@ def command(arguments: Sequence[str]) -> None:
         front = pack(run, output, device)
         size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6
         cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {output} ({size:.1f} MB)")
-        cli.console.print(f"use it: python -m morlax_torch.evaluate {shlex.quote(str(output))}")
+        cli.print_command("use it", f"python -m morlax_torch.evaluate {shlex.quote(str(output))}")
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.pack")
+    call(main, arguments, "morlax pack")
 
 
 def main() -> None:

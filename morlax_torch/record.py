@@ -8,6 +8,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 
 if TYPE_CHECKING:
     from .viewers.filming.recording import record as record
@@ -71,7 +72,7 @@ def command(arguments: Sequence[str]) -> None:
         )
         cli.console.print(f"written: {place}")
 
-    tyro.cli(main, args=arguments, prog="python -m morlax_torch.record")
+    call(main, arguments, "morlax record")
 
 
 def _default_output(run: Path) -> Path:

@@ -30,7 +30,7 @@ class Command(Section):
 
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     """Read the command line over the config of the file, task or run that it names."""
-    line = CommandLine("python -m morlax_torch.train", ABOUT, Command)
+    line = CommandLine("morlax train", ABOUT, Command)
     early = line.early(arguments, "--resume", "--output")
     for name in ("config", "output"):
         if early.resume and getattr(early, name):

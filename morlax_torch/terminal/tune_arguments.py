@@ -56,7 +56,7 @@ class Request(NamedTuple):
 
 def read(arguments: Sequence[str]) -> Request:
     """Read the command line over the config of the file or task that it names."""
-    line = CommandLine("python -m morlax_torch.tune", ABOUT, TuneOptions)
+    line = CommandLine("morlax tune", ABOUT, TuneOptions)
     early = line.early(arguments)
     if asks_for_help(arguments) and not (early.env or early.config):
         line.help_for_any_task(early.device)

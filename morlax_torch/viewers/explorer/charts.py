@@ -4,7 +4,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from .colors import of_objectives
+from ...colors import of_objectives
 from .session import Session
 
 HEIGHT = 104

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from itertools import combinations
 from typing import Any
 
+from ...colors import mix
 from ...evaluation.front import Front
 from . import picking, svg
-from .colors import mix
 from .pair import PairPlot
 from .svg import Box
 from .triangle import Triangle

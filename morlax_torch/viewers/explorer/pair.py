@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from ...colors import GRAY, INK, PALE, mix
 from ...evaluation.front import Front
 from . import svg
-from .colors import GRAY, INK, PALE, mix
 from .svg import Box
 from .weights import show
 
