@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -64,7 +64,7 @@ def between(first: str, second: str) -> LinearSegmentedColormap:
 
 def shades(color: str) -> LinearSegmentedColormap:
     """Return a color map from almost white to a dark shade of `color`, which rises in grayscale."""
-    dark = 0.3 * np.array(to_rgb(color))
+    dark = to_hex(0.3 * np.array(to_rgb(color)))
     return LinearSegmentedColormap.from_list("shades", ["#f7f7f5", color, dark])
 
 
