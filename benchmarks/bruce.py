@@ -10,7 +10,7 @@ first run: OUTPUT-space.png (the paper's two projections), -pairs.png and -comma
 
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import torch
@@ -22,7 +22,7 @@ from walks import Array, Walks, walks
 from morlax_torch.envs import resolve_device
 from morlax_torch.envs.robots.bruce.library import Library
 from morlax_torch.evaluation import figures
-from morlax_torch.evaluation.figures.style import COLORS, blank, returned
+from morlax_torch.evaluation.figures.style import RUNS, blank
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import load
@@ -126,32 +126,13 @@ def measure(policy: Policy, number: int, chunk: int) -> Measured:
     )
 
 
-def space_figure(measured: Measured) -> Figure:
-    """Draw the paper's two projections; red, green and blue are the weights of the three axes."""
-    figure, names = blank(9.6, 4.4, ""), measured.policy.objectives
-    for cell, axis_names in enumerate(SPACES, start=1):
-        columns = [names.index(name) for name in axis_names]
-        weights = measured.tradeoffs[:, columns].numpy() + 1e-9
-        colors = weights / weights.sum(1, keepdims=True)
-        axes: Any = figure.add_subplot(1, 2, cell, projection="3d")
-        axes.scatter(*measured.spread.returns[::10, columns].T, s=3, c=colors[::10])
-        for axis, name in zip("xyz", axis_names, strict=True):
-            getattr(axes, f"set_{axis}label")(returned(name))
-        axes.set_title("red, green, blue: weights of " + ", ".join(axis_names), fontsize="small")
-        axes.locator_params(nbins=4)
-        axes.tick_params(labelsize="small")
-        axes.view_init(elev=20, azim=55)
-        axes.set_box_aspect(None, zoom=0.85)
-    return figure
-
-
 def commands_figure(measured: Measured) -> Figure:
     """Draw the balanced policy's survival rate by commanded velocity."""
     library, figure = Library.load(), blank(6.4, 3.6, "equal weights for all objectives")
     axes = figure.add_subplot()
     extent = (-0.2125, 0.2125, -0.1125, 0.1125)
     shares = survival(measured.commanded).T
-    drawn = axes.imshow(shares, COLORS, vmin=0, vmax=1, origin="lower", extent=extent)
+    drawn = axes.imshow(shares, RUNS, vmin=0, vmax=1, origin="lower", extent=extent)
     axes.set_xticks(library.vx[::4])
     axes.set_yticks(library.vy[::2])
     axes.set_xlabel("commanded forward velocity (m/s)")
@@ -204,7 +185,7 @@ def main(
         np.zeros(len(first.policy.objectives)),
     )
     pictures = {
-        "space": space_figure(first),
+        "space": figures.spaces_figure(front, SPACES),
         "pairs": figures.front_figure(front),
         "commands": commands_figure(first),
     }

@@ -14,10 +14,12 @@ merge rows measured on several GPUs into one table:
 
 import csv
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
 import tyro
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from training_curve import TARGETS, Point, command_seconds, reached, training_curve
 
@@ -158,21 +160,30 @@ def curves(runs: dict[str, list[list[Point]]]) -> Figure:
     """Plot hypervolume over training seconds, one line per seed, with the targets dashed."""
     columns = min(len(runs), 3)
     rows = -(-len(runs) // columns)
-    figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
+    figure = Figure(figsize=(5.0 * columns, 3.4 * rows), layout="constrained")
     for index, (task, seeds) in enumerate(runs.items()):
         axes = figure.add_subplot(rows, columns, index + 1)
         for points in seeds:
             seconds = [p.train_seconds for p in points]
             axes.plot(seconds, [p.hypervolume["latched"] for p in points], color="C0", alpha=0.7)
-        for target, name in zip(TARGETS[task], ("HYPER-MORL", "MORLAX, paper"), strict=True):
+        for target in TARGETS[task]:
             axes.axhline(target, color="0.4", linestyle="--", linewidth=0.8)
-            left = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "bottom"}
-            axes.annotate(name, (0.01, target), fontsize=7, color="0.3", **left)
+        _name_targets(axes, TARGETS[task])
         axes.set_title(task)
         axes.set_xlabel("training time (s)")
         axes.set_ylabel("hypervolume")
         axes.grid(alpha=0.3)
     return figure
+
+
+def _name_targets(axes: Axes, targets: Sequence[float]) -> None:
+    """Write the names of the targets to the right of the axes, apart from each other."""
+    low, high = axes.get_ylim()
+    first, second = sorted(targets)
+    apart = max(0.0, 0.06 - (second - first) / (high - low)) * (high - low) / 2
+    for height, name in ((first - apart, "HYPER-MORL"), (second + apart, "MORLAX, paper")):
+        right = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "center"}
+        axes.annotate(name, (1.015, height), fontsize="small", color="0.3", **right)
 
 
 if __name__ == "__main__":

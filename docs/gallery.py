@@ -1,7 +1,10 @@
-"""Write gallery.md and its images from the shipped policies: python docs/gallery.py"""
+"""Write gallery.md and all images of fronts from the shipped policies: python docs/gallery.py"""
 
+import csv
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from morlax_torch import envs
 from morlax_torch.config import Config, load_config
@@ -13,6 +16,7 @@ from morlax_torch.record import record
 from morlax_torch.runs.loading import SHIPPED, find_run, load
 
 DOCS = Path(__file__).parent
+SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
 ABOUT = """# Gallery
 
 The package ships trained policies: one hypernetwork for each built-in task, and a
@@ -70,7 +74,47 @@ def command(config: Config) -> str:
     return " ".join(["python -m morlax_torch.train", *options])
 
 
+def examples() -> None:
+    """Write the figures that evaluation.md explains, and those of bruce.md."""
+    found = {
+        name: Front.load(find_run(name) / "front.npz") for name in ("cheetah", "cheetah3", "bruce")
+    }
+    for name, front in found.items():
+        m = len(front.objectives)
+        for kind, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
+            figures.save(draw(front, name), DOCS / "figures" / f"{kind}-{m}", ("png",))
+    parallel = figures.parallel_figure(found["bruce"], "bruce")
+    figures.save(parallel, DOCS / "figures" / "parallel", ("png",))
+    spaces = figures.spaces_figure(found["bruce"], SPACES, "bruce")
+    figures.save(spaces, DOCS / "figures" / "bruce-space", ("png",))
+    flat = found["cheetah3"]
+    flat = flat._replace(
+        objectives=flat.objectives[:2],
+        tradeoffs=flat.tradeoffs[:, :2],
+        returns=flat.returns[:, :2],
+        reference_point=flat.reference_point[:2],
+    )
+    both = {"cheetah": found["cheetah"], "cheetah3, without its height": flat}
+    figures.save(figures.fronts_figure(both, "two families"), DOCS / "figures" / "fronts", ("png",))
+    curves = figures.hypervolume_figure(seeds("hopper"), "hopper, three seeds")
+    figures.save(curves, DOCS / "figures" / "hypervolume", ("png",))
+
+
+def seeds(task: str) -> list[History]:
+    """Return the training curves of table1-h200.csv, one per seed."""
+    with (DOCS / "table1-h200.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["env"] == task]
+    names = ("env_steps", "train_seconds", "hypervolume")
+    return [
+        History(
+            *(np.array([float(row[name]) for row in rows if row["seed"] == k]) for name in names)
+        )
+        for k in sorted({row["seed"] for row in rows})
+    ]
+
+
 def main() -> None:
+    examples()
     text = ABOUT
     for name in sorted({folder.name for folder in SHIPPED.iterdir()} & set(envs.names())):
         folder, policy = find_run(name), load(name)

@@ -29,7 +29,7 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(f"  {name:9} {about}")
         cli.console.print("  --version print the version")
         if not arguments:
-            raise MorlaxError(f"name a command: {', '.join(COMMANDS)}.")
+            raise MorlaxError("name a command of this list.")
         return
     name, *rest = arguments
     if name not in COMMANDS:

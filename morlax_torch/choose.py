@@ -9,6 +9,7 @@ import tyro
 from .envs import MorlaxError
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 from .terminal.startup import program
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def command(arguments: Sequence[str]) -> None:
         weights = ",".join(f"{weight:.4g}" for weight in choice.tradeoff)
         cli.console.print(f"trade-off: {weights}", markup=False)
 
-    tyro.cli(main, args=arguments, prog=program("choose"))
+    call(main, arguments, program("choose"))
 
 
 def _required(text: str) -> tuple[str, float]:

@@ -40,9 +40,8 @@ class Config(Section):
     """A training run."""
 
     env: str
-    """The task: ant, bruce, cheetah, cheetah3, hopper, humanoid, walker, any other of
-    docs/tasks.md, a registered name, FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium
-    environment with a vector reward."""
+    """The task: a name of docs/tasks.md, a registered name, FILE.py:CLASS for your own, or
+    gymnasium:ID for a Gymnasium environment with a vector reward."""
     algorithm: Literal["morlax", "amor", "hyper-morl", "pg-morl", "independent"] = "morlax"
     """What learns the front: MORLAX, or a baseline of docs/algorithms.md."""
     scalarization: str = "linear"

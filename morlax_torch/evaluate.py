@@ -10,9 +10,13 @@ import tyro
 from .envs import MorlaxError
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 from .terminal.startup import program
 
+PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
+
 if TYPE_CHECKING:
+    from .networks.policy import Policy
     from .runs.evaluating import evaluate as evaluate
 
 __getattr__, __dir__ = handed_on(__name__, {"evaluate": "runs.evaluating"})
@@ -77,11 +81,31 @@ def command(arguments: Sequence[str]) -> None:
             reference,
             output,
             trust,
+            _portrait,
         )
         cli.console.print(table(found))
         cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
-    tyro.cli(main, args=arguments, prog=program("evaluate"))
+    call(main, arguments, program("evaluate"))
+
+
+def _portrait(policy: "Policy") -> bytes | None:
+    """Return a picture of the robot under equal weights, if it can be drawn here."""
+    from io import BytesIO
+
+    try:
+        from PIL import Image
+
+        from .viewers.filming.film import Film
+
+        equal = [1.0] * len(policy.objectives)
+        film = Film(policy, [equal], width=640, height=400)
+        *_, last = film.frames(PORTRAIT_SECONDS, film.steps(PORTRAIT_SECONDS))
+    except (ImportError, MorlaxError):  # an extra, OpenGL or a MuJoCo robot is missing
+        return None
+    drawn = BytesIO()
+    Image.fromarray(last).save(drawn, format="PNG")
+    return drawn.getvalue()
 
 
 def main() -> None:

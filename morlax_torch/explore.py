@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 
 from .terminal import cli
+from .terminal.help import call
 from .terminal.interrupt import interruptible
 from .terminal.startup import program
 from .viewers.explorer.opening import check_free, importing_viser
@@ -35,7 +36,7 @@ def explore(run: str, host: str, port: int) -> None:
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)
-        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", markup=False)
+        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", markup=False, soft_wrap=True)
         page.serve(ended)
         page.stop()
 
@@ -66,7 +67,7 @@ def command(arguments: Sequence[str]) -> None:
             trust_task(chosen)
         explore(chosen, host, port)
 
-    tyro.cli(main, args=arguments, prog=program("explore"))
+    call(main, arguments, program("explore"))
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 from .terminal.startup import program
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def command(arguments: Sequence[str]) -> None:
         largest = export(policy, place, format, weights, {"run": provenance(run)})
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
 
-    tyro.cli(main, args=arguments, prog=program("export"))
+    call(main, arguments, program("export"))
 
 
 def _default_folder(run: Path) -> Path:

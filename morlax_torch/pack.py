@@ -10,6 +10,7 @@ import tyro
 from .envs import MorlaxError
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 from .terminal.startup import program
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def command(arguments: Sequence[str]) -> None:
         else:
             _pack(runs[0], Path(places[1]), device)
 
-    tyro.cli(main, args=arguments, prog=program("pack"))
+    call(main, arguments, program("pack"))
 
 
 def _pack(run: str, output: Path, device: str | None) -> None:
@@ -65,7 +66,7 @@ def _pack(run: str, output: Path, device: str | None) -> None:
     front = pack(run, output, device)
     size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6
     cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {output} ({size:.1f} MB)")
-    cli.console.print(f"use it: python -m morlax_torch.evaluate {shlex.quote(str(output))}")
+    cli.print_command("use it", f"python -m morlax_torch.evaluate {shlex.quote(str(output))}")
 
 
 def _write_page(runs: Sequence[str], folder: Path, device: str | None) -> None:
@@ -73,7 +74,7 @@ def _write_page(runs: Sequence[str], folder: Path, device: str | None) -> None:
 
     size = sum(write_page(runs, folder, device).values()) / 1e6
     cli.console.print(f"written: {folder} ({size:.1f} MB)")
-    cli.console.print(f"see it: python -m http.server -d {shlex.quote(str(folder))}")
+    cli.print_command("see it", f"python -m http.server -d {shlex.quote(str(folder))}")
 
 
 def main() -> None:

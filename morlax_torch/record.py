@@ -8,6 +8,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 from .terminal.startup import program
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def command(arguments: Sequence[str]) -> None:
             )
         cli.console.print(f"written: {place}")
 
-    tyro.cli(main, args=arguments, prog=program("record"))
+    call(main, arguments, program("record"))
 
 
 def _default_output(run: Path) -> Path:

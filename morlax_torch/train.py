@@ -107,6 +107,12 @@ def _prepare(
 def command(arguments: Sequence[str]) -> None:
     began = command_began()
     config, run, output = read(arguments)
+    if run is not None and (limit := run.limit_reached(config)):
+        cli.console.print(
+            f"{run.folder} has reached its limit: raise --{limit} to train it further.",
+            markup=False,
+        )
+        return
     from .runs.schedule import Limits
     from .terminal.display import Display
 

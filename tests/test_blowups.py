@@ -204,9 +204,9 @@ def test_the_terminal_names_blow_ups(slider, tmp_path, capsys):
     display.evaluated(evaluation)
     names, *lines = capsys.readouterr().out.splitlines()
     assert " ".join(names.split()) == "steps train (s) total (s) hypervolume front steps/s"
-    assert len(lines) == 2  # the columns are named once
+    assert len(lines) == 4  # the columns are named once
     assert lines[0].split()[:3] == ["8", "1.5", "20.2"]
-    assert lines[0].endswith("  blow-ups: 3 while training, 25.0% of the evaluated episodes")
+    assert lines[1] == " " * 10 + "blow-ups: 3 while training, 25.0% of the evaluated episodes"
 
 
 @pytest.mark.parametrize(

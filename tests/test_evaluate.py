@@ -17,6 +17,7 @@ from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.reports import evaluating
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
+from morlax_torch.reports.facts import duration
 from morlax_torch.runs import loading
 from morlax_torch.train import command as train
 
@@ -178,8 +179,11 @@ def test_a_report_needs_no_network(workplace):
     text = (workplace / "out" / "report.html").read_text()
     page = Assets(text)
     assert not page.open
-    assert len(page.found) == 6  # fronts, hypervolume, and two figures for each run
-    for asset in page.found:
+    drawn = [asset for asset in page.found if asset.startswith("data:image/svg")]
+    assert len(drawn) == 6  # fronts, hypervolume, and two figures for each run
+    assert len(page.found) - len(drawn) in (0, 1)  # the robot, where there is OpenGL
+    assert page.found[0] == drawn[0] or page.found[0].startswith("data:image/png;base64,")
+    for asset in drawn:
         assert asset.startswith("data:image/svg+xml;base64,")
         assert b"</svg>" in base64.b64decode(asset.partition(",")[2])
     assert not re.search(r"https?:|url\(|@import", text)
@@ -187,6 +191,26 @@ def test_a_report_needs_no_network(workplace):
     for words in ("hypervolume", "obedience", "IGD+", "learning_rate", "Objectives: run, jump"):
         assert words in text
     assert "prefers-color-scheme: dark" in text
+    for words in ("random seed", "algorithm", "environment steps", "training time"):
+        assert text.index(words) < text.index("<h2>Indicators")
+
+
+@pytest.mark.parametrize("reason", (MorlaxError("no OpenGL"), ImportError("PIL")))
+def test_a_report_without_opengl_has_no_picture_of_the_robot(reason, monkeypatch):
+    from morlax_torch.viewers.filming.film import Film
+
+    def fail(*arguments, **options):
+        raise reason
+
+    monkeypatch.setattr(Film, "__init__", fail)
+    assert evaluate._portrait(load("hopper", "cpu")) is None
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(42.4, "42 s"), (185, "3 min 05 s"), (7799.6, "2 h 10 min")]
+)
+def test_training_time_is_written_in_few_words(seconds, text):
+    assert duration(seconds) == text
 
 
 def test_names_in_a_report_are_escaped(workplace):

@@ -1,14 +1,20 @@
 """Figures label their axes for any number of objectives, and save valid files."""
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from morlax_torch import MorlaxError
+from morlax_torch.colors import of_objectives
 from morlax_torch.evaluation import figures
+from morlax_torch.evaluation.figures.front import MOST_PAIRS
 from morlax_torch.evaluation.figures.hypervolume import Band
+from morlax_torch.evaluation.figures.style import colors_of, limits
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.history import History
 from morlax_torch.tradeoffs import evaluation_tradeoffs
@@ -47,7 +53,11 @@ def test_a_front_has_a_plot_for_each_pair_of_objectives(m):
     ]
     assert set(pairs) <= set(labels(figure))
     assert {"a title", "dominated"} <= drawn(figure)
-    assert any(y.startswith("trade-off") for _, y, *_ in labels(figure))  # the colorbar
+    if m == 2:
+        assert any(y == "trade-off: weight of run" for _, y, *_ in labels(figure))  # the colorbar
+    else:
+        most = "all" if m == 3 else "most"
+        assert {f"{most} weight on {name}" for name in NAMES[:m]} <= drawn(figure)
 
 
 def test_three_objectives_get_a_3d_plot():
@@ -76,7 +86,7 @@ def test_returns_of_three_objectives_are_maps_of_the_simplex():
 
 
 def test_returns_of_more_objectives_are_plotted_over_their_own_weights():
-    expected = [(f"trade-off: weight of {name}", f"{name} (return)") for name in NAMES]
+    expected = [(f"weight of {name}", f"{name} (return)") for name in NAMES]
     assert labels(figures.returns_figure(front(4))) == expected
 
 
@@ -102,6 +112,75 @@ def test_overlaid_fronts_have_different_markers(m):
     for axes in figure.axes:
         assert len({line.get_marker() for line in axes.lines}) == 3
     assert labels(figure)[0] == ("run (return)", "energy (return)")
+
+
+def wide(m: int) -> Front:
+    """Return a front of many objectives, of which only the first two conflict."""
+    tradeoffs = evaluation_tradeoffs(200, m).numpy()
+    rising = np.linspace(0.0, 100.0, 200)[:, None] + np.zeros((1, m))
+    rising[:, 0] = rising[::-1, 0]
+    names = tuple(f"objective{k}" for k in range(m))
+    return Front(names, tradeoffs, rising, np.full(200, 500), np.zeros(m), np.zeros(200))
+
+
+def test_of_many_pairs_those_that_conflict_most_are_shown():
+    figure = figures.front_figure(wide(6), "six")
+    assert "six: the 6 of 15 pairs that conflict most" in drawn(figure)
+    shown = [axes for axes in figure.axes if axes.get_xlabel()]
+    assert len(shown) == MOST_PAIRS
+    assert [axes.get_xlabel() for axes in shown[:5]] == ["objective0 (return)"] * 5
+
+
+def test_an_objective_has_one_color_everywhere():
+    some = front(3)
+    corners = some._replace(tradeoffs=np.eye(3), returns=100 * np.eye(3), lengths=np.ones(3))
+    palette = [to_rgb(color) for color in of_objectives(3)]
+    assert colors_of(corners.tradeoffs).tolist() == pytest.approx(np.array(palette))
+    for axes, color in zip(figures.returns_figure(front(4)).axes, of_objectives(4), strict=True):
+        assert to_rgb(axes.spines["left"].get_edgecolor()) == pytest.approx(to_rgb(color))
+        assert axes.collections[-1].get_facecolor()[0, :3] == pytest.approx(to_rgb(color))
+
+
+def test_an_axis_leaves_out_values_far_away_and_says_so():
+    values = np.linspace(0.0, 1.0, 200)
+    assert limits(values) == pytest.approx((-0.04, 1.04))
+    low, high = limits(np.append(values, 50.0))
+    assert -0.1 < low < 0 and 1 < high < 1.5
+    some = wide(4)
+    far = some.returns.copy()
+    far[:2] += 5000.0
+    assert "2 outside" in drawn(figures.front_figure(some._replace(returns=far)))
+    assert not any("outside" in text for text in drawn(figures.front_figure(some)))
+
+
+def boxes(figure: Figure) -> list[tuple[str, Bbox]]:
+    """Return where the title, the legend and the labels of axes are drawn."""
+    figure.draw_without_rendering()
+    texts = [text for text in (figure._suptitle,) if text is not None and text.get_text()]
+    for axes in figure.axes:
+        named = [axes.xaxis.label, axes.yaxis.label, axes.title]
+        texts += [text for text in named if text.get_text()]
+    found = [(text.get_text(), text.get_window_extent()) for text in texts]
+    return found + [("legend", legend.get_window_extent()) for legend in figure.legends]
+
+
+@pytest.mark.parametrize("m", (2, 3, 4, 6))
+def test_no_labels_collide(m):
+    some = wide(m)
+    runs = {"runs/cheetah/20261121-175830-0": some, "another family of policies": some}
+    drawings = [
+        figures.front_figure(some, "a title"),
+        figures.returns_figure(some, "a title"),
+        figures.parallel_figure(some, "a title"),
+        figures.fronts_figure(runs, "a title"),
+    ]
+    for figure in drawings:
+        placed = boxes(figure)
+        assert len(placed) > 2
+        for (one, first), (other, second) in combinations(placed, 2):
+            assert not first.overlaps(second), f"{one} and {other}"
+        for name, box in placed:
+            assert box.x0 >= 0 and box.x1 <= figure.bbox.x1, name
 
 
 def history(*points: tuple[float, float]) -> History:

@@ -236,3 +236,14 @@ def test_obedience_matches_its_formula(m):
         expected.append(max(utilities) - utilities[i] <= allowed)
     assert 0 < sum(expected) < 50
     assert pareto.obeys(points, tradeoffs, 0.1).tolist() == expected
+
+
+def test_conflicts_are_negated_rank_correlations():
+    rising = np.linspace(0.0, 1.0, 9)
+    points = np.stack([rising, rising**3, -np.exp(rising), np.ones(9), np.roll(rising, 4)], 1)
+    found = pareto.conflicts(points)
+    assert found[:3, :3] == pytest.approx(np.array([[-1, -1, 1], [-1, -1, 1], [1, 1, -1]]))
+    assert found[3].tolist() == [0] * 5
+    ranks = np.arange(9)
+    expected = -np.corrcoef(ranks, np.roll(ranks, 4))[0, 1]
+    assert found[0, 4] == pytest.approx(expected)

@@ -120,3 +120,16 @@ def obedience(
     A family of equal policies obeys trivially: read it beside the hypervolume.
     """
     return float(obeys(points, tradeoffs, tolerance).mean())
+
+
+def conflicts(points: ArrayLike) -> NDArray[np.float64]:
+    """Return how much each pair of objectives conflicts over some points (n, m): (m, m).
+
+    It is Spearman's rank correlation, negated: 1 where more of one objective always means less of
+    the other, -1 where they rise together, and 0 for an objective that never changes.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    below = np.sign(points[:, None] - points[None, :]).sum(1)  # (n, m): ranks, with ties
+    lengths = np.linalg.norm(below, axis=0)
+    scale = np.where(lengths > 0, lengths, 1.0)
+    return -(below / scale).T @ (below / scale)

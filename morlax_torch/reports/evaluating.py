@@ -39,12 +39,14 @@ def evaluate_runs(
     reference: str | None = None,
     output: Path | None = None,
     trust: bool = False,
+    portrait: Callable[[Policy], bytes | None] = lambda policy: None,
 ) -> tuple[dict[str, Evaluated], Path]:
     """Evaluate runs and write fronts, figures, indicators and a report.
 
     Args:
         runs: run folders, checkpoint files, or shipped policies.
         typed: the command, for the report; see `evaluate --help` for the other arguments.
+        portrait: draws the robot of a policy as a PNG; None: it cannot be drawn.
 
     Returns:
         The evaluations by name, and the folder that they were written to.
@@ -92,7 +94,7 @@ def evaluate_runs(
     if target is not None:
         source = reference or "the non-dominated points of all runs"
         about += f" Reference of IGD+: {source}, {len(target)} points."
-    write(found, folder, about, typed)
+    write(found, folder, about, typed, portrait(next(iter(policies.values()))))
     return found, folder
 
 

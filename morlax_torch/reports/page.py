@@ -9,6 +9,7 @@ import matplotlib as mpl
 import yaml
 from matplotlib.figure import Figure
 
+from ..colors import of_objectives
 from ..config import Config
 from ..evaluation.figures.style import FILES
 from .comparison import Quartiles
@@ -32,18 +33,34 @@ STYLE = """
   :root { --ink: #e4e7ea; --paper: #16191c; --faint: #8f979f; --line: #363c42 }
 }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
-  max-width: 68rem; margin: 2.5rem auto; padding: 0 1.2rem }
+  max-width: 68rem; margin: 2.5rem auto; padding: 0 1.2rem; overflow-wrap: anywhere }
 h1 { font-size: 1.7rem; line-height: 1.2 } h2 { font-size: 1.2rem; margin-top: 2.4rem }
+.top { display: flex; flex-wrap: wrap; gap: 1.2rem 2.4rem; align-items: flex-start }
+.top > div { flex: 1 1 20rem; min-width: 0 }
+.top img { flex: 0 1 auto; width: 26rem; max-width: 100% }
+.chips { display: flex; flex-wrap: wrap; gap: .4rem 1.2rem; margin: 0 0 1rem; padding: 0 }
+.chips li { list-style: none } .chips i { display: inline-block; width: .8em; height: .8em;
+  border-radius: 50%; margin-right: .4em }
+dl { display: grid; grid-template-columns: repeat(auto-fill, minmax(9rem, 1fr)); gap: .8rem 1.2rem;
+  margin: 0 }
+dt { color: var(--faint); font-size: .85rem } dd { margin: 0; font-weight: 600 }
 .scroll { overflow-x: auto }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 th, td { padding: .3rem .9rem .3rem 0; text-align: right; border-bottom: 1px solid var(--line);
   white-space: nowrap }
 th:first-child, td:first-child, td.words { text-align: left }
-td.words { color: var(--faint); white-space: normal; min-width: 16rem }
+td.words { color: var(--faint); white-space: normal; min-width: 16rem; overflow-wrap: normal }
 pre { overflow-x: auto; padding: .8rem 1rem; border: 1px solid var(--line); border-radius: 6px;
-  font-size: .85rem }
+  font-size: .85rem; white-space: pre-wrap }
 figure { margin: 1.2rem 0 2rem } figcaption { color: var(--faint); font-size: .92rem }
 img { max-width: 100%; background: white; border-radius: 6px }
+@media (max-width: 40rem) {
+  body { margin: 1.2rem auto; padding: 0 .9rem }
+  td.words { min-width: 8.5rem; font-size: .8rem; line-height: 1.35 }
+  th, td { padding-right: .6rem }
+  td:first-child { white-space: normal; min-width: 6rem; overflow-wrap: normal }
+  figure img { max-width: none; width: min(var(--natural), 38rem) }
+}
 """
 
 
@@ -55,6 +72,9 @@ def report(
     summary: Mapping[str, Quartiles],
     figures: Sequence[tuple[str, Figure]],
     configs: Mapping[str, Config],
+    facts: Mapping[str, Mapping[str, str]],
+    objectives: Sequence[str],
+    portrait: bytes | None = None,
 ) -> str:
     """Return the report as HTML.
 
@@ -66,9 +86,13 @@ def report(
         summary: measure -> quartiles over runs; empty for a single run.
         figures: captions and figures.
         configs: run -> training config.
+        facts: run -> name -> text.
+        objectives: of the task.
+        portrait: of the robot, a PNG; None: there is none.
     """
     parts = [
         f"<h1>{escape(title)}</h1>",
+        _top(facts, objectives, portrait),
         f"<p>{escape(about)}</p>",
         f"<pre>{escape(command)}</pre>",
         "<h2>Indicators</h2>",
@@ -103,6 +127,32 @@ def number(value: float) -> str:
     return f"{value:,.4g}"
 
 
+def _top(
+    facts: Mapping[str, Mapping[str, str]], objectives: Sequence[str], portrait: bytes | None
+) -> str:
+    dots = zip(objectives, of_objectives(len(objectives)), strict=True)
+    chips = (f'<li><i style="background:{color}"></i>{escape(name)}</li>' for name, color in dots)
+    picture = "" if portrait is None else _image("the robot under equal weights", "png", portrait)
+    return (
+        f'<div class="top"><div><ul class="chips">{"".join(chips)}</ul>{_facts(facts)}</div>'
+        f"{picture}</div>"
+    )
+
+
+def _facts(facts: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the facts of one run as a list, and those of several as a table."""
+    names = list(dict.fromkeys(name for run in facts.values() for name in run))
+    if len(facts) == 1:
+        (run,) = facts.values()
+        items = (f"<div><dt>{escape(k)}</dt><dd>{escape(v)}</dd></div>" for k, v in run.items())
+        return f"<dl>{''.join(items)}</dl>"
+    rows = [_row("th", ["", *facts, ""])]
+    rows += [
+        _row("td", [name, *(run.get(name, "") for run in facts.values()), ""]) for name in names
+    ]
+    return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
+
+
 def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Quartiles]) -> str:
     heads = [*measured, *(("median", "quartiles") if summary else ())]
     rows = [_row("th", ["", *heads, ""])]
@@ -126,9 +176,17 @@ def _picture(caption: str, figure: Figure) -> str:
     with mpl.rc_context(FILES):
         figure.savefig(drawn, format="svg", metadata={"Date": None})
     # an <img> keeps the ids of one SVG apart from those of the others
-    data = base64.b64encode(drawn.getvalue()).decode()
-    image = f'<img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
-    return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
+    image = _image(caption, "svg+xml", drawn.getvalue())
+    natural = f"--natural:{96 * figure.get_figwidth():.0f}px"
+    return (
+        f'<figure style="{natural}"><div class="scroll">{image}</div>'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def _image(about: str, kind: str, content: bytes) -> str:
+    data = base64.b64encode(content).decode()
+    return f'<img alt="{escape(about)}" src="data:image/{kind};base64,{data}">'
 
 
 def _config(name: str, config: Config) -> str:

@@ -17,6 +17,7 @@ from ..evaluation.history import History
 from ..files import replacing
 from ..networks.policy import Policy
 from . import comparison
+from .facts import facts
 from .page import report
 
 MOST_NAMES = 4  # in a title
@@ -32,7 +33,13 @@ class Evaluated(NamedTuple):
     measures: dict[str, float]
 
 
-def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) -> None:
+def write(
+    found: Mapping[str, Evaluated],
+    folder: Path,
+    about: str,
+    typed: str,
+    portrait: bytes | None = None,
+) -> None:
     """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
 
     Args:
@@ -40,6 +47,7 @@ def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) 
         folder: of the output.
         about: how the runs were evaluated, in a sentence or two.
         typed: the command line of the evaluation.
+        portrait: of the robot, a PNG; None: there is none.
 
     Raises:
         MorlaxError: a file or folder cannot be written.
@@ -76,7 +84,13 @@ def write(found: Mapping[str, Evaluated], folder: Path, about: str, typed: str) 
         write_rows(folder / "summary.csv", [heads, *rows])
     heading = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
     configs = {name: run.policy.config for name, run in found.items()}
-    text = report(heading, about, typed, measured, quartiles, drawn, configs)
+    known = {
+        name: facts(run.policy.config, run.history, run.measures) for name, run in found.items()
+    }
+    objectives = next(iter(found.values())).policy.objectives
+    text = report(
+        heading, about, typed, measured, quartiles, drawn, configs, known, objectives, portrait
+    )
     with replacing(folder / "report.html") as file:
         file.write(text.encode())
 

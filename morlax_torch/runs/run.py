@@ -144,6 +144,28 @@ class Run:
             )
         return stored.model_copy(update={name: getattr(edited, name) for name in MAY_CHANGE})
 
+    def limit_reached(self, config: Config) -> str | None:
+        """Return the option whose limit the run has reached, if nothing is left to do.
+
+        Args:
+            config: to resume the run with.
+
+        Raises:
+            MorlaxError: a file is damaged.
+        """
+        contents = checkpoint.load(self.checkpoints / "latest.pt")
+        metrics, reached = self.folder / "metrics.csv", contents.progress
+        rows = read_rows(metrics) if metrics.exists() else []
+        if contents.learner is None or not rows:
+            return None
+        if int(rows[-1]["iteration"]) != contents.learner.get("iteration"):
+            return None  # its last evaluation is missing
+        limits = {
+            "max-env-steps": (reached.env_steps, config.max_env_steps),
+            "max-seconds": (reached.train_seconds, config.max_seconds),
+        }
+        return next((k for k, (now, end) in limits.items() if end is not None and now >= end), None)
+
     def restore(self, learner: Learner) -> Progress:
         """Load the latest checkpoint into `learner` and drop what was logged after it.
 

@@ -1,4 +1,4 @@
-"""What the commands share: command-line parsing and error messages."""
+"""What the commands share: the console, signals and error messages."""
 
 import errno
 import os
@@ -6,18 +6,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from typing import NoReturn
 
-import tyro
-from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
 from rich.console import Console
-from tyro.constructors import (
-    ConstructorRegistry,
-    StructConstructorSpec,
-    StructFieldSpec,
-    StructTypeInfo,
-)
 
 from ..envs import MorlaxError
 from ..gpu.memory import shortage_of_memory
@@ -28,35 +19,20 @@ from .startup import INTERRUPTED
 
 GRACE = 2.0  # seconds
 
-console = Console(highlight=False, soft_wrap=True, emoji=False, quiet=not FIRST)
-_registry = ConstructorRegistry()
+
+def _console(**options: bool) -> Console:
+    """Return a console that breaks lines between words, and only on a terminal."""
+    made = Console(highlight=False, emoji=False, **options)
+    made.soft_wrap = not made.is_terminal
+    return made
 
 
-@_registry.struct_rule
-def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
-    """Make tyro read a pydantic model as plain values, which `load_config` then checks."""
-    if not (isinstance(info.type, type) and issubclass(info.type, BaseModel)):
-        return None
-    fields = []
-    for name, field in info.type.model_fields.items():
-        default = getattr(info.default, name, field.default)
-        if default is PydanticUndefined:
-            default = tyro.MISSING
-        kind: Any = field.annotation
-        fields.append(StructFieldSpec(name, kind, default, field.description))
-    return StructConstructorSpec(dict, tuple(fields))
+console = _console(quiet=not FIRST)
 
 
-def parse(default: BaseModel, arguments: Sequence[str], prog: str, about: str) -> Any:
-    """Parse the command line over `default`, into nested plain values."""
-    return tyro.cli(
-        type(default),
-        prog=prog,
-        default=default,
-        args=arguments,
-        description=about,
-        registry=_registry,
-    )
+def print_command(why: str, command: str) -> None:
+    """Print a command, in one line so that it can be copied."""
+    console.print(f"{why}: {command}", markup=False, soft_wrap=True)
 
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
@@ -133,9 +109,7 @@ def fail(sentence: str) -> NoReturn:
     """Print an error and exit."""
     if not FIRST:
         time.sleep(GRACE)  # an error of all processes ends this one before, told by the first
-    Console(stderr=True, highlight=False, soft_wrap=True, emoji=False).print(
-        f"error: {sentence}", markup=False
-    )
+    _console(stderr=True).print(f"error: {sentence}", markup=False)
     if SEVERAL:
         _skip_teardown(2)
     sys.exit(2)

@@ -11,7 +11,7 @@ from ..algorithms.learner import Learner
 from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
 from ..runs.progress import Evaluation, Progress
-from .cli import console
+from .cli import console, print_command
 
 
 class Display:
@@ -29,7 +29,7 @@ class Display:
         self._learner, self._folder, self._progress = learner, folder, progress
         status = _Status(learner.config.max_env_steps, learner.config.max_seconds, progress)
         self._bar = Bar(
-            BarColumn(bar_width=24),
+            BarColumn(bar_width=8),
             status,
             TimeElapsedColumn(),
             console=console,
@@ -82,8 +82,10 @@ class Display:
         console.print(
             f"{_count(row['env_steps']):>8}  {row['train_seconds']:9.1f}  "
             f"{row['total_seconds']:9.1f}  {row[name]:{len(volume)}.4e}  "
-            f"{row['cardinality']:5d}  {_count(row['steps_per_second']):>9}{_blowups(row)}"
+            f"{row['cardinality']:5d}  {_count(row['steps_per_second']):>9}"
         )
+        if found := _blowups(row):
+            console.print(f"{'':8}  blow-ups: {', '.join(found)}")
 
     def finished(self, interrupted: bool) -> None:
         """Print what was reached and what to do next."""
@@ -94,7 +96,7 @@ class Display:
             f"total), best hypervolume {progress.best_hypervolume:.4e}"
         )
         more = "train --resume" if interrupted else "evaluate"
-        console.print(f"next: python -m morlax_torch.{more} {self._folder}")
+        print_command("next", f"python -m morlax_torch.{more} {self._folder}")
 
 
 class _Status(ProgressColumn):
@@ -122,17 +124,17 @@ class _Status(ProgressColumn):
         task.completed = done
         until = f", {_duration(left)} left" if left < float("inf") else ""
         return Text(
-            f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)} steps/s, "
-            f"hypervolume {progress.hypervolume:.3e} (best {progress.best_hypervolume:.3e}){until}"
+            f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)}/s, "
+            f"hypervolume {progress.hypervolume:.3e}{until}"
         )
 
 
-def _blowups(row: dict[str, Any]) -> str:
-    """Say how many worlds have blown up, while training and in the evaluation, if any has."""
+def _blowups(row: dict[str, Any]) -> list[str]:
+    """Return how many worlds have blown up, while training and in the evaluation, if any has."""
     found = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
     if row.get("blowup_rate"):
         found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
-    return f"  blow-ups: {', '.join(found)}" if found else ""
+    return found
 
 
 def _count(number: float) -> str:

@@ -3,6 +3,7 @@
 import gc
 import os
 import shlex
+import shutil
 import sys
 from contextlib import suppress
 from itertools import pairwise
@@ -55,7 +56,9 @@ def announce_training() -> None:
     words = command_words() or []
     if FIRST and words[:1] == ["train"] and not {"-h", "--help", "--version"} & set(words):
         with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8
-            print(f"starting: {shlex.join(words)}", flush=True)
+            width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+            whole = f"starting: {shlex.join(words)}"
+            print(whole if len(whole) <= width else "starting: train", flush=True)
 
 
 def report_interrupts_in_one_line() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import tyro
-from pydantic import BaseModel, create_model
+from pydantic import BaseModel, Field, create_model
 
 from .. import envs
 from ..config import Config, config_class, load_config
@@ -15,7 +15,7 @@ from ..config_files import algorithm_of, default_values, file_values, merged, ta
 from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..envs.worlds.section import Section
-from . import cli
+from .help import parse
 
 PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
 
@@ -52,10 +52,10 @@ class CommandLine:
             The command's own options, and the values of a config.
         """
         kind = config_class(below.env, below.algorithm)
-        model = create_model("Command", __base__=(self._options, kind))
+        model = create_model("Command", __base__=(self._options, kind), env=_env())
         about = f"{self._about} The defaults below are those of --env {below.env}, from configs/."
         default = model.model_validate(below.model_dump())
-        values = cli.parse(default, arguments, self._program, about)
+        values = parse(default, arguments, self._program, about)
         return {name: values.pop(name) for name in self._options.model_fields}, values
 
     def help_for_any_task(self, device: str | None) -> NoReturn:
@@ -66,14 +66,25 @@ class CommandLine:
             kind = field.annotation
             if name in values and isinstance(kind, type) and issubclass(kind, BaseModel):
                 values[name] = kind.model_validate(values[name])
-        model = create_model("Command", __base__=(self._options, Config), task=(AnyTask, AnyTask()))
+        bases = self._options, Config
+        task: Any = (AnyTask, AnyTask())
+        model = create_model("Command", __base__=bases, env=_env(), task=task)
         about = (
             f"{self._about} The defaults below are those of a new robot on "
             f"{PLACES[device_type]}. Add --env NAME for the options and defaults of a task."
         )
         default = model.model_construct(env=tyro.MISSING, **values)
-        cli.parse(default, ["--help"], self._program, about)
+        parse(default, ["--help"], self._program, about)
         sys.exit(0)
+
+
+def _env() -> Any:
+    """Return the field of the task, which names all of them."""
+    about = (
+        f"The task: {', '.join(envs.names())}, mjlab:TASK, playground:TASK, FILE.py:CLASS for your "
+        "own, or gymnasium:ID for a Gymnasium environment with a vector reward (docs/tasks.md)."
+    )
+    return str, Field(description=about)
 
 
 def asks_for_help(arguments: Sequence[str]) -> bool:

@@ -1,22 +1,22 @@
 """What `tune` prints: a line per trial, and a table of the best ones."""
 
 import json
+import sys
+import textwrap
 from pathlib import Path
 from typing import Any
-
-from rich.text import Text
 
 from ..envs.naming import title
 from ..tuning.importance import FEWEST, importances
 from ..tuning.study import Result, Study
-from .cli import console
+from .cli import console, print_command
 
 BEST = 5  # trials in the table
 LABEL, VALUE = 24, 8  # widths of columns
 
 
 class TuneDisplay:
-    """Lines about a study, none of them wider than the terminal."""
+    """Lines about a study, broken between words where the terminal ends."""
 
     def __init__(self, study: Study, folder: Path, trials: int):
         self._study, self._folder, self._trials = study, folder, trials
@@ -42,11 +42,12 @@ class TuneDisplay:
         """Print the line of a trial."""
         about = f"{result.number:5d}  {result.state:8}  "
         if result.state == "failed":
-            print_line(about + result.reason)
+            print_line(about + result.reason, indent=len(about))
             return
         options = "the base config" if result.base else self._changed(result)
         value = result.indicators[study.plan.main]
-        print_line(f"{about}{value:11.4e}  {self._ratio(result):>5}  {options}")
+        about += f"{value:11.4e}  {self._ratio(result):>5}  "
+        print_line(about + options, indent=len(about))
 
     def _changed(self, result: Result) -> str:
         given = ((name.rpartition(".")[2], value) for name, value in result.options.items())
@@ -71,12 +72,10 @@ class TuneDisplay:
         elif ranked:
             self._print_front(ranked)
         if len(results) < self._trials:
-            console.print(f"continue: {continues}", markup=False)
+            print_command("continue", continues)
         if ranked:
-            console.print(
-                f"next: python -m morlax_torch.train --config {self._folder / 'best.yaml'}",
-                markup=False,
-            )
+            best = self._folder / "best.yaml"
+            print_command("next", f"python -m morlax_torch.train --config {best}")
 
     def _print_best(self, ranked: list[Result]) -> None:
         base = self._study.base_result()
@@ -104,16 +103,22 @@ class TuneDisplay:
         for result in ranked:
             values = "  ".join(f"{result.indicators[name]:16.4e}" for name in names)
             options = "the base config" if result.base else self._changed(result)
-            print_line(f"{result.number:5d}  {values}  {self._ratio(result):>5}  {options}")
+            about = f"{result.number:5d}  {values}  {self._ratio(result):>5}  "
+            print_line(about + options, indent=len(about))
 
     def _row(self, label: str, values: list[str], share: str = "") -> None:
         cells = "".join(f" {value[: VALUE - 1]:>{VALUE - 1}}" for value in values)
         print_line(f"{label[:LABEL]:{LABEL}}{cells} {share:>5}".rstrip())
 
 
-def print_line(text: str) -> None:
-    """Print one line, cut where the terminal ends."""
-    console.print(Text(text), overflow="ellipsis", no_wrap=True, soft_wrap=False, crop=True)
+def print_line(text: str, indent: int = 0) -> None:
+    """Print one line; on a terminal that is narrower, continue it below after `indent` spaces."""
+    width = console.width if console.is_terminal else sys.maxsize
+    later = " " * min(indent, console.width // 2)
+    # a hyphen is part of a name
+    lines = textwrap.wrap(text, width, subsequent_indent=later, break_on_hyphens=False)
+    for line in [text] if len(text) <= width else lines:
+        console.print(line, markup=False, soft_wrap=True)
 
 
 def _short(value: Any) -> str:

@@ -6,6 +6,7 @@
 from .front import front_figure, fronts_figure, parallel_figure
 from .hypervolume import hypervolume_figure
 from .returns import returns_figure
+from .space import spaces_figure
 from .style import pixels, save
 
 __all__ = [
@@ -16,4 +17,5 @@ __all__ = [
     "pixels",
     "returns_figure",
     "save",
+    "spaces_figure",
 ]

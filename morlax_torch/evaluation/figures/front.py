@@ -6,70 +6,91 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from ...colors import of_objectives
 from ..front import Front
-from .style import COLORS, DOMINATED, blank, distinct, lattice, legend_outside, returned, weight
+from ..pareto import conflicts
+from .space import space
+from .style import (
+    DOMINATED,
+    between,
+    blank,
+    color_key,
+    colors_of,
+    distinct,
+    fit,
+    lattice,
+    legend_outside,
+    returned,
+    tint,
+    weight,
+)
 
 MARKS = 25  # markers per line; they tell lines apart in grayscale
+MOST_PAIRS = 6  # projections in a figure
+COLUMNS = 3
 
 
 def front_figure(front: Front, title: str = "") -> Figure:
     """Plot the returns of every trade-off, colored by trade-off; dominated returns are gray.
 
     Two objectives give one plot. Three give the front in 3D and its three projections; more give
-    one projection per pair of objectives.
+    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most.
     """
-    m = len(front.objectives)
+    names, m = front.objectives, len(front.objectives)
     if m == 2:
-        figure = blank(5.4, 4.2, title)
-        points = _pair(figure.add_subplot(), front, 0, 1)
-        figure.colorbar(points, ax=figure.axes, label=weight(front.objectives[0]))
-        legend_outside(figure)
-        return figure
-    pairs = list(combinations(range(m), 2))
-    columns = 2 if m == 3 else 3
-    cells = len(pairs) + (m == 3)
-    rows = -(-cells // columns)
-    figure = blank(1.2 + 3.6 * columns, 3.5 * rows, title)
-    if m == 3:
-        _space(figure, front, rows, columns)
-    for cell, (x, y) in enumerate(pairs, start=cells - len(pairs) + 1):
-        points = _pair(figure.add_subplot(rows, columns, cell), front, x, y)
-    label = "trade-off: weight of the x-axis objective relative to the pair"
-    figure.colorbar(points, ax=figure.axes, label=label, aspect=40)
+        return _two(front, title)
+    pairs, all_pairs = most_conflicting(front), m * (m - 1) // 2
+    if len(pairs) < all_pairs:
+        title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
+    above, rows = int(m == 3), -(-len(pairs) // COLUMNS)
+    figure = blank(10.2, 3.3 * rows + (4.9 if above else 0.8), title)
+    grid = figure.add_gridspec(above + rows, COLUMNS, height_ratios=[1.5] * above + [1] * rows)
+    if above:
+        axes: Any = figure.add_subplot(grid[0, :], projection="3d")
+        best = front.non_dominated
+        space(axes, front.returns[best], colors_of(front.tradeoffs[best]), names)
+    for cell, (x, y) in enumerate(pairs):
+        axes = figure.add_subplot(grid[above + cell // COLUMNS, cell % COLUMNS])
+        _pair(axes, front, x, y)
+        if cell == 0:
+            color_key(axes, names)
     legend_outside(figure)
     return figure
 
 
-def _pair(axes: Axes, front: Front, x: int, y: int) -> PathCollection:
-    best = front.non_dominated
-    share = front.tradeoffs[:, x] / (front.tradeoffs[:, [x, y]].sum(1) + 1e-12)
+def most_conflicting(front: Front) -> list[tuple[int, int]]:
+    """Return the pairs of objectives that conflict most, at most MOST_PAIRS, in their order."""
+    pairs = list(combinations(range(len(front.objectives)), 2))
+    conflict = conflicts(front.returns[front.non_dominated])
+    ranked = sorted(pairs, key=lambda pair: -conflict[pair])
+    return sorted(ranked[:MOST_PAIRS])
+
+
+def _two(front: Front, title: str) -> Figure:
+    figure = blank(5.4, 4.2, title)
+    axes, (first, second) = figure.add_subplot(), of_objectives(2)
+    _pair(axes, front, 0, 1)
+    shade = ScalarMappable(Normalize(0, 1), between(second, first))
+    figure.colorbar(shade, ax=axes, label=weight(front.objectives[0]))
+    legend_outside(figure)
+    return figure
+
+
+def _pair(axes: Axes, front: Front, x: int, y: int) -> None:
+    best, colors = front.non_dominated, of_objectives(len(front.objectives))
     if not best.all():
         axes.scatter(*front.returns[~best][:, [x, y]].T, **DOMINATED)
     axes.set_xlabel(returned(front.objectives[x]))
     axes.set_ylabel(returned(front.objectives[y]))
     lattice(axes)
-    return axes.scatter(
-        *front.returns[best][:, [x, y]].T, s=14, c=share[best], cmap=COLORS, vmin=0, vmax=1
-    )
-
-
-def _space(figure: Figure, front: Front, rows: int, columns: int) -> None:
-    best = front.non_dominated
-    axes: Any = figure.add_subplot(rows, columns, 1, projection="3d")
-    axes.scatter(
-        *front.returns[best].T, s=12, c=front.tradeoffs[best, 2], cmap=COLORS, vmin=0, vmax=1
-    )
-    axes.set_xlabel(returned(front.objectives[0]), labelpad=8)
-    axes.set_ylabel(returned(front.objectives[1]), labelpad=8)
-    axes.set_zlabel(returned(front.objectives[2]), labelpad=6)
-    axes.set_title(f"lighter: more weight on {front.objectives[2]}", fontsize="medium")
-    axes.locator_params(nbins=4)
-    axes.tick_params(labelsize="small")
-    axes.view_init(elev=25, azim=45)
-    axes.set_box_aspect(None, zoom=0.82)  # else the label of the z axis is cut off
+    axes.scatter(*front.returns[best][:, [x, y]].T, s=14, color=colors_of(front.tradeoffs[best]))
+    fit(axes, front.returns[:, x], front.returns[:, y])
+    tint(axes, colors[x], colors[y])
 
 
 def parallel_figure(front: Front, title: str = "") -> Figure:
@@ -82,16 +103,16 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
     returns, chief = front.returns[best], front.tradeoffs[best].argmax(1)
     low, high = returns.min(0), returns.max(0)
     heights = (returns - low) / np.where(high > low, high - low, 1.0)
-    figure = blank(1.4 + 1.8 * len(names), 4.2, title)
+    figure = blank(2.2 + 1.6 * len(names), 4.6, title)
     axes = figure.add_subplot()
     at = np.arange(len(names))
+    colors = of_objectives(len(names))
     for k, look in enumerate(distinct(len(names))):
         lines = [np.stack([at, row], -1) for row in heights[chief == k]]
-        axes.add_collection(
-            LineCollection(lines, colors=[look["color"]], linestyles=[look["linestyle"]], lw=0.7)
-        )
-        axes.plot([], [], color=look["color"], linestyle=look["linestyle"], label=names[k])
-        axes.axvline(k, color="0.2", lw=0.8)
+        style: Any = {"color": colors[k], "linestyle": look["linestyle"]}
+        axes.add_collection(LineCollection(lines, lw=0.8, alpha=0.7, **style))
+        axes.plot([], [], lw=2, label=names[k], **style)
+        axes.axvline(k, color=colors[k], lw=2.5)
         for height, value, side in ((0, low[k], "top"), (1, high[k], "bottom")):
             axes.annotate(
                 f"{value:.4g}",
@@ -100,10 +121,9 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
                 textcoords="offset points",
                 ha="center",
                 va=side,
-                fontsize="small",
             )
     axes.set_xticks(at, [returned(name) for name in names])
-    axes.tick_params(axis="x", length=0, pad=16)
+    axes.tick_params(axis="x", length=0, pad=18)
     axes.set_yticks([0, 1], ["min", "max"])
     axes.set_ylabel("return, scaled to the range of the front")
     axes.set_ylim(-0.02, 1.02)
@@ -115,6 +135,8 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
 def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
     """Overlay the fronts of several families, with one plot per pair of objectives.
 
+    Of many pairs, only the MOST_PAIRS that conflict most in the first front are shown.
+
     Policies dominated within their own family are left out. With two objectives, a line connects
     the front, with markers on some of its points.
 
@@ -122,9 +144,10 @@ def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
         fronts: by name, all with the same objectives.
         title: of the figure.
     """
-    names = next(iter(fronts.values())).objectives
-    pairs = list(combinations(range(len(names)), 2))
-    columns = min(len(pairs), 3)
+    first = next(iter(fronts.values()))
+    names, colors = first.objectives, of_objectives(len(first.objectives))
+    pairs = most_conflicting(first)
+    columns = min(len(pairs), COLUMNS)
     rows = -(-len(pairs) // columns)
     figure = blank(1.6 + 4.2 * columns, 3.9 * rows, title)
     for cell, (x, y) in enumerate(pairs, start=1):
@@ -147,5 +170,8 @@ def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
         axes.set_xlabel(returned(names[x]))
         axes.set_ylabel(returned(names[y]))
         lattice(axes)
-    legend_outside(figure, "right upper")
+        tint(axes, colors[x], colors[y])
+        shown = np.concatenate([each.returns[each.non_dominated] for each in fronts.values()])
+        fit(axes, shown[:, x], shown[:, y])
+    legend_outside(figure)
     return figure

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...colors import INK
 from ..history import History
 from .style import blank, lattice
 
@@ -41,14 +42,20 @@ def hypervolume_figure(histories: Sequence[History], title: str = "") -> Figure:
         curves = [(getattr(history, name), history.hypervolume) for history in histories]
         several = len(curves) > 1
         for k, (x, y) in enumerate(curves):
-            look = {"color": "0.55", "lw": 0.7} if several else {"color": "C0", "marker": "o"}
+            look = {"color": "0.55", "lw": 0.7} if several else {"color": INK, "marker": "o"}
             axes.plot(x, y, ms=3.5, **look, label="single run" if several and k == 0 else None)
         if several:
             band = Band.over(curves)
             axes.fill_between(
-                band.x, band.low, band.high, alpha=0.3, lw=0, label="interquartile range"
+                band.x,
+                band.low,
+                band.high,
+                color=INK,
+                alpha=0.25,
+                lw=0,
+                label="interquartile range",
             )
-            axes.plot(band.x, band.middle, lw=2, label=f"median of {len(curves)} runs")
+            axes.plot(band.x, band.middle, color=INK, lw=2, label=f"median of {len(curves)} runs")
         axes.set_xlabel(label)
         lattice(axes)
     panels[0].set_ylabel("hypervolume")

@@ -4,8 +4,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from ...colors import of_objectives
 from ..front import Front
-from .style import COLORS, DOMINATED, blank, lattice, legend_outside, returned, weight
+from .style import DOMINATED, blank, lattice, legend_outside, limits, returned, shades, tint, weight
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
 
@@ -33,9 +34,10 @@ def _curves(front: Front, title: str) -> Figure:
         axes.plot(x, y, color="0.6", lw=0.8)
         if not best.all():
             axes.scatter(x[~best], y[~best], **DOMINATED)
-        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLORS, vmin=0, vmax=1)
+        axes.scatter(x[best], y[best], s=10, color=of_objectives(2)[k])
         axes.set_ylabel(returned(name))
         lattice(axes)
+        tint(axes, of_objectives(2)[0], of_objectives(2)[k])
     panels[1].set_xlabel(weight(front.objectives[0]))
     legend_outside(figure)
     return figure
@@ -47,7 +49,12 @@ def _maps(front: Front, title: str) -> Figure:
     simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
     for k, axes in enumerate(figure.subplots(1, 3)):
         colors = axes.tripcolor(
-            simplex, front.returns[:, k], cmap=COLORS, shading="flat", edgecolors="face", lw=0.2
+            simplex,
+            front.returns[:, k],
+            cmap=shades(of_objectives(3)[k]),
+            shading="flat",
+            edgecolors="face",
+            lw=0.2,
         )
         for corner, name in enumerate(names):
             x, y = CORNERS[corner]
@@ -71,7 +78,7 @@ def _maps(front: Front, title: str) -> Figure:
 
 def _own_weights(front: Front, title: str) -> Figure:
     m = len(front.objectives)
-    columns = min(m, 4)
+    columns, colors = min(m, 3), of_objectives(m)
     figure = blank(3.4 * columns, 3.5 * -(-m // columns), title)
     for k, name in enumerate(front.objectives):
         axes = figure.add_subplot(-(-m // columns), columns, k + 1)
@@ -79,9 +86,11 @@ def _own_weights(front: Front, title: str) -> Figure:
         x, y = front.tradeoffs[:, k], front.returns[:, k]
         if not best.all():
             axes.scatter(x[~best], y[~best], **DOMINATED)
-        axes.scatter(x[best], y[best], s=10, c=x[best], cmap=COLORS, vmin=0, vmax=1)
-        axes.set_xlabel(weight(name))
+        axes.scatter(x[best], y[best], s=10, color=colors[k])
+        axes.set_xlabel(f"weight of {name}")
         axes.set_ylabel(returned(name))
+        axes.set_ylim(limits(y[best]))
         lattice(axes)
+        tint(axes, colors[k], colors[k])
     legend_outside(figure)
     return figure

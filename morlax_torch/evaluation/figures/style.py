@@ -8,16 +8,22 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ...colors import INK, mixed, of_objectives
 from ...files import replacing
 
-COLORS = "viridis"  # perceptually uniform: readable in grayscale and by color-blind readers
+RUNS = "viridis"  # perceptually uniform, and unlike the colors of objectives
 DOMINATED = {"s": 9, "color": "0.65", "marker": "x", "lw": 0.7, "label": "dominated"}
 MARKERS = "osD^vPX*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
+MOST_MIXED = 3  # objectives whose colors a trade-off mixes
+LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches
+OUTLYING = (0.01, 0.99)  # quantiles between which the bulk of the values lies
+BULK = 0.7  # share of the range, below which an axis leaves out values beyond the bulk
 # journals require embedded TrueType fonts (type 42); the salt makes SVG files reproducible
 FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
 
@@ -37,11 +43,68 @@ def lattice(axes: Axes) -> None:
 
 def distinct(number: int) -> list[dict[str, Any]]:
     """Return a color, marker and line style for each of `number` items."""
-    shades = mpl.colormaps[COLORS]([0.85 * k / max(number - 1, 1) for k in range(number)])
+    shades = mpl.colormaps[RUNS]([0.85 * k / max(number - 1, 1) for k in range(number)])
     return [
         {"color": shade, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
         for k, shade in enumerate(shades)
     ]
+
+
+def tint(axes: Axes, x: str | None, y: str | None) -> None:
+    """Draw the axes of objectives in these colors."""
+    for side, color in (("bottom", x), ("left", y)):
+        if color is not None:
+            axes.spines[side].set(color=color, linewidth=2.5)
+
+
+def between(first: str, second: str) -> LinearSegmentedColormap:
+    """Return a color map from one color (0) to another (1)."""
+    return LinearSegmentedColormap.from_list("between", [first, second])
+
+
+def shades(color: str) -> LinearSegmentedColormap:
+    """Return a color map from almost white to a dark shade of `color`, which rises in grayscale."""
+    dark = to_hex(0.3 * np.array(to_rgb(color)))
+    return LinearSegmentedColormap.from_list("shades", ["#f7f7f5", color, dark])
+
+
+def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
+    """Return a color (K, 3) for each trade-off (K, m).
+
+    Up to three objectives mix their colors by weight. A mix of more would be gray, so the
+    objective with the largest weight gives its own.
+    """
+    m = tradeoffs.shape[1]
+    return mixed(tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)])
+
+
+def color_key(axes: Axes, names: Sequence[str]) -> None:
+    """Add the colors of trade-offs to the legend."""
+    most = "all" if len(names) <= MOST_MIXED else "most"
+    for name, color in zip(names, of_objectives(len(names)), strict=True):
+        axes.scatter([], [], s=40, color=color, label=f"{most} weight on {name}")
+
+
+def limits(values: NDArray) -> tuple[float, float]:
+    """Return the limits of an axis: the range of values, or its bulk if few lie far outside."""
+    low, high = float(values.min()), float(values.max())
+    first, last = np.quantile(values, OUTLYING)
+    if last - first < BULK * (high - low):
+        low, high = max(low, first - (last - first) / 4), min(high, last + (last - first) / 4)
+    margin = 0.04 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def fit(axes: Axes, x: NDArray, y: NDArray) -> None:
+    """Set the limits of both axes, and say how many points lie outside."""
+    across, up = limits(x), limits(y)
+    axes.set(xlim=across, ylim=up)
+    outside = (x < across[0]) | (x > across[1]) | (y < up[0]) | (y > up[1])
+    if outside.any():
+        text = f"{outside.sum()} outside"
+        style: Any = {"ha": "left", "va": "bottom", "color": INK, "fontsize": "small"}
+        box: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+        axes.annotate(text, (0.02, 0.02), xycoords="axes fraction", bbox=box, **style)
 
 
 def legend_outside(figure: Figure, side: str = "lower center", title: str | None = None) -> None:
@@ -58,7 +121,11 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
             names.setdefault(label, handle)
     if names:
         place: Any = f"outside {side}"
-        figure.legend([*names.values()], [*names], loc=place, title=title, frameon=False)
+        entry = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
+        columns = 1 if "right" in side else max(1, int(figure.get_figwidth() / entry))
+        figure.legend(
+            [*names.values()], [*names], loc=place, title=title, frameon=False, ncols=columns
+        )
 
 
 def returned(objective: str) -> str:

@@ -5,7 +5,7 @@ import viser
 from numpy.typing import NDArray
 from viser import uplot
 
-from .colors import of_objectives
+from ...colors import of_objectives
 from .session import Session
 
 HEIGHT = 92

@@ -7,9 +7,10 @@ browser redraws little while a user drags.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...colors import mix
 from ...evaluation.front import Front
 from . import picking, svg
-from .colors import INK, mix
+from .colors import INK
 from .pair import PairPlot
 from .svg import Box
 from .triangle import Triangle

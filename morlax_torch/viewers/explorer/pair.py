@@ -7,9 +7,10 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
+from ...colors import mix
 from ...evaluation.front import Front
 from . import svg
-from .colors import GRAY, INK, mix
+from .colors import GRAY, INK
 from .svg import Box
 from .weights import show
 

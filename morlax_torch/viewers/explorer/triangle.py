@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...colors import mix, of_objectives
 from . import svg
-from .colors import GRAY, mix, of_objectives
 from .svg import Box
 
 ROOM = 22  # beside and below the triangle, for names

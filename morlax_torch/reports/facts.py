@@ -1,0 +1,39 @@
+"""The facts of a run that a report begins with."""
+
+from collections.abc import Mapping
+
+from ..config import Config
+from ..evaluation.front import hypervolume_in
+from ..evaluation.history import History
+
+
+def facts(config: Config, history: History | None, measures: Mapping[str, float]) -> dict[str, str]:
+    """Return facts by name, each as text.
+
+    Args:
+        config: that the run was trained with.
+        history: of its training, if it is known.
+        measures: of its evaluation.
+    """
+    found = {
+        "algorithm": config.algorithm,
+        "random seed": str(config.seed),
+        "device": config.device or "unknown",
+        "parallel worlds": f"{config.worlds:,}",
+    }
+    if history is not None:
+        found["environment steps"] = f"{history.env_steps[-1] / 1e6:,.1f} M"
+        found["training time"] = duration(float(history.train_seconds[-1]))
+    name = hypervolume_in(measures)
+    found[name.replace("_", ", ")] = f"{measures[name]:.4g}"
+    return found
+
+
+def duration(seconds: float) -> str:
+    """Format a time span, such as 42 s, 3 min 05 s or 2 h 10 min."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"

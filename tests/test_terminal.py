@@ -1,0 +1,146 @@
+"""In a terminal of 80 columns, no line of output or help is longer, and none is cut."""
+
+import errno
+import fcntl
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from tiny import tiny
+
+from morlax_torch import envs
+from morlax_torch.__main__ import COMMANDS
+from morlax_torch.config import config_class
+from morlax_torch.terminal import arguments, tune_arguments
+from morlax_torch.terminal.help import text_of
+from morlax_torch.train import train
+
+COLUMNS = 80
+ROOT = Path(__file__).parent.parent
+CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+SMALL = (
+    *("--env", "bruce", "--device", "cpu", "--worlds", "32", "--horizon", "2"),
+    *("--sampling.clusters", "16", "--ppo.minibatches", "1", "--evaluation.tradeoffs", "6"),
+    *("--max-env-steps", "128", "--evaluation.every", "64", "--task.episode-length", "4"),
+)
+
+
+def shown(*typed: str, folder: Path) -> list[str]:
+    """Run a command in a terminal of 80 columns, and return the lines that it prints."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, COLUMNS, 0, 0))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "morlax_torch", *typed],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        cwd=folder,
+        env={
+            **{name: x for name, x in os.environ.items() if name not in ("COLUMNS", "LINES")},
+            "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
+            "TERM": "xterm-256color",
+        },
+    )
+    os.close(theirs)
+    found = b""
+    while part := _received(ours):
+        found += part
+    os.close(ours)
+    process.wait()
+    return [CONTROL.sub("", line) for line in re.split(r"[\r\n]+", found.decode())]
+
+
+def _received(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 2**16)
+    except OSError as error:  # Linux reports the end of the other side in this way
+        if error.errno != errno.EIO:
+            raise
+        return b""
+
+
+def assert_fits(lines: list[str]) -> None:
+    assert any(lines)
+    for line in lines:
+        assert len(line) <= COLUMNS, line
+        assert "…" not in line, line
+
+
+@pytest.mark.parametrize("command", (*COMMANDS, ""))
+def test_the_help_of_every_command_fits(command, tmp_path):
+    lines = shown(*filter(None, (command, "--help")), folder=tmp_path)
+    assert_fits(lines)
+    assert lines[0].startswith("usage: morlax ")
+
+
+def test_the_output_of_training_and_evaluation_fits(tmp_path):
+    trained = shown("train", *SMALL, "--output", "run", folder=tmp_path)
+    assert_fits(trained)
+    assert any(line.startswith("done: 128 steps") for line in trained)
+    measured = shown("evaluate", "run", "run/checkpoints/latest.pt", folder=tmp_path)
+    assert_fits(measured)
+    assert any("hypervolume" in line for line in measured)
+    assert_fits(shown("train", "--env", "chetah", folder=tmp_path))
+    assert_fits(shown("train", "--resume", "run", "--max-env-steps", "many", folder=tmp_path))
+
+
+def test_the_output_of_a_search_fits(tmp_path):
+    pytest.importorskip("optuna", reason="the extra [tune] is not installed")
+    small = SMALL[: SMALL.index("--max-env-steps")]
+    lines = shown("tune", *small, "--trials", "2", "--seconds", "0.2", folder=tmp_path)
+    assert_fits(lines)
+    assert any("of 2 trials done" in line for line in lines)
+
+
+def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path):
+    run = train(tiny(), output=tmp_path / "run")
+    before = (run.folder / "metrics.csv").read_bytes()
+    lines = shown("train", "--resume", "run", folder=tmp_path)
+    assert [*filter(None, lines)] == [
+        "starting: train --resume run",
+        "run has reached its limit: raise --max-env-steps to train it further.",
+    ]
+    assert (run.folder / "metrics.csv").read_bytes() == before
+    assert run.limit_reached(tiny(max_env_steps=65)) is None
+    assert run.limit_reached(tiny(max_env_steps=None, max_seconds=1e-9)) == "max-seconds"
+    (run.folder / "metrics.csv").write_text("".join(before.decode().splitlines(True)[:-1]))
+    assert run.limit_reached(tiny()) is None  # the last evaluation is missing
+
+
+def test_help_lists_common_options_first_and_all_tasks(tmp_path):
+    text = "\n".join(shown("train", "--help", folder=tmp_path))
+    order = [re.search(rf"--{name}\b", text) for name in ("env", "resume", "output", "config")]
+    places = [found.start() for found in order if found]
+    assert len(places) == 4 and places == sorted(places)
+    assert places[-1] < text.index("--algorithm") < text.index("--ppo.clip")
+    words = text.replace("│", " ").split()
+    for name in envs.names():
+        assert f"{name}," in words
+
+
+def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
+    """Return the options without a text."""
+    found = []
+    for name, field in model.model_fields.items():
+        kind: Any = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            found += undescribed(kind, f"{prefix}{name}.")
+        elif not text_of(model, name):
+            found.append(prefix + name)
+    return found
+
+
+@pytest.mark.parametrize("env", envs.names())
+def test_every_option_has_a_text(env):
+    models = [arguments.Command, tune_arguments.TuneOptions]
+    models += [config_class(env, name) for name in ("morlax", "hyper-morl", "pg-morl")]
+    for model in models:
+        assert not undescribed(model)
