@@ -16,7 +16,7 @@ import pytest
 from morlax_torch.viewers.explorer.picking import FIELD
 
 ROOT = Path(__file__).parent.parent
-PATIENCE = 120  # s until a page that does not answer counts as broken, also on a busy machine
+PATIENCE = 40  # s until a page that does not answer counts as broken, also on a busy machine
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 FLAGS = (
     *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
@@ -165,6 +165,7 @@ class Client:
         self.widgets: dict[str, dict[str, Any]] = {}
         self.notifications: list[str] = []
         self.moves = 0  # of anything in the scene
+        self.dark = False
         self._names: dict[str, str] = {}  # of robots, by viser's names of the labels
         self.send("ViewerCameraMessage", **POSE)  # viser ignores browsers that have no camera yet
         self.until(lambda: label in self.labels(), "the page has no widgets")
@@ -231,6 +232,8 @@ class Client:
                 self.widgets.setdefault(uuid, {}).update(updates)
             case {"type": "GuiRemoveMessage", "uuid": uuid}:
                 self.widgets.pop(uuid, None)
+            case {"type": "ThemeConfigurationMessage", "dark_mode": dark}:
+                self.dark = dark
             case {"type": "SetPositionMessage"}:
                 self.moves += 1
             case {"type": "LabelMessage", "name": name, "props": props}:
