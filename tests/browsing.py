@@ -16,7 +16,7 @@ import pytest
 from morlax_torch.viewers.explorer.picking import FIELD
 
 ROOT = Path(__file__).parent.parent
-PATIENCE = 40  # s until a page that does not answer counts as broken, also on a busy machine
+PATIENCE = 120  # s until a page that does not answer counts as broken, also on a busy machine
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 FLAGS = (
     *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
