@@ -172,6 +172,7 @@ class Client:
         self.widgets: dict[str, dict[str, Any]] = {}
         self.notifications: list[str] = []
         self.moves = 0  # of anything in the scene
+        self.dark = False
         self._names: dict[str, str] = {}  # of robots, by viser's names of the labels
         self.send("ViewerCameraMessage", **POSE)  # viser ignores browsers that have no camera yet
         self.until(lambda: label in self.labels(), "the page has no widgets")
@@ -238,6 +239,8 @@ class Client:
                 self.widgets.setdefault(uuid, {}).update(updates)
             case {"type": "GuiRemoveMessage", "uuid": uuid}:
                 self.widgets.pop(uuid, None)
+            case {"type": "ThemeConfigurationMessage", "dark_mode": dark}:
+                self.dark = dark
             case {"type": "SetPositionMessage"}:
                 self.moves += 1
             case {"type": "LabelMessage", "name": name, "props": props}:

@@ -1,6 +1,7 @@
 """The explorer's server: who may use it, and what it does with input that no page would send."""
 
 import math
+import re
 import signal
 import subprocess
 import sys
@@ -66,6 +67,8 @@ def test_only_the_printed_address_opens_the_page(served):
         assert "Open the address that the command printed" in text
 
     assert request(address)[0] == 200
+    assert request(address)[1].count("<title>") == 1
+    assert "<title>MORLAX explorer</title>" in request(address)[1]
     assert "<html" in request(f"{address}/")[1]
     assert request(address, Host=host.replace("127.0.0.1", "localhost"))[0] == 200
     for headers in ({"Host": f"rebound.example:{host.rpartition(':')[2]}"}, {"Origin": "null"}):
@@ -168,7 +171,7 @@ FORWARD = "m/s forward"
 def test_only_values_that_the_page_offers_are_accepted(served):
     address, process = served
     client, other = Client(address), Client(address)
-    slider, text, button = (client.uuid(label) for label in ("pace", "trade-off", "robot"))
+    slider, text, button, box = map(client.uuid, ("pace", "trade-off", "robot", "velocity"))
 
     for raw in (b"", b"\xc1", b"\x00" * 1000, b"\x91" * 60_000, "text", '{"type": 1}', "\0"):
         client.send_bytes(raw)
@@ -183,9 +186,12 @@ def test_only_values_that_the_page_offers_are_accepted(served):
     for uuid in (slider, text, button):
         for value in (None, True, [], [1.0], {}, {"a": 1}, b"bytes", math.nan, math.inf, -math.inf):
             client.send("GuiUpdateMessage", uuid=uuid, updates={"value": value})
+    for value in (None, 0, 1, 1.0, "true", "", [True], math.nan):
+        client.send("GuiUpdateMessage", uuid=box, updates={"value": value})
     for label in ("pace", "joints", FORWARD):
         client.set(label, "0.5")
-    for label in ("policy", "checkpoint", "robot"):
+    offered = ("policy", "checkpoint", "robot", "compare", "steer robot", "maximize", "x axis")
+    for label in offered:
         for value in (0, "", "secret", "../secret", "/etc/passwd", "x" * 5000, "a\0b"):
             client.set(label, value)
     for typed in ("", "1", "1, nan", "inf, 1, 1, 1, 1, 1", "1, " * 20_000, "1" * 300):
@@ -196,6 +202,7 @@ def test_only_values_that_the_page_offers_are_accepted(served):
     other.until(lambda: moments.add(other.html()) or len(moments) > 5, "the robot stands still")
     assert other.value("policy") == "runs/bruce/a"
     assert other.value("pace") == 1
+    assert other.value("velocity") is False and other.value("x axis") == "joints"
     assert f'data-tradeoff="{", ".join(["0.167"] * 6)}"' in other.html()
     assert client.notifications == other.notifications == []
 
@@ -211,6 +218,52 @@ def test_only_values_that_the_page_offers_are_accepted(served):
         other.until(partial(has, other, label, 0.1), f"{label} does not change")
         client.set(label, value)
         other.until(partial(has, other, label, expected), f"{label} is not clamped")
+    client.set("velocity", True)
+    other.until(partial(has, other, "velocity", True), "the checkbox has no effect")
+    assert ended(process) == ""
+
+
+def test_thresholds_find_a_tradeoff_or_say_why_there_is_none(workplace):
+    with exploring("cheetah") as (address, process):
+        client = Client(address)
+        most = client.widgets[client.uuid("run ≥")]["max"]
+        client.set("maximize", "energy")
+        client.set("run ≥", 2000.0)
+        client.until(lambda: "data-expected" in client.html(), "there is no trade-off")
+        client.until(lambda: 'data-level="2000.00"' in client.html(), "there is no line")
+        client.until(lambda: client.value("run") not in (0.5, 0, 1), "the sliders do not follow")
+        found = client.value("trade-off")
+        client.set("run ≥", most)
+        client.set("energy ≥", client.widgets[client.uuid("energy ≥")]["max"])
+        client.until(lambda: "data-infeasible" in client.html(), "there is no reason")
+        assert re.search("no policy reaches", client.html())
+        assert client.notifications == []
+        client.set("", "thresholds off")
+        client.until(lambda: "data-level" not in client.html(), "the lines stay")
+        assert len(found.split(",")) == 2
+        assert ended(process) == ""
+
+
+def test_robots_are_added_named_and_removed(served):
+    address, process = served
+    client = Client(address)
+    assert client.names() == []
+    client.set("compare", "add a robot")
+    client.until(lambda: len(client.names()) == 2, "there is no second robot")
+    client.set("trade-off", "0, 0, 0, 0, 0, 1")
+    client.until(lambda: client.names()[-1] == "▸ 2: energy 1.00", "it is not steered")
+    client.until(lambda: client.html().count("<b>robot ") == 2, "their returns are not shown")
+    client.set("steer robot", "1")
+    client.until(lambda: client.names()[0].startswith("▸ 1"), "the first is not selected")
+    client.until(lambda: client.value("energy") == 0.17, "the sliders do not follow")
+    client.set("compare", "remove")
+    client.until(lambda: client.names() == [], "it is not removed")
+    client.until(lambda: client.value("energy") == 1, "the sliders do not follow")
+    client.set("dark page", True)
+    client.set("contact forces", True)
+    client.until(lambda: client.dark, "the page is not dark")
+    before = client.moves
+    client.until(lambda: client.moves > before + 20, "the robot stands still")
     assert ended(process) == ""
 
 

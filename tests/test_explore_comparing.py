@@ -174,7 +174,7 @@ def test_a_run_without_two_policies_to_compare_says_so(evaluated, tmp_path, make
     with exploring(str(folder)) as (address, _):
         client = Client(address)
         before = client.html().count(sentence)
-        client.set("find", "A or B?")
+        client.set("compare", "A or B?")
         client.until(lambda: client.html().count(sentence) == before + 1, "there is no sentence")
         assert "I prefer" not in client.labels()
         client.close()

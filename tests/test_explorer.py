@@ -13,7 +13,9 @@ from morlax_torch import MorlaxError
 from morlax_torch.envs.worlds.disturbances import horizontal
 from morlax_torch.viewers.explorer import library, weights
 from morlax_torch.viewers.explorer.drawing import Drawing
+from morlax_torch.viewers.explorer.explaining import explain
 from morlax_torch.viewers.explorer.history import INTERVAL, SECONDS, History
+from morlax_torch.viewers.explorer.lineup import Lineup
 from morlax_torch.viewers.explorer.session import PUSH, Session
 
 
@@ -257,3 +259,152 @@ def test_geom_meshes_match_mujoco_volumes_and_bounds():
         middle, half = model.geom_aabb[geom].reshape(2, 3)
         np.testing.assert_allclose(mesh.bounds, [middle - half, middle + half], atol=5e-3)
     assert geom_mesh(model, len(volumes)) is None
+
+
+# several robots
+
+
+def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered(session):
+    lineup = Lineup(session)
+    assert lineup.names() == []
+    session.tradeoff = (0.9, 0.1)
+    play(session, 0.2)
+    lineup.add()
+    assert session.seconds == 0  # both start anew, so that their returns can be compared
+    lineup.steered.tradeoff = (0.2, 0.8)
+    assert [robot.tradeoff for robot in lineup.sessions] == [(0.9, 0.1), (0.2, 0.8)]
+    assert lineup.names() == ["1: 0.90, 0.10", "▸ 2: 0.20, 0.80"]
+    lineup.add()
+    with pytest.raises(MorlaxError, match="at most 3 robots"):
+        lineup.add()
+    lineup.selected = 0
+    for _ in range(5):
+        lineup.remove()
+    assert [robot.tradeoff for robot in lineup.sessions] == [(0.2, 0.8)]
+    assert lineup.steered is lineup.sessions[0]
+
+
+def test_twins_act_alike(session):
+    twin = session.twin()
+    for robot in (session, twin):
+        robot.reset()
+        play(robot, 0.3)
+    np.testing.assert_array_equal(session.data.qpos, twin.data.qpos)
+
+
+# thresholds
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(487.3, 2411.9), (-3.2, 0.01), (0.0, 1e-9), (5.0, 5.0), (-1e6, 3e7)]
+)
+def test_the_scale_of_a_threshold_covers_the_front_in_round_steps(low, high):
+    from morlax_torch.viewers.explorer.thresholds import scale
+
+    least, most, step = scale(low, high)
+    assert least <= low + 1e-6 and most >= high - 1e-6 and least < most
+    assert (most - least) / step == pytest.approx(round((most - least) / step), abs=1e-6)
+    assert most - least < (high - low) + 2.01 * step
+    if high - low > 1e-3:
+        assert 10 < (most - least) / step < 600
+
+
+def test_a_required_return_is_a_line_in_the_plots_that_show_it(make_front):
+    front = make_front(("run", "energy", "height"))
+    drawing = Drawing(front.objectives, front, (0, 2))
+    html = drawing.marks((1, 0, 0), 0, levels={0: 60.0, 1: 70.0})
+    assert re.findall(r'data-level="([^"]*)"', html) == ["60.00"]
+    line = re.search(r'x1="([\d.]+)" x2="([\d.]+)"', html)
+    point = np.array([float(x) for x in re.findall(r'cx="([\d.]+)"', drawing.html())])
+    assert point.min() < float(line[1]) == float(line[2]) < point.max()
+
+
+# what is drawn
+
+
+def test_a_point_of_the_front_tells_its_tradeoff_and_returns(make_front):
+    front = make_front(("run", "energy"))
+    html = Drawing(front.objectives, front, (0, 1)).html()
+    tip = "run: weight 1.00, return 110\nenergy: weight 0.00, return 10"
+    assert re.sub(r"<title *>", "<title>", html).count(f"<title>{tip}</title>") == 1
+
+
+def test_ends_of_episodes_are_vertical_lines_in_charts():
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer.charts import with_ends
+
+    columns = np.array([[1.0, 2.0, 3.0, 4.0], [5.0, 9.0, 0.5, 2.0]])
+    time, marks, value = with_ends(columns, [2.0, 4.0])  # no sample follows the last end
+    np.testing.assert_array_equal(time, [1, 2, 3, 3, 3, 3, 4])
+    np.testing.assert_array_equal(marks, [0, 0, 0, 9, 0, 0, 0])
+    np.testing.assert_array_equal(value, [5, 9, 9, 9, 0.5, 0.5, 2])
+
+
+def test_history_remembers_the_ends_of_episodes():
+    history = History(1)
+    history.end_episode()  # nothing has begun
+    for step in range(1, 4001):
+        history.add(step * 0.01, [float(step)])
+        if step % 1500 == 0:
+            history.end_episode()
+            history.end_episode()
+    assert history.ends() == pytest.approx([30.0])  # the end at 15 s is too long ago
+
+
+def test_an_objective_is_explained_by_its_reward_terms(session):
+    env = session.player.env
+    assert explain(env, "jump") == (
+        "jump = 12 * jump. Every objective also gets 1 * alive - 0.0002 * ctrl_cost."
+    )
+    assert explain(env, "another") == "Weight of another."
+    type(env).jump = lambda self: None
+    try:
+        type(env).jump.__doc__ = "Height of the torso in m.\n\nMore."
+        assert "jump: Height of the torso in m." in explain(env, "jump")
+    finally:
+        del type(env).jump
+
+
+def test_lines_of_a_lane_move_with_the_robot_and_stay_in_the_lane():
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer.ground import lane_lines
+
+    for x in (0.0, 0.3, 7.9, -123.4):
+        lines = lane_lines(np.array([x, 0.2]), 0.8)
+        assert np.abs(lines[:, :, 0]).max() == pytest.approx(0.8)
+        across = lines[lines[:, 0, 0] == lines[:, 1, 0]][:-2]
+        places = (across[:, 0, 0] + x) * 2
+        np.testing.assert_allclose(places, places.round(), atol=1e-3)
+
+
+FALL = """
+<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+  <body pos="0 0 .1"><freejoint/><geom type="box" size=".2 .1 .1" mass="2"/></body>
+</worldbody></mujoco>
+"""
+
+
+def test_arrows_show_velocity_and_contact_forces():
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer.overlays import contact_forces, heading, velocity
+
+    model = mujoco.MjModel.from_xml_string(FALL)
+    data = mujoco.MjData(model)
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    arrows = contact_forces(model, data, 1.0)
+    assert (arrows[:, 1] - arrows[:, 0]).sum(0) == pytest.approx([0, 0, 2 * 9.81], abs=0.1)
+    data.qvel[:] = [1, 2, 3, 0, 0, 0]
+    data.qpos[3:7] = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]  # a quarter turn to the left
+    mujoco.mj_forward(model, data)
+    assert velocity(model, data, 1) == pytest.approx([1, 2, 3])
+    assert heading(data, 1) @ [1, 0] == pytest.approx([0, 1, 0], abs=1e-6)
+    assert heading(data, 1) @ [0, 1] == pytest.approx([-1, 0, 0], abs=1e-6)
+
+
+def test_only_commanded_velocities_are_arrows(session, tmp_path, make_run):
+    assert session.commanded() is None
+    bruce = Session.open(library.choose(str(make_run(tmp_path / "bruce", "bruce", "best"))))
+    bruce.tell(1, 0.05)
+    assert bruce.commanded() == pytest.approx([0.12, 0.05])

@@ -327,9 +327,19 @@ def test_a_damaged_result_is_finite_or_refused(fuzz, name, run, tmp_path):
 
 # Messages to the explorer
 
-LABELS = st.sampled_from(("policy", "checkpoint", "robot", "pace", "run", "jump", "trade-off"))
+LABELS = st.sampled_from(
+    [
+        *("policy", "checkpoint", "robot", "pace", "run", "jump", "trade-off", ""),
+        *("I prefer", "compare", "steer robot", "maximize", "run ≥", "jump ≥", "velocity"),
+        *("command arrow", "contact forces", "trail", "dark page"),
+    ]
+)
 CHOICES = st.sampled_from(
-    ("runs/a", "runs/b", "runs/damaged", "best", "latest", "pause", "resume", "reset", "push", "..")
+    [
+        *("runs/a", "runs/b", "runs/damaged", "best", "latest", "pause", "resume", "reset"),
+        *("push", "..", "A or B?", "A", "B", "skip", "use this trade-off", "start again", "back"),
+        *("thresholds off", "add a robot", "remove", "1", "2", "3"),
+    ]
 )
 FIELDS = st.sampled_from(("value", "visible", "gui_api", "options", "max", "uuid"))
 KINDS = st.sampled_from(("GuiUpdateMessage", "ViewerCameraMessage", "ShareUrlRequest", "x", ""))

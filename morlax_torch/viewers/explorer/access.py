@@ -10,6 +10,7 @@ import hmac
 import logging
 import re
 import secrets
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from http import HTTPStatus
@@ -21,6 +22,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
 from ...envs import MorlaxError
+from .dressing import dressed
 from .messages import accepted
 
 FORBIDDEN = "Open the address that the command printed: it ends with a secret token.\n"
@@ -44,6 +46,7 @@ def start(host: str, port: int) -> tuple[viser.ViserServer, str]:
     """
     door = Door(host)
     logging.getLogger("websockets.server").addFilter(_one_line)
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a browser has left
     with patch("websockets.asyncio.server.serve", door.serve):  # viser has no hook
         server = viser.ViserServer(host, port, verbose=False)
     widgets = getattr(server.gui, "_gui_input_handle_from_uuid", None)
@@ -75,7 +78,8 @@ class Door:
         def answer(connection: ServerConnection, request: Request) -> Response | None:
             if not door.admits(request):
                 return connection.respond(HTTPStatus.FORBIDDEN, FORBIDDEN)
-            return page(connection, replace(request, path="/")) if page else None
+            response = page(connection, replace(request, path="/")) if page else None
+            return dressed(response) if response else None
 
         class Connection(ServerConnection):
             async def recv(self, *arguments: Any) -> Any:

@@ -3,6 +3,8 @@
 from abc import ABC, abstractmethod
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
 
@@ -32,6 +34,10 @@ class Behavior(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Go back to the beginning."""
+
+    def commanded(self) -> NDArray[np.float64] | None:
+        """Return the velocity (2,) in m/s that the robot is told, forward and to the left."""
+        return None
 
     def advance(self, now: float) -> int:
         """Take the steps that are due at clock time `now` in seconds; returns how many."""

@@ -10,6 +10,7 @@ from . import access
 from .asking import NAMES, Asking
 from .behavior import MAX_LAG, Behavior
 from .comparisons import Comparisons
+from .overlays import Shown
 from .serving import Requests
 from .stage import Stage
 
@@ -35,7 +36,7 @@ class ComparisonPage:
         self._server, self.address = access.start(host, port)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)
         self._server.gui.set_panel_label("A or B?")
-        self._requests, self._stage = Requests(self._server), Stage(self._server)
+        self._requests, self._stage = Requests(self._server), Stage(self._server, Shown())
         self._asking = Asking(self._server.gui, source, self._requests.put)
         self._shown: tuple[Behavior, ...] = ()
         self._draw()

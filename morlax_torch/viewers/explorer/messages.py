@@ -5,7 +5,13 @@ from collections.abc import Mapping
 from typing import Annotated
 
 import msgspec
-from viser import GuiButtonGroupHandle, GuiDropdownHandle, GuiSliderHandle, GuiTextHandle
+from viser import (
+    GuiButtonGroupHandle,
+    GuiCheckboxHandle,
+    GuiDropdownHandle,
+    GuiSliderHandle,
+    GuiTextHandle,
+)
 
 LONGEST = 200  # characters in a text field
 
@@ -31,7 +37,7 @@ class Setting(msgspec.Struct, tag="GuiUpdateMessage"):
     """viser's message of this name, sent when a user changes a widget or presses a button."""
 
     class Updates(msgspec.Struct):
-        value: Finite | str
+        value: bool | Finite | str
 
     uuid: str  # of the widget
     updates: Updates
@@ -64,9 +70,11 @@ def accepted(raw: bytes, widgets: Mapping[str, object]) -> bytes | None:
     return msgspec.msgpack.encode(Setting(message.uuid, Setting.Updates(value)))
 
 
-def offered(widget: object, value: float | str) -> float | str | None:
+def offered(widget: object, value: bool | float | str) -> bool | float | str | None:
     """Return a value as the widget offers it, a number clamped to its limits; otherwise None."""
     match widget, value:
+        case GuiCheckboxHandle(), bool():
+            return value
         case GuiSliderHandle(), float():
             return min(max(value, widget.min), widget.max)
         case GuiDropdownHandle() | GuiButtonGroupHandle(), str() if value in widget.options:

@@ -18,8 +18,10 @@ from .finding import Finding
 from .front_view import FrontView
 from .lineup import MOST, Lineup
 from .menu import Menu
+from .overlays import Shown
 from .serving import Requests, tell
 from .session import PUSH, Session
+from .showing import Showing
 from .stage import Stage
 from .status import status
 from .steering import Steering
@@ -59,8 +61,9 @@ class Page:
         rich.get_console().quiet = True  # hides viser's banner; the command prints the address
         self.server, self.address = access.start(host, port)
         self._requests = Requests(self.server)
-        self._stage = Stage(self.server)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self._shown = Shown()
+        self._stage = Stage(self.server, self._shown)
+        self._darken(False)
         self._add_widgets()
         self._set_stage((session,), ())
         self._begin(session)
@@ -96,24 +99,24 @@ class Page:
     def _add_widgets(self) -> None:
         gui, put = self.server.gui, self._requests.put
         self._menu = Menu(gui, self._choice, put, self._change)
-        hint = "Find your trade-off: compare robots two at a time, and say which one you like."
-        self._mode = gui.add_button_group("find", (FIND,), order=1.2, hint=hint)
+        hint = (
+            f"{FIND} finds your trade-off: you say which of two robots you like better. Or show "
+            f"up to {MOST} robots with trade-offs of their own."
+        )
+        self._compare = gui.add_button_group("compare", (FIND, ADD), order=1.2, hint=hint)
         hint = f"A push adds {PUSH:g} m/s in a random horizontal direction."
         self._actions = gui.add_button_group("robot", (PAUSE, "reset", "push"), order=3, hint=hint)
-        hint = f"Show up to {MOST} robots with trade-offs of their own, side by side."
-        self._compare = gui.add_button_group("compare", (ADD,), order=3.1, hint=hint)
         hint = "The robot that the sliders steer and the charts show."
-        self._steered = gui.add_dropdown("steer", ("1",), order=3.2, visible=False, hint=hint)
+        self._steered = gui.add_dropdown("steer robot", ("1",), order=1.3, visible=False, hint=hint)
         hint = "Playback speed; 1 is real time."
         pace = gui.add_slider("pace", 0.05, 1.0, 0.05, 1.0, order=4, hint=hint)
         self._status = gui.add_html("", order=5)
+        Showing(gui, put, self._shown, self._darken)
         panel = gui.add_panel()
         self._plots = panel.add_tab("front and charts")
         panel.dock_left()
-        panel.expand()  # also on a phone, where panels start folded
         gui.main_panel.dock_right()
 
-        self._mode.on_click(self._on_press)
         self._actions.on_click(self._on_press)
         self._compare.on_click(self._on_press)
 
@@ -229,10 +232,10 @@ class Page:
     def _update_choices(self) -> None:
         """Offer what can be done with the robots that there are."""
         number, finding = len(self._lineup.sessions), self._finding is not None
-        self._mode.visible = self._folder.visible = not finding
+        self._compare.visible = self._folder.visible = not finding
         self._at_least.visible = not finding and self._thresholds is not None
-        self._compare.visible = not finding
-        self._compare.options = ((ADD,) if number < MOST else ()) + ((DROP,) if number > 1 else ())
+        more, fewer = (ADD,) * (number < MOST), (DROP,) * (number > 1)
+        self._compare.options = (FIND, *more, *fewer)
         self._steered.visible = not finding and number > 1
         self._steered.options = tuple(str(i + 1) for i in range(number))
         self._steered.value = str(self._lineup.selected + 1)
@@ -304,6 +307,10 @@ class Page:
             self._marked = marked
             self._front.mark(lineup.sessions, lineup.selected, levels)
             self._steering.show(lineup.steered.tradeoff, field=False)
+
+    def _darken(self, dark: bool) -> None:
+        self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+        self._stage.darken(dark)
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         """Fit the camera of a new browser, and tell it why the robots stand still."""

@@ -14,7 +14,7 @@ from .colors import GRAY, INK
 from .svg import Box
 from .weights import show
 
-LEFT, TOP, RIGHT, BOTTOM = 38, 8, 10, 32  # margins of the axes, for tick labels and names
+LEFT, TOP, RIGHT, BOTTOM = 46, 8, 10, 32  # margins of the axes, for tick labels and names
 FAINT = {"stroke": INK, "stroke_opacity": 0.12}  # grid lines
 
 
@@ -89,7 +89,7 @@ class PairPlot:
                 parts.append(svg.element("line", x1=left, x2=right, y1=at, y2=at, **FAINT))
                 parts.append(svg.text(_short(y), left - 4, at + 3, INK, "end"))
         first, second = (f"{self._front.objectives[i]} (return)" for i in self._objectives)
-        turned = f"translate({left - 28:g} {top + height / 2:g}) rotate(-90)"
+        turned = f"translate({left - 37:g} {top + height / 2:g}) rotate(-90)"
         parts.append(svg.text(first, left + width / 2, bottom + 26, INK))
         parts.append(svg.text(second, 0, 0, INK, transform=turned))
         return parts

@@ -8,8 +8,8 @@ field, as if the user had typed it. In the drawing, `data-w` is the trade-off of
 from collections.abc import Sequence
 from html import escape
 
+from ...colors import of_objectives
 from . import svg
-from .colors import of_objectives
 from .weights import Weights, even, show
 
 FIELD = "trade-off"  # the label of the text field
@@ -75,7 +75,7 @@ def buttons(objectives: Sequence[str]) -> str:
 
 def dot(color: str) -> str:
     """Return a mark in the color of an objective, between the label and the slider that follow."""
-    mark = svg.element("span", "", style=f"position:absolute;left:90px;top:7px;{_disk(color)}")
+    mark = svg.element("span", "", style=f"position:absolute;left:5.6em;top:0.4em;{_disk(color)}")
     return svg.element("div", mark, style="position:relative;height:0")
 
 

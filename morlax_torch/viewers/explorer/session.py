@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...envs import MorlaxError
 from ...envs.worlds.disturbances import horizontal
@@ -17,6 +18,7 @@ from .history import History
 from .library import Choice
 from .weights import Weights, even
 
+VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
 PUSH = 1.5  # m/s added to the robot's velocity by a push
 
 
@@ -110,6 +112,12 @@ class Session(Behavior):
     def tell(self, index: int, value: float) -> None:
         """Set one number of the command, by its index in the task's `command_limits`."""
         self.player.command[index] = value
+
+    def commanded(self) -> NDArray[np.float64] | None:
+        names = list(self.player.env.command_limits)[:2]
+        if len(names) < 2 or not all(name.startswith(VELOCITIES) for name in names):
+            return None
+        return np.array(self.player.command[:2])
 
     def velocity(self) -> list[float]:
         """Return the velocity in m/s along x and, if the robot can move there, y."""

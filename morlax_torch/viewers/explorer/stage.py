@@ -7,6 +7,7 @@ import viser
 from . import camera
 from .behavior import Behavior
 from .ground import Ground
+from .overlays import Overlays, Shown
 from .scene import RobotScene
 
 FOG = {False: (255, 255, 255), True: (20, 20, 20)}  # viser's background, by whether it is dark
@@ -19,11 +20,13 @@ class Stage:
 
     Args:
         server: viser's server.
+        shown: the arrows and trails to draw.
     """
 
-    def __init__(self, server: viser.ViserServer):
-        self._server = server
+    def __init__(self, server: viser.ViserServer, shown: Shown):
+        self._server, self._shown = server, shown
         self._dark = False
+        self._overlays: list[Overlays] = []
         self._behaviors: tuple[Behavior, ...] = ()
         self._scenes: list[RobotScene] = []
         self._labels: list[viser.LabelHandle] = []
@@ -54,6 +57,10 @@ class Stage:
         self._behaviors, self._scenes = tuple(behaviors), scenes
         self._size, self._places, self._width = size, places, gap * (len(behaviors) - 1) + size
         self._add_ground()
+        self._overlays = [
+            Overlays(self._server, scene, behavior.model, self._shown)
+            for scene, behavior in zip(scenes, behaviors, strict=True)
+        ]
         self._labels = [
             self._server.scene.add_label(
                 f"{scene.root}/name",
@@ -87,11 +94,15 @@ class Stage:
     def draw(self) -> None:
         """Move the robots to their current states."""
         with self._server.atomic():
-            pairs = zip(self._scenes, self._behaviors, strict=True)
-            centers = [scene.draw(behavior.data) for scene, behavior in pairs]
-            finite = [center for center in centers if center is not None]
-            if self._ground is not None and finite and len(finite) == len(centers):
-                self._ground.move(finite)
+            centers = []
+            parts = zip(self._scenes, self._overlays, self._behaviors, strict=True)
+            for scene, overlays, behavior in parts:
+                center = scene.draw(behavior.data)
+                if center is not None:
+                    overlays.draw(behavior.data, center, behavior.commanded())
+                    centers.append(center)
+            if self._ground is not None and len(centers) == len(self._scenes):
+                self._ground.move(centers)
 
     def remove(self) -> None:
         """Remove the robots and the ground."""

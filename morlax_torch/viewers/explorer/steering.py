@@ -5,7 +5,7 @@ from typing import Any
 
 import viser
 
-from .colors import of_objectives
+from ...colors import of_objectives
 from .explaining import explain
 from .picking import FIELD, buttons, dot
 from .session import Session

@@ -8,10 +8,10 @@ from typing import Any
 
 import viser
 
+from ...colors import of_objectives
 from ...envs import MorlaxError
 from ...evaluation.choosing import choose
 from ...evaluation.front import Front
-from .colors import of_objectives
 from .picking import dot
 from .steering import Put
 from .weights import Weights

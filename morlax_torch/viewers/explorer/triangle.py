@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from ...colors import mix, of_objectives
 from . import svg
+from .colors import GRAY
 from .svg import Box
 
 ROOM = 22  # beside and below the triangle, for names
