@@ -21,6 +21,7 @@ from morlax_torch.viewers.web.robot import build
 from morlax_torch.viewers.web.writing import write_page
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
+pytestmark = pytest.mark.slow  # to write the page takes half a minute
 STEPS = 100
 SIMULATE = """async ([site, folder, controls]) => {
   const { Simulation } = await import(`${site}simulation.js`);
