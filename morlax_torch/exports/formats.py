@@ -33,7 +33,7 @@ class Format(NamedTuple):
 
 def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
     """Return an ONNX model with each entry of `about` as JSON in its metadata_props."""
-    model = onnx_model(program, output_names=[OUTPUT])
+    model = onnx_model(program, [OUTPUT])
     for value in [*model.graph.input, *model.graph.output]:
         rows = value.type.tensor_type.shape.dim[0]
         if rows.dim_param:
@@ -45,14 +45,23 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
     return model.SerializeToString()
 
 
-def onnx_model(program: ExportedProgram, **names: Sequence[str]) -> Any:
-    """Return a program as an ONNX ModelProto, with `input_names` and `output_names`.
+def onnx_model(
+    program: ExportedProgram, outputs: Sequence[str], inputs: Sequence[str] | None = None
+) -> Any:
+    """Return a program as an ONNX ModelProto.
+
+    Args:
+        program: to convert.
+        outputs: names of its outputs.
+        inputs: names of its inputs; None: as in the program.
 
     Raises:
         MorlaxError: the extra is not installed.
     """
     onnxruntime()
-    exported = torch.onnx.export(program, dynamo=True, verbose=False, **names)
+    exported = torch.onnx.export(
+        program, dynamo=True, verbose=False, input_names=inputs, output_names=outputs
+    )
     assert exported is not None
     return exported.model_proto
 

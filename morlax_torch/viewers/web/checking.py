@@ -1,5 +1,6 @@
 """Compare traced graphs with the task that they were traced from."""
 
+from collections.abc import Mapping
 from typing import Any
 from unittest.mock import patch
 
@@ -12,34 +13,39 @@ from ...exports.formats import onnxruntime
 from .recording import Draws
 from .tracing import RESULTS, Graph, Traced, cannot
 
-STEPS = 60
-EPISODES = 3
-TOLERANCE = 1e-4  # absolute below 1, relative above
+STEPS, EPISODES = 60, 3  # of the comparison
+TOLERANCE = 1e-4  # of numbers below 1; relative above
 
 
-class Copy:
+class Replica:
     """The traced step, run from copies of the task's state.
 
     Args:
-        traced: the graphs.
+        traced: the graphs, and the task's own state.
     """
 
     def __init__(self, traced: Traced):
-        self.traced, self.values = traced, {}
-        self._before, self._after = (_session(g) for g in (traced.before, traced.after))
+        self.traced = traced
+        self.values: dict[str, np.ndarray] = {}  # of all inputs and outputs, by name
+        self._sessions = {id(graph): _session(graph) for graph in (traced.before, traced.after)}
 
-    def take(self, names: Any = None) -> None:
+    def copy(self) -> None:
         """Copy the task's state."""
         for name, values in self.traced.state.items():
             self.values[name] = values.numpy().copy()
 
     def run(self, graph: Graph, draws: list[Tensor]) -> None:
-        """Run one of the two graphs on `values`, and put its outputs there."""
-        session = self._before if graph is self.traced.before else self._after
+        """Run one of the two graphs on `values`, with the task's draws, and note its outputs."""
         for name, drawn in zip(graph.draws, draws, strict=True):
             self.values[name] = drawn.numpy()
         given = {name: self.values[name] for name in graph.inputs}
-        self.values |= dict(zip(graph.outputs, session.run(None, given), strict=True))
+        results = self._sessions[id(graph)].run(None, given)
+        self.values |= dict(zip(graph.outputs, results, strict=True))
+
+    def state(self, graph: Graph) -> dict[str, np.ndarray]:
+        """Return the task's own state that `graph` changes, by name."""
+        own = self.traced.state
+        return {name: values.numpy() for name, values in own.items() if name in graph.outputs}
 
 
 def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
@@ -51,47 +57,44 @@ def check(env: Environment, traced: Traced, generator: torch.Generator) -> float
     Raises:
         MorlaxError: they differ by more than TOLERANCE.
     """
-    copy, largest, simulate = Copy(traced), 0.0, env.physics.step
+    replica, largest = Replica(traced), 0.0
     for episode in range(EPISODES):
         env.reset()
         for _ in range(STEPS):
-            action = _action(env, generator) * min(episode, 1)
-            copy.take()
-            copy.values["action"] = action.numpy()
-            with Draws() as draws:
-                largest = max(largest, _one(env, copy, action, draws, simulate))
+            random = 2 * torch.rand(1, env.action_size, generator=generator) - 1
+            action = random if episode else torch.zeros_like(random)
+            largest = max(largest, _step(env, replica, action))
     return largest
 
 
-def _one(env: Environment, copy: Copy, action: Tensor, draws: Draws, simulate: Any) -> float:
-    found: list[float] = []
+def _step(env: Environment, replica: Replica, action: Tensor) -> float:
+    """Take one control step twice; returns the largest difference."""
+    before, after = replica.traced.before, replica.traced.after
+    simulate, gaps = env.physics.step, []
+    replica.copy()
+    replica.values["action"] = action.numpy()
 
     def switch() -> None:
-        copy.run(copy.traced.before, draws.values)
-        found.append(_difference(env, copy, copy.traced.before))
+        replica.run(before, draws.values)
+        gaps.append(_largest_gap(env, replica, replica.state(before)))
         draws.values.clear()
         simulate()
         for name in env.physics.arrays:  # type: ignore[attr-defined]
-            copy.values[name] = copy.traced.state[name].numpy().copy()
+            replica.values[name] = replica.traced.state[name].numpy().copy()
 
-    with torch.no_grad(), patch.object(env.physics, "step", switch):
+    with Draws() as draws, torch.no_grad(), patch.object(env.physics, "step", switch):
         step = env.step(action)
-    copy.run(copy.traced.after, draws.values)
+    replica.run(after, draws.values)
     results = {name: getattr(step, name).numpy() for name in RESULTS}
     results["terms"] = torch.stack(list(step.terms.values()), -1).numpy()
-    for name, exact in results.items():
-        found.append(_compared(env, name, exact, copy.values[name]))
-    return max(*found, _difference(env, copy, copy.traced.after))
+    return max(*gaps, _largest_gap(env, replica, {**results, **replica.state(after)}))
 
 
-def _difference(env: Environment, copy: Copy, graph: Graph) -> float:
-    changed = [name for name in copy.traced.state if name in graph.outputs]
-    exact = copy.traced.state
-    pairs = [_compared(env, name, exact[name].numpy(), copy.values[name]) for name in changed]
-    return max(pairs, default=0.0)
+def _largest_gap(env: Environment, replica: Replica, exact: Mapping[str, np.ndarray]) -> float:
+    return max((_gap(env, name, x, replica.values[name]) for name, x in exact.items()), default=0.0)
 
 
-def _compared(env: Environment, name: str, exact: np.ndarray, found: np.ndarray) -> float:
+def _gap(env: Environment, name: str, exact: np.ndarray, found: np.ndarray) -> float:
     exact, found = (x.astype(np.float64).ravel() for x in (exact, found))
     gaps = np.abs(exact - found) / np.maximum(1.0, np.abs(exact))
     gap = float(np.where(np.isnan(exact) & np.isnan(found), 0.0, gaps).max(initial=0.0))
@@ -102,10 +105,6 @@ def _compared(env: Environment, name: str, exact: np.ndarray, found: np.ndarray)
             "in place, and compute with torch only",
         )
     return gap
-
-
-def _action(env: Environment, generator: torch.Generator) -> Tensor:
-    return 2 * torch.rand(1, env.action_size, generator=generator) - 1
 
 
 def _session(graph: Graph) -> Any:

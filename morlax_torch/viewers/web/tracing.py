@@ -107,7 +107,7 @@ def _graph(recorder: Recorder) -> Graph:
         try:
             program = torch.export.export(module, tuple(inputs.values())).run_decompositions({})
             results = [f"next_{name}" for name in outputs]  # ONNX needs names of their own
-            model = onnx_model(program, input_names=tuple(inputs), output_names=results)
+            model = onnx_model(program, results, tuple(inputs))
         except MorlaxError:
             raise
         except Exception as error:  # torch's exporters raise errors of many kinds

@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from ...envs import MorlaxError
+from ...exports.formats import onnxruntime
 from . import libraries
 from .robot import write_robot
 
@@ -28,8 +30,8 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
         The size of every file in bytes, by its path in the folder.
 
     Raises:
-        MorlaxError: a run's task cannot run in a browser, a library cannot be downloaded, or
-            `folder` exists or cannot be written.
+        MorlaxError: a run's task cannot run in a browser, a library cannot be downloaded, the extra
+            onnx is missing, or `folder` exists or cannot be written.
     """
     if folder.exists():
         raise MorlaxError(f"{folder} exists already: choose another folder.")
@@ -48,10 +50,11 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
 
 
 def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
+    onnxruntime()  # fails at once without the extra
     (folder / "libraries").mkdir()
     for name, data in libraries.files().items():
         (folder / "libraries" / name).write_bytes(data)
-    known: list[dict] = []
+    known: list[dict[str, Any]] = []
     for index, run in enumerate(runs):
         place = f"runs/{index}"
         known.append({"folder": place, **write_robot(run, folder / place, device)})
@@ -65,7 +68,7 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
         (folder / file.name).write_bytes(data)
 
 
-def _number(runs: list[dict]) -> None:
+def _number(runs: list[dict[str, Any]]) -> None:
     """Tell runs of one task apart in their titles."""
     counts: dict[str, int] = {}
     for run in runs:

@@ -7,6 +7,7 @@ import { Triangle } from "./triangle.js";
 import { colorOf, moved } from "./weights.js";
 
 const $ = (id) => document.getElementById(id);
+const CALM = 0.05; // share of a new reward in the smoothed one
 const percent = (weight) => `${Math.round(100 * weight)} %`;
 
 export class Panel {
@@ -19,6 +20,7 @@ export class Panel {
     Object.assign(this, { simulation, choose });
     const { about } = simulation;
     this.names = about.objectives;
+    this.rates = this.names.map(() => null);
     const rows = this.names.map((name, i) => {
       return { name, limits: [0, 1], color: colorOf(i), format: percent };
     });
@@ -42,8 +44,10 @@ export class Panel {
   showEpisode() {
     const { returns, last, about } = this.simulation;
     this.names.forEach((_, i) => {
+      const rate = last ? last.reward[i] / about.dt : null;
+      this.rates[i] = rate === null ? null : (1 - CALM) * (this.rates[i] ?? rate) + CALM * rate;
       this.cells[i][0].textContent = amount(returns[i]);
-      this.cells[i][1].textContent = last ? amount(last.reward[i] / about.dt) : "–";
+      this.cells[i][1].textContent = rate === null ? "–" : amount(this.rates[i]);
     });
     about.terms.forEach((_, i) => {
       this.termCells[i].textContent = last ? amount(last.terms[i]) : "–";

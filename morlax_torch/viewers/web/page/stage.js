@@ -8,8 +8,9 @@ import { Surroundings } from "./surroundings.js";
 
 const VIEW = new THREE.Vector3(0.55, -1, 0.32).normalize(); // from the robot to the camera
 const FIELD = 32; // degrees
-const MARGIN = 1.1; // around the robot
-const CALM = 0.06; // share of a change of height that the camera follows in a frame
+const MARGIN = 1.2; // around the robot
+const BUTTONS = 50; // pixels that the buttons cover at the bottom
+const CALM = 250; // ms that the camera takes to follow most of a change of height
 
 export class Stage {
   constructor(canvas) {
@@ -29,6 +30,8 @@ export class Stage {
     this.controls.enablePan = false;
     this.controls.maxPolarAngle = 0.495 * Math.PI; // never below the floor
     this.theme = "light";
+    this.haste = 1; // share of a change of height to follow now
+    this.drawn = performance.now();
   }
 
   /** Show another robot: a `Simulation` after its reset. */
@@ -87,6 +90,9 @@ export class Stage {
 
   /** Draw the moment `share` in [0, 1] of the way from the former poses to the latest. */
   draw(share) {
+    const now = performance.now();
+    this.haste = 1 - Math.exp((this.drawn - now) / CALM);
+    this.drawn = now;
     this.#fit();
     for (const [index, body] of this.bodies.entries()) {
       body.position.fromArray(this.former.places, 3 * index);
@@ -125,7 +131,7 @@ export class Stage {
     const along = (i) => lerp(this.former.places[at + i], this.latest.places[at + i], share);
     const height = along(2) + this.offset;
     const former = this.center?.z ?? height;
-    return new THREE.Vector3(along(0), along(1), former + CALM * (height - former));
+    return new THREE.Vector3(along(0), along(1), lerp(former, height, this.haste));
   }
 
   /** Move camera and target with the robot. */
@@ -146,6 +152,7 @@ export class Stage {
     this.renderer.setSize(width, height, false);
     const before = this.camera.aspect;
     this.camera.aspect = width / Math.max(height, 1);
+    this.camera.setViewOffset(width, height, 0, BUTTONS / 2, width, height);
     this.camera.updateProjectionMatrix();
     if (Math.abs(before - this.camera.aspect) > 0.01) this.lookHome();
   }
