@@ -9,11 +9,13 @@ from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import leaky_relu
 
 from ..errors import MorlaxError, shortened
 
 TERM = "learned"  # name of the reward term
 FORMAT = 1
+LIMITS = (-1.0, 2.0)  # of rewards, so that what no clip shows cannot earn without bound
 
 
 class LearnedReward(nn.Module):
@@ -61,14 +63,14 @@ class LearnedReward(nn.Module):
     def forward(self, before: Tensor, action: Tensor, after: Tensor) -> Tensor:
         """Return the rewards (N,) of steps from (N, O) under (N, A) to (N, O)."""
         ratings = self.ratings(torch.cat([before, action, after], -1)).mean(0)
-        return (ratings - self.offset) / self.unit
+        return ((ratings - self.offset) / self.unit).clamp(*LIMITS)
 
     def ratings(self, steps: Tensor) -> Tensor:
         """Return each network's rating (E, n) of steps (n, 2 O + A)."""
         x = ((steps.float() - self.mean) * self.scale).clamp(-10, 10).expand(self.members, -1, -1)
         *inner, last = zip(self.weights, self.biases, strict=True)
         for weight, bias in inner:
-            x = torch.baddbmm(bias, x, weight).tanh()
+            x = leaky_relu(torch.baddbmm(bias, x, weight))
         weight, bias = last
         return torch.baddbmm(bias, x, weight).squeeze(-1)
 

@@ -39,10 +39,10 @@ class Comparisons:
         return len(self.answers)
 
     def pair(self, random: np.random.Generator) -> tuple[int, int]:
-        """Draw two different clips to compare next; clips that were compared least come first."""
+        """Draw two different clips to compare next, one of them of those compared least."""
         times = np.bincount(np.array(self.answers, int).ravel(), minlength=len(self.clips.action))
-        first, second = np.lexsort([random.random(len(times)), times])[:2]
-        return int(first), int(second)
+        first, *others = np.lexsort([random.random(len(times)), times])
+        return int(first), int(random.choice(others))
 
     def answer(self, preferred: int, other: int) -> None:
         """Note that one clip is preferred to another, both by index."""
