@@ -386,7 +386,7 @@ FALL = """
 
 def test_arrows_show_velocity_and_contact_forces():
     pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer.overlays import contact_forces, heading, velocity
+    from morlax_torch.viewers.explorer.overlays import contact_forces, heading, shortened, velocity
 
     model = mujoco.MjModel.from_xml_string(FALL)
     data = mujoco.MjData(model)
@@ -395,6 +395,9 @@ def test_arrows_show_velocity_and_contact_forces():
     mujoco.mj_forward(model, data)
     arrows = contact_forces(model, data, 1.0)
     assert (arrows[:, 1] - arrows[:, 0]).sum(0) == pytest.approx([0, 0, 2 * 9.81], abs=0.1)
+    short = shortened(arrows, 0.5)
+    np.testing.assert_allclose(short[:, 1] - short[:, 0], [[0, 0, 0.5]] * len(arrows), atol=0.01)
+    np.testing.assert_array_equal(shortened(arrows, 1e3), arrows)
     data.qvel[:] = [1, 2, 3, 0, 0, 0]
     data.qpos[3:7] = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]  # a quarter turn to the left
     mujoco.mj_forward(model, data)
