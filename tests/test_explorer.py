@@ -4,6 +4,7 @@ import json
 import os
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -411,3 +412,21 @@ def test_only_commanded_velocities_are_arrows(session, tmp_path, make_run):
     bruce = Session.open(library.choose(str(make_run(tmp_path / "bruce", "bruce", "best"))))
     bruce.tell(1, 0.05)
     assert bruce.commanded() == pytest.approx([0.12, 0.05])
+
+
+@pytest.mark.parametrize("direction", [(0.0, -1.0, 0.2), (3.0, 1.0, 2.0)])
+@pytest.mark.parametrize("width", [1.0, 4.0])
+def test_robots_fit_into_the_picture_and_users_keep_their_direction(direction, width):
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer import camera
+
+    view = SimpleNamespace(
+        image_width=640, image_height=800, position=np.array(direction), look_at=np.zeros(3)
+    )
+    camera.fit(SimpleNamespace(camera=view), 1.0, width, keep_direction=True)
+    sight = view.position - view.look_at
+    assert sight / np.linalg.norm(sight) == pytest.approx(direction / np.linalg.norm(direction))
+    visible = 2 * np.linalg.norm(sight) * np.tan(camera.FIELD / 2) * 640 / 800
+    assert width < visible < max(1.5 * width, 2.8)
+    camera.fit(SimpleNamespace(camera=view), 1.0, width, keep_direction=False)
+    assert view.position[0] == 0 and view.position[1] < 0
