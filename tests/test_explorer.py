@@ -4,6 +4,7 @@ import json
 import os
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -386,7 +387,7 @@ FALL = """
 
 def test_arrows_show_velocity_and_contact_forces():
     pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer.overlays import contact_forces, heading, velocity
+    from morlax_torch.viewers.explorer.overlays import contact_forces, heading, shortened, velocity
 
     model = mujoco.MjModel.from_xml_string(FALL)
     data = mujoco.MjData(model)
@@ -395,6 +396,9 @@ def test_arrows_show_velocity_and_contact_forces():
     mujoco.mj_forward(model, data)
     arrows = contact_forces(model, data, 1.0)
     assert (arrows[:, 1] - arrows[:, 0]).sum(0) == pytest.approx([0, 0, 2 * 9.81], abs=0.1)
+    short = shortened(arrows, 0.5)
+    np.testing.assert_allclose(short[:, 1] - short[:, 0], [[0, 0, 0.5]] * len(arrows), atol=0.01)
+    np.testing.assert_array_equal(shortened(arrows, 1e3), arrows)
     data.qvel[:] = [1, 2, 3, 0, 0, 0]
     data.qpos[3:7] = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]  # a quarter turn to the left
     mujoco.mj_forward(model, data)
@@ -408,3 +412,21 @@ def test_only_commanded_velocities_are_arrows(session, tmp_path, make_run):
     bruce = Session.open(library.choose(str(make_run(tmp_path / "bruce", "bruce", "best"))))
     bruce.tell(1, 0.05)
     assert bruce.commanded() == pytest.approx([0.12, 0.05])
+
+
+@pytest.mark.parametrize("direction", [(0.0, -1.0, 0.2), (3.0, 1.0, 2.0)])
+@pytest.mark.parametrize("width", [1.0, 4.0])
+def test_robots_fit_into_the_picture_and_users_keep_their_direction(direction, width):
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer import camera
+
+    view = SimpleNamespace(
+        image_width=640, image_height=800, position=np.array(direction), look_at=np.zeros(3)
+    )
+    camera.fit(SimpleNamespace(camera=view), 1.0, width, keep_direction=True)
+    sight = view.position - view.look_at
+    assert sight / np.linalg.norm(sight) == pytest.approx(direction / np.linalg.norm(direction))
+    visible = 2 * np.linalg.norm(sight) * np.tan(camera.FIELD / 2) * 640 / 800
+    assert width < visible < max(1.5 * width, 2.8)
+    camera.fit(SimpleNamespace(camera=view), 1.0, width, keep_direction=False)
+    assert view.position[0] == 0 and view.position[1] < 0

@@ -73,7 +73,7 @@ class Overlays:
             drawn[COMMAND] = np.array([[start, start + heading(data, body) @ command]])
         if CONTACTS in self._shown.kinds:
             scale = WEIGHT * self._scene.size / max(self._newtons, 1e-9)
-            drawn[CONTACTS] = contact_forces(self._model, data, scale)
+            drawn[CONTACTS] = shortened(contact_forces(self._model, data, scale), self._scene.size)
         if TRAIL in self._shown.kinds and len(self._trail) > 1:
             points = np.array(self._trail)
             drawn[TRAIL] = np.stack([points[:-1], points[1:]], 1)
@@ -95,7 +95,7 @@ class Overlays:
         elif kind == TRAIL:
             name = f"{self._scene.root}/{kind}"
             self._nodes[kind] = self._server.scene.add_line_segments(
-                name, segments, colors=COLORS[kind], thickness=2.5
+                name, segments, colors=COLORS[kind], thickness=2.5, thickness_units="screen"
             )
         else:
             self._nodes[kind] = self._server.scene.add_arrows(
@@ -121,6 +121,14 @@ def heading(data: mujoco.MjData, body: int) -> NDArray[np.float64]:
     length = np.linalg.norm(forward)
     x, y = forward / length if length > 1e-6 else (1.0, 0.0)
     return np.array([[x, -y], [y, x], [0.0, 0.0]])
+
+
+def shortened(arrows: NDArray[np.float64], most: float) -> NDArray[np.float64]:
+    """Return arrows (n, 2, 3) no longer than `most` m, because impacts are many times a weight."""
+    reach = arrows[:, 1] - arrows[:, 0]
+    length = np.linalg.norm(reach, axis=1, keepdims=True)
+    reach = reach * np.minimum(1.0, most / np.maximum(length, 1e-12))
+    return np.stack([arrows[:, 0], arrows[:, 0] + reach], 1)
 
 
 def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, scale: float) -> NDArray[np.float64]:
