@@ -9,6 +9,7 @@ import tyro
 
 from .envs.lazy import handed_on
 from .terminal import cli
+from .terminal.help import call
 from .terminal.interrupt import interruptible
 from .terminal.startup import program
 from .viewers.explorer.opening import check_free, importing_viser
@@ -64,9 +65,9 @@ def command(arguments: Sequence[str]) -> None:
             f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"
         )
         config = shlex.quote(str(folder / "config.yaml"))
-        cli.console.print(f"train: {program('train')} --config {config}", markup=False)
+        cli.print_command("train", f"{program('train')} --config {config}")
 
-    tyro.cli(main, args=arguments, prog=program("teach"))
+    call(main, arguments, program("teach"))
 
 
 def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:

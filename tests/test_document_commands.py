@@ -43,6 +43,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "best.yaml": "needs the result of a search; test_tune.py trains with it",
     "morlax_torch.teach": "asks a user in a browser; test_explore_comparing.py answers",
     "lesson/config.yaml": "needs the answers of a user; test_teach.py trains with it",
+    "http.server": "serves until it is stopped; test_web_page.py serves such a page",
     "morlax_torch.pack": "needs a finished run; .ci/smoke.py packs one",
     "for seed in": "a loop",
     "done": "a loop",
@@ -51,6 +52,7 @@ NAMED = {  # names that stand for a user's own
     "my_robot.py:MyRobot": "crawler.py:Crawler",
     r"runs/(?:[\w-]+/(?:[\d-]+|\*)|crawler|crane)": "run",
     "runs/MyRobot/\\*": "run",
+    "docs/examples/": f"{ROOT}/docs/examples/",
 }
 
 

@@ -174,7 +174,10 @@ def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator)
 def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypatch, capsys):
     networks = {"actor": normed(), "critic": normed(outputs=m)}
     run = train.train(tiny(max_env_steps=320), output=tmp_path / "run", **networks)
-    for module, arguments in ((train, ("--resume", str(run.folder))), (evaluate, (run.folder,))):
+    for module, arguments in (
+        (train, ("--resume", str(run.folder), "--max-env-steps", "640")),
+        (evaluate, (run.folder,)),
+    ):
         monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
         with pytest.raises(SystemExit) as exit:
             module.main()

@@ -78,7 +78,7 @@ def assert_fits(lines: list[str]) -> None:
 def test_the_help_of_every_command_fits(command, tmp_path):
     lines = shown(*filter(None, (command, "--help")), folder=tmp_path)
     assert_fits(lines)
-    assert lines[0].startswith("usage: morlax ")
+    assert lines[0].startswith("usage: python -m morlax_torch ")
 
 
 def test_the_output_of_training_and_evaluation_fits(tmp_path):

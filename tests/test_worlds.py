@@ -119,7 +119,7 @@ def test_their_run_is_evaluated_and_resumed_in_new_worlds(run, tmp_path, capsys)
     "use", [lambda run: export.command([str(run)]), lambda run: explore.explore(str(run), "x", 0)]
 )
 def test_what_they_cannot_do_is_one_sentence(run, use, monkeypatch):
-    monkeypatch.setattr(explore, "_check_free", lambda host, port: None)
+    monkeypatch.setattr(explore, "check_free", lambda host, port: None)
     with pytest.raises(MorlaxError, match=r"has no MuJoCo robot, so it cannot be shown"):
         use(run)
 

@@ -50,18 +50,23 @@ class Lesson:
         self.folder, self.objective = folder, objective
         self._checkpoint, self._seed = find_checkpoint(run), seed
         self.policy = load(run)
-        task, path = self.policy.config.env, folder / "comparisons.npz"
-        self.comparisons = Comparisons.load(path) if path.exists() else None
-        source = hashlib.sha256(self._checkpoint.read_bytes()).hexdigest()
-        if self.comparisons is None or source not in self.comparisons.sources:
-            recorded, terms = record(self.policy, clips, seed)
-            if self.comparisons is None:
-                self.comparisons = Comparisons(task, terms, recorded)
-            else:
-                self.comparisons.add(task, terms, recorded)
-            self.comparisons.sources.append(source)
-            self.save()
+        path = folder / "comparisons.npz"
+        known = Comparisons.load(path) if path.exists() else None
+        self.comparisons = self._with_clips_of_the_run(known, clips)
+        self.save()
         self._random = np.random.default_rng([seed, len(self.comparisons)])
+
+    def _with_clips_of_the_run(self, known: Comparisons | None, number: int) -> Comparisons:
+        source = hashlib.sha256(self._checkpoint.read_bytes()).hexdigest()
+        if known is not None and source in known.sources:
+            return known
+        task, (clips, terms) = self.policy.config.env, record(self.policy, number, self._seed)
+        if known is None:
+            known = Comparisons(task, terms, clips)
+        else:
+            known.add(task, terms, clips)
+        known.sources.append(source)
+        return known
 
     def save(self) -> None:
         """Write the answers given so far."""

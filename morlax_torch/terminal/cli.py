@@ -20,9 +20,9 @@ from .startup import INTERRUPTED
 GRACE = 2.0  # seconds
 
 
-def _console(**options: bool) -> Console:
+def _console(quiet: bool = False, stderr: bool = False) -> Console:
     """Return a console that breaks lines between words, and only on a terminal."""
-    made = Console(highlight=False, emoji=False, **options)
+    made = Console(highlight=False, emoji=False, quiet=quiet, stderr=stderr)
     made.soft_wrap = not made.is_terminal
     return made
 

@@ -21,6 +21,7 @@ FIRST = (  # options that the help lists first
     *("env", "resume", "output", "config", "trials", "seconds", "minutes", "workers", "seed"),
     *("device", "worlds", "max_env_steps", "max_seconds"),
 )
+SHORT = len("morlax evaluate")  # of a command's name, to have its arguments on the same line
 _registry = ConstructorRegistry()
 
 
@@ -68,6 +69,8 @@ def call(function: Callable[..., None], arguments: Sequence[str], prog: str) -> 
     options = re.sub(r"\n {8,}", " ", options)  # tyro would keep these line breaks
     function.__doc__ = f"{about}\n\nArgs:\n{options}"
     config = (tyro.conf.FlagCreatePairsOff,)
+    if len(prog) > SHORT:
+        prog += "\n  "
     tyro.cli(function, args=arguments, prog=prog, description=about, config=config)
 
 

@@ -107,11 +107,12 @@ class FollowingCamera:
         self._views = [View(model, aspect, area) for area in areas]
         self._view = self._views[0]
         self.camera = mujoco.MjvCamera()
-        self._center: Points | None = None  # (3,) smoothed
+        self._center = np.zeros(3)  # smoothed
+        self._placed = False
 
     def restart(self, data: mujoco.MjData) -> None:
         """Fit the picture to the pose in `data`."""
-        points = self._view.points(data)
+        points, self._placed = self._view.points(data), True
         self._center, self._speed = self._view.middle(points), np.zeros(3)
         self._offset = self._center - self._view.mass(data)
         self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -127,7 +128,7 @@ class FollowingCamera:
         points, mass = self._view.points(data), self._view.mass(data)
         if not np.isfinite(points).all():
             return
-        if self._center is None or self._has_jumped(mass, seconds):
+        if not self._placed or self._has_jumped(mass, seconds):
             self.restart(data)
             return
         shift = self._view.middle(points) - mass - self._offset

@@ -64,7 +64,8 @@ def between(first: str, second: str) -> LinearSegmentedColormap:
 
 def shades(color: str) -> LinearSegmentedColormap:
     """Return a color map from almost white to a dark shade of `color`, which rises in grayscale."""
-    dark = to_hex(0.3 * np.array(to_rgb(color)))
+    red, green, blue = to_rgb(color)
+    dark = to_hex((0.3 * red, 0.3 * green, 0.3 * blue))
     return LinearSegmentedColormap.from_list("shades", ["#f7f7f5", color, dark])
 
 

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from ...evaluation.front import Front
 from ...preferences.tradeoff import Preference
@@ -86,7 +85,7 @@ class ClipComparisons:
         self,
         model: mujoco.MjModel,
         dt: float,
-        pairs: Iterable[Sequence[NDArray[np.float64]]],
+        pairs: Iterable[Sequence[ArrayLike]],
         answered: Callable[[int, int], None],
     ):
         self._model, self._dt = model, dt

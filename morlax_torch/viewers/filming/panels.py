@@ -56,7 +56,7 @@ def table_corner(rows: Sequence[Row], height: int) -> tuple[float, float]:
     return float(_columns(rows, size)[2]), 2 * (size // 2) + line * (1 + len(rows))
 
 
-def _columns(rows: Sequence[Row], size: int) -> NDArray[np.float64]:
+def _columns(rows: Sequence[Row], size: int) -> NDArray:
     """Return the right edges of the table's columns."""
     font, small = _font(size), _font(round(0.8 * size))
     wide = [max(map(font.getlength, column)) for column in zip(*rows, strict=True)]

@@ -29,6 +29,7 @@ class Scenery:
         self._square = 2.0 ** round(np.log2(looks.size / 2))  # side in meters
         self._opengl, self._context = renderer._gl_context, renderer._mjr_context
         context = self._context
+        assert context is not None  # the renderer is open
         # textures can be uploaded only with a model, and are shared within an OpenGL context
         self._textures = mujoco.MjrContext(_textures(), mujoco.mjtFontScale.mjFONTSCALE_50.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
@@ -55,7 +56,8 @@ class Scenery:
         """Free the textures; call it before closing the renderer."""
         if self._opengl:
             self._opengl.make_current()
-        self._context.ntexture = self._first
+        if self._context is not None:
+            self._context.ntexture = self._first
         self._textures.free()
 
     def _add_lights(self, center: np.ndarray) -> None:
