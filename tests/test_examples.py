@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import config_for, envs
-from morlax_torch.evaluation.front import Front
+from morlax_torch import envs
 from morlax_torch.gpu.threads import one_thread
-from morlax_torch.train import train
 
 EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
 TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"
@@ -61,15 +59,3 @@ def test_the_arm_between_two_goals_earns_what_its_kinematics_say():
         step = env.step(action)
     assert np.abs(step.reward.numpy() - expected).max() < 1e-3
     assert expected.sum(1).min() < 0.5 * expected.sum(1).max()  # worse than a mix of the ends
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scalarization", ["linear", "chebyshev"])
-def test_chebyshev_covers_more_of_the_arm_s_concave_front(scalarization, tmp_path):
-    changes = {"worlds": 256, "ppo.learning_rate": 1e-3, "evaluation.tradeoffs": 65}
-    config = config_for(
-        TWO_GOALS, device="cpu", scalarization=scalarization, max_env_steps=400_000, **changes
-    )
-    run = train(config, output=tmp_path / "run")
-    volume = Front.load(run.folder / "front.npz").hypervolume
-    assert volume < 70 if scalarization == "linear" else volume > 85

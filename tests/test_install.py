@@ -78,11 +78,3 @@ def test_an_installed_wheel_builds_every_task(installed):
     done = python(installed, "-c", BUILD_EVERY_TASK)
     assert done.returncode == 0, done.stderr
     assert Path(done.stdout.strip()).is_relative_to(installed)
-
-
-@pytest.mark.slow
-def test_an_installed_wheel_runs_every_command(installed, opengl):
-    for module in ("viser", "onnxruntime", "onnxscript", "optuna"):
-        pytest.importorskip(module)
-    done = python(installed, ROOT / ".ci" / "smoke.py", OMP_NUM_THREADS="1")
-    assert done.returncode == 0, done.stdout + done.stderr
