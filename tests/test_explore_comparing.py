@@ -128,27 +128,23 @@ def test_a_skipped_question_is_not_answered(asked):
     client.close()
 
 
-@pytest.mark.slow
-def test_an_objective_is_taught_in_a_browser(tmp_path, monkeypatch):
+def test_an_objective_is_taught_by_answers(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ("cheetah", "lesson", "--objective", "tall", "--clips", "12", "--answers", "12")
-    with serving("teach", *words) as (address, process), chromium() as browser:
+    with serving("teach", *words) as (address, process):
         comparisons, random = Comparisons.load(Path("lesson/comparisons.npz")), _draws()
         height = comparisons.clips.terms[:, comparisons.terms.index("height")]
-        tab, errors = browser.new_page(), []
-        tab.set_default_timeout(1000 * PATIENCE)
-        tab.on("pageerror", lambda error: errors.append(str(error)))
-        tab.goto(address)
+        client = Client(address, label="I prefer")
         for number in range(12):
-            tab.wait_for_selector(f'[data-answers="{number}"]')
+            client.until(lambda n=number: f'data-answers="{n}"' in client.html(), "no question")
             a, b = comparisons.pair(random)  # the clips that the page shows
             comparisons.answer(*((a, b) if height[a] > height[b] else (b, a)))
-            preferred = "A" if height[a] > height[b] else "B"
-            tab.get_by_role("button", name=preferred, exact=True).click()
-        tab.wait_for_selector("text=nothing left to compare")
+            client.set("I prefer", "A" if height[a] > height[b] else "B")
+        client.until(lambda: "nothing left to compare" in client.html(), "there is no end")
+        client.close()
         process.send_signal(signal.SIGINT)
         printed, complaint = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0 and not complaint and not errors
+    assert process.returncode == 0 and not complaint
     assert "12 answers" in printed and "--config lesson/config.yaml" in printed
     assert Comparisons.load(Path("lesson/comparisons.npz")).answers == comparisons.answers
     assert load_config(read_yaml(Path("lesson/config.yaml"))).task.objectives["tall"]["learned"] > 0
