@@ -248,7 +248,8 @@ def test_a_reward_is_learned_from_comparisons():
     comparisons.judge("first", 200, np.random.default_rng(0))
     fitted = reward.fit(comparisons)
     assert fitted.checked == 40 and fitted.accuracy > 0.85
-    rated = fitted.reward(*(part.flatten(0, 1) for part in reward.steps_of(comparisons)))
+    steps = torch.cat(reward.steps_of(comparisons), -1).flatten(0, 1)
+    rated = (fitted.reward.ratings(steps).mean(0) - fitted.reward.offset) / fitted.reward.unit
     means = rated.view(120, -1).mean(1).numpy()
     assert np.corrcoef(means, comparisons.clips.observation[:, :, 0].mean(1))[0, 1] > 0.9
     assert_allclose([means.min(), means.max()], [0, 1], atol=1e-4)

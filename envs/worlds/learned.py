@@ -15,7 +15,10 @@ from ..errors import MorlaxError, shortened
 
 TERM = "learned"  # name of the reward term
 FORMAT = 1
-LIMITS = (-0.25, 1.25)  # of rewards: a little beyond the clips, so that it pays to go on, not to die for more
+LIMITS = (
+    -0.25,
+    1.25,
+)  # of rewards: a little beyond the clips, so that it pays to go on, not to die for more
 
 
 class LearnedReward(nn.Module):
