@@ -272,6 +272,12 @@ def test_a_lesson_continues_with_its_answers(base, lesson):
     assert again.pair() not in lesson.comparisons.answers
 
 
+def test_a_lesson_cannot_replace_an_objective_that_is_not_learned(base, tmp_path):
+    with pytest.raises(MorlaxError, match="has an objective run already, which is not learned"):
+        Lesson(str(base), tmp_path / "lesson", "run", clips=20)
+    assert not (tmp_path / "lesson").exists()
+
+
 def test_a_lesson_s_objective_varies_as_much_as_the_others(lesson):
     clips, task = lesson.comparisons.clips, lesson.config().task
     steps = clips.action.shape[1]

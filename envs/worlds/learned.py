@@ -18,7 +18,7 @@ FORMAT = 1
 LIMITS = (
     -0.25,
     1.25,
-)  # of rewards: a little beyond the clips, so that it pays to go on, not to die for more
+)  # of a step; more would make a short jump worth an early end
 
 
 class LearnedReward(nn.Module):

@@ -50,6 +50,12 @@ class Lesson:
         self.folder, self.objective = folder, objective
         self._checkpoint, self._seed = find_checkpoint(run), seed
         self.policy = load(run)
+        known = self.policy.config.task.objectives.get(objective)
+        if known is not None and TERM not in known:
+            raise MorlaxError(
+                f"{run} has an objective {objective} already, which is not learned: choose another "
+                "name."
+            )
         path = folder / "comparisons.npz"
         known = Comparisons.load(path) if path.exists() else None
         self.comparisons = self._with_clips_of_the_run(known, clips)

@@ -88,7 +88,7 @@ def report(
         configs: run -> training config.
         facts: run -> name -> text.
         objectives: of the task.
-        portrait: of the robot, a PNG; None: there is none.
+        portrait: picture of the robot as PNG (None: leave it out).
     """
     parts = [
         f"<h1>{escape(title)}</h1>",

@@ -47,7 +47,7 @@ def write(
         folder: of the output.
         about: how the runs were evaluated, in a sentence or two.
         typed: the command line of the evaluation.
-        portrait: of the robot, a PNG; None: there is none.
+        portrait: picture of the robot as PNG (None: leave it out).
 
     Raises:
         MorlaxError: a file or folder cannot be written.

@@ -1,4 +1,4 @@
-"""A robot that moves in real time, whatever moves it."""
+"""A robot that moves in real time, live or recorded."""
 
 from abc import ABC, abstractmethod
 

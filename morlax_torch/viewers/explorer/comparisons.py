@@ -25,7 +25,7 @@ class Comparisons(Protocol):
     """A source of questions. `Asking` shows them; this interface does not know any browser."""
 
     def ask(self) -> Question | None:
-        """Return the next question; None if there is none left."""
+        """Return the next question; None after the last one."""
         ...
 
     def answer(self, preferred: int) -> None:

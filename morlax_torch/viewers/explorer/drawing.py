@@ -25,7 +25,7 @@ class Drawing:
 
     Args:
         objectives: their names.
-        front: the evaluated front, None if there is none: then there is no plot.
+        front: the evaluated front; None: draw no plot.
         pair: indices of the objectives on the x and y axes of the plot.
     """
 

@@ -52,7 +52,7 @@ class Finding:
         self._folder.remove()
 
     def _offer(self, gui: viser.GuiApi, session: Session) -> None:
-        """Add the question, or one sentence that says why there is none."""
+        """Add the question, or one sentence that says why nothing can be compared."""
         options: tuple[str, ...] = (LEAVE,)
         if self._front is None:
             gui.add_html(NO_FRONT)

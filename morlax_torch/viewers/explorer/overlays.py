@@ -56,7 +56,7 @@ class Overlays:
         Args:
             data: the robot's state, with contacts after `mj_forward`.
             center: the point (3,) of the world that lies at the robot's place.
-            command: (2,) commanded velocity in m/s, forward and to the left; None: there is none.
+            command: (2,) commanded velocity in m/s, forward and left; None without one.
         """
         body = self._scene.followed
         middle = data.xipos[body]

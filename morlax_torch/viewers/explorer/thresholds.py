@@ -83,7 +83,7 @@ class Thresholds:
         self._result.content = ""
 
     def _choose(self) -> None:
-        """Steer to the trade-off that meets the thresholds, or say why there is none."""
+        """Steer to the trade-off that meets the thresholds, or say why no trade-off does."""
         names = self._front.objectives
         required = {names[index]: least for index, least in self.levels.items()}
         try:
