@@ -15,7 +15,7 @@ from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.config import load_config
 from morlax_torch.config_files import read_yaml
-from morlax_torch.envs.worlds.learned import LearnedReward
+from morlax_torch.envs.worlds.learned import LIMITS, LearnedReward
 from morlax_torch.pack import pack
 from morlax_torch.preferences import reward
 from morlax_torch.preferences.clips import SECONDS, Clips, record
@@ -99,8 +99,9 @@ def test_ratings_are_those_of_plain_networks():
     learned.scale *= 2
     learned.offset += 0.25
     learned.unit *= 4
-    before, action, after = torch.randn(5, 3), torch.randn(5, 2), torch.randn(5, 3)
-    total = np.zeros(5)
+    generator = torch.Generator().manual_seed(1)
+    before, action, after = (torch.randn(50, n, generator=generator) for n in (3, 2, 3))
+    total = np.zeros(50)
     for member in range(2):
         x = (torch.cat([before, action, after], 1).numpy() - 0.5) * 2
         layers = list(zip(learned.weights, learned.biases, strict=True))
@@ -110,7 +111,9 @@ def test_ratings_are_those_of_plain_networks():
         weight, bias = layers[-1]
         total += (x @ weight[member].detach().numpy() + bias[member].detach().numpy())[:, 0]
     found = learned(before, action, after).detach()
-    assert_allclose(found, (total / 2 - 0.25) / 4, rtol=1e-4, atol=1e-5)
+    expected = (total / 2 - 0.25) / 4
+    assert expected.min() < LIMITS[0] < expected.max()
+    assert_allclose(found, expected.clip(*LIMITS), rtol=1e-4, atol=1e-5)
     learned.offset += 100
     assert_allclose(learned(before, action, after).detach(), -0.25)
 

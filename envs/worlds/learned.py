@@ -15,10 +15,7 @@ from ..errors import MorlaxError, shortened
 
 TERM = "learned"  # name of the reward term
 FORMAT = 1
-LIMITS = (
-    -0.25,
-    1.25,
-)  # of a step; more would make a short jump worth an early end
+LIMITS = (-0.25, 1.25)  # of a step; more would make a short jump worth an early end
 
 
 class LearnedReward(nn.Module):
