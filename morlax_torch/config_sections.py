@@ -45,6 +45,9 @@ class NetworkConfig(Section):
     """Hidden layers of the generated critics."""
     initial_std: float = Field(default=math.log(2) + MIN_STD, gt=MIN_STD, le=100)
     """Initial standard deviation of pre-tanh actions."""
+    max_std: float | None = Field(default=None, gt=MIN_STD, le=100)
+    """Smooth limit of the standard deviation (None: no limit). A small one keeps policies from
+    gambling between two behaviors, which concave fronts reward."""
     output_scale: float = Field(default=1.0, ge=0, le=100)
     """Factor on the initial weights of the actors' output layer: a small one starts from actions
     close to zero."""

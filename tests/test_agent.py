@@ -62,6 +62,25 @@ def test_actors_start_with_the_configured_std(std, make_agent):
     torch.testing.assert_close(found, torch.full_like(found, std), rtol=1e-4, atol=0)
 
 
+def test_a_limit_of_the_std_is_smooth(make_agent, generator):
+    observations = torch.randn(4, 50, 3, generator=generator)
+    free, limited = (make_agent(initial_std=0.5, max_std=limit) for limit in (None, 0.2))
+    before, found = (agent.policies(TRADEOFFS)(observations) for agent in (free, limited))
+    torch.testing.assert_close(found.mean, before.mean)
+    assert (found.std < 0.2).all()
+    assert torch.equal(found.std.flatten().argsort(), before.std.flatten().argsort())
+    (slope,) = torch.autograd.grad(found.std.sum(), limited.actor.bias)
+    assert slope.abs().sum() > 0  # so that the std can fall again
+    exploring = limited.actors(TRADEOFFS).distribution(observations)
+    torch.testing.assert_close(exploring.std, found.std)
+
+
+def test_a_limit_hardly_changes_small_stds(make_agent):
+    agent = make_agent(scale=0.0, initial_std=0.01, max_std=0.2)
+    found = agent.policies(TRADEOFFS)(torch.zeros(4, 1, 3)).std
+    torch.testing.assert_close(found, torch.full_like(found, 0.01), rtol=0.05, atol=0)
+
+
 def test_a_small_output_layer_starts_from_small_actions(make_agent, generator):
     observations = torch.randn(4, 50, 3, generator=generator)
     means = [

@@ -1,7 +1,6 @@
 """Actor and critic families, with their normalizers."""
 
 import copy
-import math
 from collections.abc import Callable
 from typing import NamedTuple, Self
 
@@ -9,11 +8,11 @@ import torch
 from torch import Tensor, nn
 
 from ..config import Config
-from ..config_sections import MIN_STD, NetworkConfig
+from ..config_sections import NetworkConfig
 from ..tradeoffs import even_tradeoffs
 from .conditioned import Conditioned
 from .family import Family
-from .gaussian import TanhNormal
+from .gaussian import TanhNormal, limited, spread_of
 from .hypernetwork import Hypernetwork
 from .independent import Independent, InOrder
 from .mlp import check_network, mlp
@@ -26,10 +25,16 @@ class Actors(NamedTuple):
     parameters: dict[str, Tensor]  # (K, ...) each
     family: Family
     normalizer: Normalizer
+    max_std: float | None = None
 
     def distribution(self, observation: Tensor) -> TanhNormal:
         """Map raw observations (K, B, O) to action distributions."""
-        return TanhNormal(self.family.run(self.parameters, self.normalizer(observation)))
+        return self.of_normalized(self.normalizer(observation))
+
+    def of_normalized(self, observation: Tensor) -> TanhNormal:
+        """Map *normalized* observations (K, B, O) to action distributions."""
+        output = self.family.run(self.parameters, observation)
+        return TanhNormal(output if self.max_std is None else limited(output, self.max_std))
 
     def act(self, observation: Tensor) -> Tensor:
         """Map raw observations (K, B, O) to deterministic actions (K, B, A) in (-1, 1)."""
@@ -124,7 +129,7 @@ class Agent(nn.Module):
         self.num_networks = num_networks
         num_values = num_objectives if num_values is None else num_values
         self.observation_size, self.privileged_size = observation_size, privileged_size
-        self.action_size = action_size
+        self.action_size, self._max_std = action_size, config.max_std
         given = {"actor": actor, "critic": critic}
         self._own = [name for name, network in given.items() if network is not None]
         whole = observation_size + privileged_size
@@ -132,11 +137,10 @@ class Agent(nn.Module):
         actor_inputs, critic_inputs = observation_size + conditions, whole + conditions
         if actor is None:
             actor = mlp(actor_inputs, config.actor, 2 * action_size, generator)
-            spread = math.log(math.expm1(config.initial_std - MIN_STD))  # inverse softplus
             last = f"{2 * len(config.actor)}"
             with torch.no_grad():
                 actor.get_parameter(f"{last}.weight").mul_(config.output_scale)
-                actor.get_parameter(f"{last}.bias")[action_size:] = spread
+                actor.get_parameter(f"{last}.bias")[action_size:] = spread_of(config.initial_std)
         else:
             check_network("actor", actor, actor_inputs, 2 * action_size)
         if critic is None:
@@ -181,7 +185,8 @@ class Agent(nn.Module):
 
     def actors(self, tradeoffs: Tensor) -> Actors:
         """Generate the actors of K trade-offs (K, m)."""
-        return Actors(self.actor(tradeoffs), self.actor, self.observation_normalizer)
+        parameters = self.actor(tradeoffs)
+        return Actors(parameters, self.actor, self.observation_normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
         """Generate the actors of K trade-offs (K, m).
@@ -189,8 +194,8 @@ class Agent(nn.Module):
         Returns:
             A function from *normalized* features (K, B, O + P) to action distributions.
         """
-        parameters, size = self.actor(tradeoffs), self.observation_size
-        return lambda normalized: TanhNormal(self.actor.run(parameters, normalized[..., :size]))
+        actors, size = self.actors(tradeoffs), self.observation_size
+        return lambda normalized: actors.of_normalized(normalized[..., :size])
 
     def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
         """Generate the critics of K trade-offs (K, m).

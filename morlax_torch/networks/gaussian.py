@@ -52,6 +52,18 @@ class TanhNormal:
         return (gaussian + _log_slope(self.mean + self.std * noise)).sum(-1)
 
 
+def spread_of(std: float) -> float:
+    """Return the output of actors that `TanhNormal` turns into a standard deviation."""
+    return math.log(math.expm1(std - MIN_STD))
+
+
+def limited(output: Tensor, max_std: float) -> Tensor:
+    """Return the actors' output (..., 2A) with standard deviations smoothly below `max_std`."""
+    mean, spread = output.chunk(2, dim=-1)
+    most = spread_of(max_std)
+    return torch.cat([mean, most - softplus(most - spread)], -1)
+
+
 def sample(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
     """Sample actions before the tanh, with their log-probabilities.
 
