@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -357,6 +358,18 @@ def test_a_run_may_list_its_objectives_in_another_order(base):
     old, observation = morlax_torch.load(base), torch.ones(1, 17)
     found = agent.actors(torch.tensor([[0.2, 0.8]])).act(observation[None])[0]
     assert_allclose(found.detach(), old(observation, (0.8, 0.2)), rtol=1e-4, atol=1e-5)
+
+
+def test_the_critic_stays_if_the_objectives_do(base):
+    def critic(state: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        return {n: v for n, v in state.items() if n.startswith(("critic.", "value_normalizer."))}
+
+    swapped = {"energy": {"energy": 1.0}, "run": {"run": 1.0}}
+    path = base / "checkpoints" / "latest.pt"
+    trained, kept = checkpoint.load(path).agent, started(path)
+    fresh = started(path, task={"objectives": swapped})
+    assert_same(critic(kept.agent.state_dict()), critic(trained))
+    assert (fresh.agent.critic.weight != trained["critic.weight"]).any()
 
 
 STARTS = {

@@ -1,5 +1,7 @@
 """Start a new run from the policies of another one, which may have fewer objectives."""
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
@@ -10,7 +12,8 @@ from . import checkpoint
 from .loading import find_checkpoint
 
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
-KEPT = ("actor.", "observation_normalizer.")
+ACTOR = ("actor.", "observation_normalizer.")
+CRITIC = ("critic.", "value_normalizer.")
 
 
 def start_from(run: str, learner: Learner) -> None:
@@ -18,7 +21,8 @@ def start_from(run: str, learner: Learner) -> None:
 
     The learner may have objectives that the run lacks. The policy of a trade-off is then the run's
     policy for the weights of the run's own objectives, each plus an even share of the weights of
-    the others. The critic starts anew.
+    the others, and the critic starts anew. With the same objectives, a critic of the same size is
+    copied too.
 
     Args:
         run: a run's folder, a checkpoint, or a shipped name.
@@ -44,15 +48,23 @@ def start_from(run: str, learner: Learner) -> None:
         )
     columns = [objectives.index(name) for name in known]
     state[FIRST_LAYER] = _widened(state[FIRST_LAYER], len(objectives), columns)
-    own = {name: value for name, value in agent.state_dict().items() if name.startswith(KEPT)}
-    for name, value in own.items():
-        if name not in state or state[name].shape != value.shape:
+    mine = agent.state_dict()
+    kept = [name for name in mine if name.startswith(ACTOR)]
+    for name in kept:
+        if not _fits(state, name, mine):
             raise MorlaxError(
                 f"the networks in {path} have other sizes than this run's ({name}): give both the "
                 "same network section and the same task."
             )
-    for name, value in own.items():
-        value.copy_(state[name])
+    critic = [name for name in mine if name.startswith(CRITIC)]
+    if tuple(known) == tuple(objectives) and all(_fits(state, name, mine) for name in critic):
+        kept += critic
+    for name in kept:
+        mine[name].copy_(state[name])
+
+
+def _fits(state: Mapping[str, Tensor], name: str, mine: Mapping[str, Tensor]) -> bool:
+    return name in state and state[name].shape == mine[name].shape
 
 
 def _widened(weight: Tensor, m: int, columns: list[int]) -> Tensor:
