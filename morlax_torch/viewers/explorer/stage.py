@@ -69,7 +69,7 @@ class Stage:
                 name,
                 position=(0.0, 0.0, ABOVE * scene.size),
                 anchor="bottom-center",
-                font_screen_scale=1.4,
+                font_screen_scale=1.2,
             )
             for scene, name in zip(scenes, names, strict=False)
         ]
