@@ -90,8 +90,13 @@ class Stage:
             self._add_ground()
 
     def welcome(self, client: viser.ClientHandle) -> None:
-        """Fit the camera of a new browser."""
-        camera.fit(client, self._size, self._width, keep_direction=False)
+        """Fit the camera of a new browser, and again once its panels have taken their place."""
+
+        def fit() -> None:
+            camera.fit(client, self._size, self._width, keep_direction=False)
+
+        fit()
+        camera.on_first_resize(client, fit)
 
     def draw(self) -> None:
         """Move the robots to their current states."""
