@@ -191,7 +191,7 @@ def test_a_report_needs_no_network(workplace):
     for words in ("hypervolume", "obedience", "IGD+", "learning_rate", "Objectives: run, jump"):
         assert words in text
     assert "prefers-color-scheme: dark" in text
-    for words in ("random seed", "algorithm", "environment steps", "training time"):
+    for words in ("random seed", "algorithm", "training time", "trained on", "trained with"):
         assert text.index(words) < text.index("<h2>Indicators")
 
 
