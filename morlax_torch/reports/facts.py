@@ -30,7 +30,7 @@ def facts(
         "parallel worlds": f"{config.worlds:,}",
     }
     if history is not None:
-        found["environment steps"] = f"{history.env_steps[-1] / 1e6:,.1f} M"
+        found["environment steps"] = steps(float(history.env_steps[-1]))
         found["training time"] = duration(float(history.train_seconds[-1]))
     name = hypervolume_in(measures)
     found[name.replace("_", ", ")] = f"{measures[name]:.4g}"
@@ -43,6 +43,11 @@ def facts(
 def in_order(names: Iterable[str]) -> str:
     """Join names, each as often as it follows another one."""
     return "; then ".join(name for name, _ in groupby(names))
+
+
+def steps(number: float) -> str:
+    """Format a number of environment steps, such as 8,192 or 12.5 M."""
+    return f"{number:,.0f}" if number < 1e6 else f"{number / 1e6:,.1f} M"
 
 
 def duration(seconds: float) -> str:
