@@ -50,6 +50,7 @@ dt { color: var(--faint); font-size: .85rem } dd { margin: 0; font-weight: 600 }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 th, td { padding: .3rem .9rem .3rem 0; text-align: right; border-bottom: 1px solid var(--line);
   white-space: nowrap }
+.facts td.words { display: none }
 .facts td { white-space: normal; min-width: 8rem; overflow-wrap: normal }
 th:first-child, td:first-child, td.words { text-align: left }
 td.words { color: var(--faint); white-space: normal; min-width: 16rem; overflow-wrap: normal }
