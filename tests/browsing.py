@@ -99,6 +99,17 @@ class View:
         """Type a number next to the slider with this label."""
         self._row(label).locator("input[inputmode]").fill(str(value))
 
+    def drag_slider(self, label: str, share: float) -> None:
+        """Drag the slider with this label to a share of its length."""
+        track = self._row(label).locator(".mantine-Slider-track")
+        track.scroll_into_view_if_needed()
+        box, mouse = track.bounding_box(), self.tab.mouse
+        height = box["y"] + box["height"] / 2
+        mouse.move(box["x"] + box["width"] / 3, height)
+        mouse.down()
+        mouse.move(box["x"] + box["width"] * share, height, steps=4)
+        mouse.up()
+
     def choose(self, label: str, option: str) -> None:
         """Choose an option of the dropdown with this label."""
         self._row(label).locator("input").first.click()
@@ -115,6 +126,19 @@ class View:
 
     def status(self) -> str:
         return self.tab.locator("b", has_text="this episode").locator("..").inner_text()
+
+    def unfold(self, name: str) -> None:
+        """Open a folder of widgets."""
+        self.tab.get_by_text(name, exact=True).click()
+
+    def returns_lines(self) -> list[str]:
+        """Return what the lines of running returns are named after."""
+        names = self.tab.locator("b").all_inner_texts()
+        return [name for name in names if name.startswith(("robot ", "this episode"))]
+
+    def text(self, name: str) -> str:
+        """Return the text of the page's only element with the attribute data-`name`."""
+        return self.tab.locator(f"[data-{name}]").inner_text()
 
     def until(self, happened: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + PATIENCE
@@ -214,6 +238,10 @@ class Client:
     def names(self) -> list[str]:
         """Return the names above the robots."""
         return list(self._names.values())
+
+    def named(self, *names: str) -> None:
+        """Wait until these are the names above the robots."""
+        self.until(lambda: self.names() == list(names), f"the names are not {names}")
 
     def until(self, happened: Callable[[], bool], what: str) -> None:
         """Receive messages until `happened` returns true, for PATIENCE seconds at most."""

@@ -17,7 +17,7 @@ from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.reports import evaluating
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
-from morlax_torch.reports.facts import duration
+from morlax_torch.reports.facts import duration, steps
 from morlax_torch.runs import loading
 from morlax_torch.train import command as train
 
@@ -191,7 +191,7 @@ def test_a_report_needs_no_network(workplace):
     for words in ("hypervolume", "obedience", "IGD+", "learning_rate", "Objectives: run, jump"):
         assert words in text
     assert "prefers-color-scheme: dark" in text
-    for words in ("random seed", "algorithm", "environment steps", "training time"):
+    for words in ("random seed", "algorithm", "training time", "trained on", "trained with"):
         assert text.index(words) < text.index("<h2>Indicators")
 
 
@@ -211,6 +211,11 @@ def test_a_report_without_opengl_has_no_picture_of_the_robot(reason, monkeypatch
 )
 def test_training_time_is_written_in_few_words(seconds, text):
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(("number", "text"), [(8192, "8,192"), (12.5e6, "12.5 M")])
+def test_environment_steps_are_written_in_few_words(number, text):
+    assert steps(number) == text
 
 
 def test_names_in_a_report_are_escaped(workplace):

@@ -285,6 +285,16 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered(session)
     assert lineup.steered is lineup.sessions[0]
 
 
+def test_names_of_robots_with_many_weights_are_short(tmp_path, make_run):
+    run = make_run(tmp_path / "run", "cheetah3", "best")
+    lineup = Lineup(Session.open(library.choose(str(run))))
+    lineup.steered.tradeoff = (0.2, 0.7, 0.1)
+    lineup.add()
+    assert lineup.names() == ["1: 0.20, 0.70, 0.10", "▸ 2: 0.20, 0.70, 0.10"]
+    lineup.add()
+    assert lineup.names() == ["1: energy 0.70", "2: energy 0.70", "▸ 3: energy 0.70"]
+
+
 def test_twins_act_alike(session):
     twin = session.twin()
     for robot in (session, twin):
@@ -430,3 +440,19 @@ def test_robots_fit_into_the_picture_and_users_keep_their_direction(direction, w
     assert width < visible < max(1.5 * width, 2.8)
     camera.fit(SimpleNamespace(camera=view), 1.0, width, keep_direction=False)
     assert view.position[0] == 0 and view.position[1] < 0
+
+
+@pytest.mark.parametrize("width", [1.0, 2.15])
+def test_a_phone_shows_robots_and_their_names_above_its_sheet(width):
+    pytest.importorskip("viser", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer import camera
+    from morlax_torch.viewers.explorer.stage import ABOVE
+
+    view = SimpleNamespace(
+        image_width=390, image_height=844, position=np.array([0.0, -1.0, 0.0]), look_at=np.zeros(3)
+    )
+    camera.fit(SimpleNamespace(camera=view), 1.0, width, keep_direction=True)
+    visible = 2 * np.linalg.norm(view.position - view.look_at) * np.tan(camera.FIELD / 2)
+    heights = np.array([ABOVE, 0.0]) - view.look_at[2]  # of a name and of the ground
+    top, bottom = 0.5 - heights / visible  # as shares of the picture from its upper end
+    assert 0.03 < top < bottom < camera.FREE

@@ -37,7 +37,7 @@ def documented() -> set[str]:
     """Return the tags of the docs' table, with hopper's objectives."""
     section = PAGE.read_text().split("\n## TensorBoard\n")[1].split("\n## ")[0]
     cells = "\n".join(line for line in section.splitlines() if line.startswith("| `"))
-    tags = set(re.findall(r"`([a-z]+(?:/[\w/]+)|config)`", cells))
+    tags = set(re.findall(r"`([a-z]+(?:/[\w/]+)|config|hardware)`", cells))
     for name, values in PLACEHOLDERS.items():
         named = {tag for tag in tags if name in tag}
         tags = tags - named | {tag.replace(name, value) for tag in named for value in values}

@@ -15,6 +15,7 @@ from ..evaluation.history import History
 from ..files import unused
 from ..networks.policy import Policy
 from ..runs.evaluating import evaluate
+from ..runs.hardware import read_machines
 from ..runs.loading import SHIPPED, find_run, load, trust_task
 from . import comparison
 from .page import number, words
@@ -66,6 +67,7 @@ def evaluate_runs(
     if seeds is None:
         seeds = max(evaluation.seeds for evaluation in usual)
     histories = {name: history(run) for name, run in named.items()}
+    machines = {name: read_machines(find_run(run)) for name, run in named.items()}
 
     def evaluated(policy: Policy) -> Front:
         return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
@@ -81,6 +83,7 @@ def evaluate_runs(
             fronts[name],
             histories[name],
             comparison.measures(fronts[name], target),
+            machines[name],
         )
         for name, run in named.items()
     }

@@ -1,19 +1,27 @@
 """The facts of a run that a report begins with."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
 
 from ..config import Config
 from ..evaluation.front import hypervolume_in
 from ..evaluation.history import History
+from ..runs.hardware import Machine
 
 
-def facts(config: Config, history: History | None, measures: Mapping[str, float]) -> dict[str, str]:
+def facts(
+    config: Config,
+    history: History | None,
+    measures: Mapping[str, float],
+    machines: Sequence[Machine] = (),
+) -> dict[str, str]:
     """Return facts by name, each as text.
 
     Args:
         config: that the run was trained with.
         history: of its training, if it is known.
         measures: of its evaluation.
+        machines: that trained it, in order; empty if they are unknown.
     """
     found = {
         "algorithm": config.algorithm,
@@ -22,11 +30,24 @@ def facts(config: Config, history: History | None, measures: Mapping[str, float]
         "parallel worlds": f"{config.worlds:,}",
     }
     if history is not None:
-        found["environment steps"] = f"{history.env_steps[-1] / 1e6:,.1f} M"
+        found["environment steps"] = steps(float(history.env_steps[-1]))
         found["training time"] = duration(float(history.train_seconds[-1]))
     name = hypervolume_in(measures)
     found[name.replace("_", ", ")] = f"{measures[name]:.4g}"
+    if machines:
+        found["trained on"] = in_order(machine.hardware() for machine in machines)
+        found["trained with"] = in_order(machine.software() for machine in machines)
     return found
+
+
+def in_order(names: Iterable[str]) -> str:
+    """Join names, each as often as it follows another one."""
+    return "; then ".join(name for name, _ in groupby(names))
+
+
+def steps(number: float) -> str:
+    """Format a number of environment steps, such as 8,192 or 12.5 M."""
+    return f"{number:,.0f}" if number < 1e6 else f"{number / 1e6:,.1f} M"
 
 
 def duration(seconds: float) -> str:

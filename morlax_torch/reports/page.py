@@ -26,6 +26,7 @@ MEANINGS = {
     "igd_plus": "mean distance by which the front falls short of the reference front; 0 is best",
     "episode_length": "mean episode length in control steps",
 }
+NARROW = 16  # characters that fit into a column of facts
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c2024; --paper: #fdfdfc; --faint: #6b737b;
   --line: #d9dde1 }
@@ -43,11 +44,14 @@ h1 { font-size: 1.7rem; line-height: 1.2 } h2 { font-size: 1.2rem; margin-top: 2
   border-radius: 50%; margin-right: .4em }
 dl { display: grid; grid-template-columns: repeat(auto-fill, minmax(9rem, 1fr)); gap: .8rem 1.2rem;
   margin: 0 }
+dl .wide { grid-column: span 2 }
 dt { color: var(--faint); font-size: .85rem } dd { margin: 0; font-weight: 600 }
 .scroll { overflow-x: auto }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 th, td { padding: .3rem .9rem .3rem 0; text-align: right; border-bottom: 1px solid var(--line);
   white-space: nowrap }
+.facts td.words { display: none }
+.facts td { white-space: normal; min-width: 8rem; overflow-wrap: normal }
 th:first-child, td:first-child, td.words { text-align: left }
 td.words { color: var(--faint); white-space: normal; min-width: 16rem; overflow-wrap: normal }
 pre { overflow-x: auto; padding: .8rem 1rem; border: 1px solid var(--line); border-radius: 6px;
@@ -144,13 +148,18 @@ def _facts(facts: Mapping[str, Mapping[str, str]]) -> str:
     names = list(dict.fromkeys(name for run in facts.values() for name in run))
     if len(facts) == 1:
         (run,) = facts.values()
-        items = (f"<div><dt>{escape(k)}</dt><dd>{escape(v)}</dd></div>" for k, v in run.items())
+        items = (_fact(name, text) for name, text in run.items())
         return f"<dl>{''.join(items)}</dl>"
     rows = [_row("th", ["", *facts, ""])]
     rows += [
         _row("td", [name, *(run.get(name, "") for run in facts.values()), ""]) for name in names
     ]
-    return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
+    return f'<div class="scroll"><table class="facts">{"".join(rows)}</table></div>'
+
+
+def _fact(name: str, text: str) -> str:
+    wide = ' class="wide"' if len(text) > NARROW else ""
+    return f"<div{wide}><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>"
 
 
 def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Quartiles]) -> str:

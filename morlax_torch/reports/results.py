@@ -16,6 +16,7 @@ from ..evaluation.front import Front
 from ..evaluation.history import History
 from ..files import replacing
 from ..networks.policy import Policy
+from ..runs.hardware import Machine
 from . import comparison
 from .facts import facts
 from .page import report
@@ -31,6 +32,7 @@ class Evaluated(NamedTuple):
     front: Front
     history: History | None  # of training; None: unknown
     measures: dict[str, float]
+    machines: Sequence[Machine] = ()  # that trained it, in order; empty: unknown
 
 
 def write(
@@ -85,7 +87,8 @@ def write(
     heading = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
     configs = {name: run.policy.config for name, run in found.items()}
     known = {
-        name: facts(run.policy.config, run.history, run.measures) for name, run in found.items()
+        name: facts(run.policy.config, run.history, run.measures, run.machines)
+        for name, run in found.items()
     }
     objectives = next(iter(found.values())).policy.objectives
     text = report(

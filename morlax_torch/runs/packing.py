@@ -9,6 +9,7 @@ from ..evaluation.front import Front
 from ..evaluation.history import read_rows
 from ..files import read, replacing
 from .evaluating import evaluate
+from .hardware import read_machines, write_machines
 from .loading import find_run, load, save
 from .rewards import copy_reward
 
@@ -34,6 +35,7 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         raise MorlaxError(f"{output} exists already: choose another folder.")
     source, policy = find_run(run), load(run)
     metrics = read(source / "metrics.csv", "training curve")
+    machines = read_machines(source)
     read_rows(source / "metrics.csv")  # refuses a damaged file
     try:
         (output / "checkpoints").mkdir(parents=True)
@@ -44,6 +46,8 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         save(policy.cpu(), output / "checkpoints" / "best.pt")
         front.save(output / "front.npz")
         copy_reward(policy.config, output)
+        if machines:
+            write_machines(output, machines)
         for name, contents in (
             ("config.yaml", write_yaml(policy.config).encode()),
             ("metrics.csv", metrics),

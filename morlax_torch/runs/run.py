@@ -23,6 +23,7 @@ from ..envs.naming import is_file, title
 from ..evaluation.history import read_rows
 from ..files import remove_drafts, replacing, unused
 from . import checkpoint
+from .hardware import read_machines, resumed, this_machine, write_machines
 from .lock import RunLock
 from .progress import Evaluation, Progress
 from .rewards import copy_reward, localized
@@ -35,6 +36,7 @@ class Run:
     """`runs/<task>/<time>-<seed>/`, complete from the moment it exists.
 
     config.yaml     every number of the run
+    hardware.yaml   the machines that trained it, in order
     metrics.csv     one row per evaluation
     front.npz       the latest evaluation
     checkpoints/    latest.pt, and best.pt by hypervolume
@@ -85,6 +87,7 @@ class Run:
             latest = draft / "checkpoints" / "latest.pt"
             checkpoint.write_snapshot(latest, contents, Progress())
             _write(draft / "config.yaml", write_yaml(config))
+            write_machines(draft, [this_machine(learner)])
             copy_reward(config, draft)
             draft.replace(folder)
         except OSError as error:
@@ -187,7 +190,9 @@ class Run:
             if metrics.exists():
                 rows = read_rows(metrics)
                 self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
+            machines = resumed(read_machines(self.folder), this_machine(learner))
             _write(self.folder / "config.yaml", write_yaml(learner.config))
+            write_machines(self.folder, machines)
             for folder in (self.folder, self.checkpoints):
                 remove_drafts(folder)
         except BaseException:

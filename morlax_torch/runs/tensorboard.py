@@ -11,6 +11,7 @@ from torch.utils.tensorboard.summary import hparams
 
 from ..config_files import read_yaml
 from ..envs.naming import title
+from .hardware import FILE as HARDWARE
 from .progress import Evaluation
 
 
@@ -18,15 +19,17 @@ class Events:
     """Writes the events of one session of a run.
 
     Args:
-        folder: of the run, with its config.yaml.
+        folder: of the run, with its config.yaml and hardware.yaml.
         purge_step: TensorBoard drops events of earlier sessions from this step on.
     """
 
     def __init__(self, folder: Path, purge_step: int | None):
         self._folder, self._writer = folder, SummaryWriter(str(folder), purge_step=purge_step)
         self._has_hyperparameters = False
-        lines = (folder / "config.yaml").read_text().splitlines()
-        self._writer.add_text("config", "\n".join(f"    {line}" for line in lines))
+        for file in ("config.yaml", HARDWARE):
+            lines = (folder / file).read_text().splitlines()
+            tag, text = file.removesuffix(".yaml"), "\n".join(f"    {line}" for line in lines)
+            self._writer.add_text(tag, text)
 
     def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
         """Write metrics of training."""

@@ -16,6 +16,8 @@ ICON = (
     "<circle cx='23' cy='16' r='3.2' fill='#56b4e9'/><circle cx='25' cy='23' r='3.2' "
     "fill='#0072b2'/></svg>"
 )
+# the ends of a slider's range, which viser writes where the slider's thumb covers them
+SLIDER = ".mantine-Slider-markLabel { margin-top: 0.25rem; }"
 # viser's sheet at the bottom of a phone is 20em wide; its elements have no names of their own
 PHONE = """
 @media (max-width: 36em) {
@@ -40,7 +42,7 @@ def dressed(response: Response) -> Response:
 def _dress(body: bytes, packed: bool) -> bytes:
     page = gzip.decompress(body) if packed else body
     icon = f'<link rel="icon" href="data:image/svg+xml,{quote(ICON)}">'
-    head = f"<title>{escape(TITLE)}</title>{icon}<style>{PHONE}</style>".encode()
+    head = f"<title>{escape(TITLE)}</title>{icon}<style>{SLIDER}{PHONE}</style>".encode()
     page = re.sub(rb'<link\s+rel="icon".*?/>', b"", page, count=1, flags=re.DOTALL)
     page = re.sub(rb"<title>.*?</title>", lambda _: head, page, count=1, flags=re.DOTALL)
     return gzip.compress(page) if packed else page

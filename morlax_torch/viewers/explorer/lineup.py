@@ -2,10 +2,9 @@
 
 from ...envs import MorlaxError
 from .session import Session
-from .weights import Weights
 
 MOST = 3  # robots
-FEW = 3  # objectives; names show the weights of no more
+FEW = 6  # weights in all names together; more would overlap on a phone
 
 
 class Lineup:
@@ -46,17 +45,14 @@ class Lineup:
         """Return a name for each of several robots; one robot alone has none."""
         if len(self.sessions) == 1:
             return []
-        names = [_name(i, session) for i, session in enumerate(self.sessions)]
+        names = [f"{i + 1}: {self._brief(session)}" for i, session in enumerate(self.sessions)]
         names[self.selected] = f"▸ {names[self.selected]}"
         return names
 
-
-def _name(index: int, session: Session) -> str:
-    return f"{index + 1}: {_brief(session.objectives, session.tradeoff)}"
-
-
-def _brief(objectives: tuple[str, ...], weights: Weights) -> str:
-    if len(weights) <= FEW:
-        return ", ".join(f"{weight:.2f}" for weight in weights)
-    top = max(range(len(weights)), key=weights.__getitem__)
-    return f"{objectives[top]} {weights[top]:.2f}"
+    def _brief(self, session: Session) -> str:
+        """Return the trade-off of a robot; of many weights, only the greatest."""
+        objectives, weights = session.objectives, session.tradeoff
+        if len(weights) * len(self.sessions) <= FEW:
+            return ", ".join(f"{weight:.2f}" for weight in weights)
+        top = max(range(len(weights)), key=weights.__getitem__)
+        return f"{objectives[top]} {weights[top]:.2f}"

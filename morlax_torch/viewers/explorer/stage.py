@@ -18,6 +18,8 @@ ABOVE = 0.95  # height of a name, times the robot's size
 class Stage:
     """Everything that a page shows of its robots outside the panels.
 
+    `behaviors` are the robots on it, from left to right.
+
     Args:
         server: viser's server.
         shown: the arrows and trails to draw.
@@ -27,7 +29,7 @@ class Stage:
         self._server, self._shown = server, shown
         self._dark = False
         self._overlays: list[Overlays] = []
-        self._behaviors: tuple[Behavior, ...] = ()
+        self.behaviors: tuple[Behavior, ...] = ()
         self._scenes: list[RobotScene] = []
         self._labels: list[viser.LabelHandle] = []
         self._ground: Ground | None = None
@@ -52,9 +54,9 @@ class Stage:
             for scene in scenes:
                 scene.remove()
             raise
-        same_robot = bool(self._behaviors) and self._behaviors[0].model is behaviors[0].model
+        same_robot = bool(self.behaviors) and self.behaviors[0].model is behaviors[0].model
         self.remove()
-        self._behaviors, self._scenes = tuple(behaviors), scenes
+        self.behaviors, self._scenes = tuple(behaviors), scenes
         self._size, self._places, self._width = size, places, gap * (len(behaviors) - 1) + size
         self._add_ground()
         self._overlays = [
@@ -67,7 +69,7 @@ class Stage:
                 name,
                 position=(0.0, 0.0, ABOVE * scene.size),
                 anchor="bottom-center",
-                font_screen_scale=1.4,
+                font_screen_scale=1.2,
             )
             for scene, name in zip(scenes, names, strict=False)
         ]
@@ -88,14 +90,19 @@ class Stage:
             self._add_ground()
 
     def welcome(self, client: viser.ClientHandle) -> None:
-        """Fit the camera of a new browser."""
-        camera.fit(client, self._size, self._width, keep_direction=False)
+        """Fit the camera of a new browser, and again once its panels have taken their place."""
+
+        def fit() -> None:
+            camera.fit(client, self._size, self._width, keep_direction=False)
+
+        fit()
+        camera.on_first_resize(client, fit)
 
     def draw(self) -> None:
         """Move the robots to their current states."""
         with self._server.atomic():
             centers = []
-            parts = zip(self._scenes, self._overlays, self._behaviors, strict=True)
+            parts = zip(self._scenes, self._overlays, self.behaviors, strict=True)
             for scene, overlays, behavior in parts:
                 center = scene.draw(behavior.data)
                 if center is not None:

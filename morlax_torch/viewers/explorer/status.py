@@ -35,5 +35,5 @@ def status(sessions: Sequence[Session], selected: int) -> str:
 
 
 def _episode(session: Session, name: str, seconds: float, returns: list[float]) -> str:
-    sums = [f"{escape(o)} {r:,.0f}" for o, r in zip(session.objectives, returns, strict=True)]
+    sums = [f"{escape(o)}&nbsp;{r:,.0f}" for o, r in zip(session.objectives, returns, strict=True)]
     return f"<b>{name}</b> {seconds:.1f} s: {', '.join(sums)}"

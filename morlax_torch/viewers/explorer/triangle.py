@@ -43,7 +43,7 @@ class Triangle:
             for j in range(SHADES + 1 - i):
                 weights = np.array([i, j, SHADES - i - j]) / SHADES
                 parts.append(svg.circle(self.place(weights), 2, mix(weights), opacity=0.5))
-        names = zip(self._objectives, self._corners, of_objectives(3), (-6, 13, 13), strict=True)
+        names = zip(self._objectives, self._corners, of_objectives(3), (-11, 18, 18), strict=True)
         for name, (x, y), color, below in names:
             parts.append(svg.text(name, x, y + below, color, font_weight=600))
         # this matrix times weights is (x, y, 1); the browser applies its inverse
