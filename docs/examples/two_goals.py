@@ -1,6 +1,7 @@
-"""A planar arm with two goals: a robot with a concave Pareto front.
+r"""A planar arm with two goals: a robot with a concave Pareto front.
 
-python -m morlax_torch.train --env docs/examples/two_goals.py:TwoGoals --scalarization chebyshev
+python -m morlax_torch.train --env docs/examples/two_goals.py:TwoGoals \
+    --scalarization augmented-chebyshev --network.max-std 0.2
 """
 
 from functools import cached_property
