@@ -8,6 +8,7 @@ from urllib.parse import unquote
 import build_site
 import pages as site
 import pytest
+from browsing import chromium
 
 from morlax_torch.__main__ import COMMANDS
 
@@ -42,6 +43,7 @@ def broken(root: Path) -> list[str]:
             if re.match(r"[a-z]+:|//", link):
                 continue
             place, _, anchor = unquote(link).partition("#")
+            place = place.partition("?")[0]
             target = (path.parent / place).resolve() if place else path
             target = target / "index.html" if target.is_dir() else target
             known = pages[target].anchors if target in pages else {anchor}
@@ -59,11 +61,24 @@ def test_broken_links_are_found(tmp_path):
     assert ends == ["https://cdn.example/x.js", "#b", "none.html"]
 
 
-def test_the_site_builds_strictly_and_all_its_links_work(tmp_path):
+@pytest.fixture
+def player(tmp_path, monkeypatch) -> Path:
+    """A folder in place of a real web player, which needs libraries from the internet."""
+    folder = tmp_path / "player"
+    folder.mkdir()
+    (folder / "index.html").write_text("<title>stand-in</title>")
+    for module in (site, build_site):
+        monkeypatch.setattr(module, "PLAYER", folder)
+    return folder
+
+
+def test_the_site_builds_strictly_and_all_its_links_work(tmp_path, player):
     pytest.importorskip("zensical", reason="needs the extra docs")
     pytest.importorskip("mkdocstrings_handlers.python", reason="needs the extra docs")
     build_site.build(tmp_path / "site")
     assert broken(tmp_path / "site") == []
+    assert (tmp_path / "site" / "player" / "index.html").is_file()
+    assert 'src="player/index.html?embed"' in (tmp_path / "site" / "index.html").read_text()
     commands = (tmp_path / "site" / "commands" / "index.html").read_text()
     assert all(f"usage: python -m morlax_torch.{name}" in commands for name in COMMANDS)
     reference = (tmp_path / "site" / "api" / "index.html").read_text()
@@ -114,10 +129,19 @@ def test_code_keeps_its_brackets():
     assert changed == "a\n```python\nf[a](none.md)\n```\na\n"
 
 
-@pytest.mark.parametrize("there", [False, True])
-def test_the_player_is_framed_if_it_is_there(there, tmp_path, monkeypatch):
-    monkeypatch.setattr(site, "DOCS", tmp_path)
-    if there:
-        (tmp_path / "player").mkdir()
-        (tmp_path / "player" / "index.html").write_text("")
-    assert ('<iframe src="player/index.html"' in site.player(None)) == there
+def test_without_a_player_there_is_no_frame(tmp_path, monkeypatch):
+    monkeypatch.setattr(site, "PLAYER", tmp_path / "player")
+    assert site.player(None) == ""
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1280, 800), (390, 844)])
+def test_the_player_s_frame_fits_the_window(size, tmp_path, player):
+    (tmp_path / "page.html").write_text(site.player(None))
+    with chromium() as browser:
+        page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
+        page.goto((tmp_path / "page.html").as_uri())
+        frame = page.locator("iframe").bounding_box()
+        assert page.frames[1].url.endswith("player/index.html?embed")
+        assert page.frames[1].title() == "stand-in"
+        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    assert 420 <= frame["height"] <= 0.8 * size[1]

@@ -48,6 +48,28 @@ ACT = """async ([site, folder, tradeoff, steps]) => {
   return found;
 }"""
 
+SLOWER = """async (site) => {
+  const { Quality } = await import(`${site}quality.js`);
+  const quality = new Quality(true);
+  const share = (duration, frames) => {
+    for (let i = 0; i < frames; i++) quality.note(duration);
+    return quality.share;
+  };
+  return {
+    fast: share(17, 1000),
+    hidden: share(60000, 1),
+    slow: share(100, 30),
+    slower: share(100, 30),
+    slowest: share(100, 30),
+  };
+}"""
+TARGETS = """() => Object.fromEntries(
+  Array.from(document.querySelectorAll("button, select, input, summary"))
+    .map((element, i) => [`${element.tagName} ${i}`, element.getBoundingClientRect()])
+    .filter(([, { width }]) => width)
+    .map(([name, { width, height }]) => [name, [width, height]]),
+)"""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
@@ -221,13 +243,44 @@ def test_another_robot_can_be_chosen(visit):
 
 
 def test_an_embedded_page_shows_robot_sliders_and_front_only(visit):
-    page = visit("?embed", 900, 500)
+    page = visit("?embed&run=cheetah3", 900, 500)
     runs(page)
     shown = [page.is_visible(f"#{part}") for part in ("view", "weights", "front")]
     hidden = [page.is_visible(part) for part in ("header", "#episode-section", "#controls")]
     assert all(shown) and not any(hidden)
     stage, panel = (page.locator(part).bounding_box() for part in ("#stage", "#panel"))
     assert stage["height"] == panel["height"] == 500
+
+
+def test_an_embedded_page_has_a_chooser_if_its_address_names_no_run(visit):
+    page = visit("?embed", 390, 640)
+    runs(page)
+    assert page.is_visible("#run") and page.is_hidden("#theme")
+    stage, panel = (page.locator(part).bounding_box() for part in ("#stage", "#panel"))
+    assert stage["height"] >= 200 and panel["y"] == stage["height"]
+    page.select_option("#run", label="Tumbler")
+    page.wait_for_function("document.title.startsWith('Tumbler')")
+    assert page.is_visible("#run")
+
+
+def test_without_a_graphics_card_the_page_draws_fewer_pixels(visit):
+    page = visit("", 900, 560)
+    runs(page)
+    stage = page.locator("#stage").bounding_box()
+    assert page.evaluate("document.getElementById('view').width") == stage["width"] // 2
+
+
+def test_slow_frames_make_the_drawing_coarser(empty, site):
+    shares = empty.evaluate(SLOWER, site)
+    assert shares == {"fast": 1, "hidden": 1, "slow": 0.7, "slower": 0.5, "slowest": 0.5}
+
+
+def test_everything_to_tap_on_a_phone_is_large_enough(visit):
+    page = visit("?run=cheetah3", 390, 844)
+    runs(page)
+    sizes = page.evaluate(TARGETS)
+    assert len(sizes) > 10
+    assert all(width >= 44 and height >= 44 for width, height in sizes.values()), sizes
 
 
 def test_on_a_phone_the_panel_lies_below_the_robot(visit):

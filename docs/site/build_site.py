@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pages import DOCS, FROM_ROOT, ROOT, rendered
+from pages import DOCS, FROM_ROOT, PLAYER, ROOT, rendered
 
 CONFIG = DOCS / "site" / "mkdocs.yml"
 
@@ -38,7 +38,10 @@ def build(output: Path, repository: str | None = None) -> None:
 def prepare(place: Path, repository: str | None) -> None:
     """Write the pages, the package that they document, and the config, for Zensical."""
     pages = place / "pages"
-    shutil.copytree(DOCS, pages, ignore=shutil.ignore_patterns("site", "gallery.py", "*.md"))
+    others = shutil.ignore_patterns("site", PLAYER.name, "gallery.py", "*.md")
+    shutil.copytree(DOCS, pages, ignore=others)
+    if PLAYER.is_dir():
+        shutil.copytree(PLAYER, pages / "player")
     sources = {path.relative_to(DOCS).as_posix(): path for path in sorted(DOCS.rglob("*.md"))}
     sources |= {page: ROOT / path for path, page in FROM_ROOT.items()}
     for page, source in sources.items():

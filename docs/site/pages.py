@@ -10,7 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 FROM_ROOT = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
-PLAYER = Path("player") / "index.html"
+PLAYER = DOCS / "player"  # made by `pack --web`, not part of the repository
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 MARK = re.compile(r"^<!-- (help|api|player)(?:: (\S+))? -->$", re.MULTILINE)
@@ -74,8 +74,12 @@ def help_of(command: str) -> str:
 
 
 def player(_: str | None) -> str:
-    """Return a frame with the web player, if docs/player holds one."""
-    if not (DOCS / PLAYER).is_file():
+    """Return a frame with the web player, if there is one in PLAYER."""
+    if not (PLAYER / "index.html").is_file():
         return ""
-    frame = f'<iframe src="{PLAYER.as_posix()}" title="Player" width="100%" height="600"></iframe>'
-    return f"## Try it\n\n{frame}"
+    frame = (
+        '<iframe src="player/index.html?embed" title="Trained robots in the browser" '
+        'loading="lazy" style="width: 100%; height: clamp(420px, 78vh, 640px); border: 0"></iframe>'
+    )
+    link = '<a href="player/index.html">Open it on a page of its own</a>'
+    return f"## Try it\n\n{frame}\n\n{link}, or [make such a page](web.md) of your own runs."

@@ -21,6 +21,8 @@ async function main() {
   state.stage = new Stage($("view"));
   followTheme();
   const runs = await (await fetched("runs.json")).json();
+  // An embedded page has a chooser only if its address leaves the choice open.
+  document.body.classList.toggle("one", runs.length < 2 || query.has("run"));
   listRuns(runs);
   wireControls();
   await open(asked(runs));

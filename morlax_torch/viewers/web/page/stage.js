@@ -3,6 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "./libraries/OrbitControls.js";
 import { Problem } from "./files.js";
+import { Quality, isAccelerated } from "./quality.js";
 import { PLANE, colorOf, geometryOf, shownGeoms } from "./shapes.js";
 import { Surroundings } from "./surroundings.js";
 
@@ -15,11 +16,13 @@ const CALM = 250; // ms that the camera takes to follow most of a change of heig
 export class Stage {
   constructor(canvas) {
     this.canvas = canvas;
-    try {
-      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
-    } catch {
+    const accelerated = isAccelerated();
+    const context = canvas.getContext("webgl2", { antialias: accelerated });
+    if (!context) {
       throw new Problem("This browser cannot draw in 3D: switch on WebGL 2 (hardware acceleration).");
     }
+    this.quality = new Quality(accelerated);
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.toneMapping = THREE.NeutralToneMapping;
@@ -92,8 +95,10 @@ export class Stage {
   draw(share) {
     const now = performance.now();
     this.haste = 1 - Math.exp((this.drawn - now) / CALM);
+    this.quality.note(now - this.drawn);
     this.drawn = now;
     this.#fit();
+    this.surroundings.shadow = this.quality.shadow;
     for (const [index, body] of this.bodies.entries()) {
       body.position.fromArray(this.former.places, 3 * index);
       body.position.lerp(place.fromArray(this.latest.places, 3 * index), share);
@@ -145,7 +150,7 @@ export class Stage {
   /** Keep the drawing as large as its place on the page. */
   #fit() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
-    const ratio = Math.min(window.devicePixelRatio, 2);
+    const ratio = Math.min(window.devicePixelRatio, 2) * this.quality.share;
     if (width === this.width && height === this.tall && ratio === this.ratio) return;
     Object.assign(this, { width, tall: height, ratio });
     this.renderer.setPixelRatio(ratio);

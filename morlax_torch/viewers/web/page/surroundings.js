@@ -4,7 +4,7 @@ import * as THREE from "three";
 
 const LOOKS = {
   light: { zenith: "#7fb2e6", horizon: "#e9eff6", tiles: ["#e3e8ee", "#cbd5e1"], sun: 2.6, sky: 1.6 },
-  dark: { zenith: "#0d1526", horizon: "#33415a", tiles: ["#46566f", "#3a485e"], sun: 2.6, sky: 1.7 },
+  dark: { zenith: "#0d1526", horizon: "#33415a", tiles: ["#525c6e", "#434d5e"], sun: 2.6, sky: 1.7 },
 };
 const TILES = 200; // along each side of the floor
 const SUN = new THREE.Vector3(-0.45, -0.6, 1.15); // from here it shines
@@ -55,6 +55,15 @@ export class Surroundings {
     this.floor.material.needsUpdate = true;
   }
 
+  /** Cast a shadow of so many pixels in each direction. */
+  set shadow(pixels) {
+    const { shadow } = this.sun;
+    if (shadow.mapSize.x === pixels) return;
+    shadow.mapSize.set(pixels, pixels);
+    shadow.map?.dispose();
+    shadow.map = null; // three.js makes another
+  }
+
   /** Stay around the robot at `center` and the camera at `eye`, so that they never end. */
   follow(center, eye) {
     const step = 2 * this.tile;
@@ -88,7 +97,6 @@ function skyDome() {
 function sunlight(size) {
   const sun = new THREE.DirectionalLight("#fff4e6");
   sun.castShadow = true;
-  sun.shadow.mapSize.set(2048, 2048);
   sun.shadow.radius = 3;
   sun.shadow.normalBias = 0.01 * size;
   const reach = 1.7 * size;
@@ -100,7 +108,7 @@ function sunlight(size) {
 
 function tiledFloor(tile) {
   const side = TILES * tile;
-  const material = new THREE.MeshStandardMaterial({ roughness: 0.9, metalness: 0 });
+  const material = new THREE.MeshLambertMaterial(); // cheaper than others, on most of the picture
   const floor = new THREE.Mesh(new THREE.PlaneGeometry(side, side), material);
   floor.receiveShadow = true;
   return floor;
