@@ -1,6 +1,7 @@
 """Shared fixtures: generators, random agents and rollouts, untrained policies and runs."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -24,6 +25,9 @@ if not torch.cuda.is_available():
 
 with suppress(ImportError):
     import triton  # noqa: F401  its LLVM crashes if it is loaded after the one of Mesa's OpenGL
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # a shell runs the tests in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # subprocesses would ignore it too
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do their subprocesses
     os.environ.setdefault("OMP_NUM_THREADS", "1")

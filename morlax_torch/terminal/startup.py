@@ -4,13 +4,11 @@ import gc
 import os
 import shlex
 import shutil
-import signal
 import sys
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import NoReturn
+from types import TracebackType
 
 from ..torchrun import FIRST
 
@@ -64,40 +62,17 @@ def announce_training() -> None:
 
 
 def report_interrupts_in_one_line() -> None:
-    """Make an uncaught KeyboardInterrupt print one line and exit with status 130.
-
-    While libraries are imported, Ctrl-C does so at once: some of them swallow exceptions.
-    """
+    """Make an uncaught KeyboardInterrupt print one line and exit with status 130."""
     usual = sys.excepthook
 
     def report(
         kind: type[BaseException], error: BaseException, trace: TracebackType | None
     ) -> None:
-        if issubclass(kind, KeyboardInterrupt):
-            _end_interrupted()
-        usual(kind, error, trace)
-
-    def receive(number: int, frame: FrameType | None) -> None:
-        if _is_importing(frame):
-            _end_interrupted()
-        raise KeyboardInterrupt
+        if not issubclass(kind, KeyboardInterrupt):
+            usual(kind, error, trace)
+            return
+        sys.stdout.flush()
+        print("interrupted", file=sys.stderr, flush=True)
+        os._exit(INTERRUPTED)
 
     sys.excepthook = report
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, receive)
-
-
-def _is_importing(frame: FrameType | None) -> bool:
-    while frame is not None:
-        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
-            return True
-        frame = frame.f_back
-    return False
-
-
-def _end_interrupted() -> NoReturn:
-    with suppress(Exception):  # of a closed output, or one that is being written
-        sys.stdout.flush()
-    with suppress(OSError):
-        os.write(2, b"interrupted\n")
-    os._exit(INTERRUPTED)
