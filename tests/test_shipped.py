@@ -47,10 +47,11 @@ def test_the_gallery_s_command_gives_the_shipped_config(name, monkeypatch):
 
 
 # All were evaluated on MuJoCo Warp; C MuJoCo orients the contact frames of an ant differently.
+MARKS = {"cheetah": [], "bruce": [pytest.mark.slow, pytest.mark.long]}
 CASES = [
     pytest.param(
         *(name, "mujoco", 0.04 if name == "ant" else 0.02),
-        marks=[] if name == "cheetah" else [pytest.mark.slow],
+        marks=MARKS.get(name, [pytest.mark.slow]),
     )
     for name in SHIPS
 ]
