@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browsing import View, chromium, exploring, middle
+from browsing import PATIENCE, View, chromium, exploring, middle
 
 from morlax_torch import explore
 from morlax_torch.terminal import cli
@@ -207,6 +207,6 @@ def test_the_robot_keeps_running_when_browsers_leave(served, browser, tmp_path):
     third.tab.screenshot(path=shots / "command.png")
 
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=20)
+    output, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
     assert errors == "" and output == ""

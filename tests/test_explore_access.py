@@ -39,7 +39,7 @@ def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
 def ended(process: subprocess.Popen) -> str:
     """Stop a server that must still be running, and return what it wrote to stderr."""
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
     return errors
 

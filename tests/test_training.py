@@ -210,7 +210,7 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(number, status, tmp_pa
     process = start(tmp_path, *HOPPER)
     wait_for(lambda: (tmp_path / "run" / "metrics.csv").is_file(), process)
     process.send_signal(number)
-    output, _ = process.communicate(timeout=30)
+    output, _ = process.communicate(timeout=100)
     assert process.returncode == status
     assert "interrupted" in output
     assert "Traceback" not in output
@@ -224,7 +224,7 @@ def test_ctrl_c_while_libraries_are_imported_is_one_line(tmp_path):
     libraries = Path(f"/proc/{process.pid}/maps")
     wait_for(lambda: "libtorch" in libraries.read_text(), process)
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=30)
+    output, _ = process.communicate(timeout=100)
     assert process.returncode == 130
     assert output.strip().splitlines()[-1] == "interrupted"
     assert "Traceback" not in output

@@ -148,7 +148,7 @@ def test_two_processes_share_the_trials_of_one_storage(workplace):
         for name in ("one", "other")
     ]
     for process in started:
-        told = process.communicate(timeout=60)[0]
+        told = process.communicate(timeout=100)[0]
         assert process.returncode == 0, told
     study = search(tiny(), VALUES, Path("again"), trials=5, seconds=0.1, storage="shared.log")
     found = study.results()
@@ -164,7 +164,7 @@ def test_workers_share_a_study_and_a_signal_ends_all_of_them(workplace):
     while process.poll() is None and (not table.exists() or len(table.read_text()) < 300):
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    told = process.communicate(timeout=60)[0]
+    told = process.communicate(timeout=100)[0]
     assert process.returncode == 130, told
     assert "Traceback" not in told and told.count("starting") == 0
     assert told.count("continue: python -m morlax_torch.tune --env hopper") == 1
