@@ -8,7 +8,9 @@ from collections import Counter
 from pathlib import Path
 
 import compare
+import compare_jobs
 import compare_report
+import compare_rows
 import comparing
 import numpy as np
 import pytest
@@ -149,9 +151,9 @@ def written(folder: Path, methods: object) -> Path:
 
 @pytest.mark.parametrize("file", [compare.METHODS, SCRIPT.with_name("compare_ablations.yaml")])
 def test_the_methods_that_come_with_the_benchmark_fit_its_tasks(file):
-    methods = compare.read_methods(file, 60.0)
-    assert methods[0] == compare.Method("MORLAX", {}, 60.0, False)
-    jobs = compare.plan(("cheetah", "hopper", "walker", "ant", "humanoid"), methods, [3])
+    methods = compare_jobs.read_methods(file, 60.0)
+    assert methods[0] == compare_jobs.Method("MORLAX", {}, 60.0, False)
+    jobs = compare_jobs.plan(("cheetah", "hopper", "walker", "ant", "humanoid"), methods, [3])
     for job in jobs:
         config = job.config("cpu")
         assert (config.seed, config.max_seconds) == (3, 300.0 if job.method.oracle else 60.0)
@@ -159,16 +161,16 @@ def test_the_methods_that_come_with_the_benchmark_fit_its_tasks(file):
 
 
 def test_a_method_can_have_its_own_trainer(tmp_path):
-    (method,) = compare.read_methods(written(tmp_path, {"N": {"trainer": "nsga2"}}), 1.0)
+    (method,) = compare_jobs.read_methods(written(tmp_path, {"N": {"trainer": "nsga2"}}), 1.0)
     assert method.trainer == "nsga2"
     with pytest.raises(MorlaxError, match="must be a module of this folder"):
-        compare.read_methods(written(tmp_path, {"N": {"trainer": "sac"}}), 1.0)
+        compare_jobs.read_methods(written(tmp_path, {"N": {"trainer": "sac"}}), 1.0)
 
 
 def test_a_method_can_have_its_own_time_and_be_the_oracle(tmp_path):
     changes = {"seconds": 600, "oracle": True, "ppo.clip": 0.1}
-    _, best = compare.read_methods(written(tmp_path, {"a b": None, "best": changes}), 5.0)
-    assert best == compare.Method("best", {"ppo.clip": 0.1}, 600.0, True)
+    _, best = compare_jobs.read_methods(written(tmp_path, {"a b": None, "best": changes}), 5.0)
+    assert best == compare_jobs.Method("best", {"ppo.clip": 0.1}, 600.0, True)
 
 
 @pytest.mark.parametrize(
@@ -188,19 +190,19 @@ def test_a_method_can_have_its_own_time_and_be_the_oracle(tmp_path):
 )
 def test_a_method_that_is_not_valid_is_refused(tmp_path, methods, message):
     with pytest.raises(MorlaxError, match=message):
-        compare.read_methods(written(tmp_path, methods), 1.0)
+        compare_jobs.read_methods(written(tmp_path, methods), 1.0)
 
 
 def test_every_run_is_planned_once():
-    methods = [compare.Method(name, {}, 1.0, False) for name in "ab"]
-    jobs = compare.plan(["hopper", "pgmorl/hopper", "hopper"], methods, [0, 5, 0])
+    methods = [compare_jobs.Method(name, {}, 1.0, False) for name in "ab"]
+    jobs = compare_jobs.plan(["hopper", "pgmorl/hopper", "hopper"], methods, [0, 5, 0])
     assert len(jobs) == len({job.folder(Path("out")) for job in jobs}) == 8
     assert jobs[-1].folder(Path("out")) == Path("out/pgmorl/hopper/b/5")
 
 
 @pytest.mark.parametrize("number", (1, 2, 3, 7, 20))
 def test_shares_are_disjoint_and_complete(number):
-    shares = [compare.shared(range(13), f"{k}/{number}") for k in range(number)]
+    shares = [compare_jobs.shared(range(13), f"{k}/{number}") for k in range(number)]
     assert Counter(item for share in shares for item in share) == Counter(range(13))
     assert max(map(len, shares)) - min(map(len, shares)) <= 1
 
@@ -208,7 +210,7 @@ def test_shares_are_disjoint_and_complete(number):
 @pytest.mark.parametrize("share", ("", "1", "4/4", "-1/4", "0/0", "a/b", "1/2/3"))
 def test_a_share_that_is_not_valid_is_refused(share):
     with pytest.raises(MorlaxError, match="K/N"):
-        compare.shared([], share)
+        compare_jobs.shared([], share)
 
 
 # Training, resumption and crashes
@@ -277,7 +279,7 @@ def table(path: Path) -> list[dict[str, str]]:
 
 def test_there_is_a_row_for_each_evaluation(start):
     rows = table(start() / "rows.csv")
-    assert tuple(rows[0]) == compare.COLUMNS
+    assert tuple(rows[0]) == compare_rows.COLUMNS
     keys = [(row["method"], row["seed"], row["env_steps"]) for row in rows]
     assert keys == [(m, s, e) for m in ("one", "two") for s in "01" for e in ("0", "100", "200")]
     volumes = [float(row["hypervolume"]) for row in rows[6:9]]
@@ -300,7 +302,7 @@ def test_a_half_done_run_is_trained_anew(start, trainer):
     output = start()
     rows = (output / "rows.csv").read_text()
     folder = output / "hopper" / "two" / "1"
-    (folder / compare.OUTCOME).unlink()
+    (folder / compare_jobs.OUTCOME).unlink()
     (folder / "left.txt").write_text("over")
     trainer.seeds.clear()
     start()
@@ -321,7 +323,7 @@ def test_a_run_that_another_process_trains_is_left_to_it(start, trainer, tmp_pat
 
 
 def test_a_run_that_another_process_has_completed_since_is_not_trained_again(trainer, tmp_path):
-    job = compare.Job("hopper", compare.Method("one", {}, 1.0, False), 5)
+    job = compare_jobs.Job("hopper", compare_jobs.Method("one", {}, 1.0, False), 5)
     for _ in range(2):
         compare.train_once(job, tmp_path, "cpu")
     assert trainer.seeds == [5]
@@ -444,7 +446,7 @@ def test_the_tables_hold_medians_and_quartiles(start):
 
 def test_fronts_with_different_reference_points_are_not_compared(start):
     output = start()
-    path = output / "hopper" / "two" / "0" / compare.BEST_FRONT
+    path = output / "hopper" / "two" / "0" / compare_jobs.BEST_FRONT
     Front.load(path)._replace(reference_point=np.ones(2)).save(path)
     with pytest.raises(MorlaxError, match="hopper, one, seed 1 and hopper, two, seed 0 differ"):
         start()
@@ -469,7 +471,7 @@ def test_figures_show_every_method(start):
 
 
 def test_two_methods_from_training_to_the_report(tmp_path, capsys):
-    ours = {"env", *compare.OURS}
+    ours = {"env", *compare_jobs.OURS}
     small = tiny().model_dump(mode="json", exclude=ours)
     dense = {**small, "sampling": {"mode": "dense", "corners": 0}}
     written(tmp_path, {"two words": small, "dense": dense})

@@ -58,6 +58,7 @@ def test_policy_evaluation_mo_gives_the_returns_of_the_worlds(make_policy):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_capql_trains_in_the_environment():
     capql = pytest.importorskip("morl_baselines.multi_policy.capql.capql", exc_type=ImportError)
     from morl_baselines.common.evaluation import policy_evaluation_mo

@@ -47,7 +47,8 @@ def test_the_gallery_s_command_gives_the_shipped_config(name, monkeypatch):
 
 
 # All were evaluated on MuJoCo Warp; C MuJoCo orients the contact frames of an ant differently.
-MARKS = {"cheetah": [], "bruce": [pytest.mark.slow, pytest.mark.long]}
+LONG = [pytest.mark.slow, pytest.mark.long]
+MARKS = {"cheetah": [], "humanoid": LONG, "bruce": LONG}
 CASES = [
     pytest.param(
         *(name, "mujoco", 0.04 if name == "ant" else 0.02),
@@ -55,7 +56,7 @@ CASES = [
     )
     for name in SHIPS
 ]
-ON_WARP = pytest.param("ant", "warp", 0.02, marks=pytest.mark.slow)
+ON_WARP = pytest.param("ant", "warp", 0.02, marks=LONG)
 
 
 @pytest.mark.parametrize(("name", "backend", "within"), [*CASES, ON_WARP])

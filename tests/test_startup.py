@@ -124,7 +124,7 @@ print(len(ahead), len(modules() - ahead))
     [
         ("cheetah", "cpu", False),
         pytest.param("bruce", "cpu", False, marks=[pytest.mark.slow, pytest.mark.long]),
-        pytest.param("cheetah", "cpu", True, marks=pytest.mark.slow),
+        pytest.param("cheetah", "cpu", True, marks=[pytest.mark.slow, pytest.mark.long]),
         pytest.param("cheetah", "cuda", False, marks=pytest.mark.gpu),
         pytest.param("bruce", "cuda", False, marks=pytest.mark.gpu),
     ],

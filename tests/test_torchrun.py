@@ -182,6 +182,26 @@ def test_restarts_do_not_continue_a_run_of_another_launch(runs):
     assert state(runs / "whole").progress == before
 
 
+WAITING = """
+from datetime import timedelta
+from torch.distributed import TCPStore
+from morlax_torch.terminal.interrupt import exiting_on_signals, exiting_when_stuck
+
+with exiting_on_signals(), exiting_when_stuck():
+    store = TCPStore("127.0.0.1", 0, is_master=True, timeout=timedelta(seconds=90))
+    print("waiting", flush=True)
+    store.get("what nobody sets")  # Python handles no signal meanwhile
+"""
+
+
+def test_a_process_that_waits_for_one_that_has_ended_heeds_a_signal():
+    command = [sys.executable, "-c", WAITING]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() == "waiting\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=80) == 143
+
+
 def by_hand(rank: int, port: int, *arguments: str) -> subprocess.Popen:
     """Start one of two processes, which wait for each other for 3 s."""
     places = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}

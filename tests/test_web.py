@@ -20,7 +20,8 @@ from morlax_torch.viewers.web.robot import build, write_robot
 from morlax_torch.viewers.web.tracing import trace
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("bruce", "cheetah3", "humanoid")]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("cheetah3", "humanoid")]
+LONG = pytest.param("bruce", marks=[pytest.mark.slow, pytest.mark.long])
 
 
 def world(name: str, **options) -> Environment:
@@ -42,7 +43,7 @@ def robots(tmp_path: Path, monkeypatch) -> str:
 # Graphs
 
 
-@pytest.mark.parametrize("name", ["ant", "cheetah", "hopper", "walker", *SLOW])
+@pytest.mark.parametrize("name", ["ant", "cheetah", "hopper", "walker", *SLOW, LONG])
 def test_graphs_step_like_the_task(name, generator):
     env = world(name)
     assert check(env, trace(env), generator) < TOLERANCE

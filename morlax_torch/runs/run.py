@@ -32,6 +32,14 @@ if TYPE_CHECKING:
     from .tensorboard import Events
 
 
+def taken(folder: Path) -> MorlaxError:
+    """Return the error of a new run whose folder is in use."""
+    return MorlaxError(
+        f"{folder} exists already: choose another --output, or continue the run with "
+        f"--resume {folder}."
+    )
+
+
 class Run:
     """`runs/<task>/<time>-<seed>/`, complete from the moment it exists.
 
@@ -74,10 +82,7 @@ class Run:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         folder = output or unused(Path("runs") / title(config.env) / f"{stamp}-{config.seed}")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise MorlaxError(
-                f"{folder} exists already: choose another --output, or continue the run with "
-                f"--resume {folder}."
-            )
+            raise taken(folder)
         if os.path.realpath(folder) == os.getcwd():
             raise MorlaxError("a run needs its own folder: choose another --output.")
         draft = folder.with_name(f".{folder.name}.draft")

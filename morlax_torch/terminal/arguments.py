@@ -57,19 +57,26 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     if MAY_RESTART:
         if run is None and output is None:
             raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
-        if RESTARTS and output is not None and _is_of_this_launch(output):
+        if RESTARTS and output is not None and _was_begun(output):
             return config, _run(output), None
     return config, run, output
 
 
-def _is_of_this_launch(output: Path) -> bool:
-    """Return whether the run was begun before `torchrun` restarted; only one process knows."""
+def _was_begun(output: Path) -> bool:
+    """Return whether this launch of `torchrun` began the run before it restarted.
+
+    Raises:
+        MorlaxError: another launch did. Only the first process knows, and ends the others.
+    """
     if not (output / "config.yaml").is_file():
         return False
     from ..runs import checkpoint
+    from ..runs.run import taken
 
     known = checkpoint.load(output / "checkpoints" / "latest.pt").progress.launch
-    return not FIRST or known == launch()
+    if FIRST and known != launch():
+        raise taken(output)
+    return True
 
 
 def _run(folder: Path) -> "Run":

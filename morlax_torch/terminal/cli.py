@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import NoReturn
 
 from rich.console import Console
@@ -14,7 +15,7 @@ from ..envs import MorlaxError
 from ..gpu.memory import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from ..version import __version__
-from .interrupt import exiting_on_signals
+from .interrupt import exiting_on_signals, exiting_when_stuck
 from .startup import INTERRUPTED
 
 GRACE = 2.0  # seconds
@@ -46,7 +47,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             print(f"morlax_torch {__version__}")
             return
         _check_text(arguments)
-        with exiting_on_signals():
+        with exiting_on_signals(), exiting_when_stuck() if SEVERAL else nullcontext():
             main(arguments)
         _skip_teardown()
     except SystemExit as ended:

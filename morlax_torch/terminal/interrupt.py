@@ -1,7 +1,9 @@
 """Ctrl-C, SIGTERM and a lost terminal (SIGHUP) as a flag."""
 
+import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,6 +11,10 @@ from typing import Any
 SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
+
+STUCK = 5.0  # seconds in which a process that is not stuck notices a signal
+
+_noticed = threading.Event()  # a signal that a handler of ours received
 
 
 class Interruption:
@@ -48,10 +54,41 @@ def exiting_on_signals() -> Iterator[None]:
 
 
 @contextmanager
+def exiting_when_stuck() -> Iterator[None]:
+    """Exit on a SIGTERM that Python does not notice within STUCK seconds.
+
+    Python runs signal handlers between its own instructions, but a process that waits for one that
+    has ended, in NCCL or in a rendezvous, does not come back to them.
+    """
+    received, notice = os.pipe()
+    os.set_blocking(notice, False)
+    usual = signal.set_wakeup_fd(notice)
+    thread = threading.Thread(target=_exit_when_stuck, args=(received,), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(usual)
+        os.close(notice)
+        thread.join()
+        os.close(received)
+
+
+def _exit_when_stuck(received: int) -> None:
+    while number := os.read(received, 1):
+        if number[0] == signal.SIGTERM and not _noticed.wait(STUCK):
+            os._exit(128 + signal.SIGTERM)
+
+
+@contextmanager
 def _handling(
     signals: list[signal.Signals], handle: Callable[[int, Any], None]
 ) -> Iterator[dict[signal.Signals, Any]]:
-    usual = {which: signal.signal(which, handle) for which in signals}
+    def receive(number: int, frame: Any) -> None:
+        _noticed.set()
+        handle(number, frame)
+
+    usual = {which: signal.signal(which, receive) for which in signals}
     try:
         yield usual
     finally:

@@ -1,0 +1,138 @@
+"""The runs of a comparison: methods of a YAML file, times tasks, times seeds."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from morlax_torch import MorlaxError, config_for
+from morlax_torch.config import Config
+from morlax_torch.config_files import read_yaml
+from morlax_torch.envs.naming import title
+
+OURS = ("env", "seed", "device", "max_seconds")  # options that the command sets
+OUTCOME, BEST_FRONT = "outcome.yaml", "best_front.npz"  # in the folder of a run
+
+
+class Method(NamedTuple):
+    """A method to compare."""
+
+    name: str
+    changes: dict[str, Any]  # of a task's config, for `config_for`
+    seconds: float  # of training
+    oracle: bool  # whether its fronts are the reference of the other methods
+    trainer: str | None = None  # a module beside this one, whose `train` it uses
+
+
+class Job(NamedTuple):
+    """A run to train."""
+
+    task: str
+    method: Method
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.task}, {self.method.name}, seed {self.seed}"
+
+    def folder(self, output: Path) -> Path:
+        """Return the folder of the run."""
+        return output / title(self.task) / self.method.name / str(self.seed)
+
+    def config(self, device: str) -> Config:
+        """Return the config of the run.
+
+        Raises:
+            MorlaxError: the method's changes do not fit the task.
+        """
+        own = {"seed": self.seed, "device": device, "max_seconds": self.method.seconds}
+        unlimited = {"max_env_steps": None}  # so that learning rates reach zero when time is over
+        try:
+            return config_for(self.task, **{**unlimited, **self.method.changes, **own})
+        except MorlaxError as error:
+            raise MorlaxError(f"{self}: {error}") from None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings that a complete run must agree with."""
+        return {
+            "task": self.task,
+            "seconds": self.method.seconds,
+            "changes": self.method.changes,
+        }
+
+
+def read_methods(path: Path, seconds: float) -> list[Method]:
+    """Read the methods of a YAML file; `seconds` is the training time of those without their own.
+
+    Raises:
+        MorlaxError: the file cannot be read, a method is not valid, or two are oracles.
+    """
+    methods = [_method(name, values, seconds) for name, values in read_yaml(path).items()]
+    if not methods:
+        raise MorlaxError(f"{path} has no method: add a line such as MORLAX: {{}}.")
+    oracles = [method.name for method in methods if method.oracle]
+    if len(oracles) > 1:
+        raise MorlaxError(f"{' and '.join(oracles)} are oracles: only one method can be.")
+    return methods
+
+
+def _method(name: Any, values: Any, seconds: float) -> Method:
+    if not isinstance(name, str) or "/" in name or name.startswith("."):
+        raise MorlaxError(
+            f"the method {name!r} cannot name a folder: use a name without / or a dot in front."
+        )
+    if values is not None and not isinstance(values, dict):
+        raise MorlaxError(f"the method {name} must hold changes, such as {{network.type: single}}.")
+    changes = dict(values or {})
+    own, oracle = changes.pop("seconds", seconds), changes.pop("oracle", False)
+    if isinstance(own, bool) or not isinstance(own, int | float) or not 0 < own < math.inf:
+        raise MorlaxError(f"seconds of the method {name} must be a positive number, not {own!r}.")
+    if not isinstance(oracle, bool):
+        raise MorlaxError(f"oracle of the method {name} must be true or false, not {oracle!r}.")
+    trainer = changes.pop("trainer", None)
+    if trainer is not None and not Path(__file__).with_name(f"{trainer}.py").is_file():
+        raise MorlaxError(f"trainer of the method {name} must be a module of this folder.")
+    taken = [key for key in changes if key in OURS]
+    if taken:
+        raise MorlaxError(f"the method {name} cannot change {taken[0]}, which the command sets.")
+    return Method(name, changes, float(own), oracle, trainer)
+
+
+def plan(tasks: Sequence[str], methods: Sequence[Method], seeds: Sequence[int]) -> list[Job]:
+    """Return all runs, in the order of tables."""
+    every = itertools.product(dict.fromkeys(tasks), methods, dict.fromkeys(seeds))
+    return [Job(*one) for one in every]
+
+
+def shared(items: Sequence[Any], share: str) -> list[Any]:
+    """Return the K-th of N shares of items, with `share` as K/N.
+
+    It depends on nothing else, so that processes that start at different times agree.
+
+    Raises:
+        MorlaxError: `share` is not K/N, with K from 0 to N - 1.
+    """
+    first, _, number = share.partition("/")
+    if not (first.isdecimal() and number.isdecimal() and int(first) < int(number)):
+        raise MorlaxError(f"the share {share!r} must be K/N with K from 0 to N - 1, such as 0/4.")
+    return list(items[int(first) :: int(number)])
+
+
+def is_complete(job: Job, output: Path) -> bool:
+    """Return whether a run has ended, by itself or in a crash.
+
+    Raises:
+        MorlaxError: it was trained with other settings.
+    """
+    path = job.folder(output) / OUTCOME
+    if not path.is_file():
+        return False
+    found = read_yaml(path)
+    for name, value in job.settings.items():
+        if found.get(name) != value:
+            raise MorlaxError(
+                f"{path.parent} was trained with {name} {found.get(name)}, not {value}: choose "
+                "another --output, or remove that folder to train the run again."
+            )
+    return True
