@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a lost terminal (SIGHUP) as a flag."""
+"""Ctrl-C, SIGTERM and a lost terminal (SIGHUP): as a flag, or as the end of the program."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ SIGNALS = [
 
 STUCK = 5.0  # seconds in which a process that is not stuck notices a signal
 
-_noticed = threading.Event()  # a signal that a handler of ours received
+_noticed = threading.Event()  # set when Python has run one of the signal handlers below
 
 
 class Interruption:
