@@ -11,6 +11,10 @@ Several GPUs take a share of the runs each, with one process per GPU:
     CUDA_VISIBLE_DEVICES=0 python benchmarks/compare.py --share 0/2 &
     CUDA_VISIBLE_DEVICES=1 python benchmarks/compare.py --share 1/2
 
+To measure what several GPUs give, let them train every run together:
+
+    torchrun --standalone --nproc-per-node 4 benchmarks/compare.py --output four
+
 Writes OUTPUT/rows.csv, one row per evaluation, OUTPUT/results.md, the tables, and figures: curves
 of the hypervolume, a performance profile, and interquartile means. To make the tables and figures
 again from rows.csv alone:
@@ -18,7 +22,6 @@ again from rows.csv alone:
     python benchmarks/compare.py --output comparison --only-report
 """
 
-import gc
 import importlib
 import math
 import shutil
@@ -35,8 +38,11 @@ from filelock import FileLock, Timeout
 from morlax_torch import MorlaxError
 from morlax_torch.envs import resolve_device
 from morlax_torch.files import replacing
+from morlax_torch.gpu.memory import release_memory
 from morlax_torch.runs.progress import Evaluation
-from morlax_torch.terminal.cli import console, fail
+from morlax_torch.terminal import cli
+from morlax_torch.terminal.cli import console
+from morlax_torch.torchrun import FIRST, SEVERAL
 
 METHODS = Path(__file__).with_name("compare_methods.yaml")
 
@@ -47,6 +53,7 @@ def main(
     methods: Path = METHODS,
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4),
     seconds: float = 60.0,
+    env_steps: int | None = None,
     share: str = "0/1",
     device: str | None = None,
     only_report: bool = False,
@@ -59,6 +66,7 @@ def main(
         methods: YAML file of methods.
         seeds: Random seeds, one run of each task and method per seed.
         seconds: Training time per run, in seconds, of methods without their own.
+        env_steps: Environment steps per run, instead of seconds.
         share: Train every N-th run from the K-th on, as K/N, with K from 0.
         device: cuda or cpu (None: CUDA if available).
         only_report: Train nothing, and read OUTPUT/rows.csv alone.
@@ -67,14 +75,20 @@ def main(
         console.print(report(output), markup=False)
         return
     place = str(resolve_device(device))
-    jobs = plan(tasks, read_methods(methods, seconds), seeds)
+    chosen = read_methods(methods, None if env_steps else seconds, env_steps)
+    jobs = plan(tasks, chosen, seeds)
     missing = [job for job in jobs if not is_complete(job, output)]
     for job in missing:
         job.config(place)  # so that a mistake in a method ends the command here
     own = [job for job in shared(jobs, share) if job in missing]
     for number, job in enumerate(own, start=1):
         console.print(f"{number}/{len(own)}: {job}", markup=False)
-        train_once(job, output, place)
+        if SEVERAL:
+            _train(job, job.folder(output), place)
+        else:
+            train_once(job, output, place)
+    if not FIRST:
+        return
     # else a slower process would replace the report of all runs with an older one
     with FileLock(output / ".report.lock"):
         write_rows(gather(jobs, output), output / "rows.csv")
@@ -95,16 +109,21 @@ def train_once(job: Job, output: Path, device: str) -> None:
 
 def _train(job: Job, folder: Path, device: str) -> None:
     """Train a run from its beginning, and write its outcome last."""
-    if folder.exists():
+    if FIRST and folder.exists():
         shutil.rmtree(folder)
-    gc.collect()  # the last run's learner holds GPU memory in reference cycles
+    release_memory()
     error, config = None, job.config(device)
     try:
         trainer = importlib.import_module(job.method.trainer or "morlax_torch.train")
-        trainer.train(config, output=folder, on_evaluation=_keep_best(folder))
+        keep = _keep_best(folder) if FIRST else None
+        trainer.train(config, output=folder, on_evaluation=keep)
     except MorlaxError as caught:
+        if SEVERAL:
+            raise  # the other processes may not know of it
         error = str(caught)
         console.print(f"{job} crashed: {error}", markup=False)
+    if not FIRST:
+        return
     folder.mkdir(exist_ok=True)
     with replacing(folder / OUTCOME) as file:
         file.write(yaml.safe_dump({**job.settings, "error": error}, sort_keys=False).encode())
@@ -124,7 +143,4 @@ def _keep_best(folder: Path) -> Callable[[Evaluation], None]:
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except MorlaxError as error:
-        fail(str(error))
+    cli.run(lambda arguments: tyro.cli(main, args=arguments))

@@ -20,7 +20,7 @@ class Method(NamedTuple):
 
     name: str
     changes: dict[str, Any]  # of a task's config, for `config_for`
-    seconds: float  # of training
+    seconds: float | None  # of training; None: `max_env_steps` is among the changes
     oracle: bool  # whether its fronts are the reference of the other methods
     trainer: str | None = None  # a module beside this one, whose `train` it uses
 
@@ -45,7 +45,9 @@ class Job(NamedTuple):
         Raises:
             MorlaxError: the method's changes do not fit the task.
         """
-        own = {"seed": self.seed, "device": device, "max_seconds": self.method.seconds}
+        own: dict[str, Any] = {"seed": self.seed, "device": device}
+        if self.method.seconds is not None:
+            own["max_seconds"] = self.method.seconds
         unlimited = {"max_env_steps": None}  # so that learning rates reach zero when time is over
         try:
             return config_for(self.task, **{**unlimited, **self.method.changes, **own})
@@ -62,13 +64,19 @@ class Job(NamedTuple):
         }
 
 
-def read_methods(path: Path, seconds: float) -> list[Method]:
-    """Read the methods of a YAML file; `seconds` is the training time of those without their own.
+def read_methods(path: Path, seconds: float | None, env_steps: int | None = None) -> list[Method]:
+    """Read the methods of a YAML file.
+
+    Args:
+        path: the file.
+        seconds: training time of methods without their own (None: `env_steps` ends them).
+        env_steps: environment steps after which training ends, unless a method changes them.
 
     Raises:
         MorlaxError: the file cannot be read, a method is not valid, or two are oracles.
     """
-    methods = [_method(name, values, seconds) for name, values in read_yaml(path).items()]
+    limit = {} if env_steps is None else {"max_env_steps": env_steps}
+    methods = [_method(name, values, seconds, limit) for name, values in read_yaml(path).items()]
     if not methods:
         raise MorlaxError(f"{path} has no method: add a line such as MORLAX: {{}}.")
     oracles = [method.name for method in methods if method.oracle]
@@ -77,16 +85,16 @@ def read_methods(path: Path, seconds: float) -> list[Method]:
     return methods
 
 
-def _method(name: Any, values: Any, seconds: float) -> Method:
+def _method(name: Any, values: Any, seconds: float | None, limit: dict[str, int]) -> Method:
     if not isinstance(name, str) or "/" in name or name.startswith("."):
         raise MorlaxError(
             f"the method {name!r} cannot name a folder: use a name without / or a dot in front."
         )
     if values is not None and not isinstance(values, dict):
         raise MorlaxError(f"the method {name} must hold changes, such as {{network.type: single}}.")
-    changes = dict(values or {})
+    changes = {**limit, **(values or {})}
     own, oracle = changes.pop("seconds", seconds), changes.pop("oracle", False)
-    if isinstance(own, bool) or not isinstance(own, int | float) or not 0 < own < math.inf:
+    if own is not None and not _is_positive(own):
         raise MorlaxError(f"seconds of the method {name} must be a positive number, not {own!r}.")
     if not isinstance(oracle, bool):
         raise MorlaxError(f"oracle of the method {name} must be true or false, not {oracle!r}.")
@@ -96,7 +104,12 @@ def _method(name: Any, values: Any, seconds: float) -> Method:
     taken = [key for key in changes if key in OURS]
     if taken:
         raise MorlaxError(f"the method {name} cannot change {taken[0]}, which the command sets.")
-    return Method(name, changes, float(own), oracle, trainer)
+    return Method(name, changes, None if own is None else float(own), oracle, trainer)
+
+
+def _is_positive(number: Any) -> bool:
+    is_number = isinstance(number, int | float) and not isinstance(number, bool)
+    return is_number and 0 < number < math.inf
 
 
 def plan(tasks: Sequence[str], methods: Sequence[Method], seeds: Sequence[int]) -> list[Job]:

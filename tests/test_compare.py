@@ -21,6 +21,7 @@ from tiny import tiny
 from morlax_torch import MorlaxError, pareto
 from morlax_torch.config import Config
 from morlax_torch.evaluation.front import Front
+from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Evaluation
 
 SCRIPT = Path(compare.__file__)
@@ -266,7 +267,7 @@ def start(tmp_path, trainer, monkeypatch):
 
     def run(methods: dict = methods, tasks=("hopper",), seeds=(0, 1), share: str = "0/1") -> Path:
         output, file = tmp_path / "out", written(tmp_path, methods)
-        compare.main(output, tasks, file, seeds, 4.0, share, "cpu")
+        compare.main(output, tasks, file, seeds, seconds=4.0, share=share, device="cpu")
         return output
 
     return run
@@ -499,6 +500,28 @@ def test_two_methods_from_training_to_the_report(tmp_path, capsys):
     assert text in capsys.readouterr().out
     for name in ("hypervolume", "profile", "interquartile_mean"):
         assert (alone / f"{name}.png").stat().st_size > 1000
+
+
+def test_processes_of_one_launch_train_every_run_together(tmp_path):
+    small = tiny().model_dump(mode="json", exclude={"env", "max_env_steps", *compare_jobs.OURS})
+    written(tmp_path, {"MORLAX": small})
+    launch = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+    options = ("--tasks", "hopper", "--seeds", "0", "1", "--device", "cpu", "--output", "out")
+    limit = ("--methods", "methods.yaml", "--env-steps", "128")
+    done = subprocess.run(
+        [sys.executable, *launch, SCRIPT, *options, *limit],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=200,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("# Results") == 1
+    rows = table(tmp_path / "out" / "rows.csv")
+    assert [row["seed"] for row in rows if row["env_steps"] == "128"] == ["0", "1"]
+    for seed in "01":
+        run = tmp_path / "out" / "hopper" / "MORLAX" / seed
+        assert checkpoint.load(run / "checkpoints" / "latest.pt").progress.processes == 2
 
 
 def test_a_report_needs_rows(tmp_path):

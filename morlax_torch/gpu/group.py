@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from functools import cache
 from typing import Any, TypeVar
 
 import torch
@@ -78,10 +79,14 @@ class Processes(Group):
     def __init__(self, tensors: Any, objects: Any):
         self._tensors, self._objects = tensors, objects
         self.rank, self.size = dist.get_rank(), dist.get_world_size()
+        self._channel: Processes | None = None
 
     def channel(self) -> "Processes":
-        backend = dist.get_backend(self._tensors)
-        return Processes(dist.new_group(backend=backend, timeout=PATIENCE), self._objects)
+        if self._channel is None:
+            backend = dist.get_backend(self._tensors)
+            tensors = dist.new_group(backend=backend, timeout=PATIENCE)
+            self._channel = Processes(tensors, self._objects)
+        return self._channel
 
     def mean_(self, x: Tensor) -> Tensor:
         with _together():
@@ -115,6 +120,9 @@ class Processes(Group):
 def join(config: Config) -> tuple[Config, Group]:
     """Join the processes that `torchrun` started, if it did, each on a GPU of its own.
 
+    It may be called again for another run of the same processes, or after
+    `torch.distributed.init_process_group`.
+
     Raises:
         MorlaxError: not all of them came within a minute, there are fewer GPUs, or they have
             different configs.
@@ -126,14 +134,7 @@ def join(config: Config) -> tuple[Config, Group]:
         device = resolve_device(f"cuda:{LOCAL_RANK}")
         torch.cuda.set_device(device)
     try:
-        store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
-        store.set_timeout(PATIENCE)
-        # torchrun keeps its store over restarts, with the addresses of processes that have ended
-        store = dist.PrefixStore(str(RESTARTS), store)
-        backend = "nccl" if device.type == "cuda" else "gloo"
-        dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
-        objects = dist.new_group(backend="gloo", timeout=PATIENCE)
-        group = Processes(dist.group.WORLD, objects)
+        group = _processes("nccl" if device.type == "cuda" else "gloo")
         configs = group.gather(config.model_dump_json())
     except (OSError, RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
@@ -147,3 +148,16 @@ def join(config: Config) -> tuple[Config, Group]:
             "same command."
         )
     return config.model_copy(update={"device": str(device)}), group
+
+
+@cache
+def _processes(backend: str) -> Processes:
+    """Return all processes, once they have met."""
+    if not dist.is_initialized():
+        store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
+        store.set_timeout(PATIENCE)
+        # torchrun keeps its store over restarts, with the addresses of processes that have ended
+        store = dist.PrefixStore(str(RESTARTS), store)
+        dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
+    objects = dist.new_group(backend="gloo", timeout=PATIENCE)
+    return Processes(dist.group.WORLD, objects)
