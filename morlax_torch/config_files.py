@@ -12,6 +12,7 @@ from .envs import MorlaxError
 from .envs.errors import shortened
 from .envs.naming import is_file
 from .files import read
+from .torchrun import PROCESSES
 
 
 def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:
@@ -21,7 +22,8 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     with the prefix of a library from configs/gymnasium.yaml, configs/mjlab.yaml or
     configs/playground.yaml, and for all other tasks from configs/default.yaml. Worlds that do not
     show how an episode ended get `ppo.truncation: mask`. An algorithm other than MORLAX changes
-    what configs/algorithms/<algorithm>.yaml says.
+    what configs/algorithms/<algorithm>.yaml says. Of a file's section `gpus`, everything applies
+    that is below at most as many GPUs as there are processes of `torchrun`.
     """
     task, values = envs.get(env), default_values(device_type)
     for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):
@@ -113,14 +115,30 @@ def write_yaml(config: BaseModel) -> str:
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
-    """Apply the section `cpu`, which overrides values where there is no GPU."""
+    """Apply the section `cpu` where there is no GPU, and of `gpus` what so many GPUs change."""
     values = dict(values)
-    cpu = values.pop("cpu", None) or {}
-    if not isinstance(cpu, dict):
+    cpu, gpus = _section(values.pop("cpu", None), "cpu", "keys and values for the CPU"), {}
+    for number, changes in _section(values.pop("gpus", None), "gpus", "numbers of GPUs").items():
+        if isinstance(number, bool) or not isinstance(number, int) or number < 2:
+            raise MorlaxError(
+                f"the section gpus of a config holds numbers of GPUs from 2 on, such as "
+                f"4: {{worlds: 2048}}, not {shortened(number)}."
+            )
+        gpus[number] = _section(changes, f"gpus.{number}", "keys and values")
+    if device_type == "cpu":
+        return merged(values, cpu)
+    for number in sorted(gpus):
+        if number <= PROCESSES:
+            values = merged(values, gpus[number])
+    return values
+
+
+def _section(values: Any, name: str, contents: str) -> dict[Any, Any]:
+    if values is not None and not isinstance(values, dict):
         raise MorlaxError(
-            f"the section cpu of a config holds keys and values for the CPU, not {shortened(cpu)}."
+            f"the section {name} of a config holds {contents}, not {shortened(values)}."
         )
-    return merged(values, cpu) if device_type == "cpu" else values
+    return values or {}
 
 
 def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

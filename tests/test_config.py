@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import MorlaxError, config_files, envs
 from morlax_torch.config import load_config
 from morlax_torch.config_files import file_values, task_values
 
@@ -111,6 +111,10 @@ def test_unusable_numbers_and_names_are_refused_in_one_sentence(name):
 UNREADABLE = {
     "the same key twice": ("env: ant\nseed: 1\nseed: 2\n", "the key seed appears twice"),
     "a scalar section": ("env: ant\ncpu: 4\n", "cpu of a config holds keys and values.*not 4"),
+    "scalar gpus": ("env: ant\ngpus: 4\n", "gpus of a config holds numbers of GPUs.*not 4"),
+    "one GPU": ("env: ant\ngpus: {1: {seed: 2}}\n", "numbers of GPUs from 2 on.*not 1"),
+    "a name in gpus": ("env: ant\ngpus: {worlds: 64}\n", "from 2 on.*not 'worlds'"),
+    "scalars in gpus": ("env: ant\ngpus: {2: 64}\n", "gpus.2 of a config holds keys.*not 64"),
     "deep nesting": ("a: " + "[" * 2000 + "]" * 2000, "is nested too deeply"),
     "binary": ("env: \0", "is not valid YAML"),
     "a list": ("- env\n", "must hold keys and values"),
@@ -119,6 +123,35 @@ UNREADABLE = {
         "unknown key 'a'",
     ),
 }
+
+
+@pytest.mark.parametrize(
+    "processes, seed, epochs", [(1, 1, 3), (2, 2, 3), (3, 2, 3), (4, 2, 9), (16, 2, 9)]
+)
+def test_a_file_can_have_other_values_from_so_many_gpus_on(
+    processes, seed, epochs, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(config_files, "PROCESSES", processes)
+    file = tmp_path / "x.yaml"
+    file.write_text(
+        "env: ant\nseed: 1\nppo: {epochs: 3, clip: 0.3}\n"
+        "gpus: {4: {ppo: {epochs: 9}}, 2: {seed: 2}}\ncpu: {seed: 5}\n"
+    )
+    config = load_config(file_values(file, "cuda"))
+    assert (config.seed, config.ppo.epochs, config.ppo.clip) == (seed, epochs, 0.3)
+    assert load_config(file_values(file, "cpu")).seed == 5
+
+
+@pytest.mark.parametrize("env", ["cheetah", "walker", "hopper", "ant", "humanoid"])
+def test_several_gpus_make_as_many_updates_of_twice_the_samples(env, monkeypatch):
+    updates, samples = [], []
+    for processes in (1, 2, 4):
+        monkeypatch.setattr(config_files, "PROCESSES", processes)
+        config = load_config(task_values(env, "cuda"))
+        samples.append(config.worlds * processes * config.horizon)
+        updates.append(config.max_env_steps / samples[-1])
+    assert updates[0] == updates[1] == updates[2]
+    assert samples[0] * 2 == samples[1] == samples[2]
 
 
 @pytest.mark.parametrize("name", UNREADABLE)
