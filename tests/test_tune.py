@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 import yaml
@@ -19,10 +20,11 @@ from morlax_torch import MorlaxError, config_for, train, tune
 from morlax_torch.config import Config
 from morlax_torch.config_files import space_values
 from morlax_torch.runs import Run
+from morlax_torch.runs.progress import Evaluation
 from morlax_torch.terminal import tune_arguments
 from morlax_torch.tuning import trial as trial_module
 from morlax_torch.tuning.importance import importances
-from morlax_torch.tuning.plan import Plan
+from morlax_torch.tuning.plan import Indicator, Plan
 from morlax_torch.tuning.results import write_results
 from morlax_torch.tuning.searching import tune as search
 from morlax_torch.tuning.space import Space
@@ -218,10 +220,10 @@ def test_the_trial_of_a_killed_process_is_run_again(workplace):
 
 def test_a_trial_that_fails_does_not_end_the_study(workplace, monkeypatch, capsys):
     make_worlds = trial_module.make_worlds
-    errors = iter([MorlaxError("the loss became nan."), MemoryError(), None])
+    errors = iter([MorlaxError("the loss became nan."), MemoryError()])
 
     def failing(config: Config, number: int) -> Any:
-        error = next(errors)
+        error = next(errors, None)
         if error is not None:
             raise error
         return make_worlds(config, number)
@@ -278,6 +280,29 @@ def test_the_base_config_is_never_pruned(tmp_path):
     assert first.base
     assert scripted(study, claimed(study), [5.0] * 9) == "complete"
     assert scripted(study, first, [1.0] * 9) == "complete"
+
+
+def test_a_trial_is_the_best_only_with_other_seeds_too(tmp_path, monkeypatch):
+    script = [[10.0, 11.0, 12.0], [20.0, 6.0, 1.0], [9.0], [12.0, 5.0], [12.0, 14.0, 13.0]]
+    study = study_at(tmp_path)
+
+    def evaluations(config: Config, stopped: Any) -> Iterator[Evaluation]:
+        value = script[claim.trial.number][config.seed - tiny().seed]
+        indicators = {**dict.fromkeys(get_args(Indicator), 0.0), "hypervolume": value}
+        yield Evaluation(1, 10, 9.0, 9.0, 1, 0, None, indicators)
+
+    monkeypatch.setattr(trial_module, "evaluations", evaluations)
+    for _ in script:
+        claim = claimed(study)
+        trial_module.run_trial(study, claim, lambda: False)
+    found = [(r.seeds, r.indicators["hypervolume"]) for r in study.results()]
+    assert found == [(3, 11), (3, 9), (1, 9), (2, 8.5), (3, 13)]
+    best = study.ranked()[0]
+    assert (best.number, best.train_seconds, best.env_steps) == (4, 9, 10)
+    write_results(study, tmp_path)
+    text = (tmp_path / "best.yaml").read_text()
+    assert "hypervolume 1.3000e+01" in text and "mean of 3 seeds" in text
+    assert [row["seeds"] for row in rows(tmp_path)] == ["3", "3", "1", "2", "3"]
 
 
 def test_several_indicators_keep_all_non_dominated_trials(tmp_path):

@@ -48,6 +48,7 @@ def _table(study: Study) -> str:
             **{name: result.indicators.get(name, "") for name in measured},
             "train_seconds": round(result.train_seconds, 3),
             "env_steps": result.env_steps,
+            "seeds": result.seeds,
             **{name: _text(value) for name, value in result.options.items()},
             "reason": result.reason,
         }
@@ -68,9 +69,10 @@ def _text(value: Any) -> str:
 def _best(study: Study, result: Result) -> str:
     place = resolve_device(result.config.device).type
     reached = f"{study.plan.main} {result.indicators[study.plan.main]:.4e}"
+    seeds = f", the mean of {result.seeds} seeds" if result.seeds > 1 else ""
     return (
         f"# Trial {result.number} of {study.name}: {reached} "
-        f"after {result.train_seconds:.1f} s of training.\n"
+        f"after {result.train_seconds:.1f} s of training{seeds}.\n"
         f"# python -m morlax_torch.train --config best.yaml --device {place}\n"
         + yaml.safe_dump(_changes(result.config, place), sort_keys=False)
     )

@@ -1,5 +1,6 @@
 """A study that several processes and machines may share."""
 
+import math
 import os
 import socket
 from typing import Any, NamedTuple
@@ -32,6 +33,7 @@ class Result(NamedTuple):
     indicators: dict[str, float]  # of its best evaluation; empty if it failed
     train_seconds: float
     env_steps: int
+    seeds: int  # that numbers are means of
     reason: str  # of a failure
 
 
@@ -159,16 +161,31 @@ class Study:
             claim.trial.report(value, step(train_seconds))
             return claim.trial.should_prune() and not claim.base
 
+    def looks_best(self, claim: Claim, indicators: dict[str, float]) -> bool:
+        """Return whether a trial is the base config, or above all complete trials."""
+        if len(self.plan.indicators) > 1:
+            return False
+        others = [self.score(result) for result in self.ranked()[:1]]
+        return claim.base or self.plan.sign * indicators[self.plan.main] > max(
+            others, default=-math.inf
+        )
+
     def finish(
         self,
         claim: Claim,
         indicators: dict[str, float],
         train_seconds: float,
         env_steps: int,
+        seeds: int = 1,
         pruned: bool = False,
     ) -> Result:
-        """Store the result of a trial that has not failed."""
-        found = {"train_seconds": train_seconds, "env_steps": env_steps, "indicators": indicators}
+        """Store the result of a trial that has not failed, the mean over its seeds."""
+        found = {
+            "train_seconds": train_seconds,
+            "env_steps": env_steps,
+            "seeds": seeds,
+            "indicators": indicators,
+        }
         for name, value in found.items():
             claim.trial.set_user_attr(name, value)
         values = [indicators[name] for name in self.plan.indicators]
@@ -226,6 +243,7 @@ class Study:
             about.get("indicators", {}),
             about.get("train_seconds", 0.0),
             about.get("env_steps", 0),
+            about.get("seeds", 1),
             about.get("reason", ""),
         )
 

@@ -1,7 +1,9 @@
 """One trial: training with its config, evaluated at even times."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
+from statistics import fmean
+from typing import NamedTuple
 
 from ..algorithms.registry import make_learner
 from ..config import Config
@@ -12,6 +14,8 @@ from ..runs.schedule import Limits
 from ..runs.training import make_evaluator, make_worlds, training
 from .pruning import EVALUATIONS
 from .study import MOST_DEATHS, Claim, Result, Study
+
+SEEDS = 3  # of the base config, and of a trial that stays the best with each of them
 
 
 def run_trial(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result | None:
@@ -41,20 +45,61 @@ def run_trial(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result
 
 
 def _train(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result | None:
+    """Train once, or with several seeds if the trial looks like the best one so far.
+
+    The best of many trials is partly luck, which other seeds do not share.
+    """
+    runs: list[_Run] = []
+    while not runs or (len(runs) < SEEDS and study.looks_best(claim, _mean(runs).indicators)):
+        run = _train_once(study, claim, len(runs), stopped)
+        if run is None:
+            study.put_back(claim)
+            return None
+        runs.append(run)
+        if run.pruned:
+            break
+    mean = _mean(runs)
+    return study.finish(
+        claim, mean.indicators, mean.train_seconds, mean.env_steps, len(runs), mean.pruned
+    )
+
+
+class _Run(NamedTuple):
+    """One training of a trial."""
+
+    indicators: dict[str, float]  # of its best evaluation
+    train_seconds: float
+    env_steps: int
+    pruned: bool = False
+
+
+def _mean(runs: Sequence[_Run]) -> _Run:
+    return _Run(
+        {name: fmean(run.indicators[name] for run in runs) for name in runs[0].indicators},
+        fmean(run.train_seconds for run in runs),
+        round(fmean(run.env_steps for run in runs)),
+        runs[0].pruned,
+    )
+
+
+def _train_once(
+    study: Study, claim: Claim, number: int, stopped: Callable[[], bool]
+) -> _Run | None:
+    """Train with the `number`-th seed; only the first training can be pruned."""
     best, last, seconds = None, None, claim.config.max_seconds or 0.0
     sign, main = study.plan.sign, study.plan.main
-    with closing(evaluations(claim.config, stopped)) as found:
+    config = claim.config.model_copy(update={"seed": claim.config.seed + number})
+    with closing(evaluations(config, stopped)) as found:
         for last in found:
             measured = study.plan.measured(last)
             if best is None or sign * measured[main] > sign * best[main]:
                 best = measured
             unfinished = last.iteration and last.train_seconds < seconds
-            if unfinished and study.prunes(claim, best[main], last.train_seconds):
-                return study.finish(claim, best, last.train_seconds, last.env_steps, pruned=True)
+            if unfinished and number == 0 and study.prunes(claim, best[main], last.train_seconds):
+                return _Run(best, last.train_seconds, last.env_steps, pruned=True)
     if best is None or last is None or last.train_seconds < seconds:
-        study.put_back(claim)
         return None
-    return study.finish(claim, best, last.train_seconds, last.env_steps)
+    return _Run(best, last.train_seconds, last.env_steps)
 
 
 def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evaluation, None, None]:
