@@ -128,8 +128,12 @@ def test_configs_load(text, workplace):
     if "mjlab:" in text:
         pytest.importorskip("mjlab", reason="needs the extra mjlab")
     (workplace / "my.yaml").write_text(text)
-    config = load_config(file_values(workplace / "my.yaml", "cpu"))
-    assert list(config.task.objectives) == list(yaml.safe_load(text)["task"]["objectives"])
+    given = yaml.safe_load(text)
+    for device_type in ("cpu", "cuda"):
+        config = load_config(file_values(workplace / "my.yaml", device_type))
+        assert config.env.endswith(given["env"])
+        if "task" in given:
+            assert list(config.task.objectives) == list(given["task"]["objectives"])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
