@@ -11,10 +11,10 @@ from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, config_for, evaluate, load
 from morlax_torch.algorithms.amor import AMOR
+from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.hyper_morl import HyperMORL
 from morlax_torch.algorithms.independent import IndependentPPO
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
-from morlax_torch.algorithms.ppo import make_batch
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.config import Config

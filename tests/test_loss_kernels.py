@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from morlax_torch.algorithms.ppo import Batch, policy_loss, value_loss
+from morlax_torch.algorithms.batch import Batch
+from morlax_torch.algorithms.ppo import policy_loss, value_loss
 from morlax_torch.networks import gaussian
 from morlax_torch.networks.gaussian import TanhNormal
 

@@ -8,7 +8,8 @@ from torch import Tensor
 from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.nn.functional import softplus
 
-from morlax_torch.algorithms.ppo import PPO, Batch, Table, make_batch
+from morlax_torch.algorithms.batch import Batch, Table, make_batch
+from morlax_torch.algorithms.ppo import PPO
 from morlax_torch.algorithms.rollout import advantages
 from morlax_torch.config_sections import PPOConfig
 

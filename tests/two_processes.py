@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from morlax_torch import config_for, envs
-from morlax_torch.algorithms.ppo import make_batch
+from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.config import Config

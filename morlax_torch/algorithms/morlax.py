@@ -17,9 +17,10 @@ from ..networks import gaussian
 from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization
 from ..tradeoffs import sample_tradeoffs
+from .batch import Table, make_batch
 from .episodes import Episodes
 from .expected_returns import expected_returns
-from .ppo import PPO, Losses, Table, make_batch
+from .ppo import PPO, Losses
 from .rollout import Rollout, collect
 
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from

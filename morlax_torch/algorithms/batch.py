@@ -1,0 +1,124 @@
+"""What PPO learns from: a rollout's samples with their advantages and targets, in minibatches."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..config_sections import PPOConfig
+from ..gpu.group import ALONE, Group
+from ..networks.agent import Agent
+from .rollout import Rollout, advantages
+
+
+class Batch(NamedTuple):
+    """S samples of each of K trade-offs."""
+
+    observation: Tensor  # (K, S, O + P) normalized
+    action: Tensor  # (K, S, A) before the tanh
+    log_prob: Tensor  # (K, S, 1) under the policy that acted
+    advantage: Tensor  # (K, S, 1) scalarized by the trade-off
+    target: Tensor  # (K, S, m) of the critic, or (K, S, 1)
+
+
+@torch.no_grad()
+def make_batch(
+    agent: Agent,
+    tradeoffs: Tensor,
+    rollout: Rollout,
+    config: PPOConfig,
+    weights: Tensor,
+    group: Group = ALONE,
+) -> tuple[Batch, Tensor]:
+    """Estimate what to learn from a rollout; statistics are those of all processes of the group.
+
+    Args:
+        agent: that acted.
+        tradeoffs: (K, m)
+        rollout: of K clusters.
+        config: of the updates.
+        weights: (K, m) of each objective's advantage; a scalar critic weighs rewards by the
+            trade-offs instead.
+        group: processes over which statistics are taken.
+
+    Returns:
+        A batch by world, (K, G, T, ...) each, and the explained variance per value of the critic,
+        (m,) or (1,), 0 where targets do not vary.
+    """
+    values = agent.values(tradeoffs)
+    if config.critic == "scalar":
+        weighted = rollout.reward * tradeoffs[:, None]
+        rollout = rollout._replace(reward=weighted.sum(-1, keepdim=True))
+
+    def value_of(observation: Tensor) -> Tensor:  # (T, K, G, O + P) -> (T, K, G, m)
+        rows = observation.transpose(0, 1).flatten(1, 2)
+        value = values(rows).unflatten(1, (len(observation), -1)).transpose(0, 1)
+        return agent.value_normalizer.inverse(value) if config.normalize_values else value
+
+    seen = agent.observation_normalizer(rollout.observation)
+    value = value_of(seen)
+    final_value = value_of(agent.observation_normalizer(rollout.final_observation))
+    advantage = advantages(
+        rollout,
+        value,
+        final_value,
+        config.discount,
+        config.gae_lambda,
+        config.truncation == "bootstrap",
+    )
+    target = advantage + value
+    spread = target.var((0, 1, 2))
+    explained = torch.where(spread > 0, 1 - advantage.var((0, 1, 2)) / spread, 0.0)
+    if config.normalize_values:
+        agent.value_normalizer.update(target, group=group)
+        target = agent.value_normalizer(target)
+    if config.critic == "vector":
+        advantage = advantage * weights[:, None]
+    scalar = advantage.sum(-1)  # (T, K, G)
+    together = (0, 2) if config.normalize_advantages == "cluster" else (0, 1, 2)
+    variance, mean = torch.var_mean(scalar, together, correction=0, keepdim=True)
+    mean, variance = group.moments(mean, variance)
+    number = group.size * scalar.numel() // mean.numel()
+    scalar = (scalar - mean) / ((variance * number / max(number - 1, 1)).sqrt() + 1e-8)
+    batch = Batch(
+        seen, rollout.action, rollout.log_prob.unsqueeze(-1), scalar.unsqueeze(-1), target
+    )
+    return Batch(*(column.permute(1, 2, 0, 3) for column in batch)), explained
+
+
+class Table:
+    """A batch as one table, so that shuffling is one gather.
+
+    Args:
+        batch: by world, (K, G, T, ...) each.
+    """
+
+    def __init__(self, batch: Batch):
+        self._widths = [column.shape[-1] for column in batch]
+        self._dense = batch.log_prob.shape[1] == 1
+        packed = torch.cat(batch, -1)
+        self._rows = packed.transpose(0, 1) if self._dense else packed
+        self._firsts = torch.arange(len(self._rows), device=packed.device)[:, None]
+
+    def minibatches(
+        self, tradeoffs: Tensor, number: int, generator: torch.Generator
+    ) -> list[tuple[Tensor, Batch]]:
+        """Deal the table out to the minibatches of one epoch.
+
+        Worlds are shuffled within their clusters and dealt out, so that every minibatch holds all
+        clusters and generates each cluster's parameters once. If every world has its own trade-off,
+        whole clusters are dealt out instead.
+
+        Returns:
+            The trade-offs (K, m) and samples (K, S, ...) of each minibatch.
+        """
+        draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
+        order = draws.argsort(1)
+        dealt = []
+        for part, chosen in zip(
+            self._rows[self._firsts, order].chunk(number, 1), order.chunk(number, 1), strict=True
+        ):
+            part = part.transpose(0, 1) if self._dense else part
+            own = tradeoffs[chosen[0]] if self._dense else tradeoffs
+            dealt.append((own, Batch(*part.flatten(1, 2).split(self._widths, -1))))
+        return dealt
