@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from comparing import (
+from compare_statistics import (
     CONFIDENCE,
     QUARTILES,
     band,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from compare_jobs import BEST_FRONT, OUTCOME, Job, is_complete
-from comparing import scaled_igd_plus
+from compare_statistics import scaled_igd_plus
 
 from morlax_torch import MorlaxError, pareto
 from morlax_torch.config_files import read_yaml

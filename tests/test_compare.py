@@ -11,7 +11,7 @@ import compare
 import compare_jobs
 import compare_report
 import compare_rows
-import comparing
+import compare_statistics
 import numpy as np
 import pytest
 import yaml
@@ -40,16 +40,16 @@ def test_a_curve_is_the_best_value_so_far():
         expected = [
             max([0.0, *(b for a, b in zip(x, y, strict=True) if a <= point)]) for point in grid
         ]
-        np.testing.assert_array_equal(comparing.best_so_far(x, y, grid), expected)
+        np.testing.assert_array_equal(compare_statistics.best_so_far(x, y, grid), expected)
 
 
 def test_a_curve_without_evaluations_is_zero():
-    np.testing.assert_array_equal(comparing.best_so_far([], [], [0, 1]), [0, 0])
+    np.testing.assert_array_equal(compare_statistics.best_so_far([], [], [0, 1]), [0, 0])
 
 
 def test_a_band_has_the_quartiles_of_all_runs_at_all_evaluations():
     curves = [([0, 2], [0, 8]), ([0, 1], [4, 4]), ([0, 3], [2, 1]), ([], [])]
-    grid, quartiles = comparing.band(curves)
+    grid, quartiles = compare_statistics.band(curves)
     np.testing.assert_array_equal(grid, [0, 1, 2, 3])
     columns = [np.quantile(v, (0.25, 0.5, 0.75)) for v in ([0, 4, 2, 0], [8, 4, 2, 0])]
     np.testing.assert_allclose(quartiles.T, [columns[0], columns[0], columns[1], columns[1]])
@@ -58,7 +58,7 @@ def test_a_band_has_the_quartiles_of_all_runs_at_all_evaluations():
 @pytest.mark.parametrize("n", range(1, 14))
 def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
     scores = np.random.default_rng(n).normal(size=(3, n))
-    for row, mean in zip(scores, comparing.interquartile_mean(scores), strict=True):
+    for row, mean in zip(scores, compare_statistics.interquartile_mean(scores), strict=True):
         left = sorted(row)
         for _ in range(int(0.25 * n)):
             left = left[1:-1]
@@ -66,22 +66,24 @@ def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
 
 
 def test_the_interquartile_mean_ignores_outliers():
-    assert comparing.interquartile_mean([-1e9, 1, 2, 3, 4, 5, 6, 1e9]) == 3.5
+    assert compare_statistics.interquartile_mean([-1e9, 1, 2, 3, 4, 5, 6, 1e9]) == 3.5
 
 
 def test_a_profile_is_the_share_of_runs_above_each_threshold():
     scores, thresholds = np.random.default_rng(0).normal(size=(2, 5, 7)), [-1.0, 0.0, 0.7]
-    found = comparing.profile(scores, thresholds)
+    found = compare_statistics.profile(scores, thresholds)
     assert found.shape == (2, 5, 3)
     for index in np.ndindex(2, 5):
         shares = [sum(s > t for s in scores[index]) / 7 for t in thresholds]
         np.testing.assert_allclose(found[index], shares)
-    np.testing.assert_array_equal(comparing.profile([0.5, 1.0], [0.0, 0.5, 1.0]), [1, 0.5, 0])
+    np.testing.assert_array_equal(
+        compare_statistics.profile([0.5, 1.0], [0.0, 0.5, 1.0]), [1, 0.5, 0]
+    )
 
 
 def test_bootstrap_samples_take_runs_of_their_own_task():
     tasks = [[1.0, 2.0, 3.0], [10.0], [20.0, 30.0]]
-    drawn = comparing.resampled(tasks, 3000)
+    drawn = compare_statistics.resampled(tasks, 3000)
     assert drawn.shape == (3000, 6)
     parts = np.split(drawn, [3, 4], axis=1)
     for runs, part in zip(tasks, parts, strict=True):
@@ -92,26 +94,32 @@ def test_bootstrap_samples_take_runs_of_their_own_task():
 
 def test_the_bootstrap_is_deterministic():
     tasks = [[1.0, 2.0, 3.0], [4.0, 5.0]]
-    np.testing.assert_array_equal(comparing.resampled(tasks), comparing.resampled(tasks))
-    assert (comparing.resampled(tasks) != comparing.resampled(tasks, seed=1)).any()
+    np.testing.assert_array_equal(
+        compare_statistics.resampled(tasks), compare_statistics.resampled(tasks)
+    )
+    assert (
+        compare_statistics.resampled(tasks) != compare_statistics.resampled(tasks, seed=1)
+    ).any()
 
 
 def test_differences_between_tasks_do_not_widen_the_interval():
-    drawn = comparing.resampled([[0.0] * 4, [1.0] * 4, [5.0] * 4])
-    low, high = comparing.interval(comparing.interquartile_mean(drawn))
-    assert low == high == comparing.interquartile_mean([0.0] * 4 + [1.0] * 4 + [5.0] * 4)
+    drawn = compare_statistics.resampled([[0.0] * 4, [1.0] * 4, [5.0] * 4])
+    low, high = compare_statistics.interval(compare_statistics.interquartile_mean(drawn))
+    assert low == high == compare_statistics.interquartile_mean([0.0] * 4 + [1.0] * 4 + [5.0] * 4)
 
 
 def test_the_interval_cuts_equal_tails():
     values = np.random.default_rng(0).permutation(1001)
-    np.testing.assert_allclose(comparing.interval(values, 0.9), (50, 950))
+    np.testing.assert_allclose(compare_statistics.interval(values, 0.9), (50, 950))
 
 
 def test_intervals_cover_the_true_value_as_often_as_they_say():
     random, covered, trials = np.random.default_rng(0), 0, 400
     for trial in range(trials):
         tasks = [random.normal(mean, 1, 20) for mean in (0.0, 10.0)]
-        low, high = comparing.interval(comparing.resampled(tasks, 400, trial).mean(-1))
+        low, high = compare_statistics.interval(
+            compare_statistics.resampled(tasks, 400, trial).mean(-1)
+        )
         covered += low <= 5.0 <= high
     assert 0.90 < covered / trials < 0.97  # the percentile bootstrap is a little too narrow
 
@@ -126,19 +134,19 @@ def test_igd_plus_is_scaled_by_the_range_of_the_reference():
         total += min(math.hypot(*row) for row in short)
     factors = np.array([1e-3, 1.0, 1e5])
     for scale in (1.0, factors):
-        found = comparing.scaled_igd_plus(points * scale, reference * scale)
+        found = compare_statistics.scaled_igd_plus(points * scale, reference * scale)
         assert found == pytest.approx(total / len(reference))
-    assert comparing.scaled_igd_plus(reference + 0.1, reference) == 0
+    assert compare_statistics.scaled_igd_plus(reference + 0.1, reference) == 0
 
 
 def test_igd_plus_to_a_single_point_is_in_its_units():
-    assert comparing.scaled_igd_plus([[1.0, 1.0]], [[4.0, 5.0]]) == pytest.approx(5.0)
+    assert compare_statistics.scaled_igd_plus([[1.0, 1.0]], [[4.0, 5.0]]) == pytest.approx(5.0)
 
 
 def test_scores_are_of_the_oracle_or_else_of_the_best_median():
     found = [[1.0, 2.0, 9.0], [3.0, 4.0]]
-    assert comparing.normalizer(found, None) == 3.5
-    assert comparing.normalizer(found, 8.0) == 8.0
+    assert compare_statistics.normalizer(found, None) == 3.5
+    assert compare_statistics.normalizer(found, 8.0) == 8.0
 
 
 # Methods, runs and shares
@@ -399,7 +407,7 @@ def test_runs_are_compared_with_the_union_of_the_oracles_fronts(start):
         assert run.oracle == (run.method == "best")
         assert run.measures()["% of the oracle"] == pytest.approx(100 * run.best / volume)
         assert run.measures()["env steps/s"] == 50
-        expected = comparing.scaled_igd_plus(returns, 4.0 * SPHERE + 1)
+        expected = compare_statistics.scaled_igd_plus(returns, 4.0 * SPHERE + 1)
         assert run.measures()["IGD+"] == pytest.approx(expected)
     assert runs[-1].measures()["IGD+"] == 0
     assert len([row for row in table(output / "rows.csv") if row["igd_plus"]]) == len(runs)
