@@ -83,7 +83,7 @@ def main(
     own = [job for job in shared(jobs, share) if job in missing]
     for number, job in enumerate(own, start=1):
         console.print(f"{number}/{len(own)}: {job}", markup=False)
-        if SEVERAL:
+        if SEVERAL:  # of one launch, which need no lock against each other
             _train(job, job.folder(output), place)
         else:
             train_once(job, output, place)

@@ -22,8 +22,8 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     with the prefix of a library from configs/gymnasium.yaml, configs/mjlab.yaml or
     configs/playground.yaml, and for all other tasks from configs/default.yaml. Worlds that do not
     show how an episode ended get `ppo.truncation: mask`. An algorithm other than MORLAX changes
-    what configs/algorithms/<algorithm>.yaml says. Of a file's section `gpus`, everything applies
-    that is below at most as many GPUs as there are processes of `torchrun`.
+    what configs/algorithms/<algorithm>.yaml says. Of a file's section `gpus`, the changes for at
+    most as many GPUs as `torchrun` has started processes apply.
     """
     task, values = envs.get(env), default_values(device_type)
     for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):

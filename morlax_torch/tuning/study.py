@@ -1,6 +1,5 @@
 """A study that several processes and machines may share."""
 
-import math
 import os
 import socket
 from typing import Any, NamedTuple
@@ -165,10 +164,8 @@ class Study:
         """Return whether a trial is the base config, or above all complete trials."""
         if len(self.plan.indicators) > 1:
             return False
-        others = [self.score(result) for result in self.ranked()[:1]]
-        return claim.base or self.plan.sign * indicators[self.plan.main] > max(
-            others, default=-math.inf
-        )
+        best, score = self.ranked()[:1], self.plan.sign * indicators[self.plan.main]
+        return claim.base or not best or score > self.score(best[0])
 
     def finish(
         self,

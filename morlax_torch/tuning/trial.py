@@ -58,6 +58,7 @@ def _train(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result | 
         runs.append(run)
         if run.pruned:
             break
+        release_memory()
     mean = _mean(runs)
     return study.finish(
         claim, mean.indicators, mean.train_seconds, mean.env_steps, len(runs), mean.pruned
