@@ -11,7 +11,7 @@ from . import envs
 from .envs import MorlaxError
 from .envs.errors import shortened
 from .envs.naming import is_file
-from .files import read
+from .files import AnyPath, read
 from .torchrun import PROCESSES
 
 
@@ -60,7 +60,7 @@ def file_values(path: Path, device_type: str) -> dict[str, Any]:
     return merged(task_values(values["env"], device_type, algorithm_of(values)), values)
 
 
-def space_values(path: Path | None, device_type: str) -> dict[str, Any]:
+def space_values(path: AnyPath | None, device_type: str) -> dict[str, Any]:
     """Return a YAML file's search space for "cuda" or "cpu"; without a file the default one."""
     if path is None:
         return _packaged("tuning/space", device_type)
@@ -72,7 +72,7 @@ def algorithm_of(values: dict[str, Any]) -> str:
     return str(values.get("algorithm", "morlax"))
 
 
-def read_yaml(path: Path, what: str = "config", such_as: str = "env: ant") -> dict[str, Any]:
+def read_yaml(path: AnyPath, what: str = "config", such_as: str = "env: ant") -> dict[str, Any]:
     """Read the keys and values of a YAML file.
 
     Args:

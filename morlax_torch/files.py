@@ -9,10 +9,12 @@ from typing import IO
 
 from .envs import MorlaxError
 
+AnyPath = str | os.PathLike[str]
+
 DRAFT = ".tmp"
 
 
-def read(path: Path, what: str = "file") -> bytes:
+def read(path: AnyPath, what: str = "file") -> bytes:
     """Read a whole file.
 
     Args:
@@ -22,6 +24,7 @@ def read(path: Path, what: str = "file") -> bytes:
     Raises:
         MorlaxError: the file is missing, is a folder, device or pipe, or cannot be read.
     """
+    path = Path(path)
     try:
         if path.exists() and not path.is_file():
             raise MorlaxError(f"cannot read the {what} {path}: it is not a regular file.")
@@ -35,7 +38,7 @@ def read(path: Path, what: str = "file") -> bytes:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
+def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
     """Open a temporary file that replaces `path` once it is complete and on disk.
 
     A symbolic link stays, and its target is replaced. New files get the permissions of the umask.

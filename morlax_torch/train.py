@@ -6,10 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from .config import Config
+from .files import AnyPath
 from .terminal import cli
 from .terminal.arguments import read
 from .terminal.clock import command_began
@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # torch takes seconds to import: not before the command line 
 def train(
     config: Config,
     run: Run | None = None,
-    output: Path | None = None,
+    output: AnyPath | None = None,
     actor: nn.Module | None = None,
     critic: nn.Module | None = None,
     *,
@@ -82,7 +82,7 @@ class _Session(NamedTuple):
 def _prepare(
     config: Config,
     run: Run | None,
-    output: Path | None,
+    output: AnyPath | None,
     actor: nn.Module | None = None,
     critic: nn.Module | None = None,
 ) -> _Session:

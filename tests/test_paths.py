@@ -7,8 +7,23 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tiny import tiny
 
-from morlax_torch import MorlaxError, evaluate, explore, export, load, pack, record, train, tune
+from morlax_torch import (
+    MorlaxError,
+    evaluate,
+    explore,
+    export,
+    load,
+    pack,
+    record,
+    save,
+    train,
+    tune,
+)
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.history import History
+from morlax_torch.runs import Run
 
 LONG = "a" * 5000
 COMMANDS = {
@@ -107,3 +122,16 @@ def test_a_full_device_for_the_output():
     assert (
         done.stderr == "error: cannot print: no space left on the device that the output goes to.\n"
     )
+
+
+def test_python_takes_paths_as_strings(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    train.train(tiny(), output="new/run")
+    assert Run.open("new/run").config().worlds == 8
+    policy = load("new/run")
+    save(policy, "policy.pt")
+    assert load("policy.pt").objectives == policy.objectives
+    front = Front.load("new/run/front.npz")
+    front.save("front.npz")
+    assert Front.load("front.npz").hypervolume == front.hypervolume
+    assert len(History.load("new/run/metrics.csv").hypervolume) == 3

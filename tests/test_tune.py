@@ -152,7 +152,7 @@ def test_two_processes_share_the_trials_of_one_storage(workplace):
     for process in started:
         told = process.communicate(timeout=100)[0]
         assert process.returncode == 0, told
-    study = search(tiny(), VALUES, Path("again"), trials=5, seconds=0.1, storage="shared.log")
+    study = search(tiny(), "space.yaml", "again", trials=5, seconds=0.1, storage="shared.log")
     found = study.results()
     assert len(found) == 5 and [result.base for result in found].count(True) == 1
     drawn = [tuple(result.options.values()) for result in found]

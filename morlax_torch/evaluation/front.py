@@ -2,7 +2,6 @@
 
 import io
 from collections.abc import Iterable
-from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..envs import MorlaxError
 from ..envs.errors import LONGEST
 from ..envs.worlds.options import check_objectives
-from ..files import read, replacing
+from ..files import AnyPath, read, replacing
 from . import pareto
 
 EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
@@ -82,7 +81,7 @@ class Front(NamedTuple):
             blowups=None if self.blowups is None else mean(self.blowups),
         )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write an .npz with one array per field, and `non_dominated`.
 
         Raises:
@@ -93,7 +92,7 @@ class Front(NamedTuple):
             np.savez_compressed(file, non_dominated=self.non_dominated, **known)
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: AnyPath) -> Self:
         """Read a file that `save` wrote.
 
         Raises:

@@ -3,13 +3,12 @@
 import csv
 import io
 import math
-from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from ..envs import MorlaxError
-from ..files import read
+from ..files import AnyPath, read
 from .front import hypervolume_in
 
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume
@@ -23,7 +22,7 @@ class History(NamedTuple):
     hypervolume: np.ndarray  # (E,)
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: AnyPath) -> Self:
         """Read a run's metrics.csv; the hypervolume is exact or approximate, as in the file.
 
         Raises:
@@ -34,7 +33,7 @@ class History(NamedTuple):
         return cls(*(np.array([float(row[name]) for row in rows]) for name in columns))
 
 
-def read_rows(path: Path) -> list[dict[str, str]]:
+def read_rows(path: AnyPath) -> list[dict[str, str]]:
     """Read the rows of a run's metrics.csv, at least one, each with finite numbers.
 
     Raises:

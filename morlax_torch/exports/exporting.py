@@ -1,7 +1,6 @@
 """Write policies to files, and check the files."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Literal
 
 import torch
@@ -9,7 +8,7 @@ from torch import Tensor, nn
 from torch.export import ExportedProgram
 
 from ..envs import MorlaxError
-from ..files import replacing
+from ..files import AnyPath, replacing
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
 from ..tradeoffs import dirichlet_tradeoffs
@@ -37,7 +36,7 @@ class FamilyPolicy(nn.Module):
 
 def export(
     policy: Policy,
-    output: Path,
+    output: AnyPath,
     format: Literal["onnx", "torchscript", "torch-export"] = "onnx",
     tradeoff: Sequence[float] | None = None,
     about: dict[str, Any] | None = None,

@@ -1,7 +1,6 @@
 """What is needed to run an exported policy on a robot, as plain values for JSON."""
 
 import hashlib
-import os
 from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any
@@ -12,6 +11,7 @@ import torch
 from .. import envs
 from ..envs import Environment, Robot
 from ..evaluation.history import History
+from ..files import AnyPath
 from ..networks.policy import Policy
 from ..runs.loading import find_checkpoint, find_run
 from ..version import __version__
@@ -43,7 +43,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
     }
 
 
-def provenance(run: str | os.PathLike[str]) -> dict[str, Any]:
+def provenance(run: AnyPath) -> dict[str, Any]:
     """Return the checkpoint's SHA-256, and the best hypervolume of its run if known."""
     checkpoint, metrics = find_checkpoint(run), find_run(run) / "metrics.csv"
     known: dict[str, Any] = {"sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}

@@ -2,14 +2,13 @@
 
 import io
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from ..envs import MorlaxError
 from ..envs.errors import LONGEST, unknown
-from ..files import read, replacing
+from ..files import AnyPath, read, replacing
 from .clips import Clips
 
 
@@ -76,7 +75,7 @@ class Comparisons:
             one, other = self.pair(random)
             self.answer(*((one, other) if ratings[one] > ratings[other] else (other, one)))
 
-    def save(self, path: Path) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write an .npz, atomically.
 
         Raises:
@@ -94,7 +93,7 @@ class Comparisons:
             )
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: AnyPath) -> Self:
         """Read a file that `save` wrote.
 
         Raises:

@@ -1,6 +1,5 @@
 """Compare evaluated runs: short names, comparability, quartiles."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +9,7 @@ import numpy as np
 from ..envs import MorlaxError
 from ..evaluation import pareto
 from ..evaluation.front import Front
+from ..files import AnyPath
 from ..networks.policy import Policy
 from ..runs.loading import find_run
 
@@ -24,7 +24,7 @@ class Quartiles(NamedTuple):
     high: float
 
 
-def names(runs: Sequence[str | os.PathLike[str]]) -> list[str]:
+def names(runs: Sequence[AnyPath]) -> list[str]:
     """Return a short name for each run: the shortest end of its path that is unique.
 
     A checkpoint is named after its run and its file, such as `20261120-054533-0-latest`.

@@ -14,7 +14,7 @@ from ..algorithms.learner import Learner
 from ..config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, explained, shortened
-from ..files import read, replacing
+from ..files import AnyPath, read, replacing
 from .contents import FORMAT, Contents, Task, check_state
 from .progress import Progress
 from .rewards import localized
@@ -68,7 +68,7 @@ def _on_cpu(state: Any) -> Any:
     return state
 
 
-def write(path: Path, contents: dict[str, Any]) -> None:
+def write(path: AnyPath, contents: dict[str, Any]) -> None:
     """Write a file that `load` reads, atomically."""
     whole = io.BytesIO()  # on a full disk torch.save would fail in its own words
     torch.save({"format": FORMAT, **contents}, whole)

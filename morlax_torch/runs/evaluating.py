@@ -1,19 +1,18 @@
 """Evaluate the policies of a run."""
 
-import os
-
 from .. import envs
 from ..envs import MorlaxError, resolve_device
 from ..envs.random import EVALUATION_SEEDS
 from ..evaluation.evaluator import Evaluator, Protocol
 from ..evaluation.front import Front
+from ..files import AnyPath
 from ..networks.policy import Policy
 from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from .loading import load
 
 
 def evaluate(
-    run: str | os.PathLike[str] | Policy,
+    run: AnyPath | Policy,
     tradeoffs: int | None = None,
     protocol: Protocol = "latched",
     device: str | None = None,

@@ -1,6 +1,5 @@
 """Find runs and checkpoints, and load or save their policies."""
 
-import os
 from pathlib import Path
 
 import torch
@@ -9,6 +8,7 @@ from torch import nn
 from .. import envs
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
+from ..files import AnyPath
 from ..networks.agent import Agent
 from ..networks.policy import Policy
 from . import checkpoint
@@ -16,7 +16,7 @@ from . import checkpoint
 SHIPPED = Path(__file__).parent.parent / "shipped"
 
 
-def find_run(run: str | os.PathLike[str]) -> Path:
+def find_run(run: AnyPath) -> Path:
     """Return the folder of a run, given its path, one of its checkpoints, or a shipped name.
 
     Raises:
@@ -36,7 +36,7 @@ def find_run(run: str | os.PathLike[str]) -> Path:
     )
 
 
-def find_checkpoint(run: str | os.PathLike[str]) -> Path:
+def find_checkpoint(run: AnyPath) -> Path:
     """Return the best checkpoint of a run or shipped policy, or the checkpoint file itself.
 
     Raises:
@@ -55,7 +55,7 @@ def find_checkpoint(run: str | os.PathLike[str]) -> Path:
 
 
 def load(
-    run: str | os.PathLike[str],
+    run: AnyPath,
     device: str | torch.device | None = "cpu",
     actor: nn.Module | None = None,
     *,
@@ -99,7 +99,7 @@ def load(
     return Policy(agent.to(place), config, task.objectives)
 
 
-def trust_task(run: str | os.PathLike[str]) -> None:
+def trust_task(run: AnyPath) -> None:
     """Allow runs to import the FILE.py or module that this run's task names, in this process.
 
     Raises:
@@ -108,7 +108,7 @@ def trust_task(run: str | os.PathLike[str]) -> None:
     envs.trust(checkpoint.load(find_checkpoint(run)).config["env"])
 
 
-def save(policy: Policy, path: Path) -> None:
+def save(policy: Policy, path: AnyPath) -> None:
     """Write a checkpoint that `load` reads, without critic, optimizers and worlds.
 
     Raises:

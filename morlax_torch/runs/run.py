@@ -21,7 +21,7 @@ from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import is_file, title
 from ..evaluation.history import read_rows
-from ..files import remove_drafts, replacing, unused
+from ..files import AnyPath, remove_drafts, replacing, unused
 from . import checkpoint
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .lock import RunLock
@@ -54,15 +54,15 @@ class Run:
     One thread at a time may use it. As a context manager it closes itself.
     """
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: AnyPath):
+        self.folder = Path(folder)
         self._rows: list[dict[str, Any]] = []
         self._events: Events | None = None
-        self._lock = RunLock(folder)
+        self._lock = RunLock(self.folder)
         self._purge_step: int | None = None  # TensorBoard drops events from this step on
 
     @classmethod
-    def create(cls, learner: Learner, output: Path | None = None) -> Self:
+    def create(cls, learner: Learner, output: AnyPath | None = None) -> Self:
         """Create a folder that already holds the config and a first checkpoint.
 
         The folder is prepared beside its final place and then moved there, so that a killed
@@ -80,7 +80,8 @@ class Run:
         if learner.group.rank:
             return cls(Path(learner.group.first("")))
         stamp = time.strftime("%Y%m%d-%H%M%S")
-        folder = output or unused(Path("runs") / title(config.env) / f"{stamp}-{config.seed}")
+        usual = Path("runs") / title(config.env) / f"{stamp}-{config.seed}"
+        folder = unused(usual) if output is None else Path(output)
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise taken(folder)
         if os.path.realpath(folder) == os.getcwd():
@@ -105,13 +106,13 @@ class Run:
         return run
 
     @classmethod
-    def open(cls, folder: Path) -> Self:
+    def open(cls, folder: AnyPath) -> Self:
         """Open an existing run.
 
         Raises:
             MorlaxError: there is none.
         """
-        if not (folder / "config.yaml").is_file():
+        if not (Path(folder) / "config.yaml").is_file():
             raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
         return cls(folder)
 

@@ -8,6 +8,7 @@ from ..config import Config
 from ..config_files import space_values
 from ..envs import resolve_device
 from ..envs.naming import title
+from ..files import AnyPath
 from .plan import Indicator, Plan
 from .results import write_results
 from .study import Result, Study
@@ -16,8 +17,8 @@ from .trial import run_trial
 
 def tune(
     config: Config,
-    space: Mapping[str, Any] | Path | None = None,
-    output: Path | None = None,
+    space: Mapping[str, Any] | AnyPath | None = None,
+    output: AnyPath | None = None,
     *,
     trials: int = 50,
     seconds: float = 60.0,
@@ -53,26 +54,27 @@ def tune(
     return found
 
 
-def folder_of(config: Config, output: Path | None) -> Path:
+def folder_of(config: Config, output: AnyPath | None) -> Path:
     """Return the output folder of a search."""
-    return output or Path("tuning") / title(config.env)
+    return Path(output or Path("tuning") / title(config.env))
 
 
 def open_study(
     config: Config,
-    space: Mapping[str, Any] | Path | None,
-    output: Path | None,
+    space: Mapping[str, Any] | AnyPath | None,
+    output: AnyPath | None,
     seconds: float,
     indicators: tuple[Indicator, ...],
     storage: str | None,
     study: str | None,
 ) -> Study:
     """Open or create the study of `tune`, which describes the arguments and errors."""
-    source = "the search space"
-    if space is None or isinstance(space, Path):
-        source = f"the search space {space}" if space else source
-        space = space_values(space, resolve_device(config.device).type)
-    plan = Plan.of(config, space, seconds, indicators, source)
+    if isinstance(space, Mapping):
+        values, source = space, "the search space"
+    else:
+        values = space_values(space, resolve_device(config.device).type)
+        source = f"the search space {space}" if space else "the search space"
+    plan = Plan.of(config, values, seconds, indicators, source)
     return Study(plan, storage or str(folder_of(config, output) / "journal.log"), study)
 
 
