@@ -89,6 +89,7 @@ def train(env: SkrlEnv, steps: int, folder: str) -> None:
     cfg = {"timesteps": steps, "headless": True, "disable_progressbar": True}
     cfg |= {"close_environment_at_exit": False}  # it would log after pytest has closed its output
     SequentialTrainer(env=env, agents=agent, cfg=cfg).train()
+    agent.writer.close()  # a thread of its own writes the events
 
 
 def test_skrl_ppo_learns_to_run_and_logs_each_objective(tmp_path):
