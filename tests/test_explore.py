@@ -155,6 +155,7 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_robot_keeps_running_when_browsers_leave(served, browser, tmp_path):
     address, process = served
     first, second = View(browser, address), View(browser, address, 390, 844)

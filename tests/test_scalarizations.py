@@ -194,6 +194,7 @@ def test_multipliers_follow_their_levels():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_one_family_meets_every_level_of_a_constraint(tasks):
     config = config_for("quadratic", scalarization="constrained:left", **SMALL)
     morlax = MORLAX(envs.make("quadratic", 512, "cpu"), config)
