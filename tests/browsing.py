@@ -100,15 +100,27 @@ class View:
         self._row(label).locator("input[inputmode]").fill(str(value))
 
     def drag_slider(self, label: str, share: float) -> None:
-        """Drag the slider with this label to a share of its length."""
-        track = self._row(label).locator(".mantine-Slider-track")
+        """Drag the slider with this label to a share of its length.
+
+        A drag during which the page rearranges itself misses; it is repeated, as users would.
+        """
+        self.until(lambda: self._drag(self._row(label), share), f"{label} cannot be dragged")
+
+    def _drag(self, row: Any, share: float) -> bool:
+        track, thumb = row.locator(".mantine-Slider-track"), row.get_by_role("slider")
         track.scroll_into_view_if_needed()
         box, mouse = track.bounding_box(), self.tab.mouse
         height = box["y"] + box["height"] / 2
         mouse.move(box["x"] + box["width"] / 3, height)
         mouse.down()
         mouse.move(box["x"] + box["width"] * share, height, steps=4)
+        self.tab.wait_for_timeout(200)  # a page that is busy draws a release before the last move
         mouse.up()
+        self.tab.wait_for_timeout(200)
+        low, high, now = (
+            float(thumb.get_attribute(f"aria-value{n}")) for n in ("min", "max", "now")
+        )
+        return abs((now - low) / (high - low) - share) < 0.03
 
     def choose(self, label: str, option: str) -> None:
         """Choose an option of the dropdown with this label."""

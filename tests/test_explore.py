@@ -104,13 +104,7 @@ def test_a_browser_steers_the_robot(served, browser, tmp_path):
     assert view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=1e-3)
 
     # drag a slider: the other weights shrink in proportion
-    track = view.tab.locator(".mantine-Slider-track").first.bounding_box()
-    height = track["y"] + track["height"] / 2
-    view.tab.mouse.move(track["x"] + track["width"] / 3, height)
-    view.tab.mouse.down()
-    for share in (0.5, 0.7, 0.8):
-        view.tab.mouse.move(track["x"] + track["width"] * share, height)
-    view.tab.mouse.up()
+    view.drag_slider("run", 0.8)
     view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.03), "slider has no effect")
     first, *others = view.tradeoff()
     assert others == pytest.approx([(1 - first) / 2] * 2, abs=2e-3)

@@ -37,7 +37,14 @@ def regrets(name: str, users: int) -> list[float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "most"), [("cheetah", 0.02), ("cheetah3", 0.02), ("bruce", 0.05)])
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [
+        ("cheetah", 0.02),
+        pytest.param("cheetah3", 0.02, marks=pytest.mark.long),
+        ("bruce", 0.05),
+    ],
+)
 def test_fifteen_answers_find_the_preferred_policy_although_some_are_wrong(name, most):
     assert np.median(regrets(name, 20)) < most
 
