@@ -61,6 +61,7 @@ class Job(NamedTuple):
             "task": self.task,
             "seconds": self.method.seconds,
             "changes": self.method.changes,
+            "trainer": self.method.trainer,
         }
 
 

@@ -257,7 +257,7 @@ def _names(place: Path) -> set[str]:
 
 
 def _unfinished(place: Path) -> set[str]:
-    return {name for name in _names(place) if name.endswith((".tmp", ".draft"))}
+    return {name for name in _names(place) if name.endswith(".tmp")}
 
 
 def _log(place: Path) -> Path:

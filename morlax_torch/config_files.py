@@ -52,9 +52,23 @@ def _packaged(name: str, device_type: str) -> dict[str, Any]:
     return _fitted(yaml.safe_load(text), device_type)
 
 
-def file_values(path: Path, device_type: str) -> dict[str, Any]:
-    """Return the values of a YAML file over those of the task that it names."""
+def file_values(path: Path, device_type: str, **given: str | None) -> dict[str, Any]:
+    """Return the values of a YAML file over those of its task and algorithm.
+
+    Args:
+        path: the file.
+        device_type: "cuda" or "cpu".
+        given: what the command line says of `env` and `algorithm`.
+
+    Raises:
+        MorlaxError: the file cannot be read, or says otherwise.
+    """
     values = _fitted(read_yaml(path), device_type)
+    for name, value in given.items():
+        if value is not None and values.setdefault(name, value) != value:
+            raise MorlaxError(
+                f"{path} is for {name} {values[name]!r}, but --{name} says {value!r}."
+            )
     if not isinstance(values.get("env"), str):
         return values
     return merged(task_values(values["env"], device_type, algorithm_of(values)), values)

@@ -59,7 +59,7 @@ class PPOConfig(Section):
     learning_rate: float = Field(default=3e-4, gt=0, le=1)
     """Learning rate of Adam."""
     critic_learning_rate: float | None = Field(default=None, gt=0, le=1)
-    """Learning rate of the critic (None: the same)."""
+    """Learning rate of the critic (None: the same), if it has its own optimizer."""
     desired_kl: float | None = Field(default=None, gt=0, le=1)
     """After every minibatch, change the actor's learning rate towards this KL divergence between
     the policies that acted and the current ones (None: leave the learning rate)."""

@@ -1,7 +1,10 @@
-"""Whole files: read at once, and written atomically, so never half-written."""
+"""Whole files and folders: read at once, and written atomically, so never half-written."""
 
+import errno
+import glob
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -54,7 +57,7 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
     try:
         if target.exists() and not target.is_file():
             raise MorlaxError(f"cannot write {path}: it is not a regular file, name another one.")
-        draft = target.with_name(f".{os.getpid()}.{secrets.token_hex(8)}{DRAFT}")
+        draft = target.with_name(_draft())
         with open(draft, "xb") as file:
             temporary = draft
             yield file
@@ -68,12 +71,46 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
             temporary.unlink(missing_ok=True)
 
 
-def remove_drafts(folder: Path) -> None:
-    """Remove the temporary files that killed processes have left in a folder."""
-    for draft in folder.glob(f".*{DRAFT}"):
-        process = draft.name.split(".")[1]
+@contextmanager
+def making(folder: Path) -> Iterator[Path]:
+    """Make an empty temporary folder that becomes `folder` once it is complete.
+
+    Raises:
+        FileExistsError: another program has made `folder` meanwhile.
+        MorlaxError: it cannot be made or written.
+    """
+    draft, taken = folder.with_name(f".{folder.name}{_draft()}"), False
+    try:
+        remove_drafts(folder.parent, f".{folder.name}")
+        draft.mkdir(parents=True)
+        yield draft
+        try:
+            draft.replace(folder)
+        except OSError as error:
+            taken = error.errno in (errno.EEXIST, errno.ENOTEMPTY)
+            if not taken:
+                raise
+    except OSError as error:
+        raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    if taken:
+        raise FileExistsError(folder)
+
+
+def _draft() -> str:
+    return f".{os.getpid()}.{secrets.token_hex(8)}{DRAFT}"
+
+
+def remove_drafts(folder: Path, prefix: str = "") -> None:
+    """Remove temporary files and folders that killed processes have left in a folder."""
+    for draft in folder.glob(f"{glob.escape(prefix)}.*{DRAFT}"):
+        process = draft.name.removeprefix(prefix).split(".")[1]
         if process.isdecimal() and not runs(int(process)):
-            draft.unlink(missing_ok=True)
+            if draft.is_dir():
+                shutil.rmtree(draft, ignore_errors=True)
+            else:
+                draft.unlink(missing_ok=True)
 
 
 def runs(process: int) -> bool:

@@ -1,5 +1,6 @@
 """A world that blows up is terminated, counted and reset, and harms no other world."""
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from torch import Tensor
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.progress import Evaluation, Progress
+from morlax_torch.runs.schedule import Limits
+from morlax_torch.runs.training import make_evaluator, training
 from morlax_torch.train import train
 
 SLIDER = """
@@ -190,6 +193,16 @@ def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monke
     assert [evaluation.blowups for evaluation in found] == [0, 20, 40]  # a step blows up one world
     assert found[0].front.blowups.tolist() == [1, 0, 0, 0]
     assert all(evaluation.indicators["blowup_rate"] == 0.25 for evaluation in found)
+
+
+@pytest.mark.parametrize("kept", [1000, 0])  # by worlds that are resumed, and that start anew
+def test_blow_ups_of_earlier_sessions_count(kept, slider):
+    config = config_for("slider", **SMALL)
+    learner = MORLAX(envs.make("slider", 8, "cpu"), config)
+    learner.env.blowups += kept
+    limits, progress = Limits.of(config), Progress(blowups=1000)
+    with closing(training(learner, make_evaluator(learner), limits, None, progress)) as found:
+        assert [evaluation.blowups for evaluation in found] == [1000, 1000, 1000]
 
 
 def test_the_terminal_names_blow_ups(slider, tmp_path, capsys):

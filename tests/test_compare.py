@@ -351,6 +351,8 @@ def test_runs_of_other_settings_are_not_mixed(start, trainer):
         start({"one": {"ppo.clip": 1.5}})
     with pytest.raises(MorlaxError, match=r"was trained with seconds 4\.0, not 9\.0"):
         start({"one": {"ppo.clip": 1.0, "seconds": 9}})
+    with pytest.raises(MorlaxError, match=r"was trained with trainer None, not nsga2"):
+        start({"one": {"ppo.clip": 1.0, "trainer": "nsga2"}})
     assert len(trainer.seeds) == 4
 
 

@@ -142,6 +142,16 @@ def test_a_file_can_have_other_values_from_so_many_gpus_on(
     assert load_config(file_values(file, "cpu")).seed == 5
 
 
+def test_the_command_line_names_the_algorithm_of_a_file(tmp_path):
+    file = tmp_path / "x.yaml"
+    file.write_text("env: bruce\nppo: {clip: 0.3}\n")
+    for algorithm in ("pg-morl", "independent", "morlax"):
+        config = load_config(file_values(file, "cpu", env="bruce", algorithm=algorithm))
+        tuned = load_config(task_values("bruce", "cpu", algorithm))
+        assert config.ppo.clip == 0.3
+        assert config.sampling == tuned.sampling and config.algorithm == algorithm
+
+
 @pytest.mark.parametrize("env", ["cheetah", "walker", "hopper", "ant", "humanoid"])
 def test_several_gpus_make_as_many_updates_of_twice_the_samples(env, monkeypatch):
     updates, samples = [], []

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from morlax_torch import MorlaxError
-from morlax_torch.files import remove_drafts, replacing
+from morlax_torch.files import making, remove_drafts, replacing
 
 
 def write(path, text: bytes = b"new") -> None:
@@ -69,3 +69,25 @@ def test_drafts_of_killed_processes_are_removed_and_others_kept(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {
         *(f".{os.getpid()}.abc.tmp", ".hidden.tmp", "file")
     }
+
+
+def test_a_folder_is_there_when_it_is_complete_or_not_at_all(tmp_path):
+    folder, killed = tmp_path / "new" / "a[1].b", subprocess.Popen([sys.executable, "-c", "pass"])
+    killed.wait()
+    (tmp_path / "new" / f".a[1].b.{killed.pid}.abc.tmp" / "half").mkdir(parents=True)
+    with pytest.raises(ZeroDivisionError), making(folder) as draft:
+        (draft / "file").touch()
+        raise ZeroDivisionError
+    assert list((tmp_path / "new").iterdir()) == []
+    with making(folder) as draft:
+        (draft / "file").touch()
+        assert not folder.exists()
+    assert [path.name for path in (tmp_path / "new").rglob("*")] == ["a[1].b", "file"]
+
+
+def test_a_folder_that_another_program_makes_meanwhile_is_kept(tmp_path):
+    with pytest.raises(FileExistsError), making(tmp_path / "run") as draft:
+        (draft / "mine").touch()
+        with making(tmp_path / "run") as other:
+            (other / "theirs").touch()
+    assert [path.name for path in tmp_path.rglob("*")] == ["run", "theirs"]

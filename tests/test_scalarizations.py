@@ -15,6 +15,7 @@ from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
 from morlax_torch.scalarizations.chebyshev import AUGMENTATION, SMOOTHNESS, SmoothChebyshev
 from morlax_torch.scalarizations.constrained import LEVELS, MOST, RATE, Constrained
@@ -228,6 +229,19 @@ def test_a_run_resumes_exactly(tasks, name, own, tmp_path):
     contents = [checkpoint.load(run.checkpoints / "latest.pt").learner for run in (whole, half)]
     assert contents[0] is not None and "starts" in contents[0]
     assert_same(*contents)
+
+
+@pytest.mark.parametrize("name", [*SCALARIZATIONS, "constrained:left", "FILE:least"])
+def test_a_run_resumes_from_its_very_beginning(tasks, name, own, tmp_path):
+    changes = {**SMALL, "worlds": 64, "sampling.clusters": 8}
+    config = config_for("concave", scalarization=name.replace("FILE", own), **changes)
+    path, started = tmp_path / "latest.pt", make_learner(envs.make("concave", 64, "cpu"), config)
+    checkpoint.save(path, started, Progress())
+    resumed = make_learner(envs.make("concave", 64, "cpu"), config)
+    checkpoint.restore(checkpoint.load(path), path, resumed)
+    for learner in (started, resumed):
+        learner.iterate()
+    assert_same(started.state_dict(), resumed.state_dict())
 
 
 @pytest.mark.parametrize("algorithm", ["amor", "hyper-morl", "independent"])

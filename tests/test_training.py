@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 
@@ -54,6 +55,20 @@ def trainer(config: Config, iterations: int) -> MORLAX:
 def metrics(run: Run) -> list[dict[str, str]]:
     with (run.folder / "metrics.csv").open() as file:
         return list(csv.DictReader(file))
+
+
+def test_runs_that_begin_at_once_get_a_folder_each(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(time, "strftime", lambda _: "20261122-120000")
+    learners = [trainer(tiny(), 0) for _ in range(4)]
+    with ThreadPoolExecutor(4) as threads:
+        runs = list(threads.map(Run.create, learners))
+    assert {str(run.folder) for run in runs} == {
+        f"runs/hopper/20261122-120000-0{number}" for number in ("", "-2", "-3", "-4")
+    }
+    for run, learner in zip(runs, learners, strict=True):
+        assert Run.open(run.folder).config() == learner.config
+    assert len(list(Path("runs/hopper").iterdir())) == 4
 
 
 @pytest.mark.parametrize(

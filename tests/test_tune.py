@@ -8,9 +8,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pytest
 import yaml
 
@@ -19,11 +21,13 @@ pytest.importorskip("optuna", reason="needs the extra tune")
 from morlax_torch import MorlaxError, config_for, train, tune
 from morlax_torch.config import Config
 from morlax_torch.config_files import space_values
+from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
 from morlax_torch.terminal import tune_arguments
 from morlax_torch.tuning import trial as trial_module
 from morlax_torch.tuning.importance import importances
+from morlax_torch.tuning.library import optuna
 from morlax_torch.tuning.plan import Indicator, Plan
 from morlax_torch.tuning.results import write_results
 from morlax_torch.tuning.searching import tune as search
@@ -218,6 +222,20 @@ def test_the_trial_of_a_killed_process_is_run_again(workplace):
     assert [result.state for result in study.results()] == ["failed"]
 
 
+def test_a_dead_trial_that_another_process_has_queued_meanwhile_is_left_to_it(
+    workplace, monkeypatch
+):
+    study = study_at(workplace)
+    claimed(study).trial.set_user_attr("process", 2**22 + 1)
+
+    def told(*_: Any, **__: Any) -> None:
+        raise optuna.exceptions.UpdateFinishedTrialError
+
+    monkeypatch.setattr(study._study, "tell", told)
+    assert not claimed(study).base
+    assert len(study._study.get_trials()) == 2
+
+
 def test_a_trial_that_fails_does_not_end_the_study(workplace, monkeypatch, capsys):
     make_worlds = trial_module.make_worlds
     errors = iter([MorlaxError("the loss became nan."), MemoryError()])
@@ -347,7 +365,8 @@ BAD_SPACES = {
     "no mapping": ("[1]", "the space bad.yaml must hold keys and values, such as ppo.epochs"),
     "unknown option": ("ppo.learning_rat: [1]", "did you mean 'learning_rate'?"),
     "unknown section": ("pppo.clip: [1]", "did you mean 'ppo'?"),
-    "a section": ("ppo: {clip: [1]}", "ppo needs a list of values or {low: ..., high: ...}"),
+    "a section": ("ppo: {clip: [1]}", "ppo is a section: name its options, such as ppo.learning"),
+    "a list of sections": ("network: [{type: dual}]", "network is a section: name its options"),
     "a constant": ("ppo.clip: 0.2", "ppo.clip needs a list of values"),
     "low above high": ("ppo.clip: {low: 3, high: 1}", "low must not be above high"),
     "no high": ("ppo.clip: {low: 3}", "needs a list of values or {low: ..., high: ...}"),
@@ -427,6 +446,40 @@ def test_a_study_keeps_what_its_trials_share(tmp_path):
     with pytest.raises(MorlaxError, match="was started with another --seconds"):
         plan = Plan.of(tiny(), VALUES, 8.0, ("hypervolume",), "")
         Study(plan, str(tmp_path / "journal.log"))
+
+
+def test_a_study_from_before_an_option_existed_goes_on(tmp_path):
+    study = study_at(tmp_path)
+    known = study._study.user_attrs["plan"]
+    assert known["config"].pop("start_from") is None
+    study._study.set_user_attr("plan", known)
+    study_at(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "range"),
+    [
+        ("ppo.clip", 0.22, {"low": 0.1, "high": 0.4, "step": 0.05}),
+        ("ppo.epochs", 4, {"low": 3, "high": 9, "step": 2}),
+        ("ppo.entropy", 0.02, {"low": 0, "high": 1}),
+    ],
+)
+def test_a_base_config_between_the_steps_of_a_range_is_trial_0(option, value, range, tmp_path):
+    base = config_for("hopper", **{"device": "cpu", option: value})
+    plan = Plan.of(base, {option: range}, 9.0, ("hypervolume",), "")
+    study = Study(plan, str(tmp_path / "journal.log"))
+    first, second = claimed(study), claimed(study)
+    assert first.base and first.config == plan.base
+    assert not second.base and second.config != plan.base
+
+
+def test_trials_start_from_the_policies_that_the_config_names(tmp_path):
+    start = train.train(tiny(max_env_steps=32 * 5 * 20), output=tmp_path / "start")
+    latest = str(start.checkpoints / "latest.pt")
+    config = tiny(start_from=latest, max_seconds=0.01, max_env_steps=None)
+    with closing(trial_module.evaluations(config, lambda: False)) as found:
+        returns = next(found).front.returns
+    np.testing.assert_array_equal(returns, Front.load(start.folder / "front.npz").returns)
 
 
 def test_a_range_has_steps_and_numbers_without_a_point():

@@ -17,7 +17,8 @@ from ..torchrun import LOCAL_RANK, PROCESSES, RESTARTS, SEVERAL
 
 T = TypeVar("T")
 
-PATIENCE = timedelta(seconds=60)  # how long a process waits for the others
+PATIENCE = timedelta(seconds=60)  # to meet, and between collectives of iterations
+BUSY = timedelta(minutes=30)  # for one that films or writes an evaluation, while others wait
 
 
 class Group:
@@ -65,7 +66,9 @@ def _together() -> Iterator[None]:
         yield
     except RuntimeError as error:
         reason = str(error).splitlines()[0]
-        raise MorlaxError(f"another process of this run has ended ({reason}).") from None
+        raise MorlaxError(
+            f"another process of this run has ended or does not answer ({reason})."
+        ) from None
 
 
 class Processes(Group):
@@ -159,5 +162,5 @@ def _processes(backend: str) -> Processes:
         # torchrun keeps its store over restarts, with the addresses of processes that have ended
         store = dist.PrefixStore(str(RESTARTS), store)
         dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
-    objects = dist.new_group(backend="gloo", timeout=PATIENCE)
+    objects = dist.new_group(backend="gloo", timeout=BUSY)
     return Processes(dist.group.WORLD, objects)

@@ -1,13 +1,12 @@
 """Copy what is needed to use a run into a small folder, to share or to ship."""
 
-import shutil
 from pathlib import Path
 
 from ..config_files import write_yaml
 from ..envs import MorlaxError
 from ..evaluation.front import Front
 from ..evaluation.history import read_rows
-from ..files import read, replacing
+from ..files import making, read
 from .evaluating import evaluate
 from .hardware import read_machines, write_machines
 from .loading import find_run, load, save
@@ -31,30 +30,24 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
     Raises:
         MorlaxError: there is no such run, or `output` exists or cannot be written.
     """
+    taken = MorlaxError(f"{output} exists already: choose another folder.")
     if output.exists():
-        raise MorlaxError(f"{output} exists already: choose another folder.")
+        raise taken
     source, policy = find_run(run), load(run)
     metrics = read(source / "metrics.csv", "training curve")
     machines = read_machines(source)
     read_rows(source / "metrics.csv")  # refuses a damaged file
     try:
-        (output / "checkpoints").mkdir(parents=True)
-    except OSError as error:
-        raise MorlaxError(f"cannot make {output}: {error.strerror}.") from None
-    try:
-        front = evaluate(policy, device=device)
-        save(policy.cpu(), output / "checkpoints" / "best.pt")
-        front.save(output / "front.npz")
-        copy_reward(policy.config, output)
-        if machines:
-            write_machines(output, machines)
-        for name, contents in (
-            ("config.yaml", write_yaml(policy.config).encode()),
-            ("metrics.csv", metrics),
-        ):
-            with replacing(output / name) as file:
-                file.write(contents)
-    except BaseException:
-        shutil.rmtree(output, ignore_errors=True)
-        raise
+        with making(output) as draft:
+            (draft / "checkpoints").mkdir()
+            front = evaluate(policy, device=device)
+            save(policy.cpu(), draft / "checkpoints" / "best.pt")
+            front.save(draft / "front.npz")
+            copy_reward(policy.config, draft)
+            if machines:
+                write_machines(draft, machines)
+            (draft / "config.yaml").write_text(write_yaml(policy.config))
+            (draft / "metrics.csv").write_bytes(metrics)
+    except FileExistsError:
+        raise taken from None
     return front

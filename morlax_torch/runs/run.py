@@ -4,7 +4,6 @@ import csv
 import io
 import math
 import os
-import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,7 +20,7 @@ from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import is_file, title
 from ..evaluation.history import read_rows
-from ..files import AnyPath, remove_drafts, replacing, unused
+from ..files import AnyPath, making, remove_drafts, replacing, unused
 from . import checkpoint
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .lock import RunLock
@@ -38,6 +37,15 @@ def taken(folder: Path) -> MorlaxError:
         f"{folder} exists already: choose another --output, or continue the run with "
         f"--resume {folder}."
     )
+
+
+def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
+    """Write the files of a new run."""
+    (folder / "checkpoints").mkdir()
+    checkpoint.write_snapshot(folder / "checkpoints" / "latest.pt", contents, Progress())
+    _write(folder / "config.yaml", write_yaml(learner.config))
+    write_machines(folder, [this_machine(learner)])
+    copy_reward(learner.config, folder)
 
 
 class Run:
@@ -81,25 +89,18 @@ class Run:
             return cls(Path(learner.group.first("")))
         stamp = time.strftime("%Y%m%d-%H%M%S")
         usual = Path("runs") / title(config.env) / f"{stamp}-{config.seed}"
-        folder = unused(usual) if output is None else Path(output)
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise taken(folder)
-        if os.path.realpath(folder) == os.getcwd():
-            raise MorlaxError("a run needs its own folder: choose another --output.")
-        draft = folder.with_name(f".{folder.name}.draft")
-        try:
-            shutil.rmtree(draft, ignore_errors=True)
-            (draft / "checkpoints").mkdir(parents=True)
-            latest = draft / "checkpoints" / "latest.pt"
-            checkpoint.write_snapshot(latest, contents, Progress())
-            _write(draft / "config.yaml", write_yaml(config))
-            write_machines(draft, [this_machine(learner)])
-            copy_reward(config, draft)
-            draft.replace(folder)
-        except OSError as error:
-            raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
+        while True:
+            folder = unused(usual) if output is None else Path(output)
+            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+                raise taken(folder)
+            if os.path.realpath(folder) == os.getcwd():
+                raise MorlaxError("a run needs its own folder: choose another --output.")
+            try:
+                with making(folder) as draft:
+                    _begin(draft, learner, contents)
+                break
+            except FileExistsError:
+                continue  # another program has made this folder meanwhile
         run = cls(folder)
         run._lock.acquire()
         learner.group.first(str(folder))

@@ -64,6 +64,8 @@ def training(
     schedule = Schedule(learner, limits, progress)
     known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
     evaluated = learner.iteration if known else None
+    # worlds that start anew count from zero
+    earlier = progress.blowups - sum(learner.group.gather(int(learner.env.blowups)))
     with run or nullcontext(), Writer(MOST_WAITING if run else 0) as writer:
         try:
             learner.compile()
@@ -80,7 +82,7 @@ def training(
                 yield from writer.results(all_of_them=finished)
                 if finished:
                     break
-                _iterate(learner, schedule, limits, progress, run, writer)
+                _iterate(learner, schedule, limits, progress, run, writer, earlier)
         except MorlaxError:
             yield from writer.results(all_of_them=True)
             raise
@@ -169,8 +171,9 @@ def _iterate(
     progress: Progress,
     run: Run | None,
     writer: Writer,
+    earlier: int,
 ) -> None:
-    """Run some iterations, then read and check the metrics."""
+    """Run some iterations, then read and check the metrics; the worlds miss `earlier` blow-ups."""
     first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
     seconds = schedule.seconds()
     number, spent = learner.group.first((schedule.iterations(), schedule.time_spent()))
@@ -182,6 +185,7 @@ def _iterate(
             break
     metrics = learner.metrics()
     elapsed = time.perf_counter() - start
+    metrics["blowups"] += earlier
     blowups, progress.blowups = progress.blowups, int(metrics["blowups"])
     progress.train_seconds += elapsed
     progress.env_steps = learner.env_steps

@@ -22,8 +22,9 @@ class Range:
     """
 
     def __init__(self, num_objectives: int, device: torch.device):
-        self.ideal = torch.full((num_objectives,), -torch.inf, device=device)
-        self.nadir = torch.full((num_objectives,), torch.inf, device=device)
+        most = torch.finfo(torch.float32).max  # the first returns replace it
+        self.ideal = torch.full((num_objectives,), -most, device=device)
+        self.nadir = torch.full((num_objectives,), most, device=device)
 
     def observe(self, returns: Tensor, group: Group) -> None:
         """Take note of the expected returns (K, m) of all trade-offs."""
@@ -31,8 +32,9 @@ class Range:
         high, low = best[: len(self.ideal)], -best[len(self.ideal) :]
         slow_high = self.ideal + FORGETTING * (high - self.ideal)
         slow_low = self.nadir + FORGETTING * (low - self.nadir)
-        self.ideal.copy_(torch.where(self.ideal.isfinite(), torch.maximum(slow_high, high), high))
-        self.nadir.copy_(torch.where(self.nadir.isfinite(), torch.minimum(slow_low, low), low))
+        seen = self.nadir <= self.ideal
+        self.ideal.copy_(torch.where(seen, torch.maximum(slow_high, high), high))
+        self.nadir.copy_(torch.where(seen, torch.minimum(slow_low, low), low))
 
     def scale(self) -> Tensor:
         """Return the width of the range (m,), above zero."""

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, create_model
 
 from .. import envs
 from ..config import Config, config_class, load_config
-from ..config_files import algorithm_of, default_values, file_values, merged, task_values
+from ..config_files import algorithm_of, default_values, file_values, task_values
 from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..envs.worlds.section import Section
@@ -117,13 +117,6 @@ def base_values(early: argparse.Namespace) -> dict:
         envs.get(early.env)  # an unknown name is told before torch is imported
         device_type = envs.resolve_device(early.device).type
         return {**task_values(early.env, device_type, algorithm_of(own)), **own}
-    device_type = envs.resolve_device(early.device).type
-    values = file_values(Path(early.config), device_type)
-    for name, given in (("env", early.env), ("algorithm", early.algorithm)):
-        if given is not None and values.setdefault(name, given) != given:
-            raise MorlaxError(
-                f"{early.config} is for {name} {values[name]!r}, but --{name} says {given!r}."
-            )
-    if (early.env is None and early.algorithm is None) or not isinstance(values.get("env"), str):
-        return values
-    return merged(task_values(values["env"], device_type, algorithm_of(values)), values)
+    place = envs.resolve_device(early.device)
+    given = {"env": early.env, "algorithm": early.algorithm}
+    return file_values(Path(early.config), place.type, **given)

@@ -75,6 +75,9 @@ class Range(NamedTuple):
         """Return the draw that gives a value; raises ValueError if there is none."""
         if not isinstance(value, int | float) or not self.low <= value <= self.high:
             raise ValueError
+        step = self.step or (1 if self._whole else None)
+        if step and (Decimal(str(value)) - Decimal(str(self.low))) % Decimal(str(step)):
+            raise ValueError
         return value
 
     @property
@@ -102,13 +105,18 @@ class Space(NamedTuple):
         """
         if not values:
             raise MorlaxError(f"{source} is empty: name options, such as ppo.epochs: [3, 4].")
-        parameters = {}
+        parameters, options = {}, flat(base.model_dump(mode="json"))
         for name, given in values.items():
             name = str(name)
             if any(f"{name}.".startswith(f"{fixed}.") for fixed in FIXED):
                 raise _uneven(source, name)
+            inside = [option for option in options if option.startswith(f"{name}.")]
+            if inside:
+                raise MorlaxError(
+                    f"{source}: {name} is a section: name its options, such as {inside[0]}."
+                )
             try:
-                parameters[name] = _parameter(given, flat(base.model_dump(mode="json")).get(name))
+                parameters[name] = _parameter(given, options.get(name))
             except ValueError as error:
                 raise MorlaxError(f"{source}: {name} {error}.") from None
             for value in parameters[name].examples:

@@ -104,9 +104,8 @@ class Study:
             self._study.set_user_attr("plan", own)
         elif known is None:
             raise MorlaxError(f"the study {self.name!r} in {self.storage} is of another program.")
-        elif known != own:
-            one, other = flat(known), flat(own)
-            name = next(key for key in {**one, **other} if one.get(key) != other.get(key))
+        one, other = flat(known or own), flat(own)
+        for name in [key for key in {**one, **other} if one.get(key) != other.get(key)]:
             raise MorlaxError(
                 f"the study {self.name!r} in {self.storage} was started with another "
                 f"{_option(name)}: choose another --study or --output, or start it with the same "
@@ -205,7 +204,7 @@ class Study:
         with quiet():
             try:
                 self._study.tell(number, state=FAIL)
-            except ValueError:
+            except (ValueError, optuna.exceptions.UpdateFinishedTrialError):
                 return  # another process has told it
             attributes = {"base": base, "deaths": deaths}
             self._study.enqueue_trial(params, attributes)

@@ -11,6 +11,7 @@ from ..envs import MorlaxError
 from ..gpu.memory import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
 from ..runs.schedule import Limits
+from ..runs.starting import start_from
 from ..runs.training import make_evaluator, make_worlds, training
 from .pruning import EVALUATIONS
 from .study import MOST_DEATHS, Claim, Result, Study
@@ -106,6 +107,9 @@ def _train_once(
 def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evaluation, None, None]:
     """Train until max_seconds, and yield evaluations at even training times."""
     learner = make_learner(make_worlds(config, config.worlds), config)
+    evaluator = make_evaluator(learner)
+    if config.start_from is not None:
+        start_from(config.start_from, learner)
     seconds = config.max_seconds or 0.0
     limits = Limits(None, seconds, evaluate_seconds=seconds / EVALUATIONS, stopped=stopped)
-    yield from training(learner, make_evaluator(learner), limits)
+    yield from training(learner, evaluator, limits)

@@ -2,8 +2,6 @@
 
 import json
 import os
-import secrets
-import shutil
 from collections.abc import Sequence
 from html import escape
 from importlib import resources
@@ -12,6 +10,7 @@ from typing import Any
 
 from ...envs import MorlaxError
 from ...exports.formats import onnxruntime
+from ...files import making
 from . import libraries
 from .robot import write_robot
 
@@ -33,18 +32,15 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
         MorlaxError: a run's task cannot run in a browser, a library cannot be downloaded, the extra
             onnx is missing, or `folder` exists or cannot be written.
     """
+    taken = MorlaxError(f"{folder} exists already: choose another folder.")
     if folder.exists():
-        raise MorlaxError(f"{folder} exists already: choose another folder.")
+        raise taken
     folder = Path(os.path.abspath(folder))
-    draft = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.tmp")
     try:
-        draft.mkdir(parents=True)
-        _write(runs, draft, device)
-        draft.rename(folder)
-    except OSError as error:
-        raise MorlaxError(f"cannot write {folder}: {error.strerror or error}.") from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
+        with making(folder) as draft:
+            _write(runs, draft, device)
+    except FileExistsError:
+        raise taken from None
     files = [path for path in folder.rglob("*") if path.is_file()]
     return {path.relative_to(folder).as_posix(): path.stat().st_size for path in files}
 
