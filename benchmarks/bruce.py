@@ -174,7 +174,7 @@ def main(
     place = resolve_device(device)
     measured = [measure(load(run, place), tradeoffs, chunk) for run in runs]
     text = table([run.measures() for run in measured])
-    console.print(text, markup=False)
+    console.print(text)
     output.with_suffix(".md").write_text(text)
     first = measured[0]
     front = Front(

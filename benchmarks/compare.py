@@ -72,7 +72,7 @@ def main(
         only_report: Train nothing, and read OUTPUT/rows.csv alone.
     """
     if only_report:
-        console.print(report(output), markup=False)
+        console.print(report(output))
         return
     place = str(resolve_device(device))
     chosen = read_methods(methods, None if env_steps else seconds, env_steps)
@@ -82,7 +82,7 @@ def main(
         job.config(place)  # so that a mistake in a method ends the command here
     own = [job for job in shared(jobs, share) if job in missing]
     for number, job in enumerate(own, start=1):
-        console.print(f"{number}/{len(own)}: {job}", markup=False)
+        console.print(f"{number}/{len(own)}: {job}")
         if SEVERAL:  # of one launch, which need no lock against each other
             _train(job, job.folder(output), place)
         else:
@@ -92,7 +92,7 @@ def main(
     # else a slower process would replace the report of all runs with an older one
     with FileLock(output / ".report.lock"):
         write_rows(gather(jobs, output), output / "rows.csv")
-        console.print(report(output), markup=False)
+        console.print(report(output))
 
 
 def train_once(job: Job, output: Path, device: str) -> None:
@@ -104,7 +104,7 @@ def train_once(job: Job, output: Path, device: str) -> None:
             if not is_complete(job, output):
                 _train(job, folder, device)
     except Timeout:
-        console.print(f"another process trains {job}", markup=False)
+        console.print(f"another process trains {job}")
 
 
 def _train(job: Job, folder: Path, device: str) -> None:
@@ -121,7 +121,7 @@ def _train(job: Job, folder: Path, device: str) -> None:
         if SEVERAL:
             raise  # the other processes may not know of it
         error = str(caught)
-        console.print(f"{job} crashed: {error}", markup=False)
+        console.print(f"{job} crashed: {error}")
     if not FIRST:
         return
     folder.mkdir(exist_ok=True)

@@ -82,7 +82,7 @@ def main(
     for (task, _), points in sorted(runs.items()):
         curves_of[task].append(points)
     table = markdown(curves_of)
-    console.print(table, markup=False)
+    console.print(table)
     Path(f"{output}.md").write_text(table)
     curves(curves_of).savefig(f"{output}.png", dpi=130)
 

@@ -41,6 +41,11 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
     return MorlaxError(f"unknown {kind} {shortened(name)}{guess}{listed}")
 
 
+def words(error: BaseException) -> str:
+    """Return an error of a user's own code, with its type, in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
 def explained(error: ValidationError, model: type[BaseModel]) -> MorlaxError:
     """Turn pydantic's findings into plain sentences that suggest the nearest known keys."""
     findings = error.errors()

@@ -11,7 +11,7 @@ from types import ModuleType
 
 from pydantic import ValidationError
 
-from .errors import MorlaxError, unknown
+from .errors import MorlaxError, unknown, words
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.gymnasium import GymnasiumWorlds
@@ -51,7 +51,7 @@ def from_entry_point(name: str) -> type[Worlds]:
         found = next(iter(points)).load()
     except (Exception, SystemExit) as error:  # any error of the package's own code
         raise MorlaxError(
-            f"the environment {name!r} cannot be imported from {values[0]}: {_words(error)}"
+            f"the environment {name!r} cannot be imported from {values[0]}: {words(error)}"
         ) from None
     if not _is_task(found):
         raise MorlaxError(
@@ -112,14 +112,10 @@ def _run(file: str) -> ModuleType:
         del sys.modules[file]
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
         place = f"{file}, line {lines[-1]}," if lines else file
-        raise MorlaxError(f"{place} cannot be imported: {_words(error)}") from None
+        raise MorlaxError(f"{place} cannot be imported: {words(error)}") from None
     return module
 
 
 def _is_task(value: object) -> bool:
     bases = (Worlds, Environment, GymnasiumWorlds)
     return inspect.isclass(value) and issubclass(value, Worlds) and value not in bases
-
-
-def _words(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -4,6 +4,8 @@ import re
 
 import gymnasium
 
+from .errors import MorlaxError
+
 NAMESPACE = "morlax_torch"
 
 
@@ -19,10 +21,18 @@ def announce(name: str) -> None:
     Adapters are registered by import path, so they are imported only when used. Gymnasium's
     wrappers are disabled: the adapters check the order of calls themselves, and the passive checker
     would warn about every vector reward.
+
+    Raises:
+        MorlaxError: another task has the same id.
     """
     known = gymnasium.registry.get(gymnasium_id(name))
-    if known is not None and known.kwargs == {"task": name}:
-        return  # after a module reload, Gymnasium would warn about a duplicate id
+    if known is not None:
+        if known.kwargs == {"task": name}:
+            return  # after a module reload, Gymnasium would warn about a duplicate id
+        raise MorlaxError(
+            f"the environment {known.kwargs.get('task')!r} is {gymnasium_id(name)} in Gymnasium "
+            f"already, and {name!r} would be too: choose another name."
+        )
     gymnasium.register(
         gymnasium_id(name),
         entry_point="morlax_torch.adapters.gymnasium_single:GymnasiumEnv",

@@ -19,14 +19,16 @@ def register(name: str, task: "type[Worlds]") -> None:
     """Register `task` as `name` for `make`, every command and Gymnasium.
 
     Raises:
-        MorlaxError: the name belongs to another class, or the class is incomplete.
+        MorlaxError: the name or its Gymnasium id belongs to another class, or the class is
+            incomplete.
     """
     from .external import checked
 
     known = _known(name)
     if known is None:
-        _REGISTRY[name] = checked(task)
+        task = checked(task)
         announce(name)
+        _REGISTRY[name] = task
     elif known is not task:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
 

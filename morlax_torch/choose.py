@@ -1,5 +1,6 @@
 """Choose a trade-off by what its policy must reach."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -40,11 +41,14 @@ def command(arguments: Sequence[str]) -> None:
         from .runs.loading import find_run
 
         front = Front.load(find_run(run) / "front.npz")
-        choice = choose(front, dict(map(_required, constrain)), maximize)
+        least: dict[str, float] = {}
+        for name, value in map(_required, constrain):
+            least[name] = max(value, least.get(name, value))
+        choice = choose(front, least, maximize)
         for name, value in choice.returns.items():
-            cli.console.print(f"{name:>12} {value:.4g}", markup=False)
+            cli.console.print(f"{name:>12} {value:.4g}")
         weights = ",".join(f"{weight:.4g}" for weight in choice.tradeoff)
-        cli.console.print(f"trade-off: {weights}", markup=False)
+        cli.console.print(f"trade-off: {weights}")
 
     call(main, arguments, program("choose"))
 
@@ -52,7 +56,7 @@ def command(arguments: Sequence[str]) -> None:
 def _required(text: str) -> tuple[str, float]:
     name, sign, least = text.partition(">=")
     try:
-        if not sign or not name.strip():
+        if not sign or not name.strip() or not math.isfinite(float(least)):
             raise ValueError
         return name.strip(), float(least)
     except ValueError:

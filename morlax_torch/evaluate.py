@@ -1,5 +1,6 @@
 """Evaluate trained runs: fronts, indicators, figures and a report."""
 
+import copy
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -99,7 +100,7 @@ def _portrait(policy: "Policy") -> bytes | None:
         from .viewers.filming.film import Film
 
         equal = [1.0] * len(policy.objectives)
-        film = Film(policy, [equal], width=640, height=400)
+        film = Film(copy.deepcopy(policy).cpu(), [equal], width=640, height=400)
         *_, last = film.frames(PORTRAIT_SECONDS, film.steps(PORTRAIT_SECONDS))
     except (ImportError, MorlaxError):  # an extra, OpenGL or a MuJoCo robot is missing
         return None

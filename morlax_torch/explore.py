@@ -36,7 +36,7 @@ def explore(run: str, host: str, port: int) -> None:
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)
-        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", markup=False, soft_wrap=True)
+        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)
         page.stop()
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from .envs import MorlaxError
 from .envs.lazy import handed_on
 from .terminal import cli
 from .terminal.help import call
@@ -39,7 +40,7 @@ def command(arguments: Sequence[str]) -> None:
             run: Run folder, checkpoint file, or shipped policy, of a MuJoCo robot.
             folder: Folder of the comparisons; an earlier one continues with its answers.
             objective: Name of the new objective.
-            answers: Number of questions to ask at most; Ctrl-C ends earlier.
+            answers: Number of questions to ask at most; Ctrl-C ends earlier, and 0 only fits again.
             judge: Reward term of the task whose sum answers in place of a user, to try this out.
             clips: Number of clips to record of a run.
             seed: Random seed.
@@ -52,13 +53,15 @@ def command(arguments: Sequence[str]) -> None:
 
         if trust:
             trust_task(run)
-        if judge is None:
+        if judge is None and answers:
             check_free(host, port)
         lesson = Lesson(run, folder, objective, clips, seed)
-        if judge is None:
-            _ask(lesson, answers, host, port)
-        else:
+        if answers < 0:
+            raise MorlaxError(f"there are {answers} answers to give: name 0 or more.")
+        if judge is not None:
             lesson.judge(judge, answers)
+        elif answers:
+            _ask(lesson, answers, host, port)
         fitted = lesson.finish()
         cli.console.print(
             f"{len(lesson.comparisons)} answers; the learned reward agrees with "
@@ -78,7 +81,7 @@ def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:
 
     with interruptible() as ended:
         page = ComparisonPage(questions(lesson, answers), host, port)
-        cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)", markup=False)
+        cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)")
         page.serve(ended)
         page.stop()
 

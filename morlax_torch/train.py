@@ -109,8 +109,7 @@ def command(arguments: Sequence[str]) -> None:
     config, run, output = read(arguments)
     if run is not None and (limit := run.limit_reached(config)):
         cli.console.print(
-            f"{run.folder} has reached its limit: raise --{limit} to train it further.",
-            markup=False,
+            f"{run.folder} has reached its limit: raise --{limit} to train it further."
         )
         return
     from .runs.schedule import Limits

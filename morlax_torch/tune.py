@@ -87,8 +87,7 @@ def _search_together(
     def ended(index: int, status: int) -> None:
         if status and not interrupted():
             cli.console.print(
-                f"worker {index} ended with status {status}; its trial is queued again",
-                markup=False,
+                f"worker {index} ended with status {status}; its trial is queued again"
             )
 
     statuses = run_workers(arguments, visible, lambda: interrupted.signal, ended)

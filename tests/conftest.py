@@ -26,8 +26,11 @@ if not torch.cuda.is_available():
 with suppress(ImportError):
     import triton  # noqa: F401  its LLVM crashes if it is loaded after the one of Mesa's OpenGL
 
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # a shell runs the tests in the background
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # subprocesses would ignore it too
+# a shell that runs the tests in the background, or nohup; subprocesses would ignore them too
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do their subprocesses
     os.environ.setdefault("OMP_NUM_THREADS", "1")

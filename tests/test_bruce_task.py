@@ -425,3 +425,8 @@ def test_it_fails_when_its_base_is_below_20_cm():
     env = envs.make("bruce", 2, "cpu")
     env.physics.qpos[:, 2] = torch.tensor([0.201, 0.199])
     assert env.failed().tolist() == [False, True]
+
+
+def test_noisy_starts_are_refused():
+    with pytest.raises(MorlaxError, match="leave reset_noise at 0"):
+        envs.make("bruce", 1, "cpu", reset_noise=0.1)

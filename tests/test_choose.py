@@ -71,11 +71,19 @@ def test_mistakes_are_one_sentence(circle, constraints, maximize, message):
         choose.choose(circle, constraints, maximize)
 
 
-def test_a_constraint_that_cannot_be_read_is_refused(monkeypatch, capsys):
-    arguments = ["cheetah", "--constrain", "run > 3", "--maximize", "energy"]
+def test_the_strictest_of_several_constraints_on_an_objective_counts(monkeypatch, capsys):
+    constraints = ["--constrain", "run >= 2000", "--constrain", "run >= 100"]
+    monkeypatch.setattr("sys.argv", ["choose", "cheetah", *constraints, "--maximize", "energy"])
+    cli.run(choose.command)
+    assert float(capsys.readouterr().out.split()[1]) >= 2000
+
+
+@pytest.mark.parametrize("text", ["run > 3", "run >= nan", "run >= inf", ">= 3"])
+def test_a_constraint_that_cannot_be_read_is_refused(text, monkeypatch, capsys):
+    arguments = ["cheetah", "--constrain", text, "--maximize", "energy"]
     monkeypatch.setattr("sys.argv", ["choose", *arguments])
     with pytest.raises(SystemExit):
         cli.run(choose.command)
-    assert "'run > 3' is not a constraint: write OBJECTIVE >= NUMBER" in " ".join(
+    assert f"{text!r} is not a constraint: write OBJECTIVE >= NUMBER" in " ".join(
         capsys.readouterr().err.split()
     )

@@ -10,11 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from morlax_torch import MorlaxError, evaluate, load
+from morlax_torch.envs.worlds.learned import LearnedReward
 from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
+from morlax_torch.preferences import reward
 from morlax_torch.reports import evaluating
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
 from morlax_torch.reports.facts import duration, steps
@@ -316,3 +319,16 @@ def test_names_that_a_spreadsheet_would_run_are_quoted():
 
     names = ["=1+1", "+x", "-x", "@x", "\tx", "runs/a", "x=1"]
     assert [cell(name)[0] == "'" for name in names] == [True] * 5 + [False] * 2
+
+
+def test_runs_may_have_copies_of_one_learned_reward(tmp_path, make_policy):
+    objectives = {"run": {"run": 1.0}, "tall": {"learned": 1.0}}
+    policies = {}
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        generator, path = torch.Generator().manual_seed(seed), tmp_path / f"{name}.pt"
+        reward.save(LearnedReward(13, 4, generator=generator), path)
+        task = {"objectives": objectives, "learned": str(path)}
+        policies[name] = make_policy("hopper", task=task)
+    check_comparable({name: policies[name] for name in "ab"})
+    with pytest.raises(MorlaxError, match=r"a and c differ in task\.learned"):
+        check_comparable({name: policies[name] for name in "ac"})

@@ -99,6 +99,21 @@ def test_the_paper_s_protocol_masks_only_the_failed_steps(agent):
     assert front.returns.tolist() == [[115, 1150], [113, 1130], [103, 1030]]
 
 
+def test_what_happens_after_an_episode_is_over_does_not_count(agent):
+    class Late(Scripted):
+        """The first world truncates itself after two steps; all blow up in the last one."""
+
+        def step(self, action: torch.Tensor) -> TimeStep:
+            step = super().step(action)
+            truncated = step.truncated | torch.tensor([self.t >= 2, False, False])
+            return step._replace(truncated=truncated, blown_up=torch.full((3,), self.t == 4))
+
+    front = Evaluator(agent, Late(), TRADEOFFS).evaluate()
+    assert front.returns.tolist() == [[3, 30], [3, 30], [7, 70]]
+    assert front.lengths.tolist() == [2, 2, 3]
+    assert front.falls.tolist() == [0, 1, 1] and front.blowups.tolist() == [0, 0, 0]
+
+
 def test_an_evaluator_can_be_reused(agent):
     evaluator = Evaluator(agent, Scripted(), TRADEOFFS)
     first, second = evaluator.evaluate(), evaluator.evaluate()

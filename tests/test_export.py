@@ -293,6 +293,17 @@ def test_a_mistake_prints_one_error_and_writes_nothing(name, saved, monkeypatch,
     assert set(saved.iterdir()) == before
 
 
+@pytest.mark.parametrize("given", [np.array([0.5, 0.5], np.float32), torch.tensor([0.5, 0.5])])
+def test_a_tradeoff_may_be_an_array(given, trained, tmp_path):
+    export.export(trained(), tmp_path / "policy.pt2", "torch-export", given)
+    assert (tmp_path / "policy.pt2").is_file()
+
+
+def test_an_unknown_format_is_one_sentence(trained, tmp_path):
+    with pytest.raises(MorlaxError, match=r"unknown format 'onxx': did you mean 'onnx'"):
+        export.export(trained(), tmp_path / "policy", "onxx")
+
+
 @pytest.mark.parametrize("package", ["onnx", "onnxscript", "onnxruntime"])
 def test_a_missing_package_names_the_extra(saved, package, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, package, None)

@@ -310,3 +310,12 @@ def test_recorded_steps_treat_a_huge_velocity_as_a_blow_up():
     assert metrics["blowups"] >= 1
     assert all(abs(value) < float("inf") for value in metrics.values())
     assert morlax.agent.value_normalizer.variance.max() < 1e6
+
+
+def test_a_report_shows_a_robot_whose_policy_is_on_the_gpu(make_policy):
+    from morlax_torch.evaluate import _portrait
+
+    policy = make_policy("cheetah").to("cuda")
+    picture = _portrait(policy)
+    assert picture is None or picture.startswith(b"\x89PNG")  # None: without OpenGL
+    assert next(policy.parameters()).is_cuda

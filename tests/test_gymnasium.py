@@ -475,3 +475,13 @@ def test_a_task_without_a_robot_cannot_be_rendered():
 def test_rendering_before_a_reset_raises_a_clear_error():
     with pytest.raises(MorlaxError, match="call reset first"):
         gymnasium.make(HOPPER, render_mode="rgb_array").render()
+
+
+def test_two_tasks_cannot_have_one_gymnasium_id(monkeypatch):
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    monkeypatch.setattr(gymnasium, "registry", dict(gymnasium.registry))
+    task = envs.get("hopper")
+    with pytest.raises(MorlaxError, match="'hopper' is morlax_torch/Hopper-v0 in Gymnasium"):
+        envs.register("Hopper", task)
+    with pytest.raises(MorlaxError, match="unknown environment 'Hopper'"):
+        envs.get("Hopper")

@@ -151,6 +151,7 @@ def test_a_non_finite_reward_ends_the_episode_with_zero_reward(point):
         ("gymnasium:Pendulum-v1", "has no vector reward"),
         ("gymnasium:no-such-thing-v0", "Gymnasium cannot make 'no-such-thing-v0'"),
         ("gymnasium:nowhere:thing-v0", "Gymnasium cannot make 'nowhere:thing-v0'"),
+        ("gymnasium:.here:thing-v0", "Gymnasium cannot make '.here:thing-v0': TypeError"),
     ],
 )
 def test_unsupported_environments_are_rejected(name, sentence):
@@ -165,6 +166,21 @@ def test_unbounded_actions_are_rejected():
 
     with pytest.raises(MorlaxError, match="give its Box a low and a high"):
         envs.from_gymnasium(Unbounded)
+
+
+def test_a_reward_space_of_one_number_is_no_vector():
+    class Scalar(Point):
+        reward_space = Box(-1, 1, ())
+
+    with pytest.raises(MorlaxError, match="has no vector reward"):
+        envs.from_gymnasium(Scalar)
+
+
+def test_a_module_that_fails_is_one_sentence(tmp_path, monkeypatch):
+    (tmp_path / "failing_module.py").write_text("1 / 0")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(MorlaxError, match=r"cannot make .*: ZeroDivisionError: division by zero"):
+        envs.get("gymnasium:failing_module:thing-v0")
 
 
 def test_gymnasium_worlds_reject_the_warp_backend():

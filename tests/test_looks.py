@@ -6,7 +6,10 @@ import pytest
 
 from morlax_torch.viewers.camera import FollowingCamera, direction
 from morlax_torch.viewers.filming.rendering import Scene
+from morlax_torch.viewers.following import geom_colors, shown_geoms
 from morlax_torch.viewers.looks import FLOOR, Looks, floor_color
+
+GEOM = mujoco.mjtObj.mjOBJ_GEOM
 
 CART_POLE = """
 <mujoco>
@@ -198,3 +201,24 @@ def test_the_camera_moves_back_when_the_robot_stretches_and_skips_a_blown_up_sta
     for _ in range(50):
         narrow.follow(moved_data, 0.02)
     assert narrow.camera.distance > 1.2 * first
+
+
+def test_a_geom_has_the_color_that_mujoco_draws():
+    head = (
+        '<asset><material name="blue" rgba="0 0 1 1"/>'
+        '<material name="none" rgba="1 1 1 0"/></asset>'
+    )
+    world = (
+        '<geom size="0.1" material="blue"/><geom size="0.1" material="blue" rgba="1 0 0 1"/>'
+        '<geom size="0.1"/><geom size="0.1" material="none"/>'
+        '<geom size="0.1" material="blue" rgba="0 1 0 0"/>'
+    )
+    model, data = built(world, head)
+    scene = mujoco.MjvScene(model, 100)
+    camera, option = mujoco.MjvCamera(), mujoco.MjvOption()
+    mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
+    drawn = {g.objid: g.rgba for g in scene.geoms[: scene.ngeom] if g.objtype == GEOM}
+    colors = geom_colors(model)
+    for geom, rgba in drawn.items():
+        np.testing.assert_allclose(colors[geom], rgba, atol=1e-6)
+    assert set(np.flatnonzero(shown_geoms(model))) == set(drawn)

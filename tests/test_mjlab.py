@@ -315,3 +315,9 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "best tracking" in done.stdout and "mjlab's own" in done.stdout
     assert list(tmp_path.glob("model_*.pt"))
+
+
+def test_a_command_without_ranges_has_no_limits():
+    robot = envs.make_robot("mjlab:Mjlab-Lift-Cube-Yam")
+    assert robot.command_limits == {}
+    assert robot.reset().isfinite().all()

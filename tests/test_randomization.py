@@ -139,6 +139,21 @@ def test_the_seed_determines_the_randomized_models(backend):
     assert not torch.equal(masses(1), masses(2))
 
 
+@pytest.mark.parametrize("worlds", [1, 3])
+def test_one_factor_for_all_worlds_changes_derived_constants_too(worlds, backend):
+    env = make("humanoid", backend, {"mass": (1.5, 1.5)}, worlds)
+    env.reset()
+    env.step(still(env))
+    nominal = envs.make("humanoid", 1, "cpu", "mujoco").physics.model
+    for world, model in enumerate(separate_models(env)):
+        np.testing.assert_allclose(model.body_subtreemass, 1.5 * nominal.body_subtreemass)
+        data = mujoco.MjData(model)
+        data.qpos[:] = env.physics.qpos[world].numpy()
+        mujoco.mj_forward(model, data)
+        center = env.physics.sensors[world].numpy()
+        np.testing.assert_allclose(center, data.sensordata, atol=0.05)  # of the step before
+
+
 def test_a_world_keeps_its_model_in_every_episode(backend):
     env = make("hopper", backend, MODELS, episode_length=8)
     first, second = ([env.step(still(env)).reward for _ in range(8)] for _ in range(2))

@@ -157,6 +157,14 @@ def test_rsl_rl_logs_to_weights_and_biases(tmp_path):
     assert b"Return/jump" in log.read_bytes() and b"env_cfg" in log.read_bytes()
 
 
+def test_the_seed_determines_the_randomized_models():
+    masses = []
+    for seed in (1, 1, 2):
+        env = worlds("hopper", seed=seed, randomization={"mass": (0.5, 1.5)})
+        masses.append(env.vector.worlds.state_dict()["model.body_mass"])
+    assert torch.equal(masses[0], masses[1]) and not torch.equal(masses[0], masses[2])
+
+
 def test_the_seed_determines_the_initial_states():
     first, same, other = (
         worlds(reset_noise=0.1, seed=seed).get_observations()["policy"] for seed in (3, 3, 4)

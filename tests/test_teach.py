@@ -192,8 +192,21 @@ def test_every_second_clip_is_without_noise(base):
 
 
 def test_episodes_that_fail_at_once_give_no_clips(make_policy):
-    with pytest.raises(MorlaxError, match=r"every episode fails within 1\.5 s"):
+    with pytest.raises(MorlaxError, match=r"4 of 4 episodes fail within 1\.5 s"):
         record(make_policy("hopper", task={"episode_length": 3}), 4)
+
+
+def test_a_second_learned_objective_is_refused(base, lesson, tmp_path):
+    config = lesson.config().model_copy(update={"device": "cpu", "start_from": None})
+    run = train(config, output=tmp_path / "run")
+    with pytest.raises(MorlaxError, match=r"has learned tall already.* --objective tall"):
+        Lesson(str(run.folder), tmp_path / "second", "calm", clips=4)
+    assert not (tmp_path / "second").exists()
+
+
+def test_an_impossible_seed_is_one_sentence(base, lesson):
+    with pytest.raises(MorlaxError, match="seed is -1"):
+        Lesson(str(base), lesson.folder, "tall", seed=-1)
 
 
 def test_comparisons_are_read_back(tmp_path):

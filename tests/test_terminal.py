@@ -144,3 +144,10 @@ def test_every_option_has_a_text(env):
     models += [config_class(env, name) for name in ("morlax", "hyper-morl", "pg-morl")]
     for model in models:
         assert not undescribed(model)
+
+
+def test_names_in_brackets_are_printed_as_they_are(tmp_path):
+    name = "hopper[lr=1e-3][/b] x"
+    lines = shown("train", *SMALL, "--output", name, folder=tmp_path)
+    assert any(line.startswith(name) for line in lines)
+    assert f"next: python -m morlax_torch.evaluate '{name}'" in lines

@@ -208,3 +208,43 @@ def test_a_mistake_raises_a_clear_error(name):
     with pytest.raises(MorlaxError) as error:
         mistake()
     assert expected in str(error.value)
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
+def test_the_seed_reaches_the_worlds_own_environments():
+    car = TorchRLEnv("gymnasium:mo-mountaincarcontinuous-v0", 3, "cpu")
+    seen = []
+    for seed in (1, 2, 1):
+        car.set_seed(seed)
+        seen.append(car.reset()["observation"])
+    assert torch.equal(seen[0], seen[2]) and not torch.equal(seen[0], seen[1])
+
+
+def test_an_observation_that_shows_the_simulators_memory_is_copied(monkeypatch):
+    task = envs.get("hopper")
+    monkeypatch.setattr(task, "observe", lambda self: self.physics.qpos[:, 1:])
+    monkeypatch.setattr(task, "layout", envs.Environment.layout)
+    env = worlds("hopper", backend="warp")
+    start = env.reset()
+    kept = start["observation"].clone()
+    env.step(start.set("action", torch.ones(4, env.worlds.action_size)))
+    assert torch.equal(start["observation"], kept)
+
+
+@pytest.mark.parametrize("kind", ["torchrl", "gymnasium", "vector"])
+def test_the_model_seed_determines_randomized_models(kind):
+    options = {"randomization": {"friction": (0.5, 1.5)}}
+    makers = {
+        "torchrl": lambda **seed: worlds("hopper", 1, **options, **seed),
+        "gymnasium": lambda **seed: gymnasium.make("morlax_torch/Hopper-v0", **options, **seed),
+        "vector": lambda **seed: gymnasium.make_vec(
+            "morlax_torch/Hopper-v0", 1, device="cpu", **options, **seed
+        ),
+    }
+    frictions = []
+    for seed in ({}, {"model_seed": 0}, {"model_seed": 1}):
+        env = makers[kind](**seed)
+        made = env.worlds if kind == "torchrl" else env.unwrapped.worlds
+        frictions.append(made.state_dict()["model.geom_friction"])
+    assert torch.equal(frictions[0], frictions[1])
+    assert not torch.equal(frictions[0], frictions[2])

@@ -349,3 +349,19 @@ def test_pictures_in_tensorboard_become_rarer():
     shown = [number for number in range(10**6) if _shows_pictures(number)]
     assert shown[:10] == list(range(10)) and len(shown) < 150
     assert all(later <= 1.2 * number + 1 for number, later in pairwise(shown))
+
+
+def test_nohup_protects_a_run_from_its_terminal(tmp_path):
+    script = (
+        "import os, signal\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"  # as nohup does
+        "from morlax_torch.terminal.interrupt import exiting_on_signals, interruptible\n"
+        "with exiting_on_signals(), interruptible() as interrupted:\n"
+        "    os.kill(os.getpid(), signal.SIGHUP)\n"
+        "    assert not interrupted()\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    assert interrupted()\n"
+        "os.kill(os.getpid(), signal.SIGHUP)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

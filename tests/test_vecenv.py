@@ -1,5 +1,6 @@
 """Worlds made from a vectorized environment with the interface of rsl_rl."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -113,3 +114,23 @@ def test_an_environment_that_does_not_fit_is_refused(make, message):
     place = torch.device("cpu")
     with pytest.raises(MorlaxError, match=message):
         task.build(task.Options(), 4, place, None, 0, auto_reset=True, deterministic=False)
+
+
+def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
+    def terms(env, extras):
+        return {**extras["terms"], "go": torch.tensor([math.nan, 1.0, 1.0])}
+
+    objectives = {"go": {"go": 1.0}, "save": {"save": 1.0}}
+    envs.register("faulty-line", envs.from_vecenv(Line, terms, objectives))
+    step = envs.make("faulty-line", 3, "cpu").step(torch.ones(3, 1))
+    assert step.blown_up.tolist() == step.terminated.tolist() == [True, False, False]
+    assert step.reward[0].tolist() == [0, 0] and step.reward[1:].isfinite().all()
+
+
+def test_rsl_rl_is_told_that_it_cannot_shift_the_time_limits_of_such_worlds():
+    pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
+    from morlax_torch.adapters.rsl_rl import RslRlVecEnv
+
+    env = RslRlVecEnv(NAME, (0.5, 0.5), 4, "cpu")
+    with pytest.raises(MorlaxError, match=r"keeps its own time limits.*random_ep_len=False"):
+        env.episode_length_buf = torch.zeros(4)

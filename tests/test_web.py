@@ -1,5 +1,6 @@
 """The web page's graphs and models are those of the tasks, and mistakes are explained."""
 
+import http.client
 import io
 import urllib.error
 from pathlib import Path
@@ -125,6 +126,16 @@ def test_without_network_or_cache_one_sentence_says_so(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("urllib.request.urlopen", refuse)
     with pytest.raises(MorlaxError, match=r"cannot download https.* \(no route to host\)"):
+        libraries.files()
+
+
+def test_a_download_that_breaks_off_is_one_sentence(tmp_path, monkeypatch):
+    def broken(*_, **__):
+        raise http.client.IncompleteRead(b"half", 999)
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("urllib.request.urlopen", broken)
+    with pytest.raises(MorlaxError, match=r"cannot download https.*IncompleteRead"):
         libraries.files()
 
 

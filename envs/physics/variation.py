@@ -17,14 +17,14 @@ def apply(batch: Batch, fields: dict[str, np.ndarray]) -> None:
 def varying(
     model: mujoco.MjModel, num_worlds: int, fields: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return `fields` and every derived constant that then differs between worlds, (N, ...)."""
+    """Return `fields` and every derived constant that they change in some world, (N, ...)."""
     batch = Batch(model, nsim=num_worlds)
     apply(batch, fields)
     found = {name: batch.expanded(name) for name in MODEL_FIELDS}
     return {
         name: values.copy()
         for name, values in found.items()
-        if values is not None and (name in fields or (values != values[:1]).any())
+        if values is not None and (name in fields or (values != getattr(model, name)).any())
     }
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError
+from ..errors import MorlaxError, words
 from .interface import TimeStep, Worlds
 
 
@@ -21,8 +21,8 @@ def imported(name: str) -> str:
     if module:
         try:
             import_module(module)
-        except ImportError as error:
-            raise MorlaxError(f"{name} cannot import {module}: {error}.") from None
+        except (Exception, SystemExit) as error:  # any error of the user's own code
+            raise MorlaxError(f"{name} cannot import {module}: {words(error)}") from None
     return task
 
 

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..errors import MorlaxError
+from ..errors import MorlaxError, words
 from ..naming import GYMNASIUM
 from .interface import TimeStep, Worlds
 from .options import ObjectiveOptions
@@ -46,7 +46,7 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
     if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
         raise MorlaxError(f"{name} has actions without bounds: give its Box a low and a high.")
     rewards = one.get_wrapper_attr("reward_space") if one.has_wrapper_attr("reward_space") else None
-    if not isinstance(rewards, Box) or rewards.shape[0] < 2:
+    if not isinstance(rewards, Box) or len(rewards.shape) != 1 or rewards.shape[0] < 2:
         raise MorlaxError(
             f"{name} has no vector reward (a reward_space of two numbers or more), so there is "
             "nothing to trade off."
@@ -89,8 +89,12 @@ def from_id(name: str) -> type["GymnasiumWorlds"]:
     make = partial(gymnasium.make, identity, disable_env_checker=True)  # rewards are vectors
     try:
         return from_gymnasium(make, name)
-    except (gymnasium.error.Error, ImportError) as error:
+    except MorlaxError:
+        raise
+    except gymnasium.error.Error as error:
         raise MorlaxError(f"Gymnasium cannot make {identity!r}: {error}") from None
+    except (Exception, SystemExit) as error:  # any error of the user's own code
+        raise MorlaxError(f"Gymnasium cannot make {identity!r}: {words(error)}") from None
 
 
 class GymnasiumWorlds(Worlds):

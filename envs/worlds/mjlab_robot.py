@@ -36,7 +36,8 @@ class MjlabRobot(MjlabWorlds, Robot):
         self.command_limits = {}
         for name, term in self.env.cfg.commands.items():
             ranges = getattr(term, "ranges", None)
-            limits = {key: value for key, value in vars(ranges).items() if key != "heading"}
+            given = {} if ranges is None else vars(ranges)
+            limits = {key: value for key, value in given.items() if key != "heading"}
             command = self.env.command_manager.get_command(name)
             if len(limits) == command.shape[1]:
                 self.command_limits, self.command = limits, command
@@ -88,3 +89,4 @@ class _MjlabState:
         self.qpos: Tensor = sim.data.qpos[:]
         self.qvel: Tensor = sim.data.qvel[:]
         self.ctrl: Tensor = sim.data.ctrl[:]
+        self.act: Tensor = sim.data.act[:]

@@ -17,6 +17,7 @@ class State(Protocol):
     qpos: Tensor  # (N, nq)
     qvel: Tensor  # (N, nv)
     ctrl: Tensor  # (N, nu)
+    act: Tensor  # (N, na)
 
 
 class Robot(Worlds):

@@ -97,11 +97,11 @@ class VecEnvWorlds(ForeignWorlds):
             terms = self.read_terms(self.env, extras)
         seen = self._features(found)
         # such a world terminates here, if the environment ends its episode or not
-        blown_up = ~seen.isfinite().all(1) | ~action.isfinite().all(1)
+        paid = torch.stack([terms[name].float() for name in self.reward_terms], 1)
+        blown_up = ~torch.cat([seen, paid, action], 1).isfinite().all(1)
         seen = torch.where(blown_up[:, None], 0.0, seen)
         dones = dones.bool() | blown_up
         timed_out = extras.get("time_outs", torch.zeros_like(dones)).bool() & dones & ~blown_up
-        paid = torch.stack([terms[name].float() for name in self.reward_terms], 1)
         return Outcome(seen, seen, paid, dones & ~timed_out, timed_out, blown_up)
 
     def _check(self) -> None:

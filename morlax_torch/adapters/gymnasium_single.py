@@ -37,6 +37,8 @@ class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):
             itself in real time, or None.
         width: image width in pixels.
         height: image height in pixels.
+        model_seed: random seed of what resets leave: a randomized model, and the states among which
+            noisy starts are drawn.
         task_options: as for `envs.make`, for example `reset_noise=0.01`.
 
     Raises:
@@ -52,13 +54,16 @@ class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):
         render_mode: str | None = None,
         width: int = 480,
         height: int = 360,
+        model_seed: int = 0,
         **task_options: Any,
     ):
-        EzPickle.__init__(self, task, tradeoff, render_mode, width, height, **task_options)
+        EzPickle.__init__(
+            self, task, tradeoff, render_mode, width, height, model_seed, **task_options
+        )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise unknown("render mode", render_mode, self.metadata["render_modes"])
         check_options(task, task_options)
-        self.worlds = worlds = envs.make_robot(task, **task_options)
+        self.worlds = worlds = envs.make_robot(task, model_seed, **task_options)
         self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
         self.render_mode, self.objectives = render_mode, worlds.objectives
         self.observation_space, self.action_space = worlds.observation_space, worlds.action_space

@@ -49,6 +49,8 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         width: image width in pixels.
         height: image height in pixels.
         max_episode_steps: Gymnasium's name for the option `episode_length`.
+        model_seed: random seed of what resets leave: randomized models, and the states among which
+            noisy starts are drawn.
         task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
@@ -70,6 +72,7 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         width: int = 480,
         height: int = 360,
         max_episode_steps: int | None = None,
+        model_seed: int = 0,
         **task_options: Any,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -77,7 +80,9 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         if max_episode_steps is not None:
             task_options = {"episode_length": max_episode_steps, **task_options}
         check_options(task, task_options)
-        self.worlds = worlds = envs.make(task, num_envs, device, backend, **task_options)
+        self.worlds = worlds = envs.make(
+            task, num_envs, device, backend, model_seed, **task_options
+        )
         self.num_envs, self.device, self.objectives = num_envs, worlds.device, worlds.objectives
         self.single_observation_space = worlds.observation_space
         self.single_action_space = worlds.action_space
@@ -124,7 +129,7 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         super().reset(seed=seed)
         prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._was_reset)
         self._was_reset = True
-        return self.worlds.reset(), {}
+        return self.worlds.reset().clone(), {}  # it may be the memory of the simulator
 
     @torch.no_grad()
     def step(

@@ -1,12 +1,13 @@
 """N worlds under one trade-off as an rsl_rl VecEnv, in tensors on the device."""
 
+import secrets
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..envs import Environment
+from ..envs import Environment, MorlaxError
 from .episode_statistics import EpisodeStatistics
 from .gymnasium_vector import GymnasiumVectorEnv
 from .host import require
@@ -60,9 +61,13 @@ class RslRlVecEnv(VecEnv):
         seed: int | None = None,
         **task_options: Any,
     ):
-        self.vector = GymnasiumVectorEnv(task, num_envs, device, backend, tradeoff, **task_options)
+        models = secrets.randbits(32) if seed is None else seed
+        self.vector = GymnasiumVectorEnv(
+            task, num_envs, device, backend, tradeoff, model_seed=models, **task_options
+        )
         self._statistics = EpisodeStatistics(self.vector)
-        self._worlds = worlds = self.vector.worlds
+        self._task, self._worlds = task, self.vector.worlds
+        worlds = self._worlds
         self.num_envs, self.num_actions = num_envs, worlds.action_size
         self.device, self.max_episode_length = worlds.device, worlds.episode_length
         self.cfg = Arguments(task=task, tradeoff=list(tradeoff), num_envs=num_envs, **task_options)
@@ -76,12 +81,24 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def episode_length_buf(self) -> Tensor:
-        """Control steps of each world's current episode, (N,); writable, to shift time limits."""
-        return torch.as_tensor(self._worlds.age).long()
+        """Control steps of each world's current episode, (N,); writable, to shift time limits.
+
+        Raises:
+            MorlaxError: the task's own simulator counts them.
+        """
+        return torch.as_tensor(self._ages()).long()
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: Tensor) -> None:
-        self._worlds.age[:] = steps.to(torch.int32)
+        self._ages()[:] = steps.to(torch.int32)
+
+    def _ages(self) -> Any:
+        if not hasattr(self._worlds, "age"):
+            raise MorlaxError(
+                f"{self._task} keeps its own time limits, which rsl_rl cannot shift: call "
+                "learn with init_at_random_ep_len=False."
+            )
+        return self._worlds.age
 
     def get_observations(self) -> TensorDict:
         """Return the current observations by group."""

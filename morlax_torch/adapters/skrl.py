@@ -1,5 +1,6 @@
 """N worlds under one trade-off as a wrapped skrl environment, in tensors on the device."""
 
+import secrets
 from collections.abc import Sequence
 from typing import Any
 
@@ -49,7 +50,10 @@ class SkrlEnv(Wrapper):
         seed: int | None = None,
         **task_options: Any,
     ):
-        self.vector = GymnasiumVectorEnv(task, num_envs, device, backend, tradeoff, **task_options)
+        models = secrets.randbits(32) if seed is None else seed
+        self.vector = GymnasiumVectorEnv(
+            task, num_envs, device, backend, tradeoff, model_seed=models, **task_options
+        )
         super().__init__(self.vector)
         self._statistics = EpisodeStatistics(self.vector)
         self._observation, _ = self._statistics.reset(seed=seed)

@@ -37,6 +37,8 @@ class TorchRLEnv(EnvBase):
         num_envs: N.
         device: as for `envs.make`.
         backend: as for `envs.make`.
+        model_seed: random seed of what resets leave: randomized models, and the states among which
+            noisy starts are drawn.
         task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
@@ -49,12 +51,15 @@ class TorchRLEnv(EnvBase):
         num_envs: int = 64,
         device: str | torch.device | None = None,
         backend: str | None = None,
+        model_seed: int = 0,
         **task_options: Any,
     ):
-        worlds = envs.make(task, num_envs, device, backend, auto_reset=False, **task_options)
+        worlds = envs.make(
+            task, num_envs, device, backend, model_seed, auto_reset=False, **task_options
+        )
         super().__init__(device=worlds.device, batch_size=torch.Size([num_envs]))
         self.worlds, self.objectives = worlds, worlds.objectives
-        self._arguments = (task, num_envs, str(worlds.device), backend), task_options
+        self._arguments = (task, num_envs, str(worlds.device), backend, model_seed), task_options
         self._declare()
         self._was_reset = False
         self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
@@ -108,7 +113,7 @@ class TorchRLEnv(EnvBase):
         which = None if tensordict is None else tensordict.get("_reset", None)
         self._was_reset = True
         if which is None:
-            observation = self.worlds.reset()
+            observation = self.worlds.reset().clone()  # it may be the memory of the simulator
         else:
             self._which.copy_(which.view_as(self._which))
             self._restart()
@@ -132,7 +137,7 @@ class TorchRLEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
-            self.worlds.generator.manual_seed(seed)
+            self.worlds.reseed(seed)
 
     def _one_step(self) -> None:
         self._time_step = self.worlds.step(self._action)

@@ -135,14 +135,15 @@ class Evaluator:
     @torch.no_grad()
     def _one_step(self) -> None:
         step = self.env.step(self._actors.act(self._observation[:, None])[:, 0])
-        self._fallen |= step.terminated
+        latched = self.protocol == "latched"
+        self._fallen |= step.terminated & self._alive if latched else step.terminated
         self._knows_blowups = step.blown_up is not None
         if step.blown_up is not None:
-            self._blown_up |= step.blown_up
-        if self.protocol == "paper":
+            self._blown_up |= step.blown_up & self._alive if latched else step.blown_up
+        if not latched:
             self._alive.copy_(~step.terminated)
         self._returns += torch.where(self._alive[:, None], step.reward, 0.0)
         self._lengths += self._alive
-        if self.protocol == "latched":
-            self._alive &= ~step.terminated
+        if latched:
+            self._alive &= ~(step.terminated | step.truncated)
         self._observation.copy_(step.observation)

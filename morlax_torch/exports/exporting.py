@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from torch.export import ExportedProgram
 
 from ..envs import MorlaxError
+from ..envs.errors import unknown
 from ..files import AnyPath, replacing
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
@@ -56,9 +57,11 @@ def export(
         The largest difference between actions of the file and of the policy.
 
     Raises:
-        MorlaxError: a wrong trade-off, a network that this format cannot represent, a missing
-            extra, or a file that cannot be written.
+        MorlaxError: a wrong trade-off or format, a network that the format cannot represent, a
+            missing extra, or a file that cannot be written.
     """
+    if format not in FORMATS:
+        raise unknown("format", str(format), FORMATS)
     chosen = FORMATS[format]
     module = FamilyPolicy(policy) if tradeoff is None else policy.specialize(tradeoff)
     inputs = [samples(policy, rows, tradeoff is None) for rows in BATCHES]

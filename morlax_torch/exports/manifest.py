@@ -33,7 +33,7 @@ def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[st
         "task": config.env,
         "scalarization": config.scalarization,
         "objectives": list(policy.objectives),
-        "tradeoff": None if tradeoff is None else list(tradeoff),
+        "tradeoff": None if tradeoff is None else [float(weight) for weight in tradeoff],
         "control_rate_hz": round(1 / env.dt, 6),
         "observation_size": env.observation_size,
         "observation": observation(env),

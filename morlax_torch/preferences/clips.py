@@ -72,9 +72,10 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
             terms.append(torch.stack([step.terms[name] for name in names], -1))
             alive[step.terminated] = alive[step.terminated].clamp(max=time)
     whole = torch.nonzero(alive >= length).squeeze(-1)
-    if not len(whole):
+    if len(whole) < 2:
         raise MorlaxError(
-            f"every episode fails within {SECONDS:g} s, the length of a clip: train for longer."
+            f"{number - len(whole)} of {number} episodes fail within {SECONDS:g} s, the length of "
+            "a clip, so there are no two to compare: train for longer, or record more clips."
         )
     latest = (alive - length)[whole]
     first = (torch.rand(len(whole), generator=generator) * (latest + 1)).long().minimum(latest)

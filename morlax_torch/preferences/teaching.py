@@ -56,6 +56,17 @@ class Lesson:
                 f"{run} has an objective {objective} already, which is not learned: choose another "
                 "name."
             )
+        task = self.policy.config.task
+        assert isinstance(task, TaskOptions)
+        groups = {**task.objectives, "task.shared": task.shared}
+        others = [name for name, terms in groups.items() if TERM in terms and name != objective]
+        if others:
+            raise MorlaxError(
+                f"{run} has learned {others[0]} already, and a task has one learned reward: go on "
+                f"with --objective {others[0]}, or teach another run."
+            )
+        if not 0 <= seed < 2**64:
+            raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
         path = folder / "comparisons.npz"
         known = Comparisons.load(path) if path.exists() else None
         self.comparisons = self._with_clips_of_the_run(known, clips)

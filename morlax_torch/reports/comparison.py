@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..envs import MorlaxError
 from ..evaluation import pareto
 from ..evaluation.front import Front
-from ..files import AnyPath
+from ..files import AnyPath, read
 from ..networks.policy import Policy
 from ..runs.loading import find_run
 
@@ -66,12 +66,18 @@ def check_comparable(policies: Mapping[str, Policy]) -> None:
             )
         mine, theirs = (p.config.task.for_evaluation().model_dump() for p in (one, other))
         for option in mine:
-            if option not in BUFFERS and mine[option] != theirs[option]:
+            if option not in BUFFERS and not _same(option, mine[option], theirs[option]):
                 raise MorlaxError(
                     f"{first} and {name} differ in task.{option} ({mine[option]} and "
                     f"{theirs[option]}), so their returns cannot be compared: evaluate them "
                     "separately."
                 )
+
+
+def _same(option: str, mine: Any, theirs: Any) -> bool:
+    if option == "learned" and mine and theirs:  # every run has a file of its own
+        return read(mine, "learned reward") == read(theirs, "learned reward")
+    return mine == theirs
 
 
 def union(fronts: Sequence[Front]) -> np.ndarray:

@@ -23,7 +23,7 @@ GRACE = 2.0  # seconds
 
 def _console(quiet: bool = False, stderr: bool = False) -> Console:
     """Return a console that breaks lines between words, and only on a terminal."""
-    made = Console(highlight=False, emoji=False, quiet=quiet, stderr=stderr)
+    made = Console(markup=False, highlight=False, emoji=False, quiet=quiet, stderr=stderr)
     made.soft_wrap = not made.is_terminal
     return made
 
@@ -33,7 +33,7 @@ console = _console(quiet=not FIRST)
 
 def print_command(why: str, command: str) -> None:
     """Print a command, in one line so that it can be copied."""
-    console.print(f"{why}: {command}", markup=False, soft_wrap=True)
+    console.print(f"{why}: {command}", soft_wrap=True)
 
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
@@ -110,7 +110,7 @@ def fail(sentence: str) -> NoReturn:
     """Print an error and exit."""
     if not FIRST:
         time.sleep(GRACE)  # an error of all processes ends this one before, told by the first
-    _console(stderr=True).print(f"error: {sentence}", markup=False)
+    _console(stderr=True).print(f"error: {sentence}")
     if SEVERAL:
         _skip_teardown(2)
     sys.exit(2)

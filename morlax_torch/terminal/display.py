@@ -1,5 +1,6 @@
 """Live progress in the terminal."""
 
+import shlex
 from pathlib import Path
 from typing import Any, Self
 
@@ -96,7 +97,8 @@ class Display:
             f"total), best hypervolume {progress.best_hypervolume:.4e}"
         )
         more = "train --resume" if interrupted else "evaluate"
-        print_command("next", f"python -m morlax_torch.{more} {self._folder}")
+        folder = shlex.quote(str(self._folder))
+        print_command("next", f"python -m morlax_torch.{more} {folder}")
 
 
 class _Status(ProgressColumn):

@@ -88,7 +88,9 @@ def _handling(
         _noticed.set()
         handle(number, frame)
 
-    usual = {which: signal.signal(which, receive) for which in signals}
+    # nohup ignores SIGHUP, and shells ignore SIGINT for jobs in the background
+    heard = [which for which in signals if signal.getsignal(which) != signal.SIG_IGN]
+    usual = {which: signal.signal(which, receive) for which in heard}
     try:
         yield usual
     finally:

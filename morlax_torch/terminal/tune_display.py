@@ -1,6 +1,7 @@
 """What `tune` prints: a line per trial, and a table of the best ones."""
 
 import json
+import shlex
 import sys
 import textwrap
 from pathlib import Path
@@ -74,7 +75,7 @@ class TuneDisplay:
         if len(results) < self._trials:
             print_command("continue", continues)
         if ranked:
-            best = self._folder / "best.yaml"
+            best = shlex.quote(str(self._folder / "best.yaml"))
             print_command("next", f"python -m morlax_torch.train --config {best}")
 
     def _print_best(self, ranked: list[Result]) -> None:
@@ -118,7 +119,7 @@ def print_line(text: str, indent: int = 0) -> None:
     # a hyphen is part of a name
     lines = textwrap.wrap(text, width, subsequent_indent=later, break_on_hyphens=False)
     for line in [text] if len(text) <= width else lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.print(line, soft_wrap=True)
 
 
 def _short(value: Any) -> str:

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 HIDDEN_GROUP = 3  # MuJoCo's viewers show geoms of groups 0 to 2 by default
+GRAY = np.array([0.5, 0.5, 0.5, 1.0], np.float32)  # the color of a geom that names none
 _SIGNS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
 
@@ -13,13 +14,21 @@ def followed_body(model: mujoco.MjModel) -> int:
     return int(next(iter(np.flatnonzero(model.body_dofnum)), 1))
 
 
+def geom_colors(model: mujoco.MjModel) -> NDArray[np.float32]:
+    """Return red, green, blue and opacity (ngeom, 4) as MuJoCo draws them.
+
+    A geom's own color is used if it has no material, or if it is not the default gray.
+    """
+    own, material = model.geom_rgba, model.geom_matid
+    if not model.nmat:
+        return own
+    covered = (material >= 0) & (own == GRAY).all(1)
+    return np.where(covered[:, None], model.mat_rgba[material], own)
+
+
 def shown_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
     """Return a mask (ngeom,) of the geoms that viewers show."""
-    material = model.geom_matid
-    opacity = np.where(material >= 0, 1.0, model.geom_rgba[:, 3])
-    if model.nmat:
-        opacity = np.where(material >= 0, model.mat_rgba[material, 3], opacity)
-    return (model.geom_group < HIDDEN_GROUP) & (opacity > 0)
+    return (model.geom_group < HIDDEN_GROUP) & (geom_colors(model)[:, 3] > 0)
 
 
 def robot_geoms(model: mujoco.MjModel) -> NDArray[np.intp]:

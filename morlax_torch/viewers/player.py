@@ -72,4 +72,5 @@ class Player:
         self.data.qpos[:] = self.env.physics.qpos[0].numpy()
         self.data.qvel[:] = self.env.physics.qvel[0].numpy()
         self.data.ctrl[:] = self.env.physics.ctrl[0].numpy()
+        self.data.act[:] = self.env.physics.act[0].numpy()
         mujoco.mj_forward(self.model, self.data)

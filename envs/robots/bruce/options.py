@@ -43,6 +43,13 @@ class BruceOptions(TaskOptions):
     randomize: bool = False
     """Randomize torso mass, centers of mass, friction and motor gains per world, as published."""
 
+    @field_validator("reset_noise")
+    @classmethod
+    def _starts_from_gaits(cls, noise: float) -> float:
+        if noise:
+            raise ValueError("BRUCE starts from states of its gaits: leave reset_noise at 0")
+        return noise
+
     def for_evaluation(self) -> Self:
         fields = type(self).model_fields
         training_only = (

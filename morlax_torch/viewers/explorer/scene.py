@@ -8,9 +8,8 @@ import trimesh
 import viser
 from numpy.typing import NDArray
 
-from ..following import followed_body
+from ..following import followed_body, geom_colors, shown_geoms
 
-HIDDEN_GROUP = 3  # MuJoCo's viewers show geoms of groups 0 to 2 by default
 JUMP = 0.45  # times the robot's size; a robot that goes further up or down is followed
 _numbers = itertools.count()  # unique names: viser gives a reused name the old pose
 
@@ -27,13 +26,13 @@ class RobotScene:
     """
 
     def __init__(self, server: viser.ViserServer, model: mujoco.MjModel, x: float = 0.0):
-        shown = [geom for geom in range(model.ngeom) if model.geom_group[geom] < HIDDEN_GROUP]
+        shown = np.flatnonzero(shown_geoms(model)).tolist()
         meshes = {geom: geom_mesh(model, geom) for geom in shown}  # may fail: nothing is added yet
         self.followed, self.size = followed_body(model), float(model.stat.extent)
         self.root = f"/robot{next(_numbers)}"
         self._frame = server.scene.add_frame(self.root, show_axes=False, position=(x, 0.0, 0.0))
         self._height: float | None = None  # m; of the followed body when it was first drawn
-        self._bodies = {}
+        self._bodies, colors = {}, geom_colors(model)
         for geom, mesh in meshes.items():
             if mesh is None:
                 continue
@@ -41,7 +40,7 @@ class RobotScene:
             if body not in self._bodies:
                 name = f"{self.root}/{body}"
                 self._bodies[body] = server.scene.add_frame(name, show_axes=False)
-            red, green, blue, opacity = geom_color(model, geom)
+            red, green, blue, opacity = colors[geom]
             server.scene.add_mesh_simple(
                 f"{self.root}/{body}/{geom}",
                 mesh.vertices,
@@ -102,9 +101,3 @@ def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh | None:
             model.mesh_face[faces : faces + model.mesh_facenum[mesh]],
         )
     return None
-
-
-def geom_color(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return red, green, blue and opacity in [0, 1], from the geom's material if it has one."""
-    material = model.geom_matid[geom]
-    return model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import http.client
 import io
 import os
 import tarfile
@@ -101,7 +102,7 @@ def _archive(library: Library) -> bytes:
     try:
         with urllib.request.urlopen(library.address, timeout=PATIENCE) as response:
             data = response.read()
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, http.client.HTTPException) as error:
         reason = getattr(error, "reason", None) or error
         raise MorlaxError(
             f"cannot download {library.address} ({reason}): connect to the internet once, or copy "

@@ -11,6 +11,8 @@ const OVER = { fell: "The episode ended: new start", time: "Time is up: new star
 const $ = (id) => document.getElementById(id);
 const query = new URLSearchParams(location.search);
 const state = { simulation: null, panel: null, stage: null, paused: false, pace: 1, resets: false };
+const former = []; // simulations to release between two steps
+let asks = 0; // how often a run was asked for
 
 async function main() {
   if (typeof WebAssembly !== "object") {
@@ -27,7 +29,7 @@ async function main() {
   wireControls();
   await open(asked(runs));
   $("controls").hidden = $("panel").hidden = false;
-  run();
+  run().catch(report);
 }
 
 /** Return the run that the address asks for by title or number. */
@@ -36,14 +38,19 @@ function asked(runs) {
   return runs.find((run, i) => run.title === name || String(i) === name) ?? runs[0];
 }
 
-/** Show one of the runs. */
+/** Show one of the runs, unless the visitor chooses another one before it is loaded. */
 async function open(run) {
-  const former = state.simulation;
+  const ask = ++asks;
+  if (state.simulation) former.push(state.simulation);
   state.simulation = null;
   $("loading").hidden = false;
   $("progress").textContent = `Loading ${run.title}`;
   const { Simulation } = await import("./simulation.js");
   const simulation = await Simulation.load(run.folder);
+  if (ask < asks) {
+    former.push(simulation);
+    return;
+  }
   const m = simulation.about.objectives.length;
   simulation.tradeoff = parsed(query.get("tradeoff"), m) ?? even(m);
   document.title = `${run.title} · morlax`;
@@ -55,16 +62,17 @@ async function open(run) {
   state.panel.showEpisode();
   state.simulation = simulation;
   $("loading").hidden = true;
-  await former?.release();
 }
 
 function choose(tradeoff) {
+  if (!state.simulation) return;
   state.simulation.tradeoff = tradeoff;
   state.panel.showTradeoff();
 }
 
 /** Put robot and trade-off into the address, so that it can be shared. */
 function remember() {
+  if (!state.simulation) return;
   query.set("run", $("title").textContent);
   query.set("tradeoff", shown(state.simulation.tradeoff));
   history.replaceState(null, "", `?${query.toString().replaceAll("%2C", ",").replace("embed=", "embed")}`);
@@ -72,14 +80,15 @@ function remember() {
 
 /** Step and draw until an error ends it. */
 async function run() {
-  let former = performance.now();
+  let last = performance.now();
   let due = 0;
   const frame = () => new Promise(requestAnimationFrame);
   for (;;) {
     await frame();
+    for (const simulation of former.splice(0)) await simulation.release();
     const now = performance.now();
-    const elapsed = Math.min((now - former) / 1000, MOST_DELAY);
-    former = now;
+    const elapsed = Math.min((now - last) / 1000, MOST_DELAY);
+    last = now;
     const { simulation, stage, panel, paused, pace } = state;
     if (!simulation) continue;
     if (!paused) due += elapsed * pace;
