@@ -40,7 +40,7 @@ def command(arguments: Sequence[str]) -> None:
             run: Run folder, checkpoint file, or shipped policy, of a MuJoCo robot.
             folder: Folder of the comparisons; an earlier one continues with its answers.
             objective: Name of the new objective.
-            answers: Number of questions to ask at most; Ctrl-C ends earlier, and 0 only fits again.
+            answers: Number of questions to ask at most; Ctrl-C ends earlier, 0 asks none.
             judge: Reward term of the task whose sum answers in place of a user, to try this out.
             clips: Number of clips to record of a run.
             seed: Random seed.

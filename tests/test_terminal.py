@@ -94,8 +94,10 @@ def test_the_output_of_training_and_evaluation_fits(tmp_path):
 
 def test_the_output_of_a_search_fits(tmp_path):
     pytest.importorskip("optuna", reason="the extra [tune] is not installed")
-    small = SMALL[: SMALL.index("--max-env-steps")]
-    lines = shown("tune", *small, "--trials", "2", "--seconds", "0.2", folder=tmp_path)
+    small = SMALL[2 : SMALL.index("--max-env-steps")]
+    lines = shown(
+        "tune", "--env", "hopper", *small, "--trials", "2", "--seconds", "0.2", folder=tmp_path
+    )
     assert_fits(lines)
     assert any("of 2 trials done" in line for line in lines)
 
@@ -148,6 +150,6 @@ def test_every_option_has_a_text(env):
 
 def test_names_in_brackets_are_printed_as_they_are(tmp_path):
     name = "hopper[lr=1e-3][/b] x"
-    lines = shown("train", *SMALL, "--output", name, folder=tmp_path)
+    lines = shown("train", "--env", "hopper", *SMALL[2:], "--output", name, folder=tmp_path)
     assert any(line.startswith(name) for line in lines)
     assert f"next: python -m morlax_torch.evaluate '{name}'" in lines
