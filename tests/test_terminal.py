@@ -94,10 +94,8 @@ def test_the_output_of_training_and_evaluation_fits(tmp_path):
 
 def test_the_output_of_a_search_fits(tmp_path):
     pytest.importorskip("optuna", reason="the extra [tune] is not installed")
-    small = SMALL[2 : SMALL.index("--max-env-steps")]
-    lines = shown(
-        "tune", "--env", "hopper", *small, "--trials", "2", "--seconds", "0.2", folder=tmp_path
-    )
+    small = ("--env", "hopper", *SMALL[2 : SMALL.index("--max-env-steps")])
+    lines = shown("tune", *small, "--trials", "2", "--seconds", "0.2", folder=tmp_path)
     assert_fits(lines)
     assert any("of 2 trials done" in line for line in lines)
 
