@@ -40,7 +40,7 @@ def regrets(name: str, users: int) -> list[float]:
 @pytest.mark.parametrize(
     ("name", "most"),
     [
-        ("cheetah", 0.02),
+        pytest.param("cheetah", 0.02, marks=pytest.mark.long),
         pytest.param("cheetah3", 0.02, marks=pytest.mark.long),
         ("bruce", 0.05),
     ],

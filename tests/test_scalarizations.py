@@ -160,7 +160,7 @@ def test_returns_reach_a_closed_form_and_do_not_exceed_it(tasks, task):
         ("concave", "linear"),
         ("concave", "chebyshev"),
         ("concave", "augmented-chebyshev"),
-        ("sphere", "linear"),
+        pytest.param("sphere", "linear", marks=pytest.mark.long),
         pytest.param("sphere", "augmented-chebyshev", marks=pytest.mark.long),
     ],
 )

@@ -122,7 +122,7 @@ print(len(ahead), len(modules() - ahead))
 @pytest.mark.parametrize(
     ("task", "device", "killed"),
     [
-        pytest.param("cheetah", "cpu", False, marks=pytest.mark.slow),
+        pytest.param("cheetah", "cpu", False, marks=[pytest.mark.slow, pytest.mark.long]),
         pytest.param("bruce", "cpu", False, marks=[pytest.mark.slow, pytest.mark.long]),
         pytest.param("cheetah", "cpu", True, marks=[pytest.mark.slow, pytest.mark.long]),
         pytest.param("cheetah", "cuda", False, marks=pytest.mark.gpu),
