@@ -48,8 +48,7 @@ def make(
     place = resolve_device(device)
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
-    if not 0 <= seed < 2**64:
-        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
+    check_seed(seed)
     if num_worlds < 1:
         raise MorlaxError(f"num_worlds is {num_worlds}: at least one world is needed.")
     return task.build(
@@ -61,6 +60,12 @@ def make(
         auto_reset=auto_reset,
         deterministic=deterministic,
     )
+
+
+def check_seed(seed: int) -> None:
+    """Raise MorlaxError unless a random generator can have this seed."""
+    if not 0 <= seed < 2**64:
+        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
 
 
 def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:

@@ -71,31 +71,37 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
             temporary.unlink(missing_ok=True)
 
 
+class Taken(MorlaxError):
+    """A folder to make is in use."""
+
+
 @contextmanager
 def making(folder: Path) -> Iterator[Path]:
     """Make an empty temporary folder that becomes `folder` once it is complete.
 
     Raises:
-        FileExistsError: another program has made `folder` meanwhile.
+        Taken: `folder` is not empty, or another program has made it meanwhile.
         MorlaxError: it cannot be made or written.
     """
-    draft, taken = folder.with_name(f".{folder.name}{_draft()}"), False
+    taken = Taken(f"{folder} exists already: choose another folder.")
+    if folder.exists() and not (folder.is_dir() and _is_unused(folder)):
+        raise taken
+    draft = folder.with_name(f".{folder.name}{_draft()}")
     try:
         remove_drafts(folder.parent, f".{folder.name}")
         draft.mkdir(parents=True)
         yield draft
-        try:
-            draft.replace(folder)
-        except OSError as error:
-            taken = error.errno in (errno.EEXIST, errno.ENOTEMPTY)
-            if not taken:
-                raise
+        draft.replace(folder)
     except OSError as error:
+        if error.filename2 and error.errno in (errno.EEXIST, errno.ENOTEMPTY):  # of `replace`
+            raise taken from None
         raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-    if taken:
-        raise FileExistsError(folder)
+
+
+def _is_unused(folder: Path) -> bool:
+    return not any(folder.iterdir()) and not folder.samefile(Path.cwd())
 
 
 def _draft() -> str:

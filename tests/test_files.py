@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from morlax_torch import MorlaxError
-from morlax_torch.files import making, remove_drafts, replacing
+from morlax_torch.files import Taken, making, remove_drafts, replacing
 
 
 def write(path, text: bytes = b"new") -> None:
@@ -86,7 +86,7 @@ def test_a_folder_is_there_when_it_is_complete_or_not_at_all(tmp_path):
 
 
 def test_a_folder_that_another_program_makes_meanwhile_is_kept(tmp_path):
-    with pytest.raises(FileExistsError), making(tmp_path / "run") as draft:
+    with pytest.raises(Taken, match="exists already"), making(tmp_path / "run") as draft:
         (draft / "mine").touch()
         with making(tmp_path / "run") as other:
             (other / "theirs").touch()

@@ -170,9 +170,17 @@ def test_nothing_is_left_of_a_page_that_cannot_be_written(tmp_path, make_run, no
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_an_existing_folder_is_kept(tmp_path, no_libraries):
+def test_a_folder_in_use_is_kept(tmp_path, no_libraries):
+    (tmp_path / "mine").touch()
     with pytest.raises(MorlaxError, match="exists already"):
         writing.write_page(["hopper"], tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_the_current_folder_is_kept(tmp_path, no_libraries, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MorlaxError, match="exists already"):
+        writing.write_page(["hopper"], Path())
 
 
 @pytest.mark.parametrize("arguments", [[], ["hopper"], ["hopper", "ant", "page"]])

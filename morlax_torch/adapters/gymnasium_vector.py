@@ -1,5 +1,6 @@
 """N worlds as a Gymnasium vector environment, in torch tensors."""
 
+import secrets
 from collections.abc import Sequence
 from typing import Any
 
@@ -50,7 +51,7 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         height: image height in pixels.
         max_episode_steps: Gymnasium's name for the option `episode_length`.
         model_seed: random seed of what resets leave: randomized models, and the states among which
-            noisy starts are drawn.
+            noisy starts are drawn; None picks one at random.
         task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
@@ -72,7 +73,7 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         width: int = 480,
         height: int = 360,
         max_episode_steps: int | None = None,
-        model_seed: int = 0,
+        model_seed: int | None = 0,
         **task_options: Any,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -80,6 +81,8 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         if max_episode_steps is not None:
             task_options = {"episode_length": max_episode_steps, **task_options}
         check_options(task, task_options)
+        if model_seed is None:
+            model_seed = secrets.randbits(32)
         self.worlds = worlds = envs.make(
             task, num_envs, device, backend, model_seed, **task_options
         )

@@ -1,6 +1,5 @@
 """N worlds under one trade-off as an rsl_rl VecEnv, in tensors on the device."""
 
-import secrets
 from collections.abc import Sequence
 from typing import Any
 
@@ -61,9 +60,8 @@ class RslRlVecEnv(VecEnv):
         seed: int | None = None,
         **task_options: Any,
     ):
-        models = secrets.randbits(32) if seed is None else seed
         self.vector = GymnasiumVectorEnv(
-            task, num_envs, device, backend, tradeoff, model_seed=models, **task_options
+            task, num_envs, device, backend, tradeoff, model_seed=seed, **task_options
         )
         self._statistics = EpisodeStatistics(self.vector)
         self._task, self._worlds = task, self.vector.worlds

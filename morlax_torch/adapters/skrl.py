@@ -1,6 +1,5 @@
 """N worlds under one trade-off as a wrapped skrl environment, in tensors on the device."""
 
-import secrets
 from collections.abc import Sequence
 from typing import Any
 
@@ -50,9 +49,8 @@ class SkrlEnv(Wrapper):
         seed: int | None = None,
         **task_options: Any,
     ):
-        models = secrets.randbits(32) if seed is None else seed
         self.vector = GymnasiumVectorEnv(
-            task, num_envs, device, backend, tradeoff, model_seed=models, **task_options
+            task, num_envs, device, backend, tradeoff, model_seed=seed, **task_options
         )
         super().__init__(self.vector)
         self._statistics = EpisodeStatistics(self.vector)

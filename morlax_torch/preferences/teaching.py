@@ -8,6 +8,7 @@ import numpy as np
 from ..config import Config, load_config
 from ..config_files import write_yaml
 from ..envs import MorlaxError, TaskOptions
+from ..envs.making import check_seed
 from ..envs.worlds.learned import TERM
 from ..envs.worlds.options import check_objectives
 from ..files import replacing
@@ -65,8 +66,7 @@ class Lesson:
                 f"{run} has learned {others[0]} already, and a task has one learned reward: go on "
                 f"with --objective {others[0]}, or teach another run."
             )
-        if not 0 <= seed < 2**64:
-            raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
+        check_seed(seed)
         path = folder / "comparisons.npz"
         known = Comparisons.load(path) if path.exists() else None
         self.comparisons = self._with_clips_of_the_run(known, clips)

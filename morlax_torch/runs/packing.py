@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from ..config_files import write_yaml
-from ..envs import MorlaxError
 from ..evaluation.front import Front
 from ..evaluation.history import read_rows
 from ..files import making, read
@@ -21,33 +20,27 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
 
     Args:
         run: a run's folder, or a checkpoint in it.
-        output: a new folder.
+        output: a new or empty folder.
         device: evaluates the front, see `evaluate`.
 
     Returns:
         The front, evaluated anew as in training.
 
     Raises:
-        MorlaxError: there is no such run, or `output` exists or cannot be written.
+        MorlaxError: there is no such run, or `output` is in use or cannot be written.
     """
-    taken = MorlaxError(f"{output} exists already: choose another folder.")
-    if output.exists():
-        raise taken
     source, policy = find_run(run), load(run)
     metrics = read(source / "metrics.csv", "training curve")
     machines = read_machines(source)
     read_rows(source / "metrics.csv")  # refuses a damaged file
-    try:
-        with making(output) as draft:
-            (draft / "checkpoints").mkdir()
-            front = evaluate(policy, device=device)
-            save(policy.cpu(), draft / "checkpoints" / "best.pt")
-            front.save(draft / "front.npz")
-            copy_reward(policy.config, draft)
-            if machines:
-                write_machines(draft, machines)
-            (draft / "config.yaml").write_text(write_yaml(policy.config))
-            (draft / "metrics.csv").write_bytes(metrics)
-    except FileExistsError:
-        raise taken from None
+    with making(output) as draft:
+        (draft / "checkpoints").mkdir()
+        front = evaluate(policy, device=device)
+        save(policy.cpu(), draft / "checkpoints" / "best.pt")
+        front.save(draft / "front.npz")
+        copy_reward(policy.config, draft)
+        if machines:
+            write_machines(draft, machines)
+        (draft / "config.yaml").write_text(write_yaml(policy.config))
+        (draft / "metrics.csv").write_bytes(metrics)
     return front

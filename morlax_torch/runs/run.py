@@ -20,7 +20,7 @@ from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import is_file, title
 from ..evaluation.history import read_rows
-from ..files import AnyPath, making, remove_drafts, replacing, unused
+from ..files import AnyPath, Taken, making, remove_drafts, replacing, unused
 from . import checkpoint
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .lock import RunLock
@@ -91,16 +91,15 @@ class Run:
         usual = Path("runs") / title(config.env) / f"{stamp}-{config.seed}"
         while True:
             folder = unused(usual) if output is None else Path(output)
-            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-                raise taken(folder)
             if os.path.realpath(folder) == os.getcwd():
                 raise MorlaxError("a run needs its own folder: choose another --output.")
             try:
                 with making(folder) as draft:
                     _begin(draft, learner, contents)
                 break
-            except FileExistsError:
-                continue  # another program has made this folder meanwhile
+            except Taken:
+                if output is not None:
+                    raise taken(folder) from None
         run = cls(folder)
         run._lock.acquire()
         learner.group.first(str(folder))

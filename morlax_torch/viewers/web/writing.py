@@ -8,7 +8,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from ...envs import MorlaxError
 from ...exports.formats import onnxruntime
 from ...files import making
 from . import libraries
@@ -22,7 +21,7 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
 
     Args:
         runs: folders of runs, checkpoints or shipped names; the page has a chooser for several.
-        folder: a new folder. It is complete or not there at all.
+        folder: a new or empty folder. It is complete or not there at all.
         device: evaluates the front of a run that has none, see `evaluate`.
 
     Returns:
@@ -30,17 +29,11 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
 
     Raises:
         MorlaxError: a run's task cannot run in a browser, a library cannot be downloaded, the extra
-            onnx is missing, or `folder` exists or cannot be written.
+            onnx is missing, or `folder` is in use or cannot be written.
     """
-    taken = MorlaxError(f"{folder} exists already: choose another folder.")
-    if folder.exists():
-        raise taken
     folder = Path(os.path.abspath(folder))
-    try:
-        with making(folder) as draft:
-            _write(runs, draft, device)
-    except FileExistsError:
-        raise taken from None
+    with making(folder) as draft:
+        _write(runs, draft, device)
     files = [path for path in folder.rglob("*") if path.is_file()]
     return {path.relative_to(folder).as_posix(): path.stat().st_size for path in files}
 
