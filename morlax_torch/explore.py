@@ -66,6 +66,7 @@ def command(arguments: Sequence[str]) -> None:
         if trust:
             trust_task(chosen)
         explore(chosen, host, port)
+        cli.skip_teardown()  # which would wait for viser's threads, and those for browsers
 
     call(main, arguments, program("explore"))
 

@@ -53,14 +53,15 @@ def command(arguments: Sequence[str]) -> None:
 
         if trust:
             trust_task(run)
-        if judge is None and answers:
+        serves = judge is None and answers > 0
+        if serves:
             check_free(host, port)
         lesson = Lesson(run, folder, objective, clips, seed)
         if answers < 0:
             raise MorlaxError(f"there are {answers} answers to give: name 0 or more.")
         if judge is not None:
             lesson.judge(judge, answers)
-        elif answers:
+        elif serves:
             _ask(lesson, answers, host, port)
         fitted = lesson.finish()
         cli.console.print(
@@ -69,6 +70,8 @@ def command(arguments: Sequence[str]) -> None:
         )
         config = shlex.quote(str(folder / "config.yaml"))
         cli.print_command("train", f"{program('train')} --config {config}")
+        if serves:
+            cli.skip_teardown()  # which would wait for viser's threads, and those for browsers
 
     call(main, arguments, program("teach"))
 

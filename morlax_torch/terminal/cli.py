@@ -49,10 +49,14 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         _check_text(arguments)
         with exiting_on_signals(), exiting_when_stuck() if SEVERAL else nullcontext():
             main(arguments)
-        _skip_teardown()
+        torch = sys.modules.get("torch")
+        # freeing CUDA's memory would take a second
+        if SEVERAL or (torch is not None and torch.cuda.is_initialized()):
+            skip_teardown()
+        sys.stdout.flush()
     except SystemExit as ended:
         if SEVERAL and isinstance(ended.code, int):
-            _skip_teardown(ended.code)
+            skip_teardown(ended.code)
         raise
     except MorlaxError as error:
         fail(str(error))
@@ -75,16 +79,14 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         fail(shortage)
 
 
-def _skip_teardown(status: int = 0) -> None:
-    """End a process at once where Python's teardown would do harm.
+def skip_teardown(status: int = 0) -> NoReturn:
+    """End the process at once, where Python's teardown would do harm.
 
-    It would take a second to free CUDA's memory, and abort threads that listen to other processes.
+    It waits for threads of libraries, and aborts those that listen to other processes.
     """
     sys.stdout.flush()
-    torch = sys.modules.get("torch")
-    if SEVERAL or (torch is not None and torch.cuda.is_initialized()):
-        sys.stderr.flush()
-        os._exit(status)
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def _check_text(arguments: Sequence[str]) -> None:
@@ -112,5 +114,5 @@ def fail(sentence: str) -> NoReturn:
         time.sleep(GRACE)  # an error of all processes ends this one before, told by the first
     _console(stderr=True).print(f"error: {sentence}")
     if SEVERAL:
-        _skip_teardown(2)
+        skip_teardown(2)
     sys.exit(2)
