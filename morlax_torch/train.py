@@ -9,6 +9,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING, NamedTuple
 
 from .config import Config
+from .envs import MorlaxError
 from .files import AnyPath
 from .terminal import cli
 from .terminal.arguments import read
@@ -94,6 +95,13 @@ def _prepare(
     from .runs.training import make_evaluator, make_worlds
 
     config, group = join(config)
+    if not group.first(run is not None):
+        run = None  # a host may have an older folder of this name
+    elif run is None:
+        raise MorlaxError(
+            f"process 0 goes on with a run that process {group.rank} does not find: put its folder "
+            "on a disk that all hosts share."
+        )
     worlds = make_worlds(config, config.worlds, group.rank)
     learner = make_learner(worlds, config, actor, critic, group=group)
     evaluator = make_evaluator(learner)

@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -100,22 +100,20 @@ def training(tmp_path, request) -> Iterator[tuple[subprocess.Popen, Path]]:
     started = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    metrics, end = run / "metrics.csv", time.monotonic() + 100
-    while not metrics.exists() or len(metrics.read_text().splitlines()) < 3:
-        assert started.poll() is None and time.monotonic() < end
-        time.sleep(0.05)
+    wait_for_lines(run, 3, [started])
     yield started, run
     if started.poll() is None:
         os.killpg(started.pid, signal.SIGKILL)
         started.communicate()
 
 
-def process(launcher: int, rank: int) -> int:
-    """Return the process of a rank."""
+def ranks(launcher: int) -> dict[int, int]:
+    """Return the processes of a launcher, by rank."""
+    found = {}
     for child in Path(f"/proc/{launcher}/task/{launcher}/children").read_text().split():
-        if f"\0RANK={rank}\0" in f"\0{Path(f'/proc/{child}/environ').read_text()}":
-            return int(child)
-    raise AssertionError(rank)
+        variables = Path(f"/proc/{child}/environ").read_text().split("\0")
+        found |= {int(each[5:]): int(child) for each in variables if each.startswith("RANK=")}
+    return found
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="there is no /proc")
@@ -127,12 +125,12 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="there i
 )
 def test_training_goes_on_after_a_process_was_killed(training, runs):
     launcher, run = training
-    os.kill(process(launcher.pid, 1), signal.SIGKILL)
+    os.kill(ranks(launcher.pid)[1], signal.SIGKILL)
     killed, end = (run / "metrics.csv").read_text(), time.monotonic() + 100
     while len((run / "metrics.csv").read_text()) < len(killed) + 300:
         assert launcher.poll() is None and time.monotonic() < end
         time.sleep(0.05)
-    os.kill(process(launcher.pid, 0), signal.SIGTERM)
+    os.kill(ranks(launcher.pid)[0], signal.SIGTERM)
     launcher.communicate(timeout=100)
     table = (run / "metrics.csv").read_text()
     steps = [int(line.split(",")[1]) for line in table.splitlines()[1:]]
@@ -141,6 +139,44 @@ def test_training_goes_on_after_a_process_was_killed(training, runs):
     assert hypervolumes(table.splitlines()[:5]) == hypervolumes(
         four
     )  # as if no process had been killed
+
+
+@needs_proc
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", [pytest.param(0, marks=pytest.mark.long), 1])
+def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, killed):
+    run, address = tmp_path / "run", f"127.0.0.1:{free_port()}"
+    command = [
+        *(sys.executable, "-m", "torch.distributed.run", "--nnodes=2", "--nproc-per-node=1"),
+        *("--rdzv-backend=c10d", f"--rdzv-endpoint={address}", "--rdzv-id=7"),
+        *("--max-restarts=1", "--monitor-interval=0.2", "-m", "morlax_torch.train"),
+        *(*SMALL, "--output", str(run)),
+    ]
+    launchers = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    try:
+        wait_for_lines(run, 3, launchers)
+        places = {rank: child for one in launchers for rank, child in ranks(one.pid).items()}
+        # the other one must not end by itself: its launcher then counts no restart
+        os.kill(places[1 - killed], signal.SIGSTOP)
+        os.kill(places[killed], signal.SIGKILL)
+        time.sleep(3)
+        os.kill(places[1 - killed], signal.SIGCONT)
+        wait_for_lines(run, len((run / "metrics.csv").read_text().splitlines()) + 2, launchers)
+    finally:
+        for one in launchers:
+            one.terminate()
+            one.communicate()
+
+
+def wait_for_lines(run: Path, number: int, launchers: Sequence[subprocess.Popen]) -> None:
+    metrics, end = run / "metrics.csv", time.monotonic() + 100
+    while not metrics.exists() or len(metrics.read_text().splitlines()) < number:
+        assert time.monotonic() < end
+        assert all(one.poll() is None for one in launchers)
+        time.sleep(0.05)
 
 
 def hypervolumes(lines: list[str]) -> list[str]:
@@ -152,7 +188,7 @@ def hypervolumes(lines: list[str]) -> list[str]:
 @pytest.mark.parametrize("training", [()], indirect=True)
 def test_a_signal_to_one_process_ends_all(training):
     launcher, run = training
-    os.kill(process(launcher.pid, 1), signal.SIGTERM)
+    os.kill(ranks(launcher.pid)[1], signal.SIGTERM)
     output, _ = launcher.communicate(timeout=100)
     assert output.count("interrupted: ") == 1
     assert state(run).progress.env_steps > 1600

@@ -13,7 +13,8 @@ from torch.distributed.rendezvous import rendezvous
 
 from ..config import Config
 from ..envs import MorlaxError, resolve_device
-from ..torchrun import LOCAL_RANK, PROCESSES, RESTARTS, SEVERAL
+from ..torchrun import LOCAL_RANK, PROCESSES, SEVERAL
+from .meeting import meet
 
 T = TypeVar("T")
 
@@ -159,8 +160,7 @@ def _processes(backend: str) -> Processes:
     if not dist.is_initialized():
         store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
         store.set_timeout(PATIENCE)
-        # torchrun keeps its store over restarts, with the addresses of processes that have ended
-        store = dist.PrefixStore(str(RESTARTS), store)
+        store = dist.PrefixStore(meet(store, rank, size, PATIENCE.total_seconds()), store)
         dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
     objects = dist.new_group(backend="gloo", timeout=BUSY)
     return Processes(dist.group.WORLD, objects)

@@ -8,7 +8,7 @@ from .. import envs
 from ..config import MAY_CHANGE, Config, differences, load_config
 from ..envs import MorlaxError
 from ..envs.worlds.section import Section
-from ..torchrun import FIRST, MAY_RESTART, RESTARTS, launch
+from ..torchrun import FIRST, MAY_RESTART, launch
 from .startup import program
 from .task_arguments import CommandLine, asks_for_help, base_values, placed
 
@@ -57,7 +57,7 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     if MAY_RESTART:
         if run is None and output is None:
             raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
-        if RESTARTS and output is not None and _was_begun(output):
+        if output is not None and _was_begun(output):
             return config, _run(output), None
     return config, run, output
 
@@ -70,12 +70,12 @@ def _was_begun(output: Path) -> bool:
     """
     if not (output / "config.yaml").is_file():
         return False
-    from ..runs import checkpoint
-    from ..runs.run import taken
+    if FIRST:
+        from ..runs import checkpoint
+        from ..runs.run import taken
 
-    known = checkpoint.load(output / "checkpoints" / "latest.pt").progress.launch
-    if FIRST and known != launch():
-        raise taken(output)
+        if checkpoint.load(output / "checkpoints" / "latest.pt").progress.launch != launch():
+            raise taken(output)
     return True
 
 
