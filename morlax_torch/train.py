@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # torch takes seconds to import: not before the command line 
 
     from .algorithms.learner import Learner
     from .evaluation.evaluator import Evaluator
+    from .gpu.group import Group
     from .runs.progress import Evaluation, Progress
     from .runs.run import Run
     from .runs.schedule import Limits
@@ -95,13 +96,7 @@ def _prepare(
     from .runs.training import make_evaluator, make_worlds
 
     config, group = join(config)
-    if not group.first(run is not None):
-        run = None  # a host may have an older folder of this name
-    elif run is None:
-        raise MorlaxError(
-            f"process 0 goes on with a run that process {group.rank} does not find: put its folder "
-            "on a disk that all hosts share."
-        )
+    run = _shared(run, group)
     worlds = make_worlds(config, config.worlds, group.rank)
     learner = make_learner(worlds, config, actor, critic, group=group)
     evaluator = make_evaluator(learner)
@@ -110,6 +105,22 @@ def _prepare(
     if run is not None:
         return _Session(learner, evaluator, run, run.restore(learner))
     return _Session(learner, evaluator, Run.create(learner, output), Progress())
+
+
+def _shared(run: Run | None, group: Group) -> Run | None:
+    """Return the run to go on with, if the first process has one.
+
+    Raises:
+        MorlaxError: it has one, and this process does not find it.
+    """
+    if not group.first(run is not None):
+        return None  # this host may have an older folder of that name
+    if run is None:
+        raise MorlaxError(
+            f"process 0 goes on with a run that process {group.rank} does not find: put its folder "
+            "on a disk that all hosts share."
+        )
+    return run
 
 
 def command(arguments: Sequence[str]) -> None:

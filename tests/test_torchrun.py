@@ -239,14 +239,14 @@ def test_a_process_that_waits_for_one_that_has_ended_heeds_a_signal():
 
 
 def by_hand(rank: int, port: int, *arguments: str) -> subprocess.Popen:
-    """Start one of two processes, which wait for each other for 3 s."""
+    """Start one of two processes that train, which wait for each other for 3 s."""
     places = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
     impatient = (
         "from datetime import timedelta; from morlax_torch.gpu import group; "
         "group.PATIENCE = timedelta(seconds=3); from morlax_torch.train import main; main()"
     )
     return subprocess.Popen(
-        [sys.executable, "-c", impatient, *SMALL, *arguments],
+        [sys.executable, "-c", impatient, *arguments],
         env={**os.environ, **places, "RANK": str(rank), "LOCAL_RANK": str(rank)},
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -261,7 +261,7 @@ def free_port() -> int:
 
 
 def test_a_missing_process_is_told():
-    first = by_hand(0, free_port())
+    first = by_hand(0, free_port(), *SMALL)
     message = first.communicate(timeout=100)[1]
     assert first.returncode == 2
     assert "the 2 processes of this run did not find each other" in message
@@ -271,7 +271,7 @@ def test_a_port_in_use_is_told():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        first = by_hand(0, taken.getsockname()[1])
+        first = by_hand(0, taken.getsockname()[1], *SMALL)
         message = first.communicate(timeout=100)[1]
     assert first.returncode == 2
     assert "the 2 processes of this run did not find each other" in message
@@ -280,7 +280,16 @@ def test_a_port_in_use_is_told():
 
 def test_processes_with_different_configs_do_not_train():
     port = free_port()
-    for process in [by_hand(rank, port, "--seed", str(rank)) for rank in range(2)]:
+    for process in [by_hand(rank, port, *SMALL, "--seed", str(rank)) for rank in range(2)]:
         message = process.communicate(timeout=100)[1]
         assert process.returncode == 2
         assert "process 1 has another config than process 0" in message
+
+
+def test_a_host_without_the_folder_of_a_resumed_run_is_told(runs):
+    port, longer = free_port(), ("--max-env-steps", "9600")
+    first = by_hand(0, port, "--resume", str(runs / "whole"), *longer)
+    message = by_hand(1, port, *SMALL, *longer).communicate(timeout=100)[1]
+    assert "process 0 goes on with a run that process 1 does not find" in message
+    first.kill()
+    first.communicate()
