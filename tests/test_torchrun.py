@@ -136,25 +136,36 @@ def test_training_goes_on_after_a_process_was_killed(training, runs):
     steps = [int(line.split(",")[1]) for line in table.splitlines()[1:]]
     assert steps == list(range(0, 1600 * len(steps), 1600))
     four = (runs / "whole" / "metrics.csv").read_text().splitlines()[:5]
-    assert hypervolumes(table.splitlines()[:5]) == hypervolumes(
-        four
-    )  # as if no process had been killed
+    # as if no process had been killed
+    assert hypervolumes(table.splitlines()[:5]) == hypervolumes(four)
+
+
+two_gpus = pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two GPUs")
 
 
 @needs_proc
 @pytest.mark.slow
-@pytest.mark.parametrize("killed", [pytest.param(0, marks=pytest.mark.long), 1])
-def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, killed):
+@pytest.mark.parametrize(
+    ("killed", "device"),
+    [
+        pytest.param(0, "cpu", marks=pytest.mark.long),
+        (1, "cpu"),
+        pytest.param(1, "cuda", marks=[pytest.mark.gpu, two_gpus]),
+    ],
+)
+def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, killed, device):
     run, address = tmp_path / "run", f"127.0.0.1:{free_port()}"
     command = [
         *(sys.executable, "-m", "torch.distributed.run", "--nnodes=2", "--nproc-per-node=1"),
         *("--rdzv-backend=c10d", f"--rdzv-endpoint={address}", "--rdzv-id=7"),
         *("--max-restarts=1", "--monitor-interval=0.2", "-m", "morlax_torch.train"),
-        *(*SMALL, "--output", str(run)),
+        *("--env", "hopper", "--device", device, *SMALL[4:], "--output", str(run)),
     ]
     launchers = [
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(2)
+        subprocess.Popen(
+            command, env={**os.environ, "CUDA_VISIBLE_DEVICES": gpu}, stderr=subprocess.DEVNULL
+        )
+        for gpu in "01"
     ]
     try:
         wait_for_lines(run, 3, launchers)
@@ -168,7 +179,7 @@ def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, k
     finally:
         for one in launchers:
             one.terminate()
-            one.communicate()
+            one.wait()
 
 
 def wait_for_lines(run: Path, number: int, launchers: Sequence[subprocess.Popen]) -> None:
