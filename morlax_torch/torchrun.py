@@ -11,7 +11,7 @@ MAY_RESTART = os.environ.get("TORCHELASTIC_MAX_RESTARTS", "0") != "0"
 
 
 def launch() -> str:
-    """Return what names this process's launcher, also after its restarts; "": there is none."""
+    """Return the host and process ID of the launcher, which restarts keep; "" without one."""
     if "TORCHELASTIC_RUN_ID" not in os.environ:
         return ""
     return f"{socket.gethostname()} {os.getppid()}"
