@@ -19,7 +19,8 @@ from pathlib import Path
 from morlax_torch import config_for
 from morlax_torch.train import train
 short = {"worlds": 8, "max_env_steps": 2000, "device": "cpu", "sampling": {"clusters": 2}}
-train(config_for("hopper", **short), output=Path(sys.argv[1]))
+config = config_for("hopper", **short, evaluation={"tradeoffs": 4})
+train(config, output=Path(sys.argv[1]))
 assert "triton" not in sys.modules
 """
 

@@ -110,6 +110,8 @@ def test_sb3_wrappers_work():
     env.close()
 
 
+@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("opengl")
 def test_vec_video_recorder_films_the_worlds(tmp_path):
     pytest.importorskip("moviepy")

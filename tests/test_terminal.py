@@ -92,6 +92,8 @@ def test_the_output_of_training_and_evaluation_fits(tmp_path):
     assert_fits(shown("train", "--resume", "run", "--max-env-steps", "many", folder=tmp_path))
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_the_output_of_a_search_fits(tmp_path):
     pytest.importorskip("optuna", reason="the extra [tune] is not installed")
     small = ("--env", "hopper", *SMALL[2 : SMALL.index("--max-env-steps")])

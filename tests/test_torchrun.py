@@ -145,10 +145,11 @@ two_gpus = pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two G
 
 @needs_proc
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("killed", "device"),
     [
-        pytest.param(0, "cpu", marks=pytest.mark.long),
+        (0, "cpu"),
         (1, "cpu"),
         pytest.param(1, "cuda", marks=[pytest.mark.gpu, two_gpus]),
     ],
