@@ -82,7 +82,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
 def skip_teardown(status: int = 0) -> NoReturn:
     """End the process at once, where Python's teardown would do harm.
 
-    It waits for threads of libraries, and aborts those that listen to other processes.
+    Teardown waits for threads of libraries, and aborts those that listen to other processes.
     """
     sys.stdout.flush()
     sys.stderr.flush()
