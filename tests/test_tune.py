@@ -341,6 +341,26 @@ def test_importance_finds_the_option_that_matters(tmp_path):
     assert next(iter(shares)) == "ppo.learning_rate"
 
 
+def test_trials_change_few_options_of_the_best_trial(tmp_path):
+    study = study_at(tmp_path, **space_values(None, "cpu"))
+    found = [claimed(study)]
+    for value in (1.0, 2.0, *[0.5] * 10):
+        scripted(study, found[-1], [value])
+        found.append(claimed(study))
+    options = [study._space.options(claim.trial.params) for claim in found]
+    for earlier, later in ((0, 1), *((1, n) for n in range(2, len(found)))):
+        changed = [name for name in options[0] if options[earlier][name] != options[later][name]]
+        assert 1 <= len(changed) <= 9
+
+
+def test_draws_go_on_after_many_trials_that_failed(tmp_path):
+    study = study_at(tmp_path)
+    for _ in range(25):
+        study.fail(claimed(study), "the loss became nan.")
+    drawn = [claimed(study).trial.params for _ in range(4)]
+    assert all(set(params) == set(VALUES) for params in drawn)
+
+
 def test_draws_fit_together(tmp_path):
     space = {"sampling.clusters": [4, 7, 8, 16], "ppo.minibatches": [2, 3, 5, 8]}
     study = study_at(tmp_path, **space)

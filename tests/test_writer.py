@@ -224,6 +224,19 @@ def test_evaluations_are_spaced_by_their_cost():
         assert schedule.iterations() == iterations
 
 
+def test_evaluations_at_given_times():
+    learner = SimpleNamespace(iteration=0, steps_per_iteration=100)
+    progress, limits = Progress(), Limits(max_seconds=9.0, evaluate_seconds=(1.0, 3.0))
+    schedule = Schedule(cast(Any, learner), limits, progress)
+    found = []
+    for seconds in range(10):
+        progress.train_seconds = float(seconds)
+        if schedule.evaluation_due():
+            found.append(seconds)
+            schedule.evaluated(cost=0.8)
+    assert found == [0, 1, 3]  # and at the end, as always
+
+
 def test_a_slow_learner_stops_at_its_time_limit():
     learner = SimpleNamespace(iteration=3, steps_per_iteration=100)
     progress = Progress(train_seconds=3.0, steps_per_second=50.0)

@@ -22,7 +22,8 @@ class Limits(NamedTuple):
     max_env_steps: int | None = None
     max_seconds: float | None = None  # of training time
     evaluate_every: int | None = None  # environment steps
-    evaluate_seconds: float | None = None  # of training time, instead of `evaluate_every`
+    # of training time, instead of `evaluate_every`: an interval, or times
+    evaluate_seconds: float | tuple[float, ...] | None = None
     stopped: Callable[[], bool] = lambda: False  # asked after each iteration
 
     @classmethod
@@ -71,10 +72,12 @@ class Schedule:
 
     def evaluated(self, cost: float) -> None:
         """Plan the next evaluation, after one that kept training waiting for `cost` seconds."""
-        gap = self._limits.evaluate_seconds
-        if gap is None:
-            gap = (1 / EVALUATION_SHARE - 1) * cost
-        self._next_second = self._progress.train_seconds + gap
+        now, given = self._progress.train_seconds, self._limits.evaluate_seconds
+        if isinstance(given, tuple):
+            self._next_second = min((time for time in given if time > now), default=math.inf)
+        else:
+            gap = (1 / EVALUATION_SHARE - 1) * cost if given is None else given
+            self._next_second = now + gap
 
     def iterations(self) -> int:
         """Return how many iterations may pass until the next look at limits and metrics."""

@@ -1,4 +1,4 @@
-"""One trial: training with its config, evaluated at even times."""
+"""One trial: training with its config, evaluated a few times."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -13,7 +13,7 @@ from ..runs.progress import Evaluation
 from ..runs.schedule import Limits
 from ..runs.starting import start_from
 from ..runs.training import make_evaluator, make_worlds, training
-from .pruning import EVALUATIONS
+from .pruning import EVALUATED
 from .study import MOST_DEATHS, Claim, Result, Study
 
 SEEDS = 3  # of the base config, and of a trial that stays the best with each of them
@@ -105,11 +105,12 @@ def _train_once(
 
 
 def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evaluation, None, None]:
-    """Train until max_seconds, and yield evaluations at even training times."""
+    """Train until max_seconds, and yield the first and last evaluation and those of EVALUATED."""
     learner = make_learner(make_worlds(config, config.worlds), config)
     evaluator = make_evaluator(learner)
     if config.start_from is not None:
         start_from(config.start_from, learner)
     seconds = config.max_seconds or 0.0
-    limits = Limits(None, seconds, evaluate_seconds=seconds / EVALUATIONS, stopped=stopped)
+    times = tuple(share * seconds for share in EVALUATED)
+    limits = Limits(None, seconds, evaluate_seconds=times, stopped=stopped)
     yield from training(learner, evaluator, limits)
