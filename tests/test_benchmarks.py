@@ -27,6 +27,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_table1(tmp_path):
     options = ("--env", "cheetah", "--seconds", "0.2", "--every", "0.2", "--seeds", "3")
     run("table1", *options, "--device", "cpu", folder=tmp_path)

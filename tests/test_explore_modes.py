@@ -23,6 +23,7 @@ def view(tmp_path: Path, monkeypatch) -> Iterator[View]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_threshold_in_a_browser_moves_the_sliders_and_draws_a_line(view):
     front = Front.load(find_run("cheetah") / "front.npz")
     view.unfold("at least")

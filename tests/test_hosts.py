@@ -75,6 +75,7 @@ def test_training_imports_no_optional_library(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_weights_and_biases_syncs_the_indicators_and_losses(tmp_path):
     pytest.importorskip("wandb")
     done = subprocess.run(

@@ -81,6 +81,8 @@ def test_the_help_of_every_command_fits(command, tmp_path):
     assert lines[0].startswith("usage: python -m morlax_torch ")
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_the_output_of_training_and_evaluation_fits(tmp_path):
     trained = shown("train", *SMALL, "--output", "run", folder=tmp_path)
     assert_fits(trained)

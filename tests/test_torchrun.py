@@ -218,6 +218,8 @@ def test_restarts_need_a_folder():
     assert "--max-restarts needs --output FOLDER, to go on from there" in done.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_restarts_do_not_continue_a_run_of_another_launch(runs):
     before = state(runs / "whole").progress
     launcher = (*TORCHRUN, "--max-restarts=1", "--monitor-interval=0.2")

@@ -17,7 +17,7 @@ DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
 TF32_ERROR = 1e-5 if mlp_kernels.INTERPRETED else 2e-3  # TF32 has 10 bits
 
 NETWORKS = [  # sizes, K, S
-    ((27, 128, 128, 16), 2, 640),
+    ((27, 128, 128, 16), 2, 256 if mlp_kernels.INTERPRETED else 640),
     ((17, 128, 64, 12), 3, 97),
     ((5, 1, 2), 1, 1),
     ((3, 20, 2), 64, 17),
