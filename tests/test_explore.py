@@ -85,6 +85,32 @@ def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
         yield process
 
 
+WAITING = """
+import signal, threading, time
+from morlax_torch.viewers.explorer.serving import Requests
+
+def interrupt(thread):
+    while True:
+        time.sleep(0.003)
+        signal.pthread_kill(thread, signal.SIGINT)
+
+def keep_busy():
+    while True:
+        sum(range(2000))
+
+signal.signal(signal.SIGINT, lambda number, frame: None)
+threading.Thread(target=keep_busy, daemon=True).start()
+threading.Thread(target=interrupt, args=(threading.get_ident(),), daemon=True).start()
+requests = Requests(None)
+for _ in range(200):
+    requests.execute(0.002)
+"""
+
+
+def test_the_wait_for_requests_ends_whenever_a_signal_comes():
+    subprocess.run([sys.executable, "-c", WAITING], timeout=PATIENCE, check=True)
+
+
 @pytest.fixture
 def browser() -> Iterator:
     with chromium() as browser:

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable
 from contextlib import suppress
-from queue import Empty, SimpleQueue
+from queue import Empty, Queue
 
 import viser
 
@@ -24,7 +24,8 @@ class Requests:
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
-        self._queue: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
+        self._queue: Queue[Callable[[], None]] = Queue()
 
     def put(self, request: Callable[[], None]) -> None:
         """Queue a request, from any thread."""
