@@ -21,7 +21,6 @@ from morlax_torch.gpu.group import ALONE
 from morlax_torch.networks.agent import Agent
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
-from morlax_torch.runs.schedule import Limits
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
 
 SMALLEST, LARGEST = -1.0, 1.0  # parameter of a policy
@@ -60,7 +59,7 @@ class NSGA2:
             torch.full((config.worlds, sizes[2]), 1 / sizes[2]),  # policies come in order
             seed=SEED,
         )
-        self.iteration, self.env_steps, self.time_spent = 0, 0, 0.0
+        self.iteration = self.env_steps = 0
         self.group, self.per_process = ALONE, ()
         self.steps_per_iteration = config.worlds * self._evaluator.env.episode_length
         torch.manual_seed(config.seed)  # EvoX draws from the default generator
@@ -74,7 +73,7 @@ class NSGA2:
         self._evaluator.compile()
         self._look_around()
 
-    def iterate(self) -> None:
+    def iterate(self, done: float = 0.0) -> None:
         if self.iteration == 0:
             self._evolution.init_step()
         else:
@@ -125,7 +124,7 @@ def train(
     """Train until a limit of the config is reached; returns the run."""
     learner = NSGA2(make_worlds(config, config.worlds), config)
     run = Run.create(learner, output)
-    for evaluation in training(learner, make_evaluator(learner), Limits.of(config), run):
+    for evaluation in training(learner, make_evaluator(learner), run):
         if on_evaluation is not None:
             on_evaluation(evaluation)
     return run

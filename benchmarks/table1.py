@@ -1,189 +1,188 @@
-"""Reproduce the paper's Table I: hypervolume over training time, and time to the targets.
+"""How long the published command takes to the hypervolumes of the paper's Table I.
 
-    python benchmarks/table1.py --seconds 60 --output table1
+    python benchmarks/table1.py --env hopper --limits 5 6 7 8 --output docs/table1-h200
 
-Two protocols are compared: the package's (a fixed set of 512 trade-offs, episodes that stop
-counting at their first end) and the paper's (1,024 Dirichlet trade-offs, only failed steps masked,
-the reward at the reset added). Training time excludes evaluations. The `train` command then runs
-again for the training time that reached HYPER-MORL's maximum, to see how long a user waits in all.
-Writes OUTPUT.csv, one row per evaluation, OUTPUT.md, the table, and OUTPUT.png, the curves. To
-merge rows measured on several GPUs into one table:
+Each row is one `python -m morlax_torch.train --env TASK --max-seconds LIMIT --seed SEED`, timed from
+its start to its exit. Its checkpoint is then loaded and evaluated anew. A limit reaches a target if
+the median over the seeds of these new hypervolumes does; limits are tried from the shortest on, and
+one that cannot reach the target any more is left early. Run each task once before, so that its
+kernels are compiled.
 
-    python benchmarks/table1.py --env --given first.csv second.csv --output table1
+Appends to OUTPUT.csv, where rows that exist are not measured again, and writes the table to
+OUTPUT.md. To write the table from the rows alone, pass --env without a task.
 """
 
 import csv
-import itertools
+import subprocess
+import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
+from typing import Literal, NamedTuple
 
 import tyro
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from training_curve import TARGETS, Point, command_seconds, reached, training_curve
 
-from morlax_torch import config_for
-from morlax_torch.config import Config
-from morlax_torch.envs import resolve_device
+from morlax_torch.evaluation.history import read_rows
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.terminal.cli import console
 
-PAPER_SECONDS = {  # to HYPER-MORL's maximum: (MORLAX on an RTX A4000, HYPER-MORL on a CPU)
-    "cheetah": (144.0, 4955.0),
-    "walker": (307.1, 8075.8),
-    "ant": (533.7, 13338.6),
-    "hopper": (53.2, 12728.2),
-    "humanoid": (92.4, 25950.0),
+Goal = Literal["hyper-morl", "morlax"]
+
+TARGETS: dict[Goal, dict[str, float]] = {  # the highest hypervolumes in the paper's Table I
+    "hyper-morl": {
+        "cheetah": 5.58e6,
+        "walker": 5.28e6,
+        "ant": 2.70e7,
+        "hopper": 6.0e6,
+        "humanoid": 0.74e6,
+    },
+    "morlax": {
+        "cheetah": 5.78e6,
+        "walker": 6.48e6,
+        "ant": 2.81e7,
+        "hopper": 1.48e7,
+        "humanoid": 5.45e6,
+    },
 }
-PROTOCOLS = ("latched", "paper")
-COLUMNS = (
-    *("env", "seed", "train_seconds", "total_seconds", "env_steps"),
-    *("hypervolume", "hypervolume_paper_protocol", "command_seconds"),
-)
+
+
+class Row(NamedTuple):
+    """One command, and a new evaluation of its best checkpoint."""
+
+    env: str
+    max_seconds: float
+    seed: int
+    command_seconds: float  # from the command's start to its exit
+    first_row_seconds: float  # from its start to the evaluation at step 0
+    env_steps: int
+    hypervolume: float  # of the new evaluation
+    printed_hypervolume: float  # the best one that the command printed
+    paper_protocol: float  # hypervolume of the new evaluation by the paper's protocol
 
 
 def main(
-    env: tuple[str, ...] = tuple(TARGETS),
-    seconds: float = 60.0,
-    seeds: tuple[int, ...] = (0, 1, 2),
-    every: float = 1.0,
-    given: tuple[Path, ...] = (),
+    env: tuple[str, ...] = tuple(TARGETS["hyper-morl"]),
+    limits: tuple[float, ...] = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30),
+    seeds: tuple[int, ...] = (100, 101, 102, 103, 104),
+    goal: Goal = "hyper-morl",
     device: str | None = None,
     output: Path = Path("table1"),
 ) -> None:
-    """Train, evaluate and write the table.
+    """Find the shortest training time that reaches a target, and write the table.
 
     Args:
-        env: Tasks to train.
-        seconds: Training time per run, in seconds.
-        seeds: Random seeds, one run of each task per seed.
-        every: Training seconds between evaluations.
-        given: CSV files with rows from earlier runs.
+        env: Tasks to train; none: only write the table.
+        limits: Training times to try, in seconds.
+        seeds: Random seeds, other than those that configs were tuned with.
+        goal: Whose highest hypervolume is the target.
         device: cuda or cpu (None: CUDA if available).
         output: Path of the output files, without a suffix.
     """
-    if not (env or given):
-        raise SystemExit("nothing to do: pass a task with --env, or CSV files with --given.")
-    runs = read(given)
-    if env:
-        place = resolve_device(device)
-    with Path(f"{output}.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(COLUMNS)
-        rows.writerows(row(*key, p) for key, points in runs.items() for p in points)
-        for task, seed in itertools.product(env, seeds):
-            config = config_for(task, seed=seed, device=str(place))
-            points = training_curve(config, seconds, every, PROTOCOLS)
-            runs[task, seed] = [timed(config, p, points) for p in points]
-            rows.writerows(row(task, seed, p) for p in runs[task, seed])
-            file.flush()
-            console.print(f"{task}, seed {seed}: {runs[task, seed][-1]}")
-    curves_of = {task: [] for task in TARGETS if any(task == name for name, _ in runs)}
-    for (task, _), points in sorted(runs.items()):
-        curves_of[task].append(points)
-    table = markdown(curves_of)
+    path = Path(f"{output}.csv")
+    rows = read(path)
+    for task in env:
+        for limit in sorted(limits):
+            target, found = TARGETS[goal][task], []
+            for seed in seeds:
+                row = rows.get((task, limit, seed))
+                if row is None:
+                    row = rows[task, limit, seed] = measured(task, limit, seed, device)
+                    append(path, row)
+                    console.print(str(row))
+                found.append(row.hypervolume)
+                if sum(volume < target for volume in found) > len(seeds) // 2:
+                    break
+            if len(found) == len(seeds) and median(found) >= target:
+                break
+    table = markdown(list(rows.values()), len(seeds))
     console.print(table)
     Path(f"{output}.md").write_text(table)
-    curves(curves_of).savefig(f"{output}.png", dpi=130)
 
 
-def timed(config: Config, point: Point, points: list[Point]) -> Point:
-    """Time the command if `point` is the first that reaches HYPER-MORL's maximum."""
-    if point is not reached(points, TARGETS[config.env][0]):
-        return point
-    return point._replace(command_seconds=command_seconds(config, point.train_seconds))
+def measured(task: str, limit: float, seed: int, device: str | None) -> Row:
+    """Run the command, load its best checkpoint and evaluate it."""
+    place = ("--device", device) if device else ()
+    with TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        options = ("--env", task, "--max-seconds", f"{limit:g}", "--seed", str(seed), *place)
+        start = time.perf_counter()
+        subprocess.run(
+            [sys.executable, "-m", "morlax_torch.train", *options, "--output", str(run)],
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+        seconds = time.perf_counter() - start
+        history = read_rows(run / "metrics.csv")
+        latched, paper = (
+            evaluate(run, protocol=protocol, device=device).hypervolume
+            for protocol in ("latched", "paper")
+        )
+    return Row(
+        task,
+        limit,
+        seed,
+        round(seconds, 2),
+        float(history[0]["total_seconds"]),
+        int(history[-1]["env_steps"]),
+        latched,
+        max(float(row["hypervolume"]) for row in history),
+        paper,
+    )
 
 
-def row(task: str, seed: int, point: Point) -> list[str | int | float]:
-    """Return the CSV row of one evaluation; the last cell is empty if no command was timed."""
-    volumes = [point.hypervolume[name] for name in PROTOCOLS]
-    command = point.command_seconds
-    return [task, seed, *point[:3], *volumes, "" if command is None else command]
+def read(path: Path) -> dict[tuple[str, float, int], Row]:
+    """Read the rows of a CSV file by task, limit and seed; none if there is no file."""
+    if not path.exists():
+        return {}
+    kinds = Row.__annotations__.values()
+    with path.open(newline="") as file:
+        lines = list(csv.reader(file))[1:]
+    rows = [Row(*(kind(cell) for kind, cell in zip(kinds, line, strict=True))) for line in lines]
+    return {(row.env, row.max_seconds, row.seed): row for row in rows}
 
 
-def read(files: tuple[Path, ...]) -> dict[tuple[str, int], list[Point]]:
-    """Read runs from CSV files, by task and seed."""
-    runs: dict[tuple[str, int], list[Point]] = {}
-    for path in files:
-        with path.open(newline="") as file:
-            lines = csv.reader(file)
-            next(lines)
-            for task, seed, trained, total, steps, *found in lines:
-                *volumes, command = (float(cell) if cell else None for cell in found)
-                by_protocol = dict(zip(PROTOCOLS, volumes, strict=True))
-                point = Point(float(trained), float(total), int(steps), by_protocol, command)
-                runs.setdefault((task, int(seed)), []).append(point)
-    return runs
+def append(path: Path, row: Row) -> None:
+    """Append a row to a CSV file, with a header if it is the first."""
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.writer(file)
+        if new:
+            writer.writerow(Row._fields)
+        writer.writerow(row)
 
 
-def markdown(runs: dict[str, list[list[Point]]]) -> str:
-    """Format the table, with "median (minimum - maximum)" over the seeds."""
+def markdown(rows: Sequence[Row], seeds: int) -> str:
+    """Format the shortest limit that reaches each target, with "median (minimum - maximum)"."""
     lines = [
-        "| task | steps/s | to HYPER-MORL's maximum | from the command | "
-        "MORLAX, HYPER-MORL in the paper | to the paper's MORLAX maximum | best hypervolume | "
-        "by the paper's protocol |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| task | target | --max-seconds | hypervolume | from Enter to exit (s) | "
+        "to the row of step 0 (s) | steps/s |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for task, seeds in runs.items():
-        low, high = TARGETS[task]
-        speed = median(p[-1].env_steps / p[-1].train_seconds for p in seeds)
-        morlax, hyper_morl = PAPER_SECONDS[task]
-        best = {
-            name: [max(p.hypervolume[name] for p in points) for points in seeds]
-            for name in PROTOCOLS
-        }
-        first, second = ([reached(points, goal) for points in seeds] for goal in (low, high))
-        cells = [
-            task,
-            f"{speed / 1e6:.2f} M",
-            f"{low:.3g}: {spread([p and p.train_seconds for p in first])} s",
-            f"{spread([p and p.command_seconds for p in first])} s",
-            f"{morlax:.0f} s, {hyper_morl:.0f} s",
-            f"{high:.3g}: {spread([p and p.train_seconds for p in second])} s",
-            spread(best["latched"], ".3e"),
-            spread(best["paper"], ".3e"),
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
+    groups: dict[tuple[str, float], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.env, row.max_seconds), []).append(row)
+    for goal, targets in TARGETS.items():
+        for task, target in targets.items():
+            for (_, limit), group in sorted(g for g in groups.items() if g[0][0] == task):
+                if len(group) >= seeds and median(r.hypervolume for r in group) >= target:
+                    cells = [
+                        task,
+                        f"{goal}, {target:.3g}",
+                        f"{limit:g}",
+                        spread([row.hypervolume for row in group], ".3g"),
+                        spread([row.command_seconds for row in group], ".1f"),
+                        spread([row.first_row_seconds for row in group], ".1f"),
+                        f"{median(row.env_steps / row.max_seconds for row in group) / 1e6:.2f} M",
+                    ]
+                    lines.append("| " + " | ".join(cells) + " |")
+                    break
     return "\n".join(lines) + "\n"
 
 
-def spread(values: list[float | None], form: str = ".1f") -> str:
-    """Format median and range; a run that misses the target counts as infinite time."""
-    known = sorted(float("inf") if value is None else value for value in values)
-    words = ["never" if value == float("inf") else f"{value:{form}}" for value in known]
-    middle = median(known)
-    middle_word = "never" if middle == float("inf") else f"{middle:{form}}"
-    return f"{middle_word} ({words[0]} - {words[-1]})" if len(known) > 1 else words[0]
-
-
-def curves(runs: dict[str, list[list[Point]]]) -> Figure:
-    """Plot hypervolume over training seconds, one line per seed, with the targets dashed."""
-    columns = min(len(runs), 3)
-    rows = -(-len(runs) // columns)
-    figure = Figure(figsize=(5.0 * columns, 3.4 * rows), layout="constrained")
-    for index, (task, seeds) in enumerate(runs.items()):
-        axes = figure.add_subplot(rows, columns, index + 1)
-        for points in seeds:
-            seconds = [p.train_seconds for p in points]
-            axes.plot(seconds, [p.hypervolume["latched"] for p in points], color="C0", alpha=0.7)
-        for target in TARGETS[task]:
-            axes.axhline(target, color="0.4", linestyle="--", linewidth=0.8)
-        _name_targets(axes, TARGETS[task])
-        axes.set_title(task)
-        axes.set_xlabel("training time (s)")
-        axes.set_ylabel("hypervolume")
-        axes.grid(alpha=0.3)
-    return figure
-
-
-def _name_targets(axes: Axes, targets: Sequence[float]) -> None:
-    """Write the names of the targets to the right of the axes, apart from each other."""
-    low, high = axes.get_ylim()
-    first, second = sorted(targets)
-    apart = max(0.0, 0.06 - (second - first) / (high - low)) * (high - low) / 2
-    for height, name in ((first - apart, "HYPER-MORL"), (second + apart, "MORLAX, paper")):
-        right = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "center"}
-        axes.annotate(name, (1.015, height), fontsize="small", color="0.3", **right)
+def spread(values: Sequence[float], form: str) -> str:
+    return f"{median(values):{form}} ({min(values):{form}} - {max(values):{form}})"
 
 
 if __name__ == "__main__":

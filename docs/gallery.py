@@ -102,9 +102,10 @@ def examples() -> None:
 
 
 def seeds(task: str) -> list[History]:
-    """Return the training curves of table1-h200.csv, one per seed."""
-    with (DOCS / "table1-h200.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["env"] == task]
+    """Return MORLAX's training curves of the comparison, one per seed."""
+    with (DOCS / "comparison" / "more-seeds" / "rows.csv").open(newline="") as file:
+        found = list(csv.DictReader(file))
+    rows = [row for row in found if (row["task"], row["method"]) == (task, "MORLAX")]
     names = ("env_steps", "train_seconds", "hypervolume")
     return [
         History(

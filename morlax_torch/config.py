@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from . import envs
-from .config_files import algorithm_of, merged, nested, task_values
+from .config_files import algorithm_of, merged, nested, renamed, task_values
 from .config_sections import (
     OPTIONS,
     REQUIRED,
@@ -69,7 +69,7 @@ class Config(Section):
     """Stop after this many environment steps."""
     max_seconds: PositiveFloat | None = None
     """Stop after this much training time, without compiling and evaluating, in seconds. With
-    ppo.anneal, runs then depend on how fast the machine is."""
+    ppo.decay_fraction, runs then depend on how fast the machine is."""
     sampling: SamplingConfig = SamplingConfig()
     network: NetworkConfig = NetworkConfig()
     ppo: PPOConfig = PPOConfig()
@@ -178,9 +178,10 @@ class Config(Section):
             )
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
-        if self.ppo.anneal and not self.ends:
+        if self.ppo.decay_fraction and not self.ends:
             raise ValueError(
-                "ppo.anneal needs max_env_steps or max_seconds: learning rates reach zero there"
+                "ppo.decay_fraction needs max_env_steps or max_seconds: learning rates reach zero "
+                "there"
             )
         if self.evaluation.tradeoffs < num_objectives:
             raise ValueError(
@@ -221,7 +222,7 @@ def load_config(values: dict[str, Any]) -> Config:
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
     model = config_class(values["env"], algorithm_of(values))
     try:
-        return model.model_validate(values)
+        return model.model_validate(renamed(values))
     except ValidationError as error:
         raise explained(error, model) from None
 
@@ -243,7 +244,7 @@ def config_for(env: str, **changes: Any) -> Config:
     device_type = envs.resolve_device(changes.get("device")).type
     values = task_values(env, device_type, algorithm_of(changes))
     for name, value in changes.items():
-        values = merged(values, nested(name, value))
+        values = merged(values, renamed(nested(name, value)))
     return load_config(values)
 
 

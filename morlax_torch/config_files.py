@@ -63,7 +63,7 @@ def file_values(path: Path, device_type: str, **given: str | None) -> dict[str, 
     Raises:
         MorlaxError: the file cannot be read, or says otherwise.
     """
-    values = _fitted(read_yaml(path), device_type)
+    values = renamed(_fitted(read_yaml(path), device_type))
     for name, value in given.items():
         if value is not None and values.setdefault(name, value) != value:
             raise MorlaxError(
@@ -175,6 +175,15 @@ def changes(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 def _by_section(key: str, value: Any, below: dict[str, Any]) -> bool:
     both = isinstance(value, dict) and isinstance(below.get(key), dict)
     return both and key not in ("objectives", "shared")
+
+
+def renamed(values: dict[str, Any]) -> dict[str, Any]:
+    """Return values with today's names for options of version 1.0: `ppo.anneal` is one."""
+    ppo = values.get("ppo")
+    if not isinstance(ppo, dict) or not isinstance(ppo.get("anneal"), bool):
+        return values
+    others = {name: value for name, value in ppo.items() if name != "anneal"}
+    return {**values, "ppo": {"decay_fraction": float(ppo["anneal"]), **others}}
 
 
 def nested(name: str, value: Any) -> dict[str, Any]:

@@ -63,9 +63,10 @@ class PPOConfig(Section):
     desired_kl: float | None = Field(default=None, gt=0, le=1)
     """After every minibatch, change the actor's learning rate towards this KL divergence between
     the policies that acted and the current ones (None: leave the learning rate)."""
-    anneal: bool = False
-    """Decay learning rates, desired KL, entropy bonus and normalizer updates linearly to zero at
-    max_env_steps or max_seconds, whichever comes first."""
+    decay_fraction: float = Field(default=0.0, ge=0, le=1)
+    """Share of the run, at its end, over which learning rates, desired KL, entropy bonus and
+    observation normalizer updates decay linearly to zero. Until then they stay constant, as in
+    warmup-stable-decay schedules (1: decay over the whole run; 0: never)."""
     epochs: Count = 4
     """Passes over a rollout."""
     minibatches: Count = 8

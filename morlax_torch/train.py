@@ -24,7 +24,6 @@ if TYPE_CHECKING:  # torch takes seconds to import: not before the command line 
     from .gpu.group import Group
     from .runs.progress import Evaluation, Progress
     from .runs.run import Run
-    from .runs.schedule import Limits
 
 
 def train(
@@ -56,10 +55,8 @@ def train(
             blows up, or a loss is not finite. Checkpoints keep their last good state.
     """
     began = time.perf_counter()
-    from .runs.schedule import Limits
-
     session = _prepare(config, run, output, actor, critic)
-    with closing(session.train(Limits.of(config), began)) as evaluations:
+    with closing(session.train(began)) as evaluations:
         for evaluation in evaluations:
             if on_evaluation is not None:
                 on_evaluation(evaluation)
@@ -74,11 +71,13 @@ class _Session(NamedTuple):
     run: Run
     progress: Progress
 
-    def train(self, limits: Limits, began: float) -> Generator[Evaluation, None, None]:
+    def train(
+        self, began: float, stopped: Callable[[], bool] = lambda: False
+    ) -> Generator[Evaluation, None, None]:
         from .runs.training import training
 
         run = self.run if self.learner.group.rank == 0 else None
-        return training(self.learner, self.evaluator, limits, run, self.progress, began)
+        return training(self.learner, self.evaluator, run, self.progress, began, stopped=stopped)
 
 
 def _prepare(
@@ -131,7 +130,6 @@ def command(arguments: Sequence[str]) -> None:
             f"{run.folder} has reached its limit: raise --{limit} to train it further."
         )
         return
-    from .runs.schedule import Limits
     from .terminal.display import Display
 
     session = _prepare(config, run, output)
@@ -145,7 +143,7 @@ def command(arguments: Sequence[str]) -> None:
     with (
         interruptible() as interrupted,
         Display(session.learner, session.run.folder, session.progress) as display,
-        closing(session.train(Limits.of(config, stopped), began)) as evaluations,
+        closing(session.train(began, stopped)) as evaluations,
     ):
         for evaluation in evaluations:
             display.evaluated(evaluation)

@@ -18,6 +18,8 @@ from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.config import Config
+from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds
 from morlax_torch.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.train import command, train
@@ -55,9 +57,15 @@ def trained(config: Config, iterations: int) -> Any:
     learner = make_learner(make_worlds(config, config.worlds), config)
     if config.device != "cpu":
         learner.compile()
-    for _ in range(iterations):
-        learner.iterate()
+    iterate(learner, iterations)
     return learner
+
+
+def iterate(learner: Any, iterations: int) -> None:
+    """Run iterations as the training loop does."""
+    schedule = Schedule(learner, Progress())
+    for _ in range(iterations):
+        learner.iterate(schedule.done(0.0))
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
@@ -100,8 +108,7 @@ def test_resuming_continues_exactly(algorithm, changes):
     state = copy.deepcopy(half.state_dict())
     other = trained(config, 0)
     other.load_state_dict(state)
-    for _ in range(5):
-        other.iterate()
+    iterate(other, 5)
     ours, others = whole.state_dict(), other.state_dict()
     for name, value in ours["agent"].items():
         assert torch.equal(value, others["agent"][name]), name
@@ -119,7 +126,7 @@ def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypern
     seen, tradeoffs = torch.ones(2, 1, 1), torch.tensor([[0.9, 0.1], [0.5, 0.5]])
     both = learner.agent.actors(tradeoffs).act(seen)
     assert torch.equal(both[0], both[1])
-    learner.iterate()
+    iterate(learner, 1)
     assert not learner.warming_up and learner.agent.actor.weight.any()
     cells = torch.cdist(learner.tradeoffs, even_tradeoffs(CLUSTERS, 2)).argmin(1)
     assert torch.equal(cells, torch.arange(CLUSTERS))
@@ -254,7 +261,7 @@ def test_nsga2_finds_the_front_without_gradients(tmp_path):
         "independent",
         worlds=population,
         max_env_steps=population * 150,
-        **{"sampling.clusters": population, "ppo.minibatches": 1, "ppo.anneal": False},
+        **{"sampling.clusters": population, "ppo.minibatches": 1, "ppo.decay_fraction": 0.0},
     )
     best = []
     run = nsga2.train(config, tmp_path / "run", lambda evaluation: best.append(evaluation.front))
@@ -263,15 +270,6 @@ def test_nsga2_finds_the_front_without_gradients(tmp_path):
     assert (missed * tradeoffs).sum(1).max() < 0.02
     policy, seen = load(run.folder, "cpu", trust=True), torch.ones(3, 1)
     assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))
-
-
-def test_time_that_is_over_anneals_too():
-    ppo = {"ppo.anneal": True, "ppo.learning_rate": 1e-3}
-    learner = trained(small("morlax", 10, max_seconds=60.0, **ppo), 2)
-    assert learner.done == pytest.approx(0.2)
-    learner.time_spent = 0.75
-    learner.iterate()
-    assert learner.ppo.optimizers[0].rate.item() == pytest.approx(0.25e-3)
 
 
 @pytest.mark.parametrize("number", [3, 6, 10, 40])
@@ -292,7 +290,10 @@ def test_even_tradeoffs_cover_the_simplex(number):
         ({"method.warmup": 0.5}, "unknown method key .warmup"),
         ({"algorithm": "amor", "network.type": "dual"}, "amor needs conditioned: leave it out"),
         ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
-        ({"algorithm": "hyper-morl", "max_env_steps": None, "ppo.anneal": False}, "method.warmup"),
+        (
+            {"algorithm": "hyper-morl", "max_env_steps": None, "ppo.decay_fraction": 0.0},
+            "method.warmup",
+        ),
         ({"network.type": "independent"}, "needs algorithm independent"),
     ],
 )

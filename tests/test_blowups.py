@@ -11,7 +11,6 @@ from torch import Tensor
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.progress import Evaluation, Progress
-from morlax_torch.runs.schedule import Limits
 from morlax_torch.runs.training import make_evaluator, training
 from morlax_torch.train import train
 
@@ -200,8 +199,8 @@ def test_blow_ups_of_earlier_sessions_count(kept, slider):
     config = config_for("slider", **SMALL)
     learner = MORLAX(envs.make("slider", 8, "cpu"), config)
     learner.env.blowups += kept
-    limits, progress = Limits.of(config), Progress(blowups=1000)
-    with closing(training(learner, make_evaluator(learner), limits, None, progress)) as found:
+    progress = Progress(blowups=1000)
+    with closing(training(learner, make_evaluator(learner), None, progress)) as found:
         assert [evaluation.blowups for evaluation in found] == [1000, 1000, 1000]
 
 

@@ -4,8 +4,9 @@ from importlib import resources
 from pathlib import Path
 
 import pytest
+import yaml
 
-from morlax_torch import MorlaxError, config_files, envs
+from morlax_torch import MorlaxError, config_files, config_for, envs
 from morlax_torch.config import load_config
 from morlax_torch.config_files import file_values, task_values
 
@@ -60,15 +61,28 @@ def test_paper_configs_are_the_same_on_cpu_and_gpu(env, device):
     file = Path(str(resources.files("morlax_torch.configs") / "paper" / f"{env}.yaml"))
     config = load_config(file_values(file, device))
     assert config.env == env
-    assert (config.num_clusters, config.ppo.anneal, config.ppo.entropy) == (8, False, 0.01)
+    assert (config.num_clusters, config.ppo.decay_fraction, config.ppo.entropy) == (8, 0.0, 0.01)
     # batch size x minibatches = worlds, in all five tasks of the paper
     batch = {"cheetah": 64, "hopper": 32}.get(env, 64)
     assert config.ppo.minibatches * batch == config.worlds
 
 
-def test_annealing_requires_max_env_steps():
-    with pytest.raises(MorlaxError, match="anneal needs max_env_steps"):
-        load_config({"env": "ant", "ppo": {"anneal": True}})
+def test_decay_requires_max_env_steps():
+    with pytest.raises(MorlaxError, match="decay_fraction needs max_env_steps"):
+        load_config({"env": "ant", "ppo": {"decay_fraction": 0.3}})
+
+
+@pytest.mark.parametrize(("anneal", "fraction"), [(True, 1.0), (False, 0.0)])
+def test_configs_of_version_1_mean_what_they_meant(anneal, fraction, tmp_path):
+    values = {"env": "ant", "max_env_steps": 10**6, "ppo": {"anneal": anneal}}
+    file = tmp_path / "old.yaml"
+    file.write_text(yaml.safe_dump(values))
+    configs = [
+        load_config(values),
+        load_config(file_values(file, "cpu")),  # over today's config of the task
+        config_for("ant", device="cpu", **{"ppo.anneal": anneal}),
+    ]
+    assert [config.ppo.decay_fraction for config in configs] == [fraction] * 3
 
 
 UNUSABLE = {

@@ -28,7 +28,7 @@ from morlax_torch.config_files import file_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.history import History
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.training import Limits, make_evaluator, make_worlds, training
+from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.train import train
 
 HANG = 30.0  # seconds
@@ -120,7 +120,7 @@ USUAL: dict[str, st.SearchStrategy] = {
     "network.initial_std": st.floats(0.0011, 100),
     "network.output_scale": st.floats(0, 100),
     "ppo.learning_rate": st.floats(1e-12, 1e-2),
-    "ppo.anneal": st.booleans(),
+    "ppo.decay_fraction": st.floats(0, 1),
     "ppo.desired_kl": st.sampled_from((None, 1e-4, 0.01, 1.0)),
     "ppo.epochs": st.integers(1, 3),
     "ppo.minibatches": st.sampled_from((1, 2, 4)),
@@ -172,8 +172,9 @@ def trains_or_is_refused(drawn: tuple[str, dict[str, Any]]) -> None:
         assert load_config(yaml.safe_load(yaml.safe_dump(config.model_dump(mode="json")))) == config
         assume_small(config)
         learner = MORLAX(make_worlds(config, config.worlds), config)
-        limits = Limits(max_env_steps=2 * learner.steps_per_iteration)
-        for evaluation in training(learner, make_evaluator(learner), limits):
+        limit = {"max_env_steps": 2 * learner.steps_per_iteration, "max_seconds": None}
+        learner.config = config.model_copy(update=limit)
+        for evaluation in training(learner, make_evaluator(learner)):
             assert np.isfinite(evaluation.front.returns).all()
             assert all(math.isfinite(value) for value in evaluation.row().values())
         assert all(math.isfinite(value) for value in learner.metrics().values())

@@ -199,9 +199,9 @@ def test_gymnasium_environments_share_one_config():
 def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "car"
     train.command(
-        f"--env {CAR} --device cpu --worlds 16 --horizon 16 --ppo.minibatches 2 --ppo.no-anneal "
-        "--max-env-steps 1500 --evaluation.every 700 --evaluation.tradeoffs 4 "
-        f"--task.episode-length 100 --output {folder}".split()
+        f"--env {CAR} --device cpu --worlds 16 --horizon 16 --ppo.minibatches 2 "
+        "--ppo.decay-fraction 0 --max-env-steps 1500 --evaluation.every 700 "
+        f"--evaluation.tradeoffs 4 --task.episode-length 100 --output {folder}".split()
     )
     return folder
 

@@ -22,7 +22,7 @@ TINY: dict[str, Any] = {
     "worlds": 32,
     "horizon": 5,
     "sampling": {"clusters": 8},
-    "ppo": {"minibatches": 2, "epochs": 2, "anneal": False},
+    "ppo": {"minibatches": 2, "epochs": 2, "decay_fraction": 0.0},
     "evaluation": {"tradeoffs": 8, "every": 800},
     "task": {"episode_length": 20},
 }
@@ -42,7 +42,7 @@ class SeeingCritic(envs.get("hopper")):
 
 
 CASES: dict[str, dict[str, Any]] = {
-    "hopper": {"ppo.anneal": True, "max_env_steps": 2000},
+    "hopper": {"ppo.decay_fraction": 0.5, "max_env_steps": 2000},
     "ant": {"task.reset_noise": 0.01},
     "humanoid": {"task.stagger": True},
     "bruce": {"task.draw_commands": True, "task.noise": 1.0, "task.randomize": True},

@@ -50,7 +50,7 @@ SMALL = {
     "sampling.clusters": 32,
     "ppo.minibatches": 2,
     "ppo.entropy": 0.0,
-    "ppo.anneal": False,
+    "ppo.decay_fraction": 0.0,
     "ppo.learning_rate": 1e-3,
     "network.initial_std": 0.1,
 }

@@ -325,7 +325,10 @@ def test_a_run_with_a_learned_reward_resumes_exactly(lesson, tmp_path):
     config = load_config(read_yaml(lesson.folder / "config.yaml"))
 
     def trained(folder: str, steps: int, run: Run | None = None) -> Run:
-        changes = {"max_env_steps": steps, "ppo": config.ppo.model_copy(update={"anneal": False})}
+        changes = {
+            "max_env_steps": steps,
+            "ppo": config.ppo.model_copy(update={"decay_fraction": 0.0}),
+        }
         limited = (run.config() if run else config).model_copy(
             update=changes if run is None else {"max_env_steps": steps}
         )

@@ -71,7 +71,7 @@ def test_the_hparams_tab_has_the_config_and_names_the_indicators(tmp_path):
     assert values["env"].string_value == "hopper"
     assert values["worlds"].number_value == 8
     assert values["ppo.learning_rate"].number_value == run.config().ppo.learning_rate
-    assert values["ppo.anneal"].string_value == "true"
+    assert values["ppo.decay_fraction"].number_value == 0.5
     assert values["network.hidden"].string_value == "[4]"
     infos = content(metadata.EXPERIMENT_TAG).experiment.metric_infos
     tags = {info.name.tag for info in infos}
@@ -138,14 +138,15 @@ def test_metrics_are_means_over_the_episodes_that_ended():
 
 
 def test_rates_and_action_noise_are_those_in_use():
-    config = tiny(**{"ppo.learning_rate": 3e-4, "ppo.critic_learning_rate": 7e-4})
+    rates = {"ppo.learning_rate": 3e-4, "ppo.critic_learning_rate": 7e-4}
+    config = tiny(**rates, **{"ppo.decay_fraction": 0.5})
     learner = MORLAX(make_worlds(config, config.worlds), config)
     learner.iterate()
     found = learner.metrics()
     assert found["learning_rate/actor"] == pytest.approx(3e-4)
     assert found["learning_rate/critic"] == pytest.approx(7e-4)
-    learner.iterate()
-    assert 0 < learner.metrics()["learning_rate/actor"] < 3e-4  # annealed
+    learner.iterate(done=0.9)
+    assert 0 < learner.metrics()["learning_rate/actor"] < 3e-4  # decayed
     assert 0.1 < found["action_std"] < 2
     assert found["gradient_norm/actor"] > 0
 

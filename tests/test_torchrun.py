@@ -20,7 +20,7 @@ SMALL = (
     *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
     *("--sampling.clusters", "8", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "7"),
     *("--evaluation.every", "1600", "--task.episode-length", "20", "--task.reset-noise", "0.01"),
-    "--ppo.no-anneal",
+    *("--ppo.decay-fraction", "0"),
 )
 
 

@@ -24,9 +24,10 @@ from morlax_torch.config_files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.progress import Evaluation
+from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.training import Limits, make_evaluator, make_worlds, training
+from morlax_torch.runs.schedule import Schedule
+from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.train import train
 
 TINY = {
@@ -47,9 +48,15 @@ def tiny(**changes: object) -> Config:
 
 def trainer(config: Config, iterations: int) -> MORLAX:
     morlax = MORLAX(make_worlds(config, config.worlds), config)
-    for _ in range(iterations):
-        morlax.iterate()
+    iterate(morlax, iterations)
     return morlax
+
+
+def iterate(morlax: MORLAX, iterations: int) -> None:
+    """Run iterations as the training loop does."""
+    schedule = Schedule(morlax, Progress())
+    for _ in range(iterations):
+        morlax.iterate(schedule.done(0.0))
 
 
 def metrics(run: Run) -> list[dict[str, str]]:
@@ -81,8 +88,8 @@ def test_runs_that_begin_at_once_get_a_folder_each(tmp_path, monkeypatch):
         {"network": {"type": "conditioned"}},
         {"task": {"reset_noise": 0.01, "stagger": True}},
         {"sampling": {"corners": 0, "alpha": 0.5}, "ppo": {"truncation": "mask"}},
-        {"ppo": {"anneal": True}, "max_env_steps": 1600},
-        {"ppo": {"anneal": True, "desired_kl": 0.02}, "max_env_steps": 1600},
+        {"ppo": {"decay_fraction": 1.0}, "max_env_steps": 1600},
+        {"ppo": {"decay_fraction": 0.5, "desired_kl": 0.02}, "max_env_steps": 1600},
     ],
 )
 def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
@@ -90,18 +97,18 @@ def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
     assert_same(trainer(config, 5).state_dict(), trainer(config, 5).state_dict())
 
 
-def test_annealing_decays_learning_rates_and_entropy_to_zero():
-    config = tiny(max_env_steps=10 * 160, ppo={"anneal": True, "entropy": 0.02})
-    morlax = trainer(config, 5)
-    assert morlax.ppo.entropy.item() == pytest.approx(0.02 * 0.6)
-    assert morlax.ppo.optimizers[1].rate.item() == pytest.approx(3e-4 * 0.6)
-    for _ in range(8):
-        morlax.iterate()
+@pytest.mark.parametrize(("fraction", "factor"), [(1.0, 0.6), (0.8, 0.75), (0.5, 1.0)])
+def test_learning_rates_and_entropy_decay_to_zero_at_the_end(fraction, factor):
+    config = tiny(max_env_steps=10 * 160, ppo={"decay_fraction": fraction, "entropy": 0.02})
+    morlax = trainer(config, 5)  # the fifth iteration begins after 40 % of the run
+    assert morlax.ppo.entropy.item() == pytest.approx(0.02 * factor)
+    assert morlax.ppo.optimizers[1].rate.item() == pytest.approx(3e-4 * factor)
+    iterate(morlax, 8)
     assert morlax.ppo.optimizers[0].rate.item() == morlax.ppo.entropy.item() == 0.0
 
 
-def test_annealing_decays_the_desired_kl_instead_of_a_rate_that_adapts_to_it():
-    ppo = {"anneal": True, "desired_kl": 0.02}
+def test_the_desired_kl_decays_instead_of_a_rate_that_adapts_to_it():
+    ppo = {"decay_fraction": 1.0, "desired_kl": 0.02}
     morlax = trainer(tiny(max_env_steps=10 * 160, ppo=ppo), 5)
     assert morlax.ppo.desired_kl.item() == pytest.approx(0.02 * 0.6)
     actor, critic = (optimizer.rate.item() for optimizer in morlax.ppo.optimizers)
@@ -109,8 +116,8 @@ def test_annealing_decays_the_desired_kl_instead_of_a_rate_that_adapts_to_it():
     assert actor / 3e-4 == pytest.approx(1.5 ** round(math.log(actor / 3e-4, 1.5)))
 
 
-def test_policies_stop_changing_after_annealing():
-    morlax = trainer(tiny(max_env_steps=5 * 160, ppo={"anneal": True}), 5)
+def test_policies_stop_changing_once_everything_has_decayed():
+    morlax = trainer(tiny(max_env_steps=5 * 160, ppo={"decay_fraction": 0.3}), 5)
     policy = Policy(morlax.agent, morlax.config, morlax.env.objectives)
     x = morlax.observation.clone()
 
@@ -118,8 +125,7 @@ def test_policies_stop_changing_after_annealing():
         return policy(x, (0.3, 0.7))
 
     before = actions()
-    for _ in range(3):
-        morlax.iterate()
+    iterate(morlax, 3)
     torch.testing.assert_close(actions(), before, rtol=0, atol=0)
 
 
@@ -324,8 +330,8 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
 
 def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    learner = trainer(tiny(), 0)
-    evaluations = training(learner, make_evaluator(learner), Limits(evaluate_every=320))
+    learner = trainer(tiny(max_env_steps=1600, evaluation={"every": 320}), 0)
+    evaluations = training(learner, make_evaluator(learner))
     first, second, third = (next(evaluations) for _ in range(3))
     evaluations.close()
     assert [first.iteration, second.iteration, third.iteration] == [0, 2, 4]
@@ -335,9 +341,8 @@ def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch,
 
 
 def test_a_time_limit_ends_training_with_an_evaluation():
-    learner = trainer(tiny(), 0)
-    limits = Limits(max_seconds=0.3, evaluate_seconds=0.1)
-    *_, last = training(learner, make_evaluator(learner), limits)
+    learner = trainer(tiny(max_seconds=0.3, max_env_steps=None), 0)
+    *_, last = training(learner, make_evaluator(learner), evaluate_at=(0.1, 0.2))
     assert last.train_seconds >= 0.3
     assert last.iteration == learner.iteration > 0
 

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -19,7 +20,7 @@ from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.schedule import Limits, Schedule
+from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.runs.writer import Writer
 from morlax_torch.terminal.clock import command_began
@@ -32,23 +33,22 @@ EVERY = 64  # steps, or two iterations
 class Trial:
     """A run that evaluates after every second iteration and calls `during` before each one."""
 
-    def __init__(self, folder: Path, during: Callable[[int], None]):
-        config = tiny(max_env_steps=99_999)
+    def __init__(self, folder: Path, during: Callable[[int], None], **changes: Any):
+        config = tiny(**{"max_env_steps": 99_999, "evaluation.every": EVERY, **changes})
         self.learner = MORLAX(make_worlds(config, config.worlds), config)
         self.run = Run.create(self.learner, folder)
         self.found: list[int] = []
         iterate = self.learner.iterate
 
-        def observed() -> None:
+        def observed(done: float) -> None:
             during(self.learner.iteration)
-            iterate()
+            iterate(done)
 
         self.learner.iterate = observed
 
-    def train(self, limits: Limits) -> None:
-        limits = limits._replace(evaluate_every=EVERY)
+    def train(self, **options: Any) -> None:
         evaluator = make_evaluator(self.learner)
-        for evaluation in training(self.learner, evaluator, limits, self.run):
+        for evaluation in training(self.learner, evaluator, self.run, **options):
             self.found.append(evaluation.iteration)
 
     def wait_for(self, iteration: int) -> None:
@@ -97,7 +97,7 @@ def test_training_goes_on_beside_a_slow_disk_and_an_interrupt_loses_nothing(disk
         disk.set()
         return True
 
-    trial.train(Limits(stopped=stopped))
+    trial.train(stopped=stopped)
     assert trial.found == trial.rows == [0, 2, 4, 6]
     assert trial.latest == 7
 
@@ -111,7 +111,7 @@ def test_an_error_in_training_comes_after_what_was_evaluated_before_it(disk, tmp
 
     trial = Trial(tmp_path / "run", fail)
     with pytest.raises(MorlaxError, match="caught fire"):
-        trial.train(Limits())
+        trial.train()
     assert trial.found == trial.rows == [0, 2, 4]
     assert trial.latest == 4
 
@@ -119,9 +119,7 @@ def test_an_error_in_training_comes_after_what_was_evaluated_before_it(disk, tmp
 def test_closing_waits_until_everything_is_written(disk, tmp_path):
     disk.set()
     trial = Trial(tmp_path / "run", lambda iteration: None)
-    evaluations = training(
-        trial.learner, make_evaluator(trial.learner), Limits(evaluate_every=EVERY), trial.run
-    )
+    evaluations = training(trial.learner, make_evaluator(trial.learner), trial.run)
     next(evaluations)
     disk.clear()
     threading.Timer(0.2, disk.set).start()
@@ -134,9 +132,8 @@ def test_closing_waits_until_everything_is_written(disk, tmp_path):
 
 
 def test_evaluations_are_yielded_in_order_when_their_files_are_complete(tmp_path):
-    trial = Trial(tmp_path / "run", lambda iteration: None)
-    limits, evaluator = Limits(320, evaluate_every=EVERY), make_evaluator(trial.learner)
-    for evaluation in training(trial.learner, evaluator, limits, trial.run):
+    trial = Trial(tmp_path / "run", lambda iteration: None, max_env_steps=320)
+    for evaluation in training(trial.learner, make_evaluator(trial.learner), trial.run):
         trial.found.append(evaluation.iteration)
         assert trial.rows[: len(trial.found)] == trial.found
         assert trial.latest >= evaluation.iteration
@@ -156,7 +153,7 @@ def test_a_full_disk_ends_training_with_one_error(tmp_path, monkeypatch, capfd):
 
     trial = Trial(tmp_path / "run", fill)
     with pytest.raises(MorlaxError, match=r"cannot write .*front.npz: No space left") as error:
-        trial.train(Limits())
+        trial.train()
     assert trial.found == trial.rows == [0, 2]
     assert error.value.__context__ is None or isinstance(error.value.__context__, OSError)
     assert capfd.readouterr() == ("", "")
@@ -175,7 +172,7 @@ def test_a_run_s_folder_that_disappears_ends_training_with_one_error(tmp_path):
 
     trial = Trial(tmp_path / "run", replace)
     with pytest.raises(MorlaxError, match=r"cannot write .*run.*: Not a directory"):
-        trial.train(Limits())
+        trial.train()
     assert trial.found == [0, 2]
     for thread in threading.enumerate():
         if getattr(thread, "exception", None):  # TensorBoard's, which may still be raising it
@@ -211,10 +208,19 @@ def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
     assert not list(writer.results())
 
 
+def planned(progress: Progress, iteration: int = 0, **limits: Any) -> dict[str, Any]:
+    """Return the arguments of a schedule whose config has these limits, and none else."""
+    unlimited = {"max_env_steps": None, "max_seconds": None, "evaluation.every": None}
+    config = tiny(**{**unlimited, "ppo.decay_fraction": 0.0, **limits})
+    learner = SimpleNamespace(
+        config=config, iteration=iteration, steps_per_iteration=100, env_steps=100 * iteration
+    )
+    return {"learner": cast(Any, learner), "progress": progress}
+
+
 def test_evaluations_are_spaced_by_their_cost():
-    learner = SimpleNamespace(iteration=0, steps_per_iteration=100)
     progress = Progress(train_seconds=3.0)
-    schedule = Schedule(cast(Any, learner), Limits(), progress)
+    schedule = Schedule(**planned(progress))
     assert schedule.evaluation_due()
     schedule.evaluated(cost=0.8)  # 8 % of ten seconds
     progress.steps_per_second = 200.0
@@ -225,9 +231,8 @@ def test_evaluations_are_spaced_by_their_cost():
 
 
 def test_evaluations_at_given_times():
-    learner = SimpleNamespace(iteration=0, steps_per_iteration=100)
-    progress, limits = Progress(), Limits(max_seconds=9.0, evaluate_seconds=(1.0, 3.0))
-    schedule = Schedule(cast(Any, learner), limits, progress)
+    progress = Progress()
+    schedule = Schedule(**planned(progress, max_seconds=9.0), evaluate_at=(1.0, 3.0))
     found = []
     for seconds in range(10):
         progress.train_seconds = float(seconds)
@@ -238,14 +243,29 @@ def test_evaluations_at_given_times():
 
 
 def test_a_slow_learner_stops_at_its_time_limit():
-    learner = SimpleNamespace(iteration=3, steps_per_iteration=100)
     progress = Progress(train_seconds=3.0, steps_per_second=50.0)
-    schedule = Schedule(cast(Any, learner), Limits(max_seconds=6.5, evaluate_every=10**6), progress)
+    limits = {"max_seconds": 6.5, "evaluation.every": 10**6}
+    schedule = Schedule(**planned(progress, iteration=3, **limits))
     assert not schedule.over()
     assert schedule.seconds() == 3.5
     assert schedule.iterations() == 2
     progress.train_seconds = 6.5
     assert schedule.over()
+
+
+@pytest.mark.parametrize(
+    ("limits", "done"),
+    [
+        ({}, 0.0),
+        ({"max_env_steps": 1000}, 0.3),
+        ({"max_seconds": 8.0}, 0.5),
+        ({"max_env_steps": 1000, "max_seconds": 8.0}, 0.5),
+        ({"max_env_steps": 400, "max_seconds": 8.0}, 0.75),
+        ({"max_seconds": 2.0}, 1.0),
+    ],
+)
+def test_the_share_of_a_run_that_is_over_is_that_of_the_nearer_limit(limits, done):
+    assert Schedule(**planned(Progress(), iteration=3, **limits)).done(4.0) == done
 
 
 def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tmp_path):
@@ -266,8 +286,8 @@ def test_rows_have_both_clocks(tmp_path):
     assert all(total >= trained for trained, total in clocks)
     trial, began = Trial(tmp_path / "other", lambda iteration: None), time.perf_counter() - 1000
     evaluator = make_evaluator(trial.learner)
-    (first,) = training(trial.learner, evaluator, Limits(0), trial.run, began=began)
-    assert first.total_seconds > 1000
+    with closing(training(trial.learner, evaluator, trial.run, began=began)) as evaluations:
+        assert next(evaluations).total_seconds > 1000
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")

@@ -37,13 +37,13 @@ class HyperMORL(MORLAX):
         balanced = torch.full_like(self.tradeoffs, 1 / self.tradeoffs.shape[1])
         self.tradeoffs.copy_(torch.where(self._warming_up, balanced, self.tradeoffs))
 
-    def iterate(self) -> None:
+    def iterate(self, done: float = 0.0) -> None:
         assert isinstance(self.config.method, HyperMORLOptions)
-        if self.warming_up and self.done >= self.config.method.warmup:
+        if self.warming_up and done >= self.config.method.warmup:
             self.warming_up = False
             self._warming_up.fill_(False)
             self._start_hypernetwork()
-        super().iterate()
+        super().iterate(done)
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "warming_up": self.warming_up}

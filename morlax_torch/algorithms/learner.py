@@ -21,9 +21,6 @@ class Learner(Protocol):
     iteration: int
     steps_per_iteration: int
     """Environment steps of an iteration, in all processes."""
-    time_spent: float
-    """Share of `config.max_seconds` that is over, which the training loop keeps up to date."""
-
     env_steps: int
     """Environment steps learned from so far, in all processes."""
 
@@ -31,8 +28,8 @@ class Learner(Protocol):
         """Compile kernels and record graphs; the learner's state is unchanged."""
         ...
 
-    def iterate(self) -> None:
-        """Run one iteration."""
+    def iterate(self, done: float = 0.0) -> None:
+        """Run one iteration, of a run of which the share `done` is over, from 0 to 1."""
         ...
 
     def metrics(self) -> dict[str, float]:

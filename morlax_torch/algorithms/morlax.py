@@ -101,8 +101,7 @@ class MORLAX:
             self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
             self.per_process = (*self.per_process, "starts")
         self.iteration = self.env_steps = 0
-        self.time_spent = 0.0
-        self._done = torch.zeros((), device=env.device)  # `done`, readable by graphs
+        self._done = torch.zeros((), device=env.device)  # of `iterate`, readable by graphs
         self.steps_per_iteration = config.worlds * config.horizon * group.size
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
@@ -137,19 +136,17 @@ class MORLAX:
         self.load_state_dict(state)
         self._restart_metrics()
 
-    def iterate(self) -> None:
-        """Run one iteration of MORLAX."""
-        self._done.fill_(self.done)
+    def iterate(self, done: float = 0.0) -> None:
+        """Run one iteration of MORLAX.
+
+        Args:
+            done: share of the run that is over, from 0 to 1, for `ppo.decay_fraction`.
+        """
+        self._done.fill_(done)
         self.explore()
         self.learn()
         self.iteration += 1
         self.env_steps += self.steps_per_iteration
-
-    @property
-    def done(self) -> float:
-        """The share of the run that is over, by steps or by time."""
-        most = self.config.max_env_steps
-        return min(1.0, max(self.time_spent, self.env_steps / most if most else 0.0))
 
     def _explore(self, steps: int | None = None) -> None:
         """Collect a rollout, or only its first `steps`."""
@@ -193,10 +190,10 @@ class MORLAX:
 
     def _learn(self, epochs: int | None = None) -> None:
         """Learn from the rollout for `epochs` (None: the config's)."""
-        config, left = self.config.ppo, torch.ones_like(self._done)
-        if config.anneal:
-            left = 1 - self._done
-            self.ppo.anneal(left)
+        config, decay = self.config.ppo, torch.ones_like(self._done)
+        if config.decay_fraction:
+            decay = ((1 - self._done) / config.decay_fraction).clamp(max=1.0)
+            self.ppo.decay(decay)
         batch, explained = make_batch(
             self.trained, self.tradeoffs, self.rollout, config, self._weights(), self.group
         )
@@ -205,9 +202,9 @@ class MORLAX:
         for _ in range(epochs or config.epochs):
             parts = table.minibatches(self.tradeoffs, config.minibatches, self.generator)
             losses += self.ppo.improve(parts, self.generator)
-        # Only now: during the update the policies must see the inputs that they acted on. Annealed
+        # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        self.trained.observation_normalizer.update(self.rollout.observation, left, self.group)
+        self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)
         self._episodes.observe(self.rollout)
         reward, terminated = self.rollout.reward, self.rollout.terminated
         self._metrics += torch.cat(

@@ -41,7 +41,7 @@ def policy_loss(
         advantage: (K, S, 1) scalarized.
         clip: largest change of the probability ratio that counts.
         mean_penalty: weight of the squared means.
-        entropy_weight: (), a tensor so that a recorded graph can anneal it.
+        entropy_weight: (), a tensor so that a recorded graph can decay it.
 
     Returns:
         The loss (), and without gradients (5,): the surrogate, the entropy, the KL, the clipped
@@ -199,10 +199,10 @@ class PPO:
         factor = torch.where(kl > self.desired_kl * 2, 1 / RATE_STEP, factor)
         rate.mul_(factor).clamp_(*RATES)
 
-    def anneal(self, left: Tensor) -> None:
-        """Scale what decays by the share of the run that is `left`."""
+    def decay(self, factor: Tensor) -> None:
+        """Scale learning rates, desired KL and entropy bonus of the config by a `factor` ()."""
         for optimizer, rate in zip(self.optimizers, self.rates, strict=False):
             if self.config.desired_kl is None or optimizer is not self.optimizers[0]:
-                optimizer.rate.copy_(rate * left)
-        self.desired_kl.copy_((self.config.desired_kl or 0.0) * left)
-        self.entropy.copy_(self.config.entropy * left)
+                optimizer.rate.copy_(rate * factor)
+        self.desired_kl.copy_((self.config.desired_kl or 0.0) * factor)
+        self.entropy.copy_(self.config.entropy * factor)

@@ -81,7 +81,6 @@ class Graph:
             with torch.cuda.stream(stream):
                 self._warm_up()  # kernels compile and load, and cuBLAS initializes
             torch.cuda.synchronize(self.device)
-            gc.collect()
             collecting = gc.isenabled()
             gc.disable()  # a finalizer that frees GPU memory would break the recording
             try:

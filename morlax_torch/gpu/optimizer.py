@@ -46,7 +46,6 @@ class ClippedAdam:
         self.steps, self.rate = self.vector.new_zeros(()), self.vector.new_tensor(rate)
         self.norms = torch.zeros_like(self.rate)
         """Sum over steps of the gradients' norm before clipping, a mean over networks."""
-        self._one = torch.ones_like(self.rate)
 
     def state(self) -> list[Tensor]:
         """Return the moments, the number of steps and the learning rate."""
@@ -72,7 +71,8 @@ class ClippedAdam:
 
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
-        gradients = self._averaged(torch.autograd.grad(loss, self.parameters, self._one))
+        # with a given first gradient, torch would import SymPy for seconds
+        gradients = self._averaged(torch.autograd.grad(loss, self.parameters))
         max_norm, norms = self.max_norm, self.norms
         if self.networks > 1:
             gradients, max_norm, norms = self._clipped(gradients), math.inf, None

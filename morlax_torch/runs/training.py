@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import nullcontext
 from functools import partial
 
@@ -18,7 +18,7 @@ from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from . import checkpoint
 from .progress import Evaluation, Progress
 from .run import Run
-from .schedule import Limits, Schedule
+from .schedule import Schedule
 from .writer import Job, Writer
 
 UNSTABLE = (
@@ -31,12 +31,16 @@ MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's s
 def training(
     learner: Learner,
     evaluator: Evaluator,
-    limits: Limits,
     run: Run | None = None,
     progress: Progress | None = None,
     began: float | None = None,
+    *,
+    stopped: Callable[[], bool] = lambda: False,
+    evaluate_at: Sequence[float] | None = None,
 ) -> Generator[Evaluation, None, None]:
-    """Train, and yield each evaluation, the first of them before training.
+    """Train to a limit of the learner's config, and yield each evaluation.
+
+    The first evaluation comes before training.
 
     A thread writes the run's folder while training goes on, so the learner may be ahead of an
     evaluation when it is yielded. The evaluation and its checkpoint are in the folder by then.
@@ -48,10 +52,11 @@ def training(
     Args:
         learner: trained in place.
         evaluator: of the learner's agent.
-        limits: when to evaluate and when to stop.
         run: where to write; None: nowhere.
         progress: of a resumed run; updated in place.
         began: value of `time.perf_counter()` from which `total_seconds` counts (None: now).
+        stopped: asked after each iteration whether to stop there.
+        evaluate_at: training seconds at which to evaluate, instead of the config's interval.
 
     Raises:
         MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
@@ -61,7 +66,7 @@ def training(
     began = time.perf_counter() if began is None else began
     began -= progress.total_seconds
     progress.processes, progress.launch = learner.group.size, launch()
-    schedule = Schedule(learner, limits, progress)
+    schedule = Schedule(learner, progress, evaluate_at)
     known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
     evaluated = learner.iteration if known else None
     # worlds that start anew count from zero
@@ -71,7 +76,7 @@ def training(
             learner.compile()
             evaluator.compile()
             while True:
-                stopped, finished, due = learner.group.first(_next(limits, schedule))
+                interrupted, finished, due = learner.group.first(_next(stopped, schedule))
                 if due and evaluated != learner.iteration:
                     evaluated, start = learner.iteration, time.perf_counter()
                     front = evaluator.evaluate()
@@ -82,22 +87,22 @@ def training(
                 yield from writer.results(all_of_them=finished)
                 if finished:
                     break
-                _iterate(learner, schedule, limits, progress, run, writer, earlier)
+                _iterate(learner, schedule, stopped, progress, run, writer, earlier)
         except MorlaxError:
             yield from writer.results(all_of_them=True)
             raise
         progress.total_seconds = time.perf_counter() - began
-        if stopped:
+        if interrupted:
             contents = checkpoint.snapshot(learner)
             if run:
                 run.save(contents, progress)
 
 
-def _next(limits: Limits, schedule: Schedule) -> tuple[bool, bool, bool]:
-    """Return whether training is stopped, whether it is finished, and whether to evaluate."""
-    stopped = limits.stopped()
-    finished = stopped or schedule.over()
-    return stopped, finished, schedule.evaluation_due() or (finished and not stopped)
+def _next(stopped: Callable[[], bool], schedule: Schedule) -> tuple[bool, bool, bool]:
+    """Return whether training is interrupted, whether it is finished, and whether to evaluate."""
+    interrupted = stopped()
+    finished = interrupted or schedule.over()
+    return interrupted, finished, schedule.evaluation_due() or (finished and not interrupted)
 
 
 def _report(learner: Learner, front: Front, progress: Progress, run: Run | None) -> Job:
@@ -167,7 +172,7 @@ def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluato
 def _iterate(
     learner: Learner,
     schedule: Schedule,
-    limits: Limits,
+    stopped: Callable[[], bool],
     progress: Progress,
     run: Run | None,
     writer: Writer,
@@ -176,12 +181,14 @@ def _iterate(
     """Run some iterations, then read and check the metrics; the worlds miss `earlier` blow-ups."""
     first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
     seconds = schedule.seconds()
-    number, spent = learner.group.first((schedule.iterations(), schedule.time_spent()))
-    for _ in range(number):
-        # several processes have one clock, which they look at together
-        learner.time_spent = schedule.time_spent(time.perf_counter() - start) if alone else spent
-        learner.iterate()
-        if alone and (limits.stopped() or time.perf_counter() - start >= seconds):
+    # several processes have one clock, which they look at together
+    own = schedule.iterations(), schedule.pace(), progress.train_seconds
+    number, pace, trained = learner.group.first(own)
+    for i in range(number):
+        elapsed = time.perf_counter() - start if alone else 0.0
+        # a GPU runs behind, so its clock is predicted
+        learner.iterate(schedule.done(trained + max(elapsed, i * pace)))
+        if alone and (stopped() or time.perf_counter() - start >= seconds):
             break
     metrics = learner.metrics()
     elapsed = time.perf_counter() - start

@@ -10,7 +10,6 @@ from ..config import Config
 from ..envs import MorlaxError
 from ..gpu.memory import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
-from ..runs.schedule import Limits
 from ..runs.starting import start_from
 from ..runs.training import make_evaluator, make_worlds, training
 from .pruning import EVALUATED
@@ -112,5 +111,4 @@ def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evalua
         start_from(config.start_from, learner)
     seconds = config.max_seconds or 0.0
     times = tuple(share * seconds for share in EVALUATED)
-    limits = Limits(None, seconds, evaluate_seconds=times, stopped=stopped)
-    yield from training(learner, evaluator, limits)
+    yield from training(learner, evaluator, stopped=stopped, evaluate_at=times)

@@ -85,10 +85,10 @@ class PGMORL(MORLAX):
         super().compile()
         self._evaluator.compile()
 
-    def iterate(self) -> None:
+    def iterate(self, done: float = 0.0) -> None:
         if self.iteration == 0:
             self._state["start"].copy_(self._measure())
-        super().iterate()
+        super().iterate(done)
         if self.iteration % self.options.generation == 0:
             self._end_generation()
 
