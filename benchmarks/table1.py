@@ -2,11 +2,11 @@
 
     python benchmarks/table1.py --env hopper --limits 5 6 7 8 --output docs/table1-h200
 
-Each row is one `python -m morlax_torch.train --env TASK --max-seconds LIMIT --seed SEED`, timed from
-its start to its exit. Its checkpoint is then loaded and evaluated anew. A limit reaches a target if
-the median over the seeds of these new hypervolumes does; limits are tried from the shortest on, and
-one that cannot reach the target any more is left early. Run each task once before, so that its
-kernels are compiled.
+Each row is one `python -m morlax_torch.train --env TASK --max-seconds LIMIT --seed SEED`, timed
+from its start to its exit. Its checkpoint is then loaded and evaluated anew. A limit reaches a
+target if the median over the seeds of these new hypervolumes does. Limits are tried from the
+shortest on, and one that cannot reach the target any more is left early. Run each task once before,
+so that its kernels are compiled.
 
 Appends to OUTPUT.csv, where rows that exist are not measured again, and writes the table to
 OUTPUT.md. To write the table from the rows alone, pass --env without a task.
