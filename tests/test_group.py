@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 import two_processes
+from same import assert_same
 from torch.testing import assert_close
 
 from morlax_torch.algorithms.registry import LEARNERS
@@ -45,6 +46,26 @@ def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algor
     assert one["steps"] == 5 * two_processes.WORLDS * two_processes.HORIZON
     assert not torch.equal(one["observation"], other["observation"])
     assert not torch.equal(one["generator"], other["generator"])
+
+
+@pytest.mark.parametrize("algorithm", LEARNERS)
+def test_all_processes_train_the_first_one_s_own_networks(found, algorithm):
+    one, other = (process["own"][algorithm] for process in found)
+    assert_same(one["agent"], other["agent"])
+    assert_same(one["optimizers"], other["optimizers"])
+    assert_same(one.get("population"), other.get("population"))
+    (buffer,) = {"actor.target_buffer_0", "actor.network.shift"} & one["agent"].keys()
+    assert torch.equal(one["agent"][buffer], one["shift"])
+
+
+def test_all_processes_start_from_the_checkpoint_of_the_first(found):
+    one, other = (process["started"] for process in found)
+    assert_same(one, other)
+
+
+def test_networks_of_other_sizes_in_another_process_are_refused(found):
+    for process in found:
+        assert "process 1 has networks of other sizes than process 0" in process["refusal"]
 
 
 def test_statistics_of_two_processes_are_those_of_one_with_all_worlds(found):

@@ -6,12 +6,15 @@ from typing import Any
 
 import torch
 
-from morlax_torch import config_for, envs
+from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.config import Config
 from morlax_torch.gpu.group import ALONE, Group, join
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.starting import start_from
 
 WORLDS, HORIZON, CLUSTERS = 32, 4, 4
 
@@ -58,13 +61,57 @@ def statistics(group: Group) -> dict[str, Any]:
     }
 
 
-def trained(algorithm: str, group: Group) -> dict[str, Any]:
+class Shifted(torch.nn.Module):
+    """A network with a buffer, both drawn from torch's global generator."""
+
+    def __init__(self, inputs: int, outputs: int):
+        super().__init__()
+        self.linear = torch.nn.Linear(inputs, outputs)
+        self.register_buffer("shift", torch.rand(outputs))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.linear(x) + self.shift
+
+
+def trained(algorithm: str, group: Group, **networks: torch.nn.Module) -> dict[str, Any]:
     """Return a learner's state after five iterations."""
     own = config(algorithm, group.size)
-    learner = make_learner(envs.make("hopper", own.worlds, "cpu"), own, group=group)
+    learner = make_learner(envs.make("hopper", own.worlds, "cpu"), own, group=group, **networks)
     for _ in range(5):
         learner.iterate()
     return {**learner.state_dict(), "metrics": learner.metrics(), "steps": learner.env_steps}
+
+
+def with_own_networks(algorithm: str, group: Group) -> dict[str, Any]:
+    """Return a learner's state after five iterations with networks of this process."""
+    torch.manual_seed(group.rank)
+    inputs = 13 + 2 * (algorithm == "amor")  # AMOR's networks see the trade-off too
+    actor, critic = Shifted(inputs, 8), Shifted(inputs, 2)
+    return {**trained(algorithm, group, actor=actor, critic=critic), "shift": actor.shift}
+
+
+def started(group: Group, folder: Path) -> dict[str, Any]:
+    """Return an agent that starts from another file in every process."""
+    own = config("morlax", group.size)
+    env = envs.make("hopper", own.worlds, "cpu")
+    path = folder / f"start-{group.rank}.pt"
+    other = own.model_copy(update={"seed": 1 + group.rank})
+    checkpoint.save(path, make_learner(env, other), Progress())
+    learner = make_learner(env, own, group=group)
+    start_from(str(path), learner)
+    return learner.agent.state_dict()
+
+
+def refusal(group: Group) -> str:
+    """Return what is said of networks of other sizes in every process."""
+    own, hidden = config("morlax", group.size), 8 + group.rank
+    actor = torch.nn.Sequential(Shifted(13, hidden), Shifted(hidden, 8))
+    env = envs.make("hopper", own.worlds, "cpu")
+    try:
+        make_learner(env, own, actor, group=group)
+    except MorlaxError as error:
+        return str(error)
+    return ""
 
 
 if __name__ == "__main__":
@@ -74,6 +121,9 @@ if __name__ == "__main__":
     assert join(config("morlax", 2))[1] is group
     found = {name: trained(name, group) for name in algorithms}
     found["statistics"] = statistics(group)
+    found["own"] = {name: with_own_networks(name, group) for name in algorithms}
+    found["started"] = started(group, Path(folder))
+    found["refusal"] = refusal(group)
     torch.save(found, Path(folder) / f"{group.rank}.pt")
     assert group is not ALONE
     torch.distributed.destroy_process_group()

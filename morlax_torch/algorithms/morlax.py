@@ -42,7 +42,8 @@ class MORLAX:
             spreads (see `TanhNormal`).
         critic: replaces the config's critic: a module from (B, O + P), with privileged features,
             to one value per objective (B, m), or to one value if `ppo.critic` is scalar.
-        group: processes that train the same agent, each in its own worlds.
+        group: processes that train the same agent, each in its own worlds. It starts with the
+            parameters and buffers of the first process.
 
     Raises:
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
@@ -80,6 +81,8 @@ class MORLAX:
             critic=critic,
         ).to(env.device)
         self.trained = self.make_trained()
+        # a user's networks may start differently in every process
+        group.share(nn.ModuleList([self.agent, self.trained]))
         self._sample, losses = gaussian.sample, Losses()
         if env.device.type == "cuda":
             torch.set_float32_matmul_precision("high")  # TF32

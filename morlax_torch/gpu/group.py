@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import torch
 import torch.distributed as dist
-from torch import Tensor
+from torch import Tensor, nn
 from torch.distributed.rendezvous import rendezvous
 
 from ..config import Config
@@ -49,12 +49,19 @@ class Group:
         return mean, variance
 
     def first(self, value: T) -> T:
-        """Return the first process's value, a number or another small object."""
+        """Return the first process's value, a number or another object on the CPU."""
         return value
 
     def gather(self, value: T) -> list[T]:
         """Return every process's value, in the order of ranks."""
         return [value]
+
+    def share(self, module: nn.Module) -> None:
+        """Copy the first process's parameters and buffers into `module`, in place.
+
+        Raises:
+            MorlaxError: they have other sizes in another process.
+        """
 
 
 ALONE = Group()
@@ -119,6 +126,20 @@ class Processes(Group):
         with _together():
             dist.all_gather_object(values, value, group=self._objects)
         return values
+
+    def share(self, module: nn.Module) -> None:
+        own = [*module.parameters(), *module.buffers()]
+        sizes = self.gather([x.shape for x in own])
+        for rank, found in enumerate(sizes):
+            if found != sizes[0]:
+                raise MorlaxError(
+                    f"process {rank} has networks of other sizes than process 0: give every "
+                    "process the same actor, critic and task."
+                )
+        firsts = self.first([x.detach().cpu() for x in own])
+        with torch.no_grad():
+            for x, first in zip(own, firsts, strict=True):
+                x.copy_(first)
 
 
 def join(config: Config) -> tuple[Config, Group]:

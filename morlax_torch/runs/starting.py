@@ -22,7 +22,8 @@ def start_from(run: str, learner: Learner) -> None:
     The learner may have objectives that the run lacks. The policy of a trade-off is then the run's
     policy for the weights of the run's own objectives, each plus an even share of the weights of
     the others, and the critic starts anew. With the same objectives, a critic of the same size is
-    copied too.
+    copied too. All processes of the learner's group must call it; they start with what the first
+    one read.
 
     Args:
         run: a run's folder, a checkpoint, or a shipped name.
@@ -61,6 +62,7 @@ def start_from(run: str, learner: Learner) -> None:
         kept += critic
     for name in kept:
         mine[name].copy_(state[name])
+    learner.group.share(agent)  # a run in training may have replaced its checkpoint meanwhile
 
 
 def _fits(state: Mapping[str, Tensor], name: str, mine: Mapping[str, Tensor]) -> bool:
