@@ -10,7 +10,6 @@ from torch import Tensor
 from .envs import MorlaxError
 
 DRAWS = 32  # per cell of the simplex, so that almost every cell gets one
-TINY = 1e-30  # keeps a trade-off finite if every gamma draw underflows to zero
 
 
 def sample_tradeoffs(
@@ -18,8 +17,15 @@ def sample_tradeoffs(
 ) -> None:
     """Fill `out` (K, m) with Dirichlet(alpha) draws, its last `corners` rows with corners."""
     # independent gamma draws divided by their sum are a Dirichlet draw
-    out.copy_(torch._standard_gamma(torch.full_like(out, alpha), generator=generator))
-    out.clamp_(min=TINY).div_(out.sum(-1, keepdim=True))
+    if alpha < 1:
+        # float32 cannot hold the small draws of Gamma(0.01), but their logarithms:
+        # log Gamma(alpha) = log Gamma(alpha + 1) - Exponential(1) / alpha
+        larger = torch._standard_gamma(torch.full_like(out, alpha + 1), generator=generator)
+        smaller = torch.empty_like(out).exponential_(generator=generator) / alpha
+        out.copy_((larger.log() - smaller).softmax(-1))
+    else:
+        out.copy_(torch._standard_gamma(torch.full_like(out, alpha), generator=generator))
+        out.div_(out.sum(-1, keepdim=True))
     if corners:
         out[-corners:] = torch.eye(corners, device=out.device)
 

@@ -1,5 +1,6 @@
 """Trade-offs: random samples for exploration, and fixed sets for evaluation."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -26,7 +27,7 @@ def on_simplex(tradeoffs: torch.Tensor) -> bool:
 
 
 @pytest.mark.parametrize("m", (2, 3, 6))
-@pytest.mark.parametrize("alpha", (0.01, 0.3, 1.0, 50.0))
+@pytest.mark.parametrize("alpha", (0.001, 0.01, 0.3, 1.0, 50.0))
 def test_samples_lie_on_the_simplex(m, alpha):
     assert on_simplex(sampled(500, m, 0, alpha))
 
@@ -54,6 +55,19 @@ def test_moments_match_the_dirichlet_distribution(m, alpha):
         draws.mean(0), torch.full((m,), 1 / m).double(), rtol=0, atol=5 * (variance / 1e5) ** 0.5
     )
     torch.testing.assert_close(draws.T.cov(), covariance, rtol=0.03, atol=0)
+
+
+@pytest.mark.parametrize("m", (2, 4))
+@pytest.mark.parametrize("alpha", (0.001, 0.01, 0.1, 0.7, 1.0, 3.0))
+def test_draws_are_distributed_as_those_of_numpy(m, alpha):
+    number = 50_000
+    found = sampled(number, m, 0, alpha).double().numpy()
+    expected = np.random.default_rng(0).dirichlet([alpha] * m, number)
+    thresholds = np.array([1e-30, 1e-20, 1e-10, 1e-5, 1e-3, 0.1, 0.5, 0.9, 0.999])
+    for values, others in ((found[:, 0], expected[:, 0]), (found.max(1), expected.max(1))):
+        below, share = ((x[:, None] < thresholds).mean(0) for x in (values, others))
+        error = np.sqrt((share * (1 - share) + 1 / number) * 2 / number)
+        assert (np.abs(below - share) < 5 * error).all()
 
 
 def test_alpha_one_is_uniform_on_the_simplex():
