@@ -3,10 +3,13 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs, train
+from morlax_torch.runs.run import Run
+from morlax_torch.runs.training import make_evaluator, make_worlds
 
 TINY = {
     "worlds": 16,
@@ -51,10 +54,11 @@ class Line:
         self.episode_length_buf = torch.where(which, 0.0, self.episode_length_buf)
 
 
+GOALS = {"go": {"go": 1.0}, "save": {"save": 1.0}}
 LineWorlds = envs.from_vecenv(
     Line,
     lambda env, extras: extras["terms"],
-    {"go": {"go": 1.0}, "save": {"save": 1.0}},
+    GOALS,
     reference_point=(-10.0, -10.0),
     episode_length=8,
     action_scale=2.0,
@@ -109,19 +113,85 @@ def strange(number, device, seed):
     [(few, r"has 2 worlds.*should be 4"), (strange, r"called actor or policy, but image")],
 )
 def test_an_environment_that_does_not_fit_is_refused(make, message):
-    objectives = {"go": {"go": 1.0}, "save": {"save": 1.0}}
-    task = envs.from_vecenv(make, lambda env, extras: extras["terms"], objectives)
+    task = envs.from_vecenv(make, LineWorlds.read_terms, GOALS)
     place = torch.device("cpu")
     with pytest.raises(MorlaxError, match=message):
         task.build(task.Options(), 4, place, None, 0, auto_reset=True, deterministic=False)
+
+
+def alone(again: bool) -> type[envs.Worlds]:
+    """Return a task whose simulator exists once, as Isaac Lab's; `make_env` can return it again."""
+    built: list[Line] = []
+
+    def make(number: int, device: torch.device, seed: int) -> Line:
+        if built and not again:
+            raise RuntimeError("Simulation context already exists.")
+        built[:] = built or [Line(number, device, seed)]
+        return built[0]
+
+    return envs.from_vecenv(make, LineWorlds.read_terms, GOALS, episode_length=8)
+
+
+def test_training_and_evaluations_take_turns_in_the_only_environment():
+    envs.register("only-line", alone(again=True))
+    envs.register("two-lines", envs.from_vecenv(Line, LineWorlds.read_terms, GOALS, None, 8))
+    changes = {**TINY, "worlds": 8, "sampling.clusters": 2, "sampling.corners": 2}
+    fronts = []
+    for name in ("only-line", "two-lines"):
+        config = config_for(name, **changes)
+        learner = MORLAX(make_worlds(config, 8), config)
+        evaluator = make_evaluator(learner)
+        fronts.append(evaluator.evaluate())
+    np.testing.assert_array_equal(fronts[0].returns, fronts[1].returns)
+
+
+def test_episodes_start_anew_after_an_evaluation_in_the_only_environment():
+    envs.register("lonely-line", alone(again=True))
+    config = config_for("lonely-line", **TINY)
+    learner = MORLAX(make_worlds(config, 16), config)
+    evaluator = make_evaluator(learner)
+    for _ in range(3):
+        learner.iterate()  # 5 steps
+        time = 8 * learner.rollout.observation[..., 1].flatten(1)
+        assert torch.equal(time, torch.arange(5.0)[:, None].expand(5, 16))
+        evaluator.evaluate()
+    assert learner.metrics().get("episode_length", 0) == 0  # none came to its end
+    with pytest.raises(MorlaxError, match=r"have been moved by others.*reset"):
+        learner.env.step(torch.zeros(16, 1))
+
+
+def test_a_run_trains_and_resumes_in_the_only_environment(tmp_path):
+    envs.register("single-line", alone(again=True))
+    config = config_for("single-line", **TINY)
+    run = train.train(config, output=tmp_path / "run")
+    longer = config.model_copy(update={"max_env_steps": 480})
+    train.train(longer, Run.open(run.folder))
+    rows = (run.folder / "metrics.csv").read_text().splitlines()
+    assert rows[-1].split(",")[1] == "480"
+
+
+@pytest.mark.parametrize(
+    ("again", "tradeoffs", "message"),
+    [
+        (False, 6, r"make_env fails.*context already exists.*return the same environment"),
+        (True, 17, r"has 16 worlds.*needs 17, one for each trade-off.*evaluation\.tradeoffs"),
+    ],
+)
+def test_evaluations_that_the_only_environment_cannot_have_are_refused(
+    tmp_path, again, tradeoffs, message
+):
+    envs.register(f"line-{tradeoffs}", alone(again))
+    config = config_for(f"line-{tradeoffs}", **{**TINY, "evaluation.tradeoffs": tradeoffs})
+    with pytest.raises(MorlaxError, match=message):
+        train.train(config, output=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
     def terms(env, extras):
         return {**extras["terms"], "go": torch.tensor([math.nan, 1.0, 1.0])}
 
-    objectives = {"go": {"go": 1.0}, "save": {"save": 1.0}}
-    envs.register("faulty-line", envs.from_vecenv(Line, terms, objectives))
+    envs.register("faulty-line", envs.from_vecenv(Line, terms, GOALS))
     step = envs.make("faulty-line", 3, "cpu").step(torch.ones(3, 1))
     assert step.blown_up.tolist() == step.terminated.tolist() == [True, False, False]
     assert step.reward[0].tolist() == [0, 0] and step.reward[1:].isfinite().all()

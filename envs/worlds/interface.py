@@ -92,6 +92,11 @@ class Worlds(ABC):
     def critic_observation(self) -> Tensor:
         """Return the current observation followed by the privileged features, (N, O + P)."""
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether others moved these worlds since their last step, so that `reset` comes next."""
+        return False
+
     def check_mask(self, which: Tensor) -> None:
         """Raise MorlaxError unless `which` is (N,) bool, one answer for each world."""
         kind = getattr(which, "dtype", type(which).__name__)

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from typing import Any
+from weakref import WeakValueDictionary
 
 import torch
 from pydantic import PositiveFloat
 from torch import Tensor
+from torch.nn.functional import pad
 
-from ..errors import MorlaxError
+from ..errors import MorlaxError, words
 from ..random import drawing_from
 from .foreign import ForeignWorlds, Outcome
 from .groups import actor_group, joined
@@ -16,6 +18,9 @@ from .section import Count
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
+
+# by the environment's id, the worlds that moved it last
+_moved_by: "WeakValueDictionary[int, VecEnvWorlds]" = WeakValueDictionary()
 
 
 def from_vecenv(
@@ -34,8 +39,13 @@ def from_vecenv(
     `extras["time_outs"]` is truncated. What an episode ended with is not shown, so
     `ppo.truncation` is mask.
 
+    Where a process can have only one environment, as in Isaac Lab, `make_env` returns the same one
+    again. Training and evaluations then take turns in it: an evaluation uses its first worlds, and
+    all worlds start new episodes afterwards.
+
     Args:
-        make_env: returns an environment for a number of worlds, a device and a seed.
+        make_env: returns an environment for a number of worlds, a device and a seed. For an
+            evaluation, it may have more worlds.
         read_terms: returns the reward terms (N,) of the last step, by name.
         objectives: weighted sums of reward terms, the default of `task.objectives`.
         reference_point: of the hypervolume (None: the origin).
@@ -73,15 +83,26 @@ class VecEnvWorlds(ForeignWorlds):
 
     def _open(self, seed: int) -> None:
         with drawing_from(self.generator):
-            self.env = self.make_env(self.num_worlds, self.device, seed)
+            try:
+                self.env = self.make_env(self.num_worlds, self.device, seed)
+            except Exception as error:  # any error of the user's own code
+                raise MorlaxError(
+                    f"make_env fails: {words(error)}. If it may build one environment only, let it "
+                    "return the same environment again: evaluations need it too."
+                ) from None
             self._check()
             self.action_size = int(self.env.num_actions)
             self._features(self.env.reset())
-            still = torch.zeros(self.num_worlds, self.action_size, device=self.device)
+            still = torch.zeros(self.env.num_envs, self.action_size, device=self.device)
             _, _, _, extras = self.env.step(still)
             self.reward_terms = tuple(self.read_terms(self.env, extras))
 
+    @property
+    def interrupted(self) -> bool:
+        return _moved_by.get(id(self.env)) is not self
+
     def _start(self) -> Tensor:
+        _moved_by[id(self.env)] = self
         with drawing_from(self.generator):
             return self._features(self.env.reset())
 
@@ -91,22 +112,37 @@ class VecEnvWorlds(ForeignWorlds):
         return self._start()
 
     def _advance(self, action: Tensor) -> Outcome:
+        if self.interrupted:
+            raise MorlaxError(
+                "these worlds have been moved by others that share their environment, such as an "
+                "evaluation's: reset them first."
+            )
+        worlds = slice(self.num_worlds)
         with drawing_from(self.generator):
             actions = action.clamp(-1, 1) * self.options.action_scale
+            actions = pad(actions, (0, 0, 0, self.env.num_envs - self.num_worlds))
             found, _, dones, extras = self.env.step(actions)
             terms = self.read_terms(self.env, extras)
         seen = self._features(found)
         # such a world terminates here, if the environment ends its episode or not
-        paid = torch.stack([terms[name].float() for name in self.reward_terms], 1)
+        paid = torch.stack([terms[name][worlds].float() for name in self.reward_terms], 1)
         blown_up = ~torch.cat([seen, paid, action], 1).isfinite().all(1)
         seen = torch.where(blown_up[:, None], 0.0, seen)
-        dones = dones.bool() | blown_up
-        timed_out = extras.get("time_outs", torch.zeros_like(dones)).bool() & dones & ~blown_up
+        timed_out = extras.get("time_outs", torch.zeros_like(dones))[worlds].bool()
+        dones = dones[worlds].bool() | blown_up
+        timed_out = timed_out & dones & ~blown_up
         return Outcome(seen, seen, paid, dones & ~timed_out, timed_out, blown_up)
 
     def _check(self) -> None:
         worlds, device = self.env.num_envs, torch.device(self.env.device)
-        if worlds != self.num_worlds or device.type != self.device.type:
+        same = device.type == self.device.type
+        if same and worlds < self.num_worlds and not self.auto_reset:
+            raise MorlaxError(
+                f"the vectorized environment has {worlds} worlds, but an evaluation needs "
+                f"{self.num_worlds}, one for each trade-off and episode: lower "
+                "evaluation.tradeoffs or evaluation.seeds, or let make_env pass the number on."
+            )
+        if not same or (worlds != self.num_worlds and self.auto_reset):
             raise MorlaxError(
                 f"the vectorized environment has {worlds} worlds on {device}, but there should be "
                 f"{self.num_worlds} on {self.device}: let make_env pass both on."
@@ -117,7 +153,7 @@ class VecEnvWorlds(ForeignWorlds):
         if isinstance(groups, Tensor):
             groups = {"actor": groups}
         actor = actor_group(groups, "the vectorized environment")
-        seen = joined(groups, actor)
+        seen = joined(groups, actor)[: self.num_worlds]
         self.observation_size = groups[actor].shape[1]
         self.privileged_size = seen.shape[1] - self.observation_size
         return seen

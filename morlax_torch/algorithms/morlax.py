@@ -145,11 +145,19 @@ class MORLAX:
         Args:
             done: share of the run that is over, from 0 to 1, for `ppo.decay_fraction`.
         """
+        if self.env.interrupted:
+            self._start_episodes()
         self._done.fill_(done)
         self.explore()
         self.learn()
         self.iteration += 1
         self.env_steps += self.steps_per_iteration
+
+    def _start_episodes(self) -> None:
+        """Start new episodes in all worlds."""
+        self.env.reset()
+        self.observation.copy_(self.env.critic_observation())
+        self._episodes.running.zero_()
 
     def _explore(self, steps: int | None = None) -> None:
         """Collect a rollout, or only its first `steps`."""
