@@ -106,7 +106,8 @@ class EvaluationConfig(Section):
     """Environment steps between evaluations (None: spaced so that they take at most about 8 % of
     the time)."""
     tradeoffs: int = Field(default=512, ge=2, le=1_000_000)
-    """Number of fixed trade-offs to evaluate."""
+    """Number of trade-offs to evaluate: an even grid for two objectives; the corners and fixed
+    random draws for more."""
     seeds: int = Field(default=1, ge=1, le=100_000)
     """Episodes per trade-off, to average over; for tasks with random starts, models or commands."""
 

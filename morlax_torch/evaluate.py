@@ -48,7 +48,8 @@ def command(arguments: Sequence[str]) -> None:
 
         Args:
             runs: Run folders, checkpoint files, or shipped policies.
-            tradeoffs: Number of trade-offs, spread evenly (None: as in training).
+            tradeoffs: Number of trade-offs: an even grid for two objectives; the corners and fixed
+                random draws for more (None: as in training).
             protocol: How returns are counted. latched: up to and including the first failed step.
                 paper: as in the paper's tables, which draw 1024 trade-offs at random;
                 failed steps earn no reward, and the reward of the reset is added.

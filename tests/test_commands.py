@@ -97,6 +97,21 @@ def test_help_is_complete(module, monkeypatch, capsys):
         assert name in text
 
 
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        (evaluate, "an even grid for two objectives; the corners and fixed random draws for more"),
+        (train, "on CUDA they differ as two runs of one seed do"),
+    ],
+)
+def test_help_claims_no_more_than_holds(module, words, monkeypatch, capsys):
+    with pytest.raises(SystemExit):
+        run(monkeypatch, module, "--help")
+    text = sentence(capsys)
+    assert words in text
+    assert "spread evenly" not in text
+
+
 MISTAKES = {
     "no task": ((), "name a task: --env NAME, one of ant, bruce"),
     "unknown task": (("--env", "chetah"), "did you mean 'cheetah'?"),

@@ -1,4 +1,4 @@
-"""Independent policies: plain PPO for every trade-off of a fixed grid."""
+"""Independent policies: plain PPO for each of a fixed set of trade-offs."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from .morlax import MORLAX
 
 
 class IndependentPPO(MORLAX):
-    """Trains K policies that share no parameters, each for one trade-off of an even grid.
+    """Trains K policies that share no parameters, each for one of K evenly spread trade-offs.
 
     Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
     norm and moments of Adam; only the normalizers of observations and values see all worlds. With
@@ -26,4 +26,4 @@ class IndependentPPO(MORLAX):
         self.tradeoffs.copy_(even_tradeoffs(*self.tradeoffs.shape))
 
     def draw_tradeoffs(self) -> None:
-        """Keep the grid."""
+        """Keep those of the start."""

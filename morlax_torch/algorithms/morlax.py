@@ -30,8 +30,9 @@ class MORLAX:
     """Trains an `Agent` in worlds, one `iterate` at a time.
 
     One generator draws everything; all state lives in tensors updated in place. `state_dict`
-    copies it, and `load_state_dict` continues from a copy exactly. On CUDA, call `compile` once,
-    and an iteration becomes two recorded graphs.
+    copies it, and `load_state_dict` continues from a copy: bit for bit on the CPU, on CUDA up to
+    the order of floating-point sums. On CUDA, call `compile` once, and an iteration becomes two
+    recorded graphs.
 
     Building one on CUDA enables TF32 for matrix products in this process.
 

@@ -27,7 +27,7 @@ class Evaluator:
     """Runs the deterministic policies of K trade-offs, each in its own worlds, for one episode.
 
     Every evaluation repeats the same random draws, so that an unchanged policy gets an unchanged
-    front.
+    front: bit for bit on the CPU, on CUDA up to the order of floating-point sums.
 
     `latched`, the default protocol: a return is the sum of rewards up to and including the first
     step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an

@@ -24,7 +24,8 @@ def evaluate(
 
     Args:
         run: the policies; a `Policy` is moved to the device.
-        tradeoffs: K, the number of trade-offs, spread evenly; None: as in training.
+        tradeoffs: K, the number of trade-offs: an even grid for two objectives; the corners and
+            fixed random draws for more; None: as in training.
         protocol: how returns are counted, see `Evaluator`.
         device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
         backend: "warp" or "mujoco"; None is chosen by device.

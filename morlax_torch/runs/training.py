@@ -148,7 +148,7 @@ def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluato
     """Make the evaluator of a learner's agent, with the same worlds for every training seed.
 
     The paper's protocol evaluates 1,024 random trade-offs, the default protocol the config's
-    number, spread evenly.
+    number of `evaluation_tradeoffs`.
     """
     config, group, m = learner.config, learner.group, len(learner.env.objectives)
     seeds = config.evaluation.seeds
