@@ -98,6 +98,10 @@ class Config(Section):
             raise unknown("scalarization", name, {*SCALARIZATIONS, *others})
         return absolute(name)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # `config_class` makes its class, which pickle cannot find by name
+        return load_config, (self.model_dump(),)
+
     @property
     def ends(self) -> bool:
         """Whether a limit ends the run."""

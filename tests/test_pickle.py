@@ -1,0 +1,87 @@
+"""Configs and policies can be pickled, for spawned processes, Ray and joblib."""
+
+import copy
+import io
+import multiprocessing
+import pickle
+from pathlib import Path
+
+import pytest
+import torch
+from tiny import tiny
+
+from morlax_torch import Policy, config_for, envs, load
+from morlax_torch.algorithms.registry import LEARNERS
+from morlax_torch.config import Config, load_config
+from morlax_torch.config_files import task_values
+from morlax_torch.networks.agent import Agent
+
+WEIGHTS = (0.3, 0.7)
+TASK = """
+from morlax_torch import envs
+
+class Leaping(envs.get("hopper")):
+    class Options(envs.get("hopper").Options):
+        leap: float = 2.0
+"""
+
+
+@pytest.mark.parametrize("env", envs.names())
+def test_configs_of_all_tasks_survive_pickling(env):
+    config = load_config(task_values(env, "cpu"))
+    again = pickle.loads(pickle.dumps(config))
+    assert again == config
+    assert type(again) is type(config)
+
+
+@pytest.mark.parametrize("algorithm", LEARNERS)
+def test_configs_of_all_algorithms_survive_pickling(algorithm):
+    config = config_for("cheetah", device="cpu", algorithm=algorithm)
+    assert pickle.loads(pickle.dumps(config)) == config
+    assert copy.deepcopy(config) == config
+
+
+def saved_and_loaded(policy: Policy) -> Policy:
+    whole = io.BytesIO()
+    torch.save(policy, whole)
+    whole.seek(0)
+    return torch.load(whole, weights_only=False)
+
+
+@pytest.mark.parametrize("copied", (copy.deepcopy, saved_and_loaded))
+@pytest.mark.parametrize(
+    "changes",
+    [
+        *({"network.type": kind} for kind in ("dual", "single", "conditioned")),
+        {"algorithm": "independent"},
+    ],
+    ids=str,
+)
+def test_copies_of_policies_give_the_same_actions(changes, copied):
+    config = tiny(**changes)
+    agent = Agent.of(config, 13, 4, 2)
+    for parameter in agent.parameters():  # they start equal for all trade-offs
+        torch.nn.init.normal_(parameter)
+    policy, observation = Policy(agent, config, ("run", "jump")), torch.randn(5, 13)
+    again = copied(policy)
+    assert again.config == config
+    for weights in ((1.0, 0.0), WEIGHTS):
+        assert torch.equal(again(observation, weights), policy(observation, weights))
+        fixed = again.specialize(weights)
+        assert torch.equal(fixed(observation), policy.specialize(weights)(observation))
+
+
+def act(policy: Policy, config: Config, observation: torch.Tensor) -> tuple[list, Config]:
+    """Use what another process has pickled."""
+    return policy(observation, WEIGHTS).tolist(), config.model_copy(update={"seed": 1})
+
+
+def test_a_spawned_process_uses_a_policy_and_a_config(tmp_path):
+    (tmp_path / "leaping.py").write_text(TASK)
+    config = config_for(f"{tmp_path / 'leaping.py'}:Leaping", device="cpu", **{"task.leap": 3.0})
+    policy, observation = load("hopper"), torch.randn(5, 13)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        actions, seeded = pool.apply(act, (policy, config, observation))
+    torch.testing.assert_close(torch.tensor(actions), policy(observation, WEIGHTS))
+    assert seeded == config.model_copy(update={"seed": 1})
+    assert Path(seeded.env.rpartition(":")[0]) == tmp_path / "leaping.py"
