@@ -59,8 +59,8 @@ class Config(Section):
     """MuJoCo Warp or C MuJoCo (None: Warp on CUDA, C MuJoCo on the CPU)."""
     deterministic: bool = False
     """Make MuJoCo Warp order contacts and constraints alike in every run, at some cost in speed.
-    CUDA runs then repeat closely, though not bit for bit. CPU runs always repeat bit for bit, with
-    the same number of threads."""
+    CUDA runs then repeat closely, though not bit for bit. CPU runs that end by steps repeat bit for
+    bit, with the same number of threads."""
     worlds: int = Field(default=4096, gt=0, lt=2**31)
     """N, the number of parallel worlds."""
     horizon: Count = 20

@@ -51,7 +51,8 @@ class Generated(nn.Module, ABC):
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
 
-        MLPs run in fused kernels where there are some; the result is always that of `torch.vmap`.
+        MLPs run in fused kernels where there are some; the result is that of `torch.vmap`, up to
+        rounding.
         """
         if self._mlp and len(inputs) == 1:
             generated = [parameters[name] for name in self.shapes]
