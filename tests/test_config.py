@@ -9,6 +9,7 @@ import yaml
 from morlax_torch import MorlaxError, config_files, config_for, envs
 from morlax_torch.config import load_config
 from morlax_torch.config_files import file_values, task_values
+from morlax_torch.terminal.arguments import read
 
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])
@@ -82,7 +83,9 @@ def test_configs_of_version_1_mean_what_they_meant(anneal, fraction, tmp_path):
         load_config(file_values(file, "cpu")),  # over today's config of the task
         config_for("ant", device="cpu", **{"ppo.anneal": anneal}),
     ]
-    assert [config.ppo.decay_fraction for config in configs] == [fraction] * 3
+    option = "--ppo.anneal" if anneal else "--ppo.no-anneal"
+    configs.append(read(["--env", "ant", "--device", "cpu", option])[0])
+    assert [config.ppo.decay_fraction for config in configs] == [fraction] * 4
 
 
 UNUSABLE = {
