@@ -11,9 +11,9 @@ from morlax_torch import envs
 from morlax_torch.config import Config, load_config
 from morlax_torch.config_files import task_values
 from morlax_torch.evaluation import figures
-from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.history import History
 from morlax_torch.record import record
+from morlax_torch.runs.fronts import load_front
 from morlax_torch.runs.loading import SHIPPED, find_run, load
 
 DOCS = Path(__file__).parent
@@ -77,9 +77,7 @@ def command(config: Config) -> str:
 
 def examples() -> None:
     """Write the figures that evaluation.md explains, and those of bruce.md."""
-    found = {
-        name: Front.load(find_run(name) / "front.npz") for name in ("cheetah", "cheetah3", "bruce")
-    }
+    found = {name: load_front(name) for name in ("cheetah", "cheetah3", "bruce")}
     for name, front in found.items():
         m = len(front.objectives)
         for kind, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
@@ -127,7 +125,7 @@ def main() -> None:
     text = ABOUT
     for name in sorted({folder.name for folder in SHIPPED.iterdir()} & set(envs.names())):
         folder, policy = find_run(name), load(name)
-        front = Front.load(folder / "front.npz")
+        front = load_front(name)
         history = History.load(folder / "metrics.csv")
         figure = figures.front_figure(front, f"{name}, 512 trade-offs")
         figures.save(figure, DOCS / "gallery" / f"{name}-front", ("png",))

@@ -37,10 +37,9 @@ def command(arguments: Sequence[str]) -> None:
             constrain: Least return of an objective.
         """
         from .evaluation.choosing import choose
-        from .evaluation.front import Front
-        from .runs.loading import find_run
+        from .runs.fronts import load_front
 
-        front = Front.load(find_run(run) / "front.npz")
+        front = load_front(run)
         least: dict[str, float] = {}
         for name, value in map(_required, constrain):
             least[name] = max(value, least.get(name, value))

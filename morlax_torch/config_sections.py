@@ -1,7 +1,7 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 
@@ -109,7 +109,12 @@ class EvaluationConfig(Section):
     """Number of trade-offs to evaluate: an even grid for two objectives; the corners and fixed
     random draws for more."""
     seeds: int = Field(default=1, ge=1, le=100_000)
-    """Episodes per trade-off, to average over; for tasks with random starts, models or commands."""
+    """Episodes per trade-off, to average over; for tasks with random starts, models or commands.
+    There, as many others choose the best checkpoint."""
+
+    def measures_like(self, other: Self) -> bool:
+        """Return whether hypervolumes can be compared with those of another config."""
+        return (self.tradeoffs, self.seeds) == (other.tradeoffs, other.seeds)
 
 
 class MethodOptions(Section):

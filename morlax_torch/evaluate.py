@@ -60,8 +60,8 @@ def command(arguments: Sequence[str]) -> None:
                 commands (None: as in training).
             reference: Reference front of IGD+: a front.npz or a run (None: the best points of all
                 runs, if there are several).
-            output: Output folder (None: the run's folder, or evaluations/<time> for several runs
-                or a shipped policy).
+            output: Output folder (None: the run's folder, or evaluations/<time> for several runs,
+                a shipped policy or a checkpoint other than best.pt).
             trust: Let the run import the FILE.py or module that its task names.
         """
         if not runs:
@@ -86,6 +86,8 @@ def command(arguments: Sequence[str]) -> None:
             _portrait,
         )
         cli.console.print(table(found))
+        names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
+        cli.console.print(f"evaluated: {names}")
         cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
     call(main, arguments, program("evaluate"))

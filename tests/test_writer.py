@@ -152,7 +152,7 @@ def test_a_full_disk_ends_training_with_one_error(tmp_path, monkeypatch, capfd):
             monkeypatch.setattr(os, "fsync", full)
 
     trial = Trial(tmp_path / "run", fill)
-    with pytest.raises(MorlaxError, match=r"cannot write .*front.npz: No space left") as error:
+    with pytest.raises(MorlaxError, match=r"cannot write .*metrics.csv: No space left") as error:
         trial.train()
     assert trial.found == trial.rows == [0, 2]
     assert error.value.__context__ is None or isinstance(error.value.__context__, OSError)

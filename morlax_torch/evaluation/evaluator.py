@@ -15,12 +15,13 @@ from ..networks.agent import Agent
 from .front import Front
 
 Protocol = Literal["latched", "paper"]
+SETS = 2  # of episodes where a task is random: one is reported, one chooses checkpoints
 STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
 
 
-def share(tradeoffs: Tensor, seeds: int, group: Group) -> Tensor:
+def share(tradeoffs: Tensor, episodes: int, group: Group) -> Tensor:
     """Return the trade-off of each world (N, m) of this process."""
-    return tradeoffs.repeat(seeds, 1)[group.rank :: group.size]
+    return tradeoffs.repeat(episodes, 1)[group.rank :: group.size]
 
 
 class Evaluator:
@@ -36,11 +37,12 @@ class Evaluator:
 
     Args:
         agent: the policies, read anew at each evaluation.
-        env: K * seeds worlds without automatic reset, or this process's share of them.
+        env: K * seeds * sets worlds without automatic reset, or this process's share of them.
         tradeoffs: (K, m).
         protocol: how returns are counted.
         seed: random seed of the episodes. It selects draws that training never sees.
         seeds: episodes per trade-off, with different draws, to average over.
+        sets: how many sets of so many episodes there are.
         group: processes that evaluate the `share` of the trade-offs each, and get all results.
     """
 
@@ -52,10 +54,12 @@ class Evaluator:
         protocol: Protocol = "latched",
         seed: int = 0,
         seeds: int = 1,
+        sets: int = 1,
         group: Group = ALONE,
     ):
         self._points, self._seeds = tradeoffs.repeat(seeds, 1).cpu().numpy(), seeds
-        tradeoffs = share(tradeoffs, seeds, group)
+        self._sets = sets
+        tradeoffs = share(tradeoffs, seeds * sets, group)
         if env.auto_reset or env.num_worlds != len(tradeoffs):
             raise ValueError("an evaluator needs a world per episode, and auto_reset=False")
         self.agent, self.env, self.protocol, self._group = agent, env, protocol, group
@@ -82,9 +86,17 @@ class Evaluator:
         if self.env.recordable:
             self._steps.record()
 
-    @torch.no_grad()
     def evaluate(self) -> Front:
-        """Evaluate the agent as it is now.
+        """Evaluate the agent as it is now, and return the front of the first set of episodes.
+
+        Raises:
+            MorlaxError: contacts overflowed the simulator's buffers.
+        """
+        return self.evaluate_sets()[0]
+
+    @torch.no_grad()
+    def evaluate_sets(self) -> list[Front]:
+        """Evaluate the agent as it is now, and return the front of each set of episodes.
 
         Raises:
             MorlaxError: contacts overflowed the simulator's buffers.
@@ -103,20 +115,24 @@ class Evaluator:
         with one_thread(self.env.device):
             for _ in range(self.env.episode_length // self._stride):
                 self._steps()
-        return self._front()
+        return self._fronts()
 
-    def _front(self) -> Front:
+    def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
         flags = (self._lengths, self._fallen, self._blown_up, self.env.overflow())
         columns = (self._returns, *(values[:, None] for values in flags))
         own = torch.cat([values.double() for values in columns], 1).cpu().numpy()
-        table = np.empty((len(self._points), own.shape[1]))
+        table = np.empty((self._sets * len(self._points), own.shape[1]))
         for rank, part in enumerate(self._group.gather(own)):
             table[rank :: self._group.size] = part
-        *returns, lengths, falls, blowups, overflow = table.T.copy()
-        if overflow.any():
+        if (overflow := table[:, -1]).any():
             remedy = self.env.remedy(int(overflow.max()))
             raise MorlaxError(f"contacts overflowed their buffers in an evaluation: {remedy}.")
+        return [self._front(rows) for rows in np.split(table, self._sets)]
+
+    def _front(self, rows: np.ndarray) -> Front:
+        """Return the front of one set of episodes, a row of results each."""
+        *returns, lengths, falls, blowups, _ = rows.T.copy()
         front = Front(
             self.env.objectives,
             self._points.copy(),

@@ -13,6 +13,7 @@ from ..envs.worlds.options import check_objectives
 from ..files import AnyPath, read, replacing
 from . import pareto
 
+TEXTS = ("fingerprint", "checkpoint")
 EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
 
 
@@ -26,6 +27,8 @@ class Front(NamedTuple):
     reference_point: np.ndarray  # (m,)
     falls: np.ndarray | None = None  # (K,) share of episodes that failed; None: unknown
     blowups: np.ndarray | None = None  # (K,) share of episodes that blew up; None: unknown
+    fingerprint: str = ""  # of the evaluated policies, see `runs.checkpoint`; "": unknown
+    checkpoint: str = ""  # file of the evaluated policies, such as "best.pt"; "": unknown
 
     @property
     def non_dominated(self) -> np.ndarray:
@@ -103,7 +106,9 @@ class Front(NamedTuple):
             with np.load(whole) as arrays:
                 needed = [f for f in cls._fields if f in arrays or f not in cls._field_defaults]
                 fields = {name: arrays[name] for name in needed}
-            front = cls(**{**fields, "objectives": tuple(map(str, fields["objectives"]))})
+            texts = {name: str(fields[name]) for name in TEXTS if name in fields}
+            objectives = tuple(map(str, fields["objectives"]))
+            front = cls(**{**fields, **texts, "objectives": objectives})
             front._check()
             return front
         except MemoryError:
@@ -118,6 +123,10 @@ class Front(NamedTuple):
         K, m = len(self.tradeoffs), len(self.objectives)
         shapes = {"tradeoffs": (K, m), "returns": (K, m), "reference_point": (m,)}
         for name, values in self._asdict().items():
+            if name in TEXTS:
+                if len(values) > LONGEST or not values.isprintable():
+                    raise ValueError(f"{name} must be a short text")
+                continue
             if name == "objectives" or values is None:
                 continue
             shape = shapes.get(name, (K,))

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..envs import MorlaxError
 from ..files import AnyPath, read
 from .front import hypervolume_in
 
+BEST = "best"  # column: 1 if the checkpoint of the evaluation became best.pt, else 0
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume
 
 
@@ -23,14 +25,14 @@ class History(NamedTuple):
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
-        """Read a run's metrics.csv; the hypervolume is exact or approximate, as in the file.
+        """Read a run's metrics.csv; each hypervolume is exact or approximate, as in its row.
 
         Raises:
             MorlaxError: the file cannot be read, or is damaged.
         """
         rows = read_rows(path)
-        columns = (*COUNTERS[1:], hypervolume_in(rows[0]))
-        return cls(*(np.array([float(row[name]) for row in rows]) for name in columns))
+        counters = (np.array([float(row[name]) for row in rows]) for name in COUNTERS[1:])
+        return cls(*counters, np.array([hypervolume_of(row) for row in rows]))
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:
@@ -42,10 +44,11 @@ def read_rows(path: AnyPath) -> list[dict[str, str]]:
     text = read(path, "training curve").decode(errors="replace")
     try:
         rows = list(csv.DictReader(io.StringIO(text, newline=""), strict=True))
-        needed = (*COUNTERS, hypervolume_in(rows[0]))
+        if not rows:
+            raise ValueError
         for row in rows:
-            _check(row, needed)
-    except (csv.Error, IndexError, KeyError, StopIteration, TypeError, ValueError):
+            _check(row)
+    except (csv.Error, KeyError, StopIteration, TypeError, ValueError):
         raise MorlaxError(
             f"{path} is damaged: it needs a row for each evaluation of a run, with "
             f"{', '.join(COUNTERS)} and hypervolume, and every cell must be a finite number."
@@ -53,8 +56,27 @@ def read_rows(path: AnyPath) -> list[dict[str, str]]:
     return rows
 
 
-def _check(row: dict[str, str], needed: tuple[str, ...]) -> None:
+def hypervolume_of(row: Mapping[str, str]) -> float:
+    """Return the hypervolume of a row, exact or approximate.
+
+    A resumed run that evaluates another number of trade-offs may have both columns, and in each row
+    one of them is empty.
+    """
+    return float(row[hypervolume_in(name for name, cell in row.items() if cell != "")])
+
+
+def best_row(rows: Sequence[Mapping[str, str]]) -> int:
+    """Return the index of the evaluation that best.pt was saved at.
+
+    Rows of earlier versions do not mark it; there it is the first with the highest hypervolume.
+    """
+    marked = [index for index, row in enumerate(rows) if float(row.get(BEST) or 0)]
+    return marked[-1] if marked else int(np.argmax([hypervolume_of(row) for row in rows]))
+
+
+def _check(row: dict[str, str]) -> None:
     """Raise an error unless every cell is a finite number, or empty if it is not needed."""
+    needed = (*COUNTERS, hypervolume_in(name for name, cell in row.items() if cell != ""))
     for name, cell in row.items():
         if cell == "" and name not in needed:
             continue  # a column that is newer than the row

@@ -14,9 +14,10 @@ from ..evaluation.front import Front
 from ..evaluation.history import History
 from ..files import unused
 from ..networks.policy import Policy
+from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
-from ..runs.loading import SHIPPED, find_run, load, trust_task
+from ..runs.loading import SHIPPED, find_checkpoint, find_run, load, trust_task
 from . import comparison
 from .page import number, words
 from .results import Evaluated, write
@@ -73,7 +74,11 @@ def evaluate_runs(
         return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
 
     target = None if reference is None else reference_front(reference, policies, evaluated)
-    fronts = {name: evaluated(policy) for name, policy in policies.items()}
+    files = {name: find_checkpoint(run) for name, run in named.items()}
+    fronts = {
+        name: evaluated(policy)._replace(checkpoint=files[name].name)
+        for name, policy in policies.items()
+    }
     if target is None and len(fronts) > 1:
         target = comparison.union(list(fronts.values()))
     found = {
@@ -98,6 +103,9 @@ def evaluate_runs(
         source = reference or "the non-dominated points of all runs"
         about += f" Reference of IGD+: {source}, {len(target)} points."
     write(found, folder, about, typed, portrait(next(iter(policies.values()))))
+    if output is None and len(runs) == 1 and find_run(runs[0]).parent != SHIPPED:
+        (path,), (front,) = files.values(), fronts.values()
+        front.save(front_path(path))  # where `load_front` looks
     return found, folder
 
 
@@ -138,9 +146,13 @@ def reference_front(
 
 
 def default_output(runs: Sequence[str]) -> Path:
-    """Return the run's folder; for several runs or a shipped policy, evaluations/<time>."""
-    folder = find_run(runs[0])
-    if len(runs) > 1 or folder.parent == SHIPPED:
+    """Return the run's folder; for several runs or a shipped policy, evaluations/<time>.
+
+    So for a checkpoint that is not the run's best: the files in its folder are of best.pt.
+    """
+    folder, path = find_run(runs[0]), Path(runs[0])
+    other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
+    if len(runs) > 1 or folder.parent == SHIPPED or other:
         return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
     return folder
 

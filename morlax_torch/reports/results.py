@@ -87,7 +87,8 @@ def write(
     heading = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
     configs = {name: run.policy.config for name, run in found.items()}
     known = {
-        name: facts(run.policy.config, run.history, run.measures, run.machines)
+        name: {"checkpoint": run.front.checkpoint}
+        | facts(run.policy.config, run.history, run.measures, run.machines)
         for name, run in found.items()
     }
     objectives = next(iter(found.values())).policy.objectives

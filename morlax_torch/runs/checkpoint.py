@@ -1,7 +1,9 @@
 """Checkpoints: one file with everything that training or acting continues from."""
 
+import hashlib
 import io
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,7 +17,7 @@ from ..config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, explained, shortened
 from ..files import AnyPath, read, replacing
-from .contents import FORMAT, Contents, Task, check_state
+from .contents import FORMAT, POLICY, Contents, Task, check_state
 from .progress import Progress
 from .rewards import localized
 
@@ -150,6 +152,32 @@ def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
 def folder_of(path: Path) -> Path:
     """Return the run's folder of a checkpoint."""
     return path.parent.parent if path.parent.name == "checkpoints" else path.parent
+
+
+def front_path(path: Path) -> Path:
+    """Return the file of a checkpoint's front: the run's front.npz of best.pt, NAME.npz of NAME.pt.
+
+    Args:
+        path: the checkpoint.
+    """
+    if path.name == "best.pt" and path.parent.name == "checkpoints":
+        return folder_of(path) / "front.npz"
+    return path.with_suffix(".npz")
+
+
+def fingerprint(agent: Mapping[str, Tensor]) -> str:
+    """Return a short text that tells policies apart: equal only if they are equal bit for bit.
+
+    Args:
+        agent: tensors of the agent by name, with or without critics.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(agent):
+        if name.startswith(POLICY):
+            values = agent[name].detach().cpu()
+            digest.update(f"{name} {values.dtype} {tuple(values.shape)} ".encode())
+            digest.update(values.reshape(-1).view(torch.uint8).numpy())
+    return digest.hexdigest()[:16]
 
 
 def restore(contents: Contents, path: Path, learner: Learner) -> None:

@@ -20,6 +20,8 @@ from .progress import Progress
 
 FORMAT = 2  # 1, of version 0.1, called the learner "morlax"
 
+POLICY = ("actor.", "observation_normalizer.")  # beginnings of the names of what policies need
+
 MOST_ITERATIONS = 2**53  # a float still counts them exactly
 
 Size = Annotated[int, Field(ge=1, le=2**24)]

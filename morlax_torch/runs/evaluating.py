@@ -8,6 +8,7 @@ from ..evaluation.front import Front
 from ..files import AnyPath
 from ..networks.policy import Policy
 from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
+from .checkpoint import fingerprint
 from .loading import load
 
 
@@ -63,4 +64,5 @@ def evaluate(
     )
     evaluator = Evaluator(policy.agent, env, drawn, protocol, seed, seeds)
     evaluator.compile()
-    return evaluator.evaluate()
+    mark = fingerprint(policy.agent.state_dict())
+    return evaluator.evaluate()._replace(fingerprint=mark)

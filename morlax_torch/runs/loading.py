@@ -12,6 +12,7 @@ from ..files import AnyPath
 from ..networks.agent import Agent
 from ..networks.policy import Policy
 from . import checkpoint
+from .contents import POLICY
 
 SHIPPED = Path(__file__).parent.parent / "shipped"
 
@@ -116,7 +117,6 @@ def save(policy: Policy, path: AnyPath) -> None:
     """
     state, own = policy.agent.state_dict(), policy.agent.own_networks()
     own.pop("critic", None)
-    parts = ("actor.", "observation_normalizer.")
     contents = {
         "config": policy.config.model_dump(mode="json"),
         "environment": {
@@ -126,6 +126,6 @@ def save(policy: Policy, path: AnyPath) -> None:
             "privileged_size": policy.agent.privileged_size,
         },
         "own_networks": own,
-        "policy": {name: value for name, value in state.items() if name.startswith(parts)},
+        "policy": {name: value for name, value in state.items() if name.startswith(POLICY)},
     }
     checkpoint.write(path, contents)

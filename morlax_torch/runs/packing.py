@@ -37,7 +37,7 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         (draft / "checkpoints").mkdir()
         front = evaluate(policy, device=device)
         save(policy.cpu(), draft / "checkpoints" / "best.pt")
-        front.save(draft / "front.npz")
+        front._replace(checkpoint="best.pt").save(draft / "front.npz")
         copy_reward(policy.config, draft)
         if machines:
             write_machines(draft, machines)

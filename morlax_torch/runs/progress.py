@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..evaluation.front import Front, hypervolume_in
+from ..evaluation.history import BEST
 from ..torchrun import launch
 
 
@@ -19,10 +20,21 @@ class Evaluation(NamedTuple):
     blowups: int  # how often a training world left sane bounds so far
     front: Front
     indicators: dict[str, float]  # by name
+    selection: dict[str, float] | None = None  # of the episodes that choose; None: the same
+    best: bool = False  # whether its checkpoint became best.pt
 
     @property
     def hypervolume(self) -> float:
         return self.indicators[hypervolume_in(self.indicators)]
+
+    @property
+    def measured(self) -> dict[str, float]:
+        """The indicators that checkpoints, trials and so on are chosen by."""
+        return self.indicators if self.selection is None else self.selection
+
+    @property
+    def selection_hypervolume(self) -> float:
+        return self.measured[hypervolume_in(self.measured)]
 
     def row(self) -> dict[str, Any]:
         """Return the row of metrics.csv."""
@@ -34,6 +46,7 @@ class Evaluation(NamedTuple):
             **self.indicators,
             "steps_per_second": round(self.steps_per_second),
             "blowups": self.blowups,
+            BEST: int(self.best),
         }
 
 
@@ -55,11 +68,21 @@ class Progress(BaseModel):
     blowups: int = 0
     """How often a training world left sane bounds."""
     hypervolume: float = 0.0
+    """Of the latest evaluation, as reported."""
     best_hypervolume: float = 0.0
+    """Of best.pt, as reported."""
+    best_selection: float | None = None
+    """Hypervolume of best.pt on the episodes that choose it (None: the next evaluation is best)."""
 
-    def improved(self, hypervolume: float) -> bool:
-        """Store the hypervolume of an evaluation; returns whether it is the best so far."""
+    def improved(self, selection: float, hypervolume: float) -> bool:
+        """Store the hypervolumes of an evaluation; returns whether it is the best so far.
+
+        Args:
+            selection: hypervolume on the episodes that choose a checkpoint.
+            hypervolume: as reported.
+        """
         self.hypervolume = hypervolume
-        best = hypervolume > self.best_hypervolume
-        self.best_hypervolume = max(hypervolume, self.best_hypervolume)
+        best = self.best_selection is None or selection > self.best_selection
+        if best:
+            self.best_selection, self.best_hypervolume = selection, hypervolume
         return best

@@ -1,4 +1,4 @@
-"""A run's folder: config, checkpoints, metrics, TensorBoard events, the latest front."""
+"""A run's folder: config, checkpoints and their fronts, metrics, TensorBoard events."""
 
 import csv
 import io
@@ -22,6 +22,7 @@ from ..envs.naming import is_file, title
 from ..evaluation.history import read_rows
 from ..files import AnyPath, Taken, making, remove_drafts, replacing, unused
 from . import checkpoint
+from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .lock import RunLock
 from .progress import Evaluation, Progress
@@ -54,8 +55,8 @@ class Run:
     config.yaml     every number of the run
     hardware.yaml   the machines that trained it, in order
     metrics.csv     one row per evaluation
-    front.npz       the latest evaluation
-    checkpoints/    latest.pt, and best.pt by hypervolume
+    front.npz       the front of checkpoints/best.pt
+    checkpoints/    best.pt by hypervolume, latest.pt, and latest.npz, the front of latest.pt
     learned.pt      a learned reward, if the task has one
     events.*        TensorBoard
 
@@ -186,7 +187,7 @@ class Run:
         if learner.group.rank:
             contents = checkpoint.load(self.checkpoints / "latest.pt")
             checkpoint.restore(contents, self.folder, learner)
-            return contents.progress
+            return _continued(contents, learner.config)
         self._lock.acquire()
         try:
             path = self.checkpoints / "latest.pt"
@@ -205,16 +206,32 @@ class Run:
             self._lock.release()
             raise
         self._purge_step = learner.env_steps + 1
-        return contents.progress
+        return _continued(contents, learner.config)
 
     @property
     def checkpoints(self) -> Path:
         return self.folder / "checkpoints"
 
-    def save(self, contents: dict[str, Any], progress: Progress, best: bool = False) -> None:
-        """Write a `checkpoint.snapshot` to latest.pt, and to best.pt too if it is the `best`."""
-        for name in ("best", "latest") if best else ("latest",):
-            checkpoint.write_snapshot(self.checkpoints / f"{name}.pt", contents, progress)
+    def save(
+        self, contents: dict[str, Any], progress: Progress, evaluation: Evaluation | None = None
+    ) -> None:
+        """Write a `checkpoint.snapshot` to latest.pt, and to best.pt too if it is the best.
+
+        Each has its front beside it, with the fingerprint of its policies, so that a program that
+        is killed in between leaves a front that is known to be of another checkpoint.
+
+        Args:
+            contents: the snapshot.
+            progress: of the run.
+            evaluation: of the snapshot, if it was evaluated.
+        """
+        best = evaluation is not None and evaluation.best
+        for name in ("best.pt", "latest.pt") if best else ("latest.pt",):
+            path = self.checkpoints / name
+            checkpoint.write_snapshot(path, contents, progress)
+            if evaluation is not None:
+                front = evaluation.front._replace(checkpoint=name)
+                front.save(checkpoint.front_path(path))
 
     def has_evaluation(self, iteration: int) -> bool:
         """Return whether metrics.csv has a row for this iteration."""
@@ -228,10 +245,9 @@ class Run:
             events.log_metrics({**metrics, "env_steps_per_second": steps_per_second}, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
-        """Write an evaluation of a `task`: events, front.npz, a row of metrics.csv."""
+        """Write an evaluation of a `task`: events and a row of metrics.csv."""
         with self._written() as events:
             events.log_evaluation(evaluation, task, _shows_pictures(len(self._rows)))
-        evaluation.front.save(self.folder / "front.npz")
         row = evaluation.row()
         self._rows.append(row)
         table = io.StringIO()
@@ -275,6 +291,22 @@ class Run:
         except MorlaxError:
             if kind is None or issubclass(kind, GeneratorExit):
                 raise  # else on a full disk this error would hide the first one
+
+
+def _continued(contents: Contents, config: Config) -> Progress:
+    """Return the progress of a checkpoint that a run with `config` goes on from.
+
+    Other trade-offs or episodes give other hypervolumes, so with them the record of the best
+    checkpoint begins anew. So it does after a version that chose and reported checkpoints by the
+    same random episodes.
+    """
+    progress, given = contents.progress, contents.config.get("evaluation", {})
+    evaluation = type(config.evaluation).model_validate(given)
+    if not evaluation.measures_like(config.evaluation):
+        return progress.model_copy(update={"best_selection": None})
+    if progress.best_selection is None and not config.task.for_evaluation().varies:
+        return progress.model_copy(update={"best_selection": progress.best_hypervolume or None})
+    return progress
 
 
 def _shows_pictures(evaluation: int) -> bool:

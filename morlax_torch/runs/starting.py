@@ -9,10 +9,10 @@ from ..algorithms.learner import Learner
 from ..envs import MorlaxError
 from ..networks.hypernetwork import Hypernetwork
 from . import checkpoint
+from .contents import POLICY
 from .loading import find_checkpoint
 
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
-ACTOR = ("actor.", "observation_normalizer.")
 CRITIC = ("critic.", "value_normalizer.")
 
 
@@ -50,7 +50,7 @@ def start_from(run: str, learner: Learner) -> None:
     columns = [objectives.index(name) for name in known]
     state[FIRST_LAYER] = _widened(state[FIRST_LAYER], len(objectives), columns)
     mine = agent.state_dict()
-    kept = [name for name in mine if name.startswith(ACTOR)]
+    kept = [name for name in mine if name.startswith(POLICY)]
     for name in kept:
         if not _fits(state, name, mine):
             raise MorlaxError(

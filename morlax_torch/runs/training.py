@@ -11,7 +11,7 @@ from ..algorithms.learner import Learner
 from ..config import Config
 from ..envs import MorlaxError, Worlds
 from ..envs.random import EVALUATION_SEEDS, seed_of
-from ..evaluation.evaluator import Evaluator, Protocol, share
+from ..evaluation.evaluator import SETS, Evaluator, Protocol, share
 from ..evaluation.front import Front
 from ..torchrun import launch
 from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
@@ -79,10 +79,10 @@ def training(
                 interrupted, finished, due = learner.group.first(_next(stopped, schedule))
                 if due and evaluated != learner.iteration:
                     evaluated, start = learner.iteration, time.perf_counter()
-                    front = evaluator.evaluate()
-                    _check_front(front, learner, run)
+                    fronts = evaluator.evaluate_sets()
+                    _check_front(fronts[0], learner, run)
                     progress.total_seconds = time.perf_counter() - began
-                    writer.put(_report(learner, front, progress, run))
+                    writer.put(_report(learner, fronts, progress, run))
                     schedule.evaluated(time.perf_counter() - start)
                 yield from writer.results(all_of_them=finished)
                 if finished:
@@ -105,12 +105,23 @@ def _next(stopped: Callable[[], bool], schedule: Schedule) -> tuple[bool, bool, 
     return interrupted, finished, schedule.evaluation_due() or (finished and not interrupted)
 
 
-def _report(learner: Learner, front: Front, progress: Progress, run: Run | None) -> Job:
-    """Copy the state that an evaluation is of, and return a job that measures and writes it."""
+def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: Run | None) -> Job:
+    """Copy the state that an evaluation is of, and return a job that measures and writes it.
+
+    Args:
+        learner: that was evaluated.
+        fronts: of each set of episodes: the first is reported, the last chooses the checkpoint.
+        progress: of the run.
+        run: where to write; None: nowhere.
+    """
     iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
     contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
 
     def work() -> Evaluation:
+        front, *others = fronts
+        if run:
+            mark = checkpoint.fingerprint(contents["learner"]["agent"])
+            front = front._replace(fingerprint=mark)
         evaluation = Evaluation(
             iteration,
             env_steps,
@@ -120,12 +131,15 @@ def _report(learner: Learner, front: Front, progress: Progress, run: Run | None)
             now.blowups,
             front,
             front.indicators(),
+            others[0].indicators() if others else None,
         )
-        best = progress.improved(evaluation.hypervolume)
+        best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
+        evaluation = evaluation._replace(best=best)
         if run:
-            now.hypervolume, now.best_hypervolume = progress.hypervolume, progress.best_hypervolume
+            for name in ("hypervolume", "best_hypervolume", "best_selection"):
+                setattr(now, name, getattr(progress, name))
             run.log_evaluation(evaluation, learner.config.env)
-            run.save(contents, now, best)
+            run.save(contents, now, evaluation)
         return evaluation
 
     return work
@@ -147,26 +161,28 @@ def make_worlds(config: Config, number: int, rank: int = 0) -> Worlds:
 def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluator:
     """Make the evaluator of a learner's agent, with the same worlds for every training seed.
 
-    The paper's protocol evaluates 1,024 random trade-offs, the default protocol the config's
-    number of `evaluation_tradeoffs`.
+    Where a task is random, it has a second set of episodes, to choose the best checkpoint by. The
+    paper's protocol evaluates 1,024 random trade-offs, the default protocol the config's number of
+    `evaluation_tradeoffs`.
     """
     config, group, m = learner.config, learner.group, len(learner.env.objectives)
-    seeds = config.evaluation.seeds
+    seeds, task = config.evaluation.seeds, config.task.for_evaluation()
+    sets = SETS if task.varies else 1
     if protocol == "paper":
         tradeoffs = dirichlet_tradeoffs(1024, m)
     else:
         tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, m)
     env = envs.make(
         config.env,
-        len(share(tradeoffs, seeds, group)),
+        len(share(tradeoffs, sets * seeds, group)),
         config.device,
         config.backend,
         EVALUATION_SEEDS,
         auto_reset=False,
         deterministic=config.deterministic,
-        **config.task.for_evaluation().model_dump(),
+        **task.model_dump(),
     )
-    return Evaluator(learner.agent, env, tradeoffs, protocol, seeds=seeds, group=group)
+    return Evaluator(learner.agent, env, tradeoffs, protocol, 0, seeds, sets, group)
 
 
 def _iterate(

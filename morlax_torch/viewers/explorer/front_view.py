@@ -1,13 +1,14 @@
 """The panel that shows the front, and how its plot relates to the robots."""
 
 from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 import viser
 
 from .drawing import Drawing
 from .session import Session
-from .status import NO_FRONT
+from .status import NO_FRONT, small
 from .steering import Put
 
 
@@ -34,6 +35,8 @@ class FrontView:
                 axis = gui.add_dropdown(label, names, initial_value=name)
                 axis.on_update(self._chosen)
                 self._axes.append(axis)
+        if session.front is not None and session.front.checkpoint:
+            self._parts.append(gui.add_html(small(f"front of {escape(session.front.checkpoint)}")))
         self.drawing = Drawing(names, session.front, (0, 1))
         self._html = gui.add_html(self.drawing.html())
         self._marks = gui.add_html("")

@@ -11,7 +11,8 @@ from ...envs import MorlaxError
 from ...envs.worlds.disturbances import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
-from ...runs.loading import find_run, load
+from ...runs.fronts import load_front
+from ...runs.loading import load
 from ..player import Player
 from .behavior import Behavior
 from .history import History
@@ -38,7 +39,7 @@ class Session(Behavior):
 
     Args:
         policy: as `morlax_torch.load` returns it.
-        front: the run's last evaluation, if it has one.
+        front: of these policies, if it was evaluated.
         seed: random seed of the world and of the pushes.
 
     Raises:
@@ -66,7 +67,7 @@ class Session(Behavior):
             MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
         """
         policy = load(choice.file)
-        return cls(policy, _front(choice.run, policy.objectives))
+        return cls(policy, _front(choice))
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off, command and pace."""
@@ -134,11 +135,10 @@ class Session(Behavior):
         return int(np.square(self.front.tradeoffs - np.array(self.tradeoff)).sum(1).argmin())
 
 
-def _front(run: str, objectives: tuple[str, ...]) -> Front | None:
-    """Load a run's last evaluation, if it has one with these objectives and finite returns."""
+def _front(choice: Choice) -> Front | None:
+    """Load the front of a checkpoint, if it has one with finite returns."""
     try:
-        front = Front.load(find_run(run) / "front.npz")
+        front = load_front(choice.file)
     except MorlaxError:
         return None
-    fits = front.objectives == objectives and np.isfinite(front.returns).all()
-    return front if fits else None
+    return front if np.isfinite(front.returns).all() else None

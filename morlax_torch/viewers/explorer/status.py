@@ -6,7 +6,7 @@ from html import escape
 from .session import Session
 
 NO_FRONT_TEXT = (
-    "This run has no front.npz. To write one: <code>python -m morlax_torch.evaluate RUN</code>"
+    "This checkpoint has no front. To write one: <code>python -m morlax_torch.evaluate RUN</code>"
 )
 
 

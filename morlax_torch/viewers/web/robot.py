@@ -15,8 +15,10 @@ from ...envs.worlds.disturbances import horizontal
 from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
+from ...runs.checkpoint import front_path
 from ...runs.evaluating import evaluate
-from ...runs.loading import find_run, load
+from ...runs.fronts import load_front
+from ...runs.loading import find_checkpoint, load
 from ..following import followed_body
 from .checking import check
 from .model import WebModel, compiled
@@ -84,15 +86,15 @@ def build(policy: Policy) -> tuple[Environment, WebModel]:
 
 
 def front_of(run: str, policy: Policy, device: str | None) -> Front:
-    """Load a run's front, or evaluate it if the run has none."""
-    file = find_run(run) / "front.npz"
-    if file.is_file():
-        front = Front.load(file)
-        if front.objectives == policy.objectives:
+    """Load the front of a run's policies, or evaluate them if it has none."""
+    path = find_checkpoint(run)
+    if front_path(path).is_file():
+        front = load_front(run)
+        if front.checkpoint == path.name:
             return front
     front = evaluate(policy, device=device)
     policy.cpu()
-    return front
+    return front._replace(checkpoint=path.name)
 
 
 def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
@@ -165,4 +167,5 @@ def _plain(front: Front) -> dict[str, Any]:
         "tradeoffs": front.tradeoffs.round(4).tolist(),
         "returns": front.returns.round(3).tolist(),
         "best": best.tolist(),
+        "checkpoint": front.checkpoint,
     }

@@ -77,6 +77,7 @@ export class Panel {
     $("axes").hidden = m < 3;
     if (m > 2) $("axes").replaceChildren(...this.#axisChoosers(front));
     this.triangle = triangle;
+    $("checkpoint").textContent = `front of ${front.checkpoint}`;
     this.#draw(front, [0, 1]);
   }
 

@@ -1,0 +1,55 @@
+"""Load the front of the checkpoint that `load` loads."""
+
+import shlex
+from pathlib import Path
+
+from ..envs import MorlaxError
+from ..evaluation.front import Front
+from ..evaluation.history import best_row, read_rows
+from ..files import AnyPath
+from . import checkpoint
+from .loading import find_checkpoint
+
+
+def load_front(run: AnyPath) -> Front:
+    """Load the front of the policies that `load` loads.
+
+    The front's `checkpoint` names the file whose policies reached its returns, such as "best.pt".
+    Version 1.0 stored only the front of a run's last evaluation: if a better one came before, it is
+    "latest.pt".
+
+    Args:
+        run: a run's folder, a checkpoint file, or a shipped name.
+
+    Raises:
+        MorlaxError: there is no such run, it has no front, the front is damaged or is of another
+            checkpoint.
+    """
+    path = find_checkpoint(run)
+    file = checkpoint.front_path(path)
+    if not file.is_file():
+        raise MorlaxError(f"{path} has no front beside it: {_remedy(path)}")
+    front, contents = Front.load(file), checkpoint.load(path)
+    if front.objectives != contents.environment.objectives:
+        raise MorlaxError(f"{file} has other objectives than {path}: {_remedy(path)}")
+    if not front.fingerprint:
+        return front._replace(checkpoint=_of_earlier_version(path))
+    if front.fingerprint != checkpoint.fingerprint(contents.agent):
+        raise MorlaxError(f"{file} is of other policies than {path}: {_remedy(path)}")
+    return front._replace(checkpoint=path.name)
+
+
+def _of_earlier_version(path: Path) -> str:
+    """Return the checkpoint that the front of a best.pt is of, in a run of version 1.0."""
+    metrics = checkpoint.folder_of(path) / "metrics.csv"
+    if not path.with_name("latest.pt").is_file() or not metrics.is_file():
+        return path.name  # packed, with a front of its own
+    rows = read_rows(metrics)
+    return path.name if best_row(rows) == len(rows) - 1 else "latest.pt"
+
+
+def _remedy(path: Path) -> str:
+    """Return the command that writes the front of a checkpoint, as the end of a sentence."""
+    best = path.name == "best.pt" and path.parent.name == "checkpoints"
+    named = checkpoint.folder_of(path) if best else path
+    return f"write it with python -m morlax_torch.evaluate {shlex.quote(str(named))}"
