@@ -130,13 +130,13 @@ def _train(job: Job, folder: Path, device: str) -> None:
 
 
 def _keep_best(folder: Path) -> Callable[[Evaluation], None]:
-    """Return a function that keeps the front of the highest hypervolume in a file."""
+    """Return a function that keeps the front of the best checkpoint in a file."""
     best = -math.inf
 
     def keep(evaluation: Evaluation) -> None:
         nonlocal best
-        if evaluation.hypervolume > best:
-            best = evaluation.hypervolume
+        if evaluation.selection_hypervolume > best:
+            best = evaluation.selection_hypervolume
             evaluation.front.save(folder / BEST_FRONT)
 
     return keep

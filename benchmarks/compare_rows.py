@@ -13,8 +13,8 @@ from compare_statistics import scaled_igd_plus
 
 from morlax_torch import MorlaxError, pareto
 from morlax_torch.config_files import read_yaml
-from morlax_torch.evaluation.front import Front, hypervolume_in
-from morlax_torch.evaluation.history import read_rows
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.history import best_row, hypervolume_of, read_rows
 from morlax_torch.files import replacing
 from morlax_torch.reports.comparison import union
 
@@ -76,7 +76,7 @@ def _rows(
 ) -> list[dict[str, Any]]:
     """Return a row for every evaluation of a run, and one for its crash.
 
-    IGD+ is in the row of the highest hypervolume, because only that front is kept.
+    IGD+ is in the row of the best checkpoint, because only that front is kept.
     """
     folder, method = job.folder(output), job.method
     shared_cells = {
@@ -89,12 +89,10 @@ def _rows(
     metrics = folder / "metrics.csv"
     found = read_rows(metrics) if metrics.is_file() else []
     rows = [
-        {**row, "hypervolume": row[hypervolume_in(row)], **shared_cells, "error": ""}
-        for row in found
+        {**row, "hypervolume": hypervolume_of(row), **shared_cells, "error": ""} for row in found
     ]
     if front is not None and reference is not None:
-        best = max(rows, key=lambda row: float(row["hypervolume"]))
-        best["igd_plus"] = scaled_igd_plus(front.returns, reference)
+        rows[best_row(found)]["igd_plus"] = scaled_igd_plus(front.returns, reference)
     error = read_yaml(folder / OUTCOME)["error"]
     if error is not None:
         rows.append({**shared_cells, "error": error})

@@ -48,7 +48,7 @@ def test_the_kernels_are_their_definitions(seed):
         assert ends.blown_up.nonzero().flatten().tolist() == [3, 5, 7, 9, 11, 13, 15]
         assert (reward[ends.blown_up] == 0).all() and (terms[ends.blown_up] == 0).all()
         assert torch.equal(ends.over, ends.terminated | ends.truncated)
-        starts = env.starts.draw(env.generator)
+        starts = env.starts.draw(env.draws)
         module.restart(env.physics, ends.over, starts, env.age)
         results.append([*ends, reward, terms, *env.state_dict().values()])
     for expected, found in zip(*results, strict=True):

@@ -56,6 +56,9 @@ class Scripted:
     def reseed(self, seed: int) -> None:
         self.generator.manual_seed(seed)
 
+    def share_draws(self, episodes: torch.Tensor, number: int) -> None:
+        assert episodes.tolist() == [0, 0, 0] and number == 2
+
     def seen(self) -> torch.Tensor:
         return torch.full((3, 3), float(self.t))
 
@@ -228,16 +231,54 @@ def test_an_evaluated_front_has_objectives_trade_offs_and_reference_point(agent)
     assert front.hypervolume == pytest.approx(14.5 * 145)
 
 
-def test_seeds_are_episodes_with_different_draws(make_agent):
+RANDOM = {
+    "starts": ("cheetah", {"reset_noise": 0.1}),
+    "models": ("cheetah", {"randomization": {"friction": (0.5, 2), "mass": (0.5, 2)}}),
+    "noise": ("cheetah", {"randomization": {"observation_noise": {"velocity": 0.1}}}),
+    "delays and pushes": ("ant", {"randomization": {"action_delay": (0, 3), "push": 1.0}}),
+    "bruce": ("bruce", {"noise": 1.0, "randomize": True, "draw_commands": True, "redraw_every": 7}),
+    "gymnasium": ("gymnasium:mo-hopper-v5", {}),
+}
+
+
+def evaluator_of(
+    case: str, make_agent, seeds: int, sets: int, episode_length: int = 20
+) -> Evaluator:
+    """Return an evaluator of 16 trade-offs that share one policy.
+
+    With fewer worlds, some fall into the rest of a vectorized loop, which rounds differently.
+    """
+    name, options = RANDOM[case]
     env = envs.make(
-        "cheetah", 6, "cpu", "mujoco", auto_reset=False, reset_noise=0.1, episode_length=20
+        name,
+        16 * seeds * sets,
+        "cpu",
+        None if name.startswith("gymnasium") else "mujoco",
+        auto_reset=False,
+        episode_length=20,
+        **options,
     )
-    agent = make_agent(env.observation_size, env.action_size)
-    mean = Evaluator(agent, env, TRADEOFFS, seeds=2).evaluate()
-    single = Evaluator(agent, env, TRADEOFFS.repeat(2, 1)).evaluate()
-    np.testing.assert_array_equal(mean.tradeoffs, TRADEOFFS)
-    assert not np.allclose(single.returns[:3], single.returns[3:])
-    np.testing.assert_allclose(mean.returns, (single.returns[:3] + single.returns[3:]) / 2)
+    agent = make_agent(env.observation_size, env.action_size, len(env.objectives))
+    torch.nn.init.zeros_(agent.actor.weight)
+    tradeoffs = torch.eye(len(env.objectives))[8 * [0, 1]]
+    return Evaluator(agent, env, tradeoffs, seeds=seeds, sets=sets)
+
+
+@pytest.mark.parametrize("case", RANDOM)
+def test_the_same_policy_gets_the_same_returns_under_every_trade_off(case, make_agent):
+    """And others in other episodes: only the episode decides about the draws."""
+    first, second = evaluator_of(case, make_agent, 1, 2).evaluate_sets()
+    within = 1e-6 if case == "bruce" else 0.0  # its rows are summed in different orders
+    for front in (first, second):
+        np.testing.assert_allclose(front.returns, front.returns[16 * [0]], rtol=within)
+    assert not np.allclose(first.returns, second.returns, rtol=1e-6)
+
+
+@pytest.mark.parametrize("case", RANDOM)
+def test_evaluating_the_reported_episodes_alone_repeats_them(case, make_agent):
+    reported, _ = evaluator_of(case, make_agent, 2, 2).evaluate_sets()
+    (alone,) = evaluator_of(case, make_agent, 2, 1).evaluate_sets()
+    np.testing.assert_array_equal(alone.returns, reported.returns)
 
 
 def test_episodes_of_one_tradeoff_are_averaged(front):

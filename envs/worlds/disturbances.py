@@ -1,6 +1,6 @@
 """Disturbances of the worlds: observation noise, action delay and pushes.
 
-Each class draws from the worlds' generator, updates tensors in place and never forces a GPU sync.
+Each class draws with the worlds' `Draws`, updates tensors in place and never forces a GPU sync.
 `state` holds the tensors that persist between control steps.
 """
 
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..errors import MorlaxError, unknown
 from ..physics.interface import Physics
+from ..random import Draws
 from .layout import Part
 
 
@@ -21,7 +22,7 @@ class Noise:
             ("position.knee") or a prefix of several ("position"). The longest match applies.
         parts: the parts of the observation, O numbers in total.
         physics: the simulation of the N worlds.
-        generator: draws the noise.
+        draws: draws the noise.
 
     Raises:
         MorlaxError: the observation has no part of a given name.
@@ -32,7 +33,7 @@ class Noise:
         deviations: dict[str, float],
         parts: list[Part],
         physics: Physics,
-        generator: torch.Generator,
+        draws: Draws,
     ):
         words = [part.name.split(".") for part in parts]
         names = {".".join(some[: n + 1]) for some in words for n in range(len(some))}
@@ -43,13 +44,13 @@ class Noise:
         for name, size, _ in parts:
             near = [key for key in deviations if f"{name}.".startswith(f"{key}.")]
             found += [deviations[max(near, key=len)] if near else 0.0] * size
-        self.generator, self._deviations = generator, torch.tensor(found, device=physics.device)
+        self._draws, self._deviations = draws, torch.tensor(found, device=physics.device)
         self.now = torch.zeros(physics.num_worlds, len(found), device=physics.device)  # (N, O)
         self.state = {"noise": self.now}
 
     def draw(self) -> None:
         """Draw the noise of a new control step into `now` (N, O)."""
-        self.now.normal_(generator=self.generator).mul_(self._deviations)
+        self._draws.normal_(self.now).mul_(self._deviations)
 
 
 class Delay:
@@ -60,13 +61,11 @@ class Delay:
             episode.
         action_size: A.
         physics: the simulation of the N worlds.
-        generator: draws the delays.
+        draws: draws the delays.
     """
 
-    def __init__(
-        self, steps: tuple[int, int], action_size: int, physics: Physics, generator: torch.Generator
-    ):
-        self.steps, self.generator = steps, generator
+    def __init__(self, steps: tuple[int, int], action_size: int, physics: Physics, draws: Draws):
+        self.steps, self._draws = steps, draws
         N, A, device = physics.num_worlds, action_size, physics.device
         self._past = torch.zeros(steps[1] + 1, N, A, device=device)  # newest first
         self._late = torch.full((N,), steps[0], device=device)
@@ -84,7 +83,7 @@ class Delay:
         self._past.masked_fill_(over[:, None], 0.0)
         fewest, most = self.steps
         if most > fewest:
-            drawn = torch.empty_like(self._late).random_(fewest, most + 1, generator=self.generator)
+            drawn = self._draws.integers_(torch.empty_like(self._late), fewest, most + 1)
             self._late.copy_(torch.where(over, drawn, self._late))
 
 
@@ -95,15 +94,15 @@ class Pushes:
         speed: size of the change in m/s.
         every: mean number of control steps between pushes; every step has the same probability.
         physics: the simulation of the N worlds.
-        generator: draws directions and times.
+        draws: draws directions and times.
 
     Raises:
         MorlaxError: the robot cannot move along the floor.
     """
 
-    def __init__(self, speed: float, every: int, physics: Physics, generator: torch.Generator):
+    def __init__(self, speed: float, every: int, physics: Physics, draws: Draws):
         self.speed, self.chance = speed, 1 / every
-        self.physics, self.generator = physics, generator
+        self.physics, self._draws = physics, draws
         dofs = horizontal(physics.model)
         if not dofs:
             raise MorlaxError(
@@ -115,10 +114,10 @@ class Pushes:
     def __call__(self) -> None:
         """Push a random subset of the worlds."""
         shape = self.physics.num_worlds, len(self._dofs)
-        direction = self.physics.qvel.new_empty(shape).normal_(generator=self.generator)
+        direction = self._draws.normal_(self.physics.qvel.new_empty(shape))
         direction /= direction.norm(dim=-1, keepdim=True)
-        draws = direction.new_empty(shape[0], 1).uniform_(generator=self.generator)
-        push = torch.where(draws < self.chance, self.speed * direction, 0.0)
+        chances = self._draws.uniform_(direction.new_empty(shape[0], 1))
+        push = torch.where(chances < self.chance, self.speed * direction, 0.0)
         self.physics.qvel.index_add_(1, self._dofs, push)
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from ..errors import MorlaxError
 from ..physics import build_physics
 from ..physics.interface import Physics
-from ..random import restore_generator
+from ..random import Draws, restore_generator
 from . import checks, episodes, randomization
 from .disturbances import Delay, Noise, Pushes
 from .interface import TimeStep
@@ -58,6 +58,7 @@ class Environment(Robot):
         self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
+        self.draws, self._seed = Draws(self.generator, self.num_worlds), seed
         self._episodes = _episodes_on(self.device)
         self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
@@ -69,7 +70,8 @@ class Environment(Robot):
         self.observation_size = checks.rows(self, "observe", "O")
         self.privileged_size = checks.rows(self, "privileged", "P")
         checks.layout(self)
-        self._randomize(seed)
+        self._vary()
+        self._disturb()
         checks.control(self)
         checks.rewards(self)
         self._load_learned_reward()
@@ -116,19 +118,24 @@ class Environment(Robot):
         checks.model(cls, model)
         return model
 
-    def _randomize(self, seed: int) -> None:
-        chosen, physics, generator = self.options.randomization, self.physics, self.generator
-        drawn = self.vary_model(seed)
+    def _vary(self) -> None:
+        """Draw the models of the worlds."""
+        drawn = self.vary_model(self._seed)
+        drawn = {name: self.draws.of_worlds(values) for name, values in drawn.items()}
         self._model = {name: torch.from_numpy(values) for name, values in drawn.items()}
-        self._noise = self._delay = self._pushes = None
         if drawn:
-            physics.vary(drawn)
+            self.physics.vary(drawn)
+
+    def _disturb(self) -> None:
+        """Prepare observation noise, action delays and pushes."""
+        chosen, physics, draws = self.options.randomization, self.physics, self.draws
+        self._noise = self._delay = self._pushes = None
         if any(chosen.observation_noise.values()):
-            self._noise = Noise(chosen.observation_noise, self.layout(), physics, generator)
+            self._noise = Noise(chosen.observation_noise, self.layout(), physics, draws)
         if any(chosen.action_delay):
-            self._delay = Delay(chosen.action_delay, self.action_size, physics, generator)
+            self._delay = Delay(chosen.action_delay, self.action_size, physics, draws)
         if chosen.push:
-            self._pushes = Pushes(chosen.push, chosen.push_every, physics, generator)
+            self._pushes = Pushes(chosen.push, chosen.push_every, physics, draws)
 
     def _load_learned_reward(self) -> None:
         """Load the learned reward, if the options name one."""
@@ -197,9 +204,12 @@ class Environment(Robot):
         return Starts(around(checks.start(self), noise, physics.model, seed), physics)
 
     def vary_model(self, seed: int) -> dict[str, np.ndarray]:
-        """Draw the model fields (N, ...) that differ between worlds, by name, once for all."""
+        """Draw the model fields (N, ...) that differ between worlds, by name, once for all.
+
+        Worlds that share draws need only the first `draws.number` rows.
+        """
         options, model = self.options.randomization, self.physics.model
-        return randomization.draw(model, options, self.num_worlds, seed)
+        return randomization.draw(model, options, self.draws.number, seed)
 
     def count_actions(self) -> int:
         """Return A, the size of an action."""
@@ -224,6 +234,10 @@ class Environment(Robot):
     def layout(self) -> list[Part]:
         """Name the parts of the observation, in order; by default there is one part."""
         return [Part("observation", self.observation_size, "")]
+
+    def share_draws(self, episodes: Tensor, number: int) -> None:
+        self.draws.share(episodes, number)
+        self._vary()
 
     def reset(self) -> Tensor:
         """Start a new episode in every world; returns the observation (N, O)."""
@@ -295,7 +309,7 @@ class Environment(Robot):
         return observation.float()
 
     def _restart(self, over: Tensor) -> None:
-        starts = self.starts.draw(self.generator)
+        starts = self.starts.draw(self.draws)
         self._episodes.restart(self.physics, over, starts, self.age)
         for leftover in self.physics.leftovers:
             leftover.masked_fill_(over[:, None, None], 0.0)

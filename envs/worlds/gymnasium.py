@@ -118,6 +118,7 @@ class GymnasiumWorlds(Worlds):
         self._worlds = [self.make_one() for _ in range(num_worlds)]
         one = self._worlds[0]
         self._space, self._box = one.observation_space, one.action_space
+        self._episodes = list(range(num_worlds))
         self._seeds: list[int | None]
         self.reseed(seed)
         self.action_size = int(np.prod(self._box.shape))
@@ -218,4 +219,7 @@ class GymnasiumWorlds(Worlds):
 
     def reseed(self, seed: int) -> None:
         super().reseed(seed)
-        self._seeds = [seed + i for i in range(self.num_worlds)]
+        self._seeds = [seed + episode for episode in self._episodes]
+
+    def share_draws(self, episodes: Tensor, number: int) -> None:
+        self._episodes = episodes.tolist()

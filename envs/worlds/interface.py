@@ -127,6 +127,18 @@ class Worlds(ABC):
         """Restart every random draw of future steps and resets from `seed`."""
         self.generator.manual_seed(seed)
 
+    def share_draws(self, episodes: Tensor, number: int) -> None:
+        """Let worlds of the same episode draw the same numbers, in future steps and resets.
+
+        An evaluation compares trade-offs under the same starts, models, commands and noise. Worlds
+        whose library draws for all of them at once ignore it.
+
+        Args:
+            episodes: (N,) index of each world's episode.
+            number: of episodes to draw for, of which these worlds may run a part.
+        """
+        assert episodes.shape == (self.num_worlds,)
+
     def combine(self, terms: dict[str, Tensor]) -> Tensor:
         """Weight reward terms (N,) each into the reward of every objective (N, m)."""
         return self._combine(torch.stack(list(terms.values()), -1))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..physics.interface import Physics
+from ..random import Draws
 
 NOISY_STARTS = 1024
 
@@ -43,10 +44,10 @@ class Starts:
         self.states = [torch.from_numpy(column).to(physics.qpos) for column in columns]
         self.rows = torch.zeros(physics.num_worlds, dtype=torch.int64, device=physics.device)
 
-    def draw(self, generator: torch.Generator) -> list[Tensor]:
+    def draw(self, draws: Draws) -> list[Tensor]:
         """Draw a row for each world; returns rows (N,) and qpos, qvel and sensors (B, ...)."""
         if len(self.states[0]) > 1:
-            self.rows.random_(0, len(self.states[0]), generator=generator)
+            draws.integers_(self.rows, 0, len(self.states[0]))
         return [self.rows, *self.states]
 
 

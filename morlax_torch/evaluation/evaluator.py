@@ -28,7 +28,10 @@ class Evaluator:
     """Runs the deterministic policies of K trade-offs, each in its own worlds, for one episode.
 
     Every evaluation repeats the same random draws, so that an unchanged policy gets an unchanged
-    front: bit for bit on the CPU, on CUDA up to the order of floating-point sums.
+    front: bit for bit on the CPU, on CUDA up to the order of floating-point sums. The k-th
+    episode of every trade-off has the same draws, so that differences between trade-offs are those
+    of their policies. (Worlds of other libraries than Gymnasium draw for all worlds at once, so
+    there they are not.)
 
     `latched`, the default protocol: a return is the sum of rewards up to and including the first
     step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an
@@ -62,6 +65,9 @@ class Evaluator:
         tradeoffs = share(tradeoffs, seeds * sets, group)
         if env.auto_reset or env.num_worlds != len(tradeoffs):
             raise ValueError("an evaluator needs a world per episode, and auto_reset=False")
+        # common random numbers: a trade-off's k-th episode draws what that of another one draws
+        episodes = torch.arange(len(self._points) * sets) // (len(self._points) // seeds)
+        env.share_draws(episodes[group.rank :: group.size], SETS * seeds)
         self.agent, self.env, self.protocol, self._group = agent, env, protocol, group
         self.tradeoffs = tradeoffs.to(env.device)
         self._seed = EVALUATION_SEEDS + seed

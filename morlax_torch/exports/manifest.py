@@ -10,7 +10,7 @@ import torch
 
 from .. import envs
 from ..envs import Environment, Robot
-from ..evaluation.history import History
+from ..evaluation.history import best_row, hypervolume_of, read_rows
 from ..files import AnyPath
 from ..networks.policy import Policy
 from ..runs.loading import find_checkpoint, find_run
@@ -48,7 +48,8 @@ def provenance(run: AnyPath) -> dict[str, Any]:
     checkpoint, metrics = find_checkpoint(run), find_run(run) / "metrics.csv"
     known: dict[str, Any] = {"sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
     if metrics.is_file():
-        known["best_hypervolume"] = float(History.load(metrics).hypervolume.max())
+        rows = read_rows(metrics)
+        known["best_hypervolume"] = hypervolume_of(rows[best_row(rows)])
     return known
 
 

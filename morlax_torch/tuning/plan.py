@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, Self, get_args
 from ..config import Config, load_config
 from ..config_files import merged
 from ..envs import MorlaxError
-from ..runs.progress import Evaluation
+from ..evaluation.front import hypervolume_in
 from .library import optuna
 from .space import Space
 
@@ -66,9 +66,9 @@ class Plan(NamedTuple):
     def directions(self) -> list[Literal["minimize", "maximize"]]:
         return ["minimize" if name in MINIMIZED else "maximize" for name in self.indicators]
 
-    def measured(self, evaluation: Evaluation) -> dict[str, float]:
-        """Return every indicator that a study can have."""
-        values = {**evaluation.indicators, "hypervolume": evaluation.hypervolume}
+    def measured(self, found: Mapping[str, float]) -> dict[str, float]:
+        """Return every indicator that a study can have, of those of an evaluation."""
+        values = {**found, "hypervolume": found[hypervolume_in(found)]}
         return {name: float(values[name]) for name in get_args(Indicator)}
 
     def description(self) -> dict[str, Any]:

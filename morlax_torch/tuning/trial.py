@@ -1,5 +1,6 @@
 """One trial: training with its config, evaluated a few times."""
 
+import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from statistics import fmean
@@ -88,15 +89,19 @@ def _train_once(
 ) -> _Run | None:
     """Train with the `number`-th seed; only the first training can be pruned."""
     best, last, seconds = None, None, claim.config.max_seconds or 0.0
-    sign, main = study.plan.sign, study.plan.main
+    plan, record = study.plan, -math.inf
     config = claim.config.model_copy(update={"seed": claim.config.seed + number})
     with closing(evaluations(config, stopped)) as found:
         for last in found:
-            measured = study.plan.measured(last)
-            if best is None or sign * measured[main] > sign * best[main]:
-                best = measured
+            chosen_by = plan.sign * plan.measured(last.measured)[plan.main]
+            if best is None or chosen_by > record:
+                best, record = plan.measured(last.indicators), chosen_by
             unfinished = last.iteration and last.train_seconds < seconds
-            if unfinished and number == 0 and study.prunes(claim, best[main], last.train_seconds):
+            if (
+                unfinished
+                and number == 0
+                and study.prunes(claim, best[plan.main], last.train_seconds)
+            ):
                 return _Run(best, last.train_seconds, last.env_steps, pruned=True)
     if best is None or last is None or last.train_seconds < seconds:
         return None

@@ -119,7 +119,7 @@ class Bruce(Environment):
         drawn = super().vary_model(seed)
         if not self.options.randomize:
             return drawn
-        return randomized(self.physics.model, drawn, self.num_worlds, seed)
+        return randomized(self.physics.model, drawn, self.draws.number, seed)
 
     def count_actions(self) -> int:
         return 16 + 2
@@ -154,7 +154,7 @@ class Bruce(Environment):
         due = (self.age + 1) % every == 0  # age does not count this step yet
         rows = torch.empty_like(self.starts.rows)
         commands = self._first.command
-        rows.random_(0, len(commands), generator=self.generator)
+        self.draws.integers_(rows, 0, len(commands))
         torch.where(due[:, None], commands[rows], self.command, out=self.command)
 
     def _readings(self, target: Tensor) -> dict[str, Tensor]:
@@ -179,7 +179,7 @@ class Bruce(Environment):
         scale = self.options.noise * width
         if not scale:
             return exact
-        return exact + torch.empty_like(exact).uniform_(-scale, scale, generator=self.generator)
+        return exact + self.draws.uniform_(torch.empty_like(exact), -scale, scale)
 
     def observe(self) -> Tensor:
         reference = self.reference
