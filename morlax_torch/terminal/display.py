@@ -60,6 +60,11 @@ class Display:
                 f"number of processes: {self._learner.group.size} instead of "
                 f"{self._progress.processes}, so worlds start anew"
             )
+        if self._progress.env_steps and self._progress.best_selection is None:
+            console.print(
+                "evaluations are not those of the run so far: its record of the best checkpoint "
+                "begins anew"
+            )
         if env.simulator == "mjlab" and env.device.type == "cpu":
             console.print(
                 "on a CPU, mjlab takes a few hundred steps per second: use a GPU to train"

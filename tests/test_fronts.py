@@ -1,0 +1,263 @@
+"""The front of a run is that of the checkpoint that `load` loads, and is reported fairly."""
+
+import csv
+import re
+import shutil
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny import tiny
+
+from morlax_torch import MORLAX, MorlaxError, load
+from morlax_torch.choose import command as choose
+from morlax_torch.config import Config
+from morlax_torch.evaluate import evaluate
+from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.history import History, best_row, hypervolume_of, read_rows
+from morlax_torch.exports.manifest import provenance
+from morlax_torch.files import AnyPath
+from morlax_torch.pack import pack
+from morlax_torch.reports.evaluating import evaluate_runs
+from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.fronts import load_front
+from morlax_torch.runs.loading import find_run
+from morlax_torch.runs.progress import Evaluation
+from morlax_torch.runs.schedule import Limits
+from morlax_torch.runs.training import make_evaluator, make_worlds, training
+from morlax_torch.train import train
+
+WORSE = {"max_env_steps": 192, "ppo.learning_rate": 0.1}  # the best evaluation is not the last
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "metrics.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def write_rows(folder: Path, table: Sequence[dict[str, str]]) -> None:
+    with (folder / "metrics.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, dict.fromkeys(name for row in table for name in row))
+        writer.writeheader()
+        writer.writerows(table)
+
+
+def returns(run: AnyPath) -> np.ndarray:
+    return evaluate(run, device="cpu").returns
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Path:
+    """A run whose best evaluation is not its last."""
+    folder = train(tiny(**WORSE), output=tmp_path_factory.mktemp("runs") / "run").folder
+    found = [float(row["hypervolume"]) for row in rows(folder)]
+    assert found.index(max(found)) < len(found) - 1
+    return folder
+
+
+@pytest.fixture
+def run(trained, tmp_path) -> Path:
+    return shutil.copytree(trained, tmp_path / "run")
+
+
+def aged(run: Path) -> None:
+    """Turn a run into one of version 1.0: its front.npz is that of the last evaluation."""
+    front = Front.load(run / "checkpoints" / "latest.npz")
+    front._replace(fingerprint="", checkpoint="").save(run / "front.npz")
+    (run / "checkpoints" / "latest.npz").unlink()
+    write_rows(run, [{k: v for k, v in row.items() if k != "best"} for row in rows(run)])
+
+
+def test_each_checkpoint_has_its_own_front(run):
+    for path, front in (
+        (run, Front.load(run / "front.npz")),
+        (run, load_front(run)),
+        (run / "checkpoints/best.pt", load_front(run / "checkpoints/best.pt")),
+        (run / "checkpoints/latest.pt", Front.load(run / "checkpoints/latest.npz")),
+        (run / "checkpoints/latest.pt", load_front(run / "checkpoints/latest.pt")),
+    ):
+        np.testing.assert_array_equal(front.returns, returns(path))
+        assert front.checkpoint == ("latest.pt" if path.name == "latest.pt" else "best.pt")
+    assert load_front(run).hypervolume > load_front(run / "checkpoints/latest.pt").hypervolume
+
+
+def test_metrics_mark_the_evaluation_of_the_best_checkpoint(run):
+    found = rows(run)
+    volumes = [float(row["hypervolume"]) for row in found]
+    assert best_row(read_rows(run / "metrics.csv")) == volumes.index(max(volumes))
+    assert load_front(run).hypervolume == pytest.approx(max(volumes))
+    progress = checkpoint.load(run / "checkpoints/best.pt").progress
+    assert progress.hypervolume == progress.best_hypervolume == max(volumes)
+
+
+def test_choose_uses_the_front_of_the_checkpoint_that_load_loads(run, capfd):
+    front = Front.load(run / "front.npz")
+    choose([str(run), "--maximize", front.objectives[0]])
+    printed = float(re.search(rf"{front.objectives[0]} ([\d.e+-]+)", capfd.readouterr().out)[1])
+    assert printed == pytest.approx(returns(run)[:, 0].max(), rel=1e-3)
+
+
+def test_a_front_of_other_policies_is_refused_with_the_command_that_writes_it(run):
+    """Such as after a kill between the two files."""
+    path = run / "checkpoints/best.pt"
+    shutil.copy(run / "checkpoints/latest.pt", path)
+    with pytest.raises(MorlaxError, match=rf"front.npz is of other policies .*evaluate {run}$"):
+        load_front(run)
+    evaluate_runs([str(run)], "", device="cpu")
+    np.testing.assert_array_equal(load_front(run).returns, returns(path))
+
+
+def test_a_checkpoint_that_was_saved_without_an_evaluation_has_no_front(run, tmp_path):
+    other = run / "checkpoints/other.pt"
+    shutil.copy(run / "checkpoints/latest.pt", other)
+    with pytest.raises(MorlaxError, match=rf"other.pt has no front .*evaluate {other}$"):
+        load_front(other)
+
+
+def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before, other = load_front(run), run / "checkpoints/other.pt"
+    shutil.copy(run / "checkpoints/latest.pt", other)
+    found, folder = evaluate_runs([str(other)], "", tradeoffs=5, device="cpu")
+    assert folder.parent == Path("evaluations")
+    np.testing.assert_array_equal(load_front(run).returns, before.returns)
+    assert len(load_front(other).returns) == 5
+    assert [each.front.checkpoint for each in found.values()] == ["other.pt"]
+    assert "other.pt" in (folder / "report.html").read_text()
+
+
+def test_an_old_run_s_front_says_if_it_is_of_the_last_evaluation(run):
+    aged(run)
+    assert load_front(run).checkpoint == "latest.pt"
+    with pytest.raises(MorlaxError, match=r"latest.pt has no front .*evaluate .*latest.pt$"):
+        load_front(run / "checkpoints/latest.pt")
+    table = rows(run)
+    write_rows(run, table[: 1 + best_row(table)])
+    assert load_front(run).checkpoint == "best.pt"
+
+
+def test_packed_and_shipped_policies_have_the_front_of_their_checkpoint(run, tmp_path):
+    pack(run, tmp_path / "packed", "cpu")
+    front = load_front(tmp_path / "packed")
+    np.testing.assert_array_equal(front.returns, load_front(run).returns)
+    assert front.checkpoint == load_front("cheetah").checkpoint == "best.pt"
+    assert front.fingerprint == load_front(run).fingerprint
+    shipped = Front.load(find_run("cheetah") / "front.npz")
+    np.testing.assert_array_equal(load_front("cheetah").returns, shipped.returns)
+
+
+# What chooses a checkpoint is not what is reported.
+
+NOISY = {"task.reset_noise": 0.1}
+
+
+def evaluator(config: Config) -> Evaluator:
+    return make_evaluator(MORLAX(make_worlds(config, config.worlds), config))
+
+
+def test_a_random_task_has_other_episodes_to_choose_by():
+    assert len(evaluator(tiny()).evaluate_sets()) == 1  # all episodes are alike
+    reported, choosing = evaluator(tiny(**NOISY)).evaluate_sets()
+    assert not np.isclose(reported.returns, choosing.returns).any()
+
+
+def scripted(volumes: Sequence[tuple[float, float]], run: Run, learner: MORLAX) -> list[Evaluation]:
+    """Train with evaluations of given hypervolumes, reported and choosing."""
+    given, evaluator = iter(volumes), make_evaluator(learner)
+    front = evaluator.evaluate()._replace(reference_point=np.zeros(2))
+
+    def evaluate_sets() -> list[Front]:
+        return [
+            front._replace(returns=np.full_like(front.returns, volume**0.5))
+            for volume in next(given)
+        ]
+
+    evaluator.evaluate_sets = evaluate_sets
+    limits = Limits(64 * (len(volumes) - 1), evaluate_every=64)
+    with closing(training(learner, evaluator, limits, run)) as found:
+        return list(found)
+
+
+def test_the_best_checkpoint_is_not_the_one_with_the_luckiest_report(tmp_path):
+    config = tiny(**NOISY)
+    learner = MORLAX(make_worlds(config, config.worlds), config)
+    run = Run.create(learner, tmp_path / "run")
+    found = scripted([(1, 2), (9, 3), (4, 5), (5, 4)], run, learner)
+    assert [evaluation.best for evaluation in found] == [True, True, True, False]
+    assert [round(float(row["hypervolume"])) for row in rows(run.folder)] == [1, 9, 4, 5]
+    assert [row["best"] for row in rows(run.folder)] == ["1", "1", "1", "0"]
+    assert load_front(run.folder).hypervolume == pytest.approx(4)
+    assert Front.load(run.checkpoints / "latest.npz").hypervolume == pytest.approx(5)
+    for name in ("best", "latest"):
+        progress = checkpoint.load(run.checkpoints / f"{name}.pt").progress
+        assert progress.best_hypervolume == pytest.approx(4)
+        assert progress.best_selection == pytest.approx(5)
+    assert provenance(run.folder)["best_hypervolume"] == pytest.approx(4)
+
+
+def test_a_random_run_reports_what_evaluate_finds_again(tmp_path):
+    randomization = {"friction": (0.5, 2.0), "observation_noise": {"velocity": 0.1}}
+    changes = {**NOISY, "task.randomization": randomization, "evaluation.seeds": 2}
+    run = train(tiny(**changes), output=tmp_path / "run")
+    np.testing.assert_allclose(load_front(run.folder).returns, returns(run.folder), rtol=1e-6)
+    other = evaluate(run.folder, device="cpu", seed=1)
+    assert not np.isclose(other.returns, returns(run.folder)).any()
+
+
+# Resumed runs
+
+
+def resumed(folder: Path, **changes: object) -> Run:
+    run = Run.open(folder)
+    return train(tiny(**{**WORSE, "max_env_steps": 256, **changes}), run)
+
+
+def test_other_trade_offs_begin_the_record_of_the_best_checkpoint_anew(run):
+    before = checkpoint.load(run / "checkpoints/best.pt").progress
+    resumed(run, **{"evaluation.tradeoffs": 2})
+    after = checkpoint.load(run / "checkpoints/best.pt")
+    assert after.config["evaluation"]["tradeoffs"] == 2
+    assert after.progress.best_hypervolume < before.best_hypervolume
+    assert len(load_front(run).returns) == 2
+    assert load(run).config.evaluation.tradeoffs == 2
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_the_record_goes_on_if_evaluations_stay_comparable(old, run):
+    """Also that of version 1.0, which stored only one hypervolume."""
+    if old:
+        path = run / "checkpoints/latest.pt"
+        contents = checkpoint.load(path)
+        contents.progress.best_selection = None
+        checkpoint.write(path, contents.model_dump(exclude={"format", "policy"}))
+    before = checkpoint.load(run / "checkpoints/best.pt").progress
+    resumed(run, **{"evaluation.every": 64})
+    assert float(rows(run)[-1]["hypervolume"]) < before.best_hypervolume
+    after = checkpoint.load(run / "checkpoints/latest.pt").progress
+    assert after.best_selection == after.best_hypervolume == before.best_hypervolume
+    assert checkpoint.load(run / "checkpoints/best.pt").progress == before
+
+
+def test_both_hypervolume_columns_stay_readable(run):
+    """A resumed run with more trade-offs may be measured approximately from then on."""
+    table = rows(run)
+    expected = [float(row["hypervolume"]) for row in table]
+    for row in table[2:]:
+        row["hypervolume_approximate"] = row.pop("hypervolume")
+    write_rows(run, table)
+    found = read_rows(run / "metrics.csv")
+    assert [hypervolume_of(row) for row in found] == expected
+    assert History.load(run / "metrics.csv").hypervolume.tolist() == expected
+    assert provenance(run)["best_hypervolume"] == max(expected)
+    evaluate_runs([str(run)], "", device="cpu")
+    again = resumed(run)
+    assert len(rows(again.folder)) > len(table)
+    assert len(read_rows(run / "metrics.csv")) == len(rows(run))
+    for row in table:
+        row.pop("hypervolume", None)
+    write_rows(run, table)
+    with pytest.raises(MorlaxError, match="damaged"):
+        read_rows(run / "metrics.csv")
