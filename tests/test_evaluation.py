@@ -10,6 +10,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
+from morlax_torch.gpu.group import ALONE, Group
 from morlax_torch.networks.agent import Agent
 
 # Published returns of zero actions, including the reward at the reset.
@@ -241,9 +242,7 @@ RANDOM = {
 }
 
 
-def evaluator_of(
-    case: str, make_agent, seeds: int, sets: int, episode_length: int = 20
-) -> Evaluator:
+def evaluator_of(case: str, make_agent, seeds: int, sets: int, group: Group = ALONE) -> Evaluator:
     """Return an evaluator of 16 trade-offs that share one policy.
 
     With fewer worlds, some fall into the rest of a vectorized loop, which rounds differently.
@@ -251,7 +250,7 @@ def evaluator_of(
     name, options = RANDOM[case]
     env = envs.make(
         name,
-        16 * seeds * sets,
+        16 * seeds * sets // group.size,
         "cpu",
         None if name.startswith("gymnasium") else "mujoco",
         auto_reset=False,
@@ -261,14 +260,14 @@ def evaluator_of(
     agent = make_agent(env.observation_size, env.action_size, len(env.objectives))
     torch.nn.init.zeros_(agent.actor.weight)
     tradeoffs = torch.eye(len(env.objectives))[8 * [0, 1]]
-    return Evaluator(agent, env, tradeoffs, seeds=seeds, sets=sets)
+    return Evaluator(agent, env, tradeoffs, seeds=seeds, sets=sets, group=group)
 
 
 @pytest.mark.parametrize("case", RANDOM)
 def test_the_same_policy_gets_the_same_returns_under_every_trade_off(case, make_agent):
     """And others in other episodes: only the episode decides about the draws."""
     first, second = evaluator_of(case, make_agent, 1, 2).evaluate_sets()
-    within = 1e-6 if case == "bruce" else 0.0  # its rows are summed in different orders
+    within = 1e-4 if case == "bruce" else 0.0  # its rows are summed in different orders
     for front in (first, second):
         np.testing.assert_allclose(front.returns, front.returns[16 * [0]], rtol=within)
     assert not np.allclose(first.returns, second.returns, rtol=1e-6)
@@ -279,6 +278,31 @@ def test_evaluating_the_reported_episodes_alone_repeats_them(case, make_agent):
     reported, _ = evaluator_of(case, make_agent, 2, 2).evaluate_sets()
     (alone,) = evaluator_of(case, make_agent, 2, 1).evaluate_sets()
     np.testing.assert_array_equal(alone.returns, reported.returns)
+
+
+class Half(Group):
+    """One of two processes; the first one gets what the second one has gathered before."""
+
+    size = 2
+    other: np.ndarray
+
+    def __init__(self, rank: int):
+        self.rank = rank
+
+    def gather(self, value: np.ndarray) -> list[np.ndarray]:
+        if self.rank:
+            Half.other = value
+        return [value, Half.other]
+
+
+@pytest.mark.parametrize("case", ["starts", "models", "noise"])
+def test_several_processes_run_the_same_episodes_as_one(case, make_agent):
+    for rank in (1, 0):
+        fronts = evaluator_of(case, make_agent, 1, 2, Half(rank)).evaluate_sets()
+    for found, expected in zip(
+        fronts, evaluator_of(case, make_agent, 1, 2).evaluate_sets(), strict=True
+    ):
+        np.testing.assert_allclose(found.returns, expected.returns, rtol=1e-6)
 
 
 def test_episodes_of_one_tradeoff_are_averaged(front):

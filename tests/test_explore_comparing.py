@@ -166,7 +166,9 @@ def test_a_run_without_two_policies_to_compare_says_so(evaluated, tmp_path, make
     front._replace(returns=one).save(folder / "front.npz")
     if not evaluated:
         (folder / "front.npz").unlink()
-    sentence = "fewer than two non-dominated policies" if evaluated else "has no front.npz"
+    sentence = (
+        "fewer than two non-dominated policies" if evaluated else "This checkpoint has no front."
+    )
     with exploring(str(folder)) as (address, _):
         client = Client(address)
         before = client.html().count(sentence)

@@ -300,6 +300,22 @@ def test_the_base_config_is_never_pruned(tmp_path):
     assert scripted(study, first, [1.0] * 9) == "complete"
 
 
+def test_a_trial_reports_other_episodes_than_it_is_chosen_by(tmp_path, monkeypatch):
+    study = study_at(tmp_path)
+
+    def measured(volume: float) -> dict[str, float]:
+        return {**dict.fromkeys(get_args(Indicator), 0.0), "hypervolume": volume}
+
+    def evaluations(config: Config, stopped: Any) -> Iterator[Evaluation]:
+        for seconds, reported, choosing in ((1.0, 9.0, 3.0), (2.0, 4.0, 5.0), (9.0, 6.0, 4.0)):
+            indicators = measured(reported), measured(choosing)
+            yield Evaluation(1, 10, seconds, 9.0, 1, 0, None, *indicators)
+
+    monkeypatch.setattr(trial_module, "evaluations", evaluations)
+    trial_module.run_trial(study, claimed(study), lambda: False)
+    assert [result.indicators["hypervolume"] for result in study.results()] == [4.0]
+
+
 def test_a_trial_is_the_best_only_with_other_seeds_too(tmp_path, monkeypatch):
     script = [[10.0, 11.0, 12.0], [20.0, 6.0, 1.0], [9.0], [12.0, 5.0], [12.0, 14.0, 13.0]]
     study = study_at(tmp_path)
