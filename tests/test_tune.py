@@ -515,7 +515,7 @@ def test_trials_start_from_the_policies_that_the_config_names(tmp_path):
     config = tiny(start_from=latest, max_seconds=0.01, max_env_steps=None)
     with closing(trial_module.evaluations(config, lambda: False)) as found:
         returns = next(found).front.returns
-    np.testing.assert_array_equal(returns, Front.load(start.folder / "front.npz").returns)
+    np.testing.assert_array_equal(returns, Front.load(start.checkpoints / "latest.npz").returns)
 
 
 def test_a_range_has_steps_and_numbers_without_a_point():

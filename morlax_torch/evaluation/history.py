@@ -31,8 +31,10 @@ class History(NamedTuple):
             MorlaxError: the file cannot be read, or is damaged.
         """
         rows = read_rows(path)
-        counters = (np.array([float(row[name]) for row in rows]) for name in COUNTERS[1:])
-        return cls(*counters, np.array([hypervolume_of(row) for row in rows]))
+        env_steps, train_seconds = (
+            np.array([float(row[name]) for row in rows]) for name in COUNTERS[1:]
+        )
+        return cls(env_steps, train_seconds, np.array([hypervolume_of(row) for row in rows]))
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:

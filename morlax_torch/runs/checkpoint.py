@@ -176,7 +176,7 @@ def fingerprint(agent: Mapping[str, Tensor]) -> str:
         if name.startswith(POLICY):
             values = agent[name].detach().cpu()
             digest.update(f"{name} {values.dtype} {tuple(values.shape)} ".encode())
-            digest.update(values.reshape(-1).view(torch.uint8).numpy())
+            digest.update(values.reshape(-1).view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()[:16]
 
 
