@@ -62,7 +62,7 @@ def command(arguments: Sequence[str]) -> None:
                 runs, if there are several).
             output: Output folder (None: the run's folder, or evaluations/<time> for several runs,
                 a shipped policy or a checkpoint other than best.pt).
-            trust: Let the run import the FILE.py or module that its task names.
+            trust: Let the run import the Python files and modules that it names.
         """
         if not runs:
             raise MorlaxError(

@@ -57,14 +57,14 @@ def command(arguments: Sequence[str]) -> None:
                 or the latest run under ./runs if no policy is shipped).
             host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
             port: TCP port to listen on; 0 selects a free one.
-            trust: Let the run import the FILE.py or module that its task names.
+            trust: Let the run import the Python files and modules that it names.
         """
-        from .runs.loading import trust_task  # imports torch
+        from .runs.loading import trust_run  # imports torch
         from .viewers.explorer import library
 
         chosen = run or library.first()
         if trust:
-            trust_task(chosen)
+            trust_run(chosen)
         explore(chosen, host, port)
         cli.skip_teardown()  # which would wait for viser's threads, and those for browsers
 

@@ -40,7 +40,7 @@ def command(arguments: Sequence[str]) -> None:
             output: Output file (None: policy.onnx, .ts or .pt2, or family.* if the trade-off
                 is an input; in the run's folder, or in the working directory for a shipped
                 policy).
-            trust: Let the run import the FILE.py or module that its task names.
+            trust: Let the run import the Python files and modules that it names.
         """
         from .exports.exporting import export  # imports torch
         from .exports.formats import FORMATS

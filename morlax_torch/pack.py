@@ -39,9 +39,9 @@ def command(arguments: Sequence[str]) -> None:
                 --web one of them, and then a new folder.
             web: New folder for a web page; needs the extra onnx, and once the internet.
             device: Device that evaluates the front: cuda, cpu, ... (None: CUDA if there is a GPU).
-            trust: Let the runs import the FILE.py or module that their tasks name.
+            trust: Let the runs import the Python files and modules that they name.
         """
-        from .runs.loading import trust_task  # imports torch
+        from .runs.loading import trust_run  # imports torch
 
         runs = places if web else places[:1]
         if not places or not (web or len(places) == 2):
@@ -51,7 +51,7 @@ def command(arguments: Sequence[str]) -> None:
             )
         if trust:
             for run in runs:
-                trust_task(run)
+                trust_run(run)
         if web:
             _write_page(runs, web, device)
         else:

@@ -51,7 +51,7 @@ def command(arguments: Sequence[str]) -> None:
             pictures: Number of pictures per row of a film strip, evenly spaced over the robot's
                 last gait cycle (the last two if a cycle has fewer control steps than pictures).
             seed: Random seed of the world.
-            trust: Let the run import the FILE.py or module that its task names.
+            trust: Let the run import the Python files and modules that it names.
         """
         from .runs.loading import load  # imports torch
         from .terminal.bar import bar

@@ -46,13 +46,13 @@ def command(arguments: Sequence[str]) -> None:
             seed: Random seed.
             host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
             port: TCP port to listen on; 0 selects a free one.
-            trust: Let the run import the FILE.py or module that its task names.
+            trust: Let the run import the Python files and modules that it names.
         """
         from .preferences.teaching import Lesson
-        from .runs.loading import trust_task
+        from .runs.loading import trust_run
 
         if trust:
-            trust_task(run)
+            trust_run(run)
         serves = judge is None and answers > 0
         if serves:
             check_free(host, port)

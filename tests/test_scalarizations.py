@@ -11,6 +11,7 @@ from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.algorithms.expected_returns import expected_returns
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.config import SCALARIZATIONS
+from morlax_torch.envs.trust import _TRUSTED
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
@@ -264,6 +265,8 @@ def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(tasks, own, t
     changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "evaluation.tradeoffs": 5}
     config = config_for("concave", scalarization=f"{own}:least", max_env_steps=256, **changes)
     run = train(config, output=tmp_path / "run")
+    assert run.config().scalarization == f"{own}:least"  # this process has run the code already
+    _TRUSTED.clear()  # as in another process
     with pytest.raises(MorlaxError, match=r"would run the code of .*own.py:least"):
         run.config()
     assert run.config(trust=True).scalarization == f"{own}:least"

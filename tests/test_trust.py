@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from morlax_torch import MorlaxError, envs, load, save
+from morlax_torch.config import Config
+from morlax_torch.runs.trust import NAMES_CODE
 
 PAYLOAD = """
 from pathlib import Path
@@ -34,6 +36,20 @@ def hostile(tmp_path: Path, make_policy) -> Path:
         save(policy, run / "checkpoints" / f"{name}.pt")
     (run / "config.yaml").write_text(f"env: {robot}:Robot\n")
     return run
+
+
+@pytest.fixture
+def hostile_utility(tmp_path: Path, make_policy) -> Path:
+    """A run whose scalarization is a Python file that leaves a trace when it runs."""
+    utility = tmp_path / "utility.py"
+    utility.write_text(
+        f"from pathlib import Path\nPath({str(tmp_path / 'sprung')!r}).touch()\n"
+        "def best(tradeoffs, returns): return (tradeoffs * returns).sum(-1)\n"
+    )
+    policy = make_policy("hopper", network={"actor": [8]}, scalarization=f"{utility}:best")
+    (tmp_path / "run/checkpoints").mkdir(parents=True)
+    save(policy, tmp_path / "run/checkpoints/best.pt")
+    return tmp_path / "run"
 
 
 def command(name: str, *arguments: object, folder: Path) -> subprocess.CompletedProcess:
@@ -79,6 +95,27 @@ def test_a_module_of_gymnasium_is_code_too_and_a_registered_id_is_not():
         envs.check_trusted("gymnasium:antigravity:Fly-v0", "run.pt")
     envs.check_trusted("gymnasium:mo-hopper-v5", "run.pt")
     envs.check_trusted("hopper", "run.pt")
+
+
+def test_a_lesson_does_not_take_over_code_that_only_a_file_names(hostile_utility):
+    folder = hostile_utility.parent
+    arguments = ("run", "lesson", "--objective", "tall", "--judge", "height", "--clips", 10)
+    done = command("teach", *arguments, folder=folder)
+    assert done.returncode == 2
+    assert "would run the code of" in done.stderr and "utility.py:best" in done.stderr
+    assert not (folder / "lesson").exists() and not (folder / "sprung").exists()
+
+
+def test_a_utility_of_a_run_is_trusted_by_saying_so(hostile_utility):
+    with pytest.raises(MorlaxError, match=r"would run the code of .*utility.py:best"):
+        load(hostile_utility)
+    assert load(hostile_utility, trust=True).config.scalarization.endswith("utility.py:best")
+    load(hostile_utility)  # this process trusts it now
+
+
+def test_every_field_that_can_name_a_file_needs_trust():
+    described = {name: field.description or "" for name, field in Config.model_fields.items()}
+    assert set(NAMES_CODE) == {name for name, text in described.items() if "FILE.py" in text}
 
 
 @pytest.mark.parametrize("allow", ["--trust", "--env"])

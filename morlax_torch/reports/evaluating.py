@@ -17,7 +17,7 @@ from ..networks.policy import Policy
 from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
-from ..runs.loading import SHIPPED, find_checkpoint, find_run, load, trust_task
+from ..runs.loading import SHIPPED, find_checkpoint, find_run, load, trust_run
 from . import comparison
 from .page import number, words
 from .results import Evaluated, write
@@ -57,7 +57,7 @@ def evaluate_runs(
         MorlaxError: a run or the reference cannot be loaded, or they cannot be compared.
     """
     for run in runs if trust else ():
-        trust_task(run)
+        trust_run(run)
     place = resolve_device(device)
     named = dict(zip(comparison.names(runs), runs, strict=True))
     policies = {name: load(run, place) for name, run in named.items()}

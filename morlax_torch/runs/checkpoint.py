@@ -11,7 +11,6 @@ import torch
 from pydantic import ValidationError
 from torch import Tensor
 
-from .. import envs
 from ..algorithms.learner import Learner
 from ..config import Config, load_config
 from ..envs import MorlaxError, Worlds
@@ -20,6 +19,7 @@ from ..files import AnyPath, read, replacing
 from .contents import FORMAT, POLICY, Contents, Task, check_state
 from .progress import Progress
 from .rewards import localized
+from .trust import check_code, trust_code
 
 
 def describe(env: Worlds) -> Task:
@@ -134,15 +134,14 @@ def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
     Args:
         contents: as `load` returns them.
         path: for error messages.
-        trust: allow the config to import the FILE.py or module that its task names.
+        trust: allow the code that the config names.
 
     Raises:
-        MorlaxError: a value is wrong, or the task would run code that is not trusted.
+        MorlaxError: a value is wrong, or the config names code that is not trusted.
     """
-    task = contents.config["env"]
     if trust:
-        envs.trust(task)
-    envs.check_trusted(task, path)
+        trust_code(contents.config)
+    check_code(contents.config, path)
     try:
         return load_config(localized(contents.config, folder_of(path)))
     except MorlaxError as error:

@@ -5,7 +5,6 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from .. import envs
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
 from ..files import AnyPath
@@ -13,6 +12,7 @@ from ..networks.agent import Agent
 from ..networks.policy import Policy
 from . import checkpoint
 from .contents import POLICY
+from .trust import trust_code
 
 SHIPPED = Path(__file__).parent.parent / "shipped"
 
@@ -68,11 +68,12 @@ def load(
         run: the policies.
         device: "cpu", "cuda", ...; None selects CUDA if there is a GPU.
         actor: a module like the user-made actor of the run; its parameters do not matter.
-        trust: allow the checkpoint to import the FILE.py or module that its task names.
+        trust: allow the code that the checkpoint names: the FILE.py or module of its task, and the
+            FILE.py of its scalarization.
 
     Raises:
-        MorlaxError: there is no checkpoint, it is damaged, it has another actor, or its task would
-            run code that is not trusted.
+        MorlaxError: there is no checkpoint, it is damaged, it has another actor, or it names code
+            that is not trusted.
     """
     place = resolve_device(device)
     path = find_checkpoint(run)
@@ -100,13 +101,13 @@ def load(
     return Policy(agent.to(place), config, task.objectives)
 
 
-def trust_task(run: AnyPath) -> None:
-    """Allow runs to import the FILE.py or module that this run's task names, in this process.
+def trust_run(run: AnyPath) -> None:
+    """Allow runs to name the code that this run names, in this process.
 
     Raises:
         MorlaxError: there is no such run, or it is damaged.
     """
-    envs.trust(checkpoint.load(find_checkpoint(run)).config["env"])
+    trust_code(checkpoint.load(find_checkpoint(run)).config)
 
 
 def save(policy: Policy, path: AnyPath) -> None:

@@ -12,13 +12,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from .. import envs
 from ..algorithms.learner import Learner
 from ..config import MAY_CHANGE, Config, differences, load_config
 from ..config_files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..envs.naming import is_file, title
+from ..envs.naming import title
 from ..evaluation.history import read_rows
 from ..files import AnyPath, Taken, making, remove_drafts, replacing, unused
 from . import checkpoint
@@ -123,19 +122,15 @@ class Run:
         It is that of the latest checkpoint, with what MAY_CHANGE as config.yaml has it.
 
         Args:
-            trust: allow it to import the FILE.py or module that its task names.
+            trust: allow the code that the config names.
 
         Raises:
             MorlaxError: a file is damaged, config.yaml was edited where it may not change, or the
-                task would run code that is not trusted.
+                config names code that is not trusted.
         """
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
         values = localized(read_yaml(file), self.folder)
         stored = checkpoint.read_config(checkpoint.load(path), path, trust)
-        if is_file(stored.scalarization):
-            if trust:
-                envs.trust(stored.scalarization)
-            envs.check_trusted(stored.scalarization, path)
         task = values.get("env")
         if task != stored.env:
             raise MorlaxError(

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import torch
 
 from ..config import CONSTRAINED
+from ..envs import trust
 from ..envs.errors import unknown
 from ..envs.external import import_file
 from .chebyshev import AugmentedChebyshev, SmoothChebyshev
@@ -22,6 +23,8 @@ def make_scalarization(name: str, objectives: Sequence[str], device: torch.devic
         objectives: their names.
         device: of the returns.
 
+    The code of FILE.py runs, and files may name it from now on (see `envs.trust`).
+
     Raises:
         MorlaxError: the file has no such function, or the function cannot be used.
     """
@@ -35,6 +38,7 @@ def make_scalarization(name: str, objectives: Sequence[str], device: torch.devic
     if name.startswith(CONSTRAINED):
         constrained = objectives.index(name.removeprefix(CONSTRAINED))
         return Constrained(constrained, num_objectives, device)
+    trust(name)
     file, _, member = name.rpartition(":")
     module = import_file(file, f"the utility {member}")
     functions = {key for key, value in vars(module).items() if callable(value)}

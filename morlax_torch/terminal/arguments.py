@@ -28,7 +28,7 @@ class Command(Section):
     a CPU and with a limit in steps, the result equals that of an uninterrupted run bit for bit; on
     CUDA they differ as two runs of one seed do, by the order of floating-point sums."""
     trust: bool = False
-    """Let the resumed run import the FILE.py or module that its task names."""
+    """Let the resumed run import the Python files and modules that it names."""
 
 
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
