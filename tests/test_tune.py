@@ -1,14 +1,16 @@
 """Hyperparameter search: trials, their files, sharing, interruption, failures and bad spaces."""
 
 import csv
+import json
 import math
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, get_args
 
@@ -463,16 +465,59 @@ BAD_OPTIONS = {
     "no database": (("--storage", "nosql://x"), "cannot use the storage nosql://x"),
     "damaged": (("--storage", "space.yaml"), "cannot use the storage space.yaml"),
     "a folder": (("--storage", "."), "it is not a regular file"),
+    "no journal": (("--storage", "line.yaml"), "line.yaml: it is not a journal"),
 }
 
 
 @pytest.mark.parametrize("mistake", BAD_OPTIONS)
 def test_a_bad_option_is_one_sentence(mistake, workplace, monkeypatch, capsys):
     options, sentence = BAD_OPTIONS[mistake]
+    (workplace / "line.yaml").write_text("env: hopper")
     with pytest.raises(SystemExit) as ended:
         run(monkeypatch, *options)
     assert ended.value.code == 2
     assert sentence in " ".join(capsys.readouterr().err.split())
+    assert (workplace / "line.yaml").read_text() == "env: hopper"
+
+
+@contextmanager
+def room(size: int) -> Iterator[None]:
+    """Let files grow to at most `size` bytes, as on a disk that is then full."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+
+
+def test_a_study_goes_on_after_a_full_disk(tmp_path):
+    study, journal = study_at(tmp_path), tmp_path / "journal.log"
+    scripted(study, claimed(study), [1.0, 2.0])
+    claim, size = claimed(study), journal.stat().st_size
+    sentence = f"cannot write the journal {journal}: File too large."
+    with room(size + 20), pytest.raises(MorlaxError) as full:
+        study.finish(claim, {"hypervolume": 3.0}, 9.0, 1)
+    assert str(full.value) == sentence
+    assert journal.stat().st_size == size + 20  # half a line
+    again = study_at(tmp_path)
+    assert [result.indicators["hypervolume"] for result in again.results()] == [2.0]
+    assert again.finish(claim, {"hypervolume": 3.0}, 9.0, 1).state == "complete"
+    for line in journal.read_text().splitlines():
+        json.loads(line)
+    assert len(study_at(tmp_path).results()) == 2
+
+
+def test_a_full_disk_ends_a_search_without_blaming_the_trial(tmp_path, monkeypatch):
+    def train(study: Study, claim: Claim, stopped: object) -> None:
+        with room((tmp_path / "journal.log").stat().st_size + 20):
+            study.prunes(claim, 1.0, 1.0)
+
+    monkeypatch.setattr(trial_module, "_train", train)
+    study = study_at(tmp_path)
+    with pytest.raises(MorlaxError, match=r"cannot write the journal .*journal\.log"):
+        trial_module.run_trial(study, claimed(study), lambda: False)
+    assert not study_at(tmp_path).results()
 
 
 def test_a_study_keeps_what_its_trials_share(tmp_path):

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..envs import MorlaxError
+from .journal import Journal
 from .library import optuna
 
 CREATED = ("already exists", "unique constraint", "duplicate key")  # by another process just now
@@ -25,8 +26,7 @@ def open_storage(place: str) -> optuna.storages.BaseStorage:
         Path(place).parent.mkdir(parents=True, exist_ok=True)
         if Path(place).exists() and not Path(place).is_file():
             raise MorlaxError(f"cannot use the storage {place}: it is not a regular file.")
-        backend = optuna.storages.journal.JournalFileBackend(place)
-        return optuna.storages.JournalStorage(backend)
+        return optuna.storages.JournalStorage(Journal(place))
     except MorlaxError:
         raise
     except OSError as error:

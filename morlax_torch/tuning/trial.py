@@ -13,6 +13,7 @@ from ..gpu.memory import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
 from ..runs.starting import start_from
 from ..runs.training import make_evaluator, make_worlds, training
+from .journal import StorageError
 from .pruning import EVALUATED
 from .study import MOST_DEATHS, Claim, Result, Study
 
@@ -29,6 +30,8 @@ def run_trial(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result
         return study.fail(claim, f"{claim.deaths} processes died in it.")
     try:
         return _train(study, claim, stopped)
+    except StorageError:
+        raise  # it says nothing about the trial, which the next start queues again
     except MorlaxError as error:
         reason = str(error)
     except (MemoryError, RuntimeError) as error:
