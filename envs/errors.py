@@ -2,6 +2,7 @@
 
 import difflib
 import reprlib
+import traceback
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -44,6 +45,18 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
 def words(error: BaseException) -> str:
     """Return an error of a user's own code, with its type, in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def located(error: BaseException, file: str | None = None) -> str:
+    """Return the `words` of an error, with the last line of `file` that it came through."""
+    line = line_in(error, file)
+    return f"{words(error)} ({file}, line {line})" if line else words(error)
+
+
+def line_in(error: BaseException, file: str | None) -> int | None:
+    """Return the number of the last line of `file` that an error came through, if any."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return next((frame.lineno for frame in reversed(frames) if frame.filename == file), None)
 
 
 def explained(error: ValidationError, model: type[BaseModel]) -> MorlaxError:

@@ -4,14 +4,13 @@ import importlib.util
 import inspect
 import os
 import sys
-import traceback
 from functools import cache
 from importlib import metadata
 from types import ModuleType
 
 from pydantic import ValidationError
 
-from .errors import MorlaxError, unknown, words
+from .errors import MorlaxError, line_in, unknown, words
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.gymnasium import GymnasiumWorlds
@@ -110,8 +109,8 @@ def _run(file: str) -> ModuleType:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # any error of the user's own code
         del sys.modules[file]
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
-        place = f"{file}, line {lines[-1]}," if lines else file
+        line = line_in(error, file)
+        place = f"{file}, line {line}," if line else file
         raise MorlaxError(f"{place} cannot be imported: {words(error)}") from None
     return module
 

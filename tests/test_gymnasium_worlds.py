@@ -11,7 +11,7 @@ import mo_gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.spaces import Box, Dict, Discrete
+from gymnasium.spaces import Box, Dict, Discrete, Graph, Sequence, Space
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs, evaluate, train
@@ -142,6 +142,126 @@ def test_a_non_finite_reward_ends_the_episode_with_zero_reward(point):
     assert step.terminated.all()
     assert (step.reward == 0).all()
     assert worlds.blowups == 3
+
+
+class Plain(gymnasium.Env):
+    """An environment whose answers a test replaces."""
+
+    observation_space: Space = Box(-9.0, 9.0, (3,))
+    action_space = Box(-1.0, 1.0, (2,))
+    reward_space = Box(-np.inf, np.inf, (2,))
+    start: tuple = np.zeros(3), {}
+    answer: tuple = np.zeros(3), np.zeros(2), False, False, {}
+
+    def reset(self, *, seed=None, options=None):
+        return self.start
+
+    def step(self, action):
+        return self.answer
+
+
+def plain(**members) -> envs.Worlds:
+    """Return two worlds of `Plain` with other members."""
+    changed = type("Changed", (Plain,), members)
+    make = envs.from_gymnasium(changed, "changed")
+    return make(make.Options(), 2)
+
+
+ZEROS = np.zeros(3)
+WRONG_STARTS = {
+    "no tuple": ({"start": ZEROS}, "reset() must return a tuple (observation, info)"),
+    "a short tuple": ({"start": (ZEROS,)}, "not a tuple of 1"),
+    "one number": ({"start": (0.5, {})}, "observation of shape (), but its observation_space"),
+    "a row": ({"start": (np.zeros((1, 3)), {})}, "of shape (1, 3)"),
+    "too few": ({"start": (np.zeros(1), {})}, "of shape (1,)"),
+    "words": ({"start": ("left", {})}, "does not fit its observation_space Box"),
+    "not finite": ({"start": (ZEROS * np.nan, {})}, "not finite in float32"),
+    "too large": ({"start": (ZEROS + 1e39, {})}, "not finite in float32"),
+    "a missing part": (
+        {"observation_space": Dict({"a": Box(-1, 1, (3,))}), "start": ({"b": ZEROS}, {})},
+        "reset() returned an observation that does not fit its observation_space Dict",
+    ),
+    "a short part": (
+        {"observation_space": Dict({"a": Box(-1, 1, (3,))}), "start": ({"a": ZEROS[:1]}, {})},
+        "of shape (1,)",
+    ),
+}
+WRONG_STEPS = {
+    "no tuple": (None, "step() must return a tuple (observation, reward, terminated, truncated"),
+    "the old four": ((ZEROS, np.zeros(2), False, {}), "not a tuple of 4"),
+    "one reward": ((ZEROS, 1.0, False, False, {}), "a reward of shape (), but reward_space"),
+    "a short reward": ((ZEROS, np.zeros(1), False, False, {}), "a reward of shape (1,)"),
+    "a long reward": ((ZEROS, np.zeros(3), False, False, {}), "a reward of shape (3,)"),
+    "no reward": ((ZEROS, None, False, False, {}), "a reward of shape ()"),
+    "a named reward": ((ZEROS, {"a": 1}, False, False, {}), "must return a reward of numbers"),
+    "two ends": ((ZEROS, np.zeros(2), np.zeros(2, bool), False, {}), "as True or False"),
+    "a short observation": ((ZEROS[:1], np.zeros(2), False, False, {}), "of shape (1,)"),
+}
+
+
+@pytest.mark.parametrize(("members", "sentence"), WRONG_STARTS.values(), ids=WRONG_STARTS)
+def test_starts_that_do_not_fit_the_spaces_are_one_sentence(members, sentence):
+    with pytest.raises(MorlaxError) as caught:
+        plain(**members).reset()
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("answer", "sentence"), WRONG_STEPS.values(), ids=WRONG_STEPS)
+def test_steps_that_do_not_fit_the_spaces_are_one_sentence(answer, sentence):
+    worlds = plain(answer=answer)
+    worlds.reset()
+    with pytest.raises(MorlaxError) as caught:
+        worlds.step(torch.zeros(2, 2))
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        (ZEROS, np.array([1e39, 0.0]), False, False, {}),
+        (ZEROS - 1e39, np.zeros(2), False, False, {}),
+        (ZEROS + np.nan, np.zeros(2), False, True, {}),
+    ],
+)
+def test_numbers_that_float32_cannot_hold_end_the_episode(answer):
+    worlds = plain(answer=answer)
+    worlds.reset()
+    step = worlds.step(torch.zeros(2, 2))
+    assert step.terminated.all() and not step.truncated.any() and step.blown_up.all()
+    assert (step.reward == 0).all() and (step.final_observation == 0).all()
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        Sequence(Box(-1.0, 1.0, (2,))),
+        Graph(Box(-1.0, 1.0, (2,)), None),
+        Dict({"a": Sequence(Discrete(2))}),
+        Dict({}),
+        None,
+    ],
+)
+def test_observations_need_a_fixed_size(space):
+    with pytest.raises(MorlaxError, match=r"changed has (empty observations|observations without)"):
+        plain(observation_space=space)
+
+
+@pytest.mark.parametrize("method", ["reset", "step", "__init__"])
+@pytest.mark.parametrize("error", [SystemExit("bye"), KeyError("knee")])
+def test_an_environment_that_fails_is_one_sentence_with_its_line(method, error):
+    made = []
+
+    def fail(self, *arguments, **named):
+        made.append(self)
+        if method != "__init__" or len(made) > 1:  # the first one only shows its spaces
+            raise error
+
+    with pytest.raises(MorlaxError, match=f"changed: .* fails: {type(error).__name__}") as caught:
+        worlds = plain(**{method: fail})
+        worlds.reset()
+        worlds.step(torch.zeros(2, 2))
+    assert method == "__init__" or f"{__file__}, line " in str(caught.value)
+    assert caught.value.__cause__ is error
 
 
 @pytest.mark.parametrize(

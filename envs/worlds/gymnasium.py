@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..errors import MorlaxError, words
 from ..naming import GYMNASIUM
+from .checked_env import CheckedEnv, observation_size
 from .interface import TimeStep, Worlds
 from .options import ObjectiveOptions
 from .section import Count
@@ -34,12 +35,13 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
         name: for error messages.
 
     Raises:
-        MorlaxError: the actions are not a bounded Box, or the reward is not a vector.
+        MorlaxError: the actions are not a bounded Box, the reward is not a vector, or observations
+            have no fixed size.
     """
     one = make()
     name = name or str(one)
-    space = one.action_space
-    if not isinstance(space, Box):
+    space = getattr(one, "action_space", None)
+    if not isinstance(space, Box) or not np.prod(space.shape):
         raise MorlaxError(
             f"{name} has actions that are not continuous ({space}): only a Box is supported."
         )
@@ -51,6 +53,7 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
             f"{name} has no vector reward (a reward_space of two numbers or more), so there is "
             "nothing to trade off."
         )
+    observation_size(name, getattr(one, "observation_space", None))
     time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
     terms = [f"reward_{i}" for i in range(rewards.shape[0])]
     least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
@@ -101,8 +104,11 @@ class GymnasiumWorlds(Worlds):
     """N environments, stepped one after the other; `from_gymnasium` makes such classes.
 
     Without automatic reset, a world whose episode is over stays as it is, with zero reward. A world
-    whose action, observation or reward is not finite terminates with zero reward. The state of an
-    environment cannot be saved, so they start anew when a run is resumed.
+    whose action, observation or reward is not finite in float32 terminates with zero reward. The
+    state of an environment cannot be saved, so they start anew when a run is resumed.
+
+    Raises:
+        MorlaxError: an environment fails, or returns values that do not fit its spaces.
     """
 
     make_one: ClassVar[Callable[[], gymnasium.Env]]
@@ -115,21 +121,22 @@ class GymnasiumWorlds(Worlds):
         self.options, self.num_worlds, self.auto_reset = options, num_worlds, auto_reset
         self.device, self.generator = torch.device("cpu"), torch.Generator().manual_seed(seed)
         self.episode_length = options.episode_length
-        self._worlds = [self.make_one() for _ in range(num_worlds)]
+        m = len(self.reward_terms)
+        self._worlds = [CheckedEnv(self.make_one, self.name, m) for _ in range(num_worlds)]
         one = self._worlds[0]
-        self._space, self._box = one.observation_space, one.action_space
+        self._box = one.env.action_space
         self._episodes = list(range(num_worlds))
         self._seeds: list[int | None]
         self.reseed(seed)
         self.action_size = int(np.prod(self._box.shape))
-        self.observation_size = gymnasium.spaces.flatdim(self._space)
+        self.observation_size = observation_size(self.name, one.space)
         self.define_objectives()
         self.age = np.zeros(num_worlds, np.int32)
         self.blowups = torch.zeros((), dtype=torch.int64)
+        self._found = np.zeros((num_worlds, self.observation_size))  # as environments give it
         self._seen = np.zeros((num_worlds, self.observation_size), np.float32)
         self._terminated = np.zeros(num_worlds, np.bool_)
         self._truncated = np.zeros(num_worlds, np.bool_)
-        self._blown_up = np.zeros(num_worlds, np.bool_)
 
     @classmethod
     def build(
@@ -159,13 +166,7 @@ class GymnasiumWorlds(Worlds):
         return self.critic_observation()
 
     def step(self, action: Tensor) -> TimeStep:
-        middle, reach = (self._box.high + self._box.low) / 2, (self._box.high - self._box.low) / 2
-        boxes = action.clamp(-1, 1).numpy().reshape(-1, *self._box.shape)
-        controls = (middle + reach * boxes).astype(self._box.dtype)
-        self._blown_up[:] = False
-        rewards = np.zeros((self.num_worlds, len(self.reward_terms)), np.float32)
-        for world in np.flatnonzero(~(self._terminated | self._truncated)).tolist():
-            rewards[world] = self._advance(world, controls[world])
+        rewards = self._advance(action)
         final = torch.from_numpy(self._seen.copy())
         terms = dict(zip(self.reward_terms, torch.from_numpy(rewards).unbind(-1), strict=True))
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
@@ -182,40 +183,40 @@ class GymnasiumWorlds(Worlds):
             terms=terms,
             critic_observation=observation,
             final_critic_observation=final,
-            blown_up=torch.from_numpy(self._blown_up.copy()),
+            blown_up=torch.from_numpy(self._blown_up),
         )
 
     def critic_observation(self) -> Tensor:
         return torch.from_numpy(self._seen.copy())
 
-    def _advance(self, world: int, control: NDArray) -> NDArray | float:
-        """Step one world; returns its vector reward."""
-        self.age[world] += 1
-        if not np.isfinite(control).all():
-            return self._blow_up(world)
-        seen, reward, terminated, truncated, _ = self._worlds[world].step(control)
-        self._show(world, seen)
-        if not (np.isfinite(self._seen[world]).all() and np.isfinite(reward).all()):
-            return self._blow_up(world)
-        self._terminated[world] = terminated
-        timed_out = truncated or self.age[world] >= self.episode_length
-        self._truncated[world] = timed_out and not terminated
-        return reward
-
-    def _blow_up(self, world: int) -> float:
-        """Terminate a world that is no longer finite; returns its reward, zero."""
-        self._terminated[world], self._blown_up[world], self._seen[world] = True, True, 0.0
-        self.blowups += 1
-        return 0.0
+    def _advance(self, action: Tensor) -> NDArray[np.float32]:
+        """Step every world whose episode is not over; returns their vector rewards (N, m)."""
+        low, high = self._box.low / 2, self._box.high / 2  # halved, the sum cannot overflow
+        boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self._box.shape)
+        controls = (high + low + (high - low) * boxes).astype(self._box.dtype)
+        rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
+        running, finite = ~(self._terminated | self._truncated), action.isfinite().all(1).numpy()
+        timed_out = np.zeros_like(running)
+        self.age += running
+        for world in np.flatnonzero(running & finite).tolist():
+            found = self._worlds[world].step(controls[world])
+            self._found[world], rewards[world], self._terminated[world], timed_out[world] = found
+        with np.errstate(over="ignore"):  # infinite numbers end the episode
+            paid = rewards.astype(np.float32)
+            np.copyto(self._seen, self._found, "same_kind", where=running[:, None])
+        finite &= np.isfinite(self._seen).all(1) & np.isfinite(paid).all(1)
+        self._blown_up = running & ~finite
+        self._terminated |= self._blown_up
+        timed_out |= self.age >= self.episode_length
+        self._truncated |= running & timed_out & ~self._terminated
+        self._seen[self._blown_up], paid[self._blown_up] = 0.0, 0.0
+        self.blowups += int(self._blown_up.sum())
+        return paid
 
     def _restart(self, world: int) -> None:
-        seen, _ = self._worlds[world].reset(seed=self._seeds[world])
+        self._found[world] = self._seen[world] = self._worlds[world].reset(self._seeds[world])
         self._seeds[world] = None  # later resets continue its random draws
-        self._show(world, seen)
         self.age[world], self._terminated[world], self._truncated[world] = 0, False, False
-
-    def _show(self, world: int, seen: Any) -> None:
-        self._seen[world] = np.asarray(gymnasium.spaces.flatten(self._space, seen))
 
     def reseed(self, seed: int) -> None:
         super().reseed(seed)
