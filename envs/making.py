@@ -13,6 +13,8 @@ from .worlds.environment import Environment
 from .worlds.interface import Worlds
 from .worlds.robot import Robot
 
+MOST_WORLDS = 2**31  # simulators count them in 32 bits
+
 
 def make(
     name: str,
@@ -49,8 +51,8 @@ def make(
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
     check_seed(seed)
-    if num_worlds < 1:
-        raise MorlaxError(f"num_worlds is {num_worlds}: at least one world is needed.")
+    if not 1 <= num_worlds < MOST_WORLDS:
+        raise MorlaxError(f"num_worlds is {num_worlds}: it must be from 1 to {MOST_WORLDS - 1}.")
     return task.build(
         options,
         num_worlds,

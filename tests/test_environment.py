@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from morlax_torch import envs
+from morlax_torch import MorlaxError, envs
 
 BACKENDS = ("mujoco", "warp")
 BUILT_IN = [name for name in envs.names() if "/" not in name]
@@ -62,6 +62,26 @@ def forward(model: mujoco.MjModel, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
 
 
 # Ends of episodes
+
+
+def test_actions_of_another_shape_or_type_are_one_sentence():
+    env = envs.make("hopper", 2, "cpu")
+    before, A = env.reset(), env.action_size
+    wrong = [
+        torch.zeros(A),
+        torch.zeros(1, A),
+        torch.zeros(2, A + 1),
+        torch.zeros(2, 1, A),
+        torch.zeros(2, A, dtype=torch.int64),
+        torch.zeros(2, A, device="meta"),
+    ]
+    for action in wrong:
+        with pytest.raises(MorlaxError, match=rf"step needs actions of shape \(2, {A}\) .* not "):
+            env.step(action)
+    with pytest.raises(MorlaxError, match=r"as a torch\.Tensor, not ndarray"):
+        env.step(np.zeros((2, A)))
+    assert torch.equal(env.critic_observation(), before)
+    env.step(torch.zeros(2, A, dtype=torch.float64))
 
 
 def test_an_episode_is_truncated_at_its_full_length(backend):

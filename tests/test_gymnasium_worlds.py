@@ -206,6 +206,14 @@ def test_starts_that_do_not_fit_the_spaces_are_one_sentence(members, sentence):
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("shape", [(2,), (1, 2), (2, 3)])
+def test_actions_of_another_shape_are_one_sentence(shape):
+    worlds = plain()
+    worlds.reset()
+    with pytest.raises(MorlaxError, match=r"step needs actions of shape \(2, 2\)"):
+        worlds.step(torch.zeros(shape))
+
+
 @pytest.mark.parametrize(("answer", "sentence"), WRONG_STEPS.values(), ids=WRONG_STEPS)
 def test_steps_that_do_not_fit_the_spaces_are_one_sentence(answer, sentence):
     worlds = plain(answer=answer)

@@ -361,7 +361,9 @@ def test_a_wrong_option_is_explained(options, sentence):
     [
         (("chetah", 1, "cpu"), "unknown environment 'chetah': did you mean 'cheetah'? Known: ant,"),
         (("walker", 1, "cpu", "mujuco"), "unknown backend 'mujuco': did you mean 'mujoco'?"),
-        (("walker", 0, "cpu"), "num_worlds is 0: at least one world is needed."),
+        (("walker", 0, "cpu"), "num_worlds is 0: it must be from 1 to 2147483647."),
+        (("walker", 2**31, "cpu"), "num_worlds is 2147483648: it must be from 1 to 2147483647."),
+        (("walker", 2**31 - 1, "cpu", "warp"), "cannot hold 2147483647 worlds with task.nconmax"),
         (("walker", 1, "gpu"), "'gpu' is not a device: use 'cuda', 'cuda:1' or 'cpu'."),
         (("walker", 1, "meta"), "device meta is not supported: use 'cuda' or 'cpu'."),
     ],

@@ -197,6 +197,25 @@ def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
     assert step.reward[0].tolist() == [0, 0] and step.reward[1:].isfinite().all()
 
 
+@pytest.mark.parametrize("name", ["go", "dones", "time_outs"])
+@pytest.mark.parametrize("change", [lambda x: x[:, None], lambda x: x[:1], lambda x: x.tolist()])
+def test_numbers_of_another_shape_are_one_sentence(name, change):
+    class Misshapen(Line):
+        def step(self, actions):
+            seen, reward, dones, extras = super().step(actions)
+            parts = {**extras["terms"], "dones": dones, "time_outs": extras["time_outs"]}
+            parts[name] = change(parts[name])
+            return seen, reward, parts["dones"], {"terms": parts, "time_outs": parts["time_outs"]}
+
+    objectives = {"go": {"go": 1.0}, "save": {"save": 1.0}}
+    task = envs.from_vecenv(Misshapen, lambda env, extras: extras["terms"], objectives)
+    env = task(task.Options(), 3, torch.device("cpu"))
+    with pytest.raises(MorlaxError, match=r"actions of shape \(3, 1\)"):
+        env.step(torch.ones(3))
+    with pytest.raises(MorlaxError, match=rf"gives {name} as .* must be a tensor of shape \(3,\)"):
+        env.step(torch.ones(3, 1))
+
+
 def test_rsl_rl_is_told_that_it_cannot_shift_the_time_limits_of_such_worlds():
     pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
     from morlax_torch.adapters.rsl_rl import RslRlVecEnv

@@ -75,7 +75,14 @@ class WarpPhysics(Physics):
         self._replay: wp.Graph | None = None
 
     def _make_data(self, num_worlds: int) -> mjw.Data:
-        return mjw.make_data(self.model, nworld=num_worlds, nconmax=self.nconmax, njmax=self.njmax)
+        nconmax, njmax = self.nconmax, self.njmax
+        try:
+            return mjw.make_data(self.model, nworld=num_worlds, nconmax=nconmax, njmax=njmax)
+        except ValueError as error:  # an array has 2^31 entries or more
+            raise MorlaxError(
+                f"MuJoCo Warp cannot hold {num_worlds} worlds with task.nconmax {nconmax} and "
+                f"task.njmax {njmax}: {' '.join(str(error).split())}"
+            ) from None
 
     def step(self) -> None:
         if self.device.type == "cuda":

@@ -256,6 +256,7 @@ class Environment(Robot):
 
     def step(self, action: Tensor) -> TimeStep:
         """Advance every world by one control step under `action` (N, A)."""
+        self.check_action(action)
         self.apply(self._delay(action) if self._delay else action)
         if self._pushes:
             self._pushes()

@@ -111,6 +111,7 @@ class ForeignWorlds(Worlds):
         return self._policy(self._seen)
 
     def step(self, action: Tensor) -> TimeStep:
+        self.check_action(action)
         standing = self._failed | self._timed_out  # none with automatic reset
         seen, final, paid, failed, timed_out, blown_up = self._advance(action)
         blown_up = blown_up & ~standing

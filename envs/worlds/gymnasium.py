@@ -166,6 +166,7 @@ class GymnasiumWorlds(Worlds):
         return self.critic_observation()
 
     def step(self, action: Tensor) -> TimeStep:
+        self.check_action(action)
         rewards = self._advance(action)
         final = torch.from_numpy(self._seen.copy())
         terms = dict(zip(self.reward_terms, torch.from_numpy(rewards).unbind(-1), strict=True))

@@ -86,7 +86,11 @@ class Worlds(ABC):
 
     @abstractmethod
     def step(self, action: Tensor) -> TimeStep:
-        """Advance every world by one control step under `action` (N, A) in [-1, 1]."""
+        """Advance every world by one control step under `action` (N, A) in [-1, 1].
+
+        Raises:
+            MorlaxError: the action has another shape, type or device.
+        """
 
     @abstractmethod
     def critic_observation(self) -> Tensor:
@@ -96,6 +100,18 @@ class Worlds(ABC):
     def interrupted(self) -> bool:
         """Whether others moved these worlds since their last step, so that `reset` comes next."""
         return False
+
+    def check_action(self, action: Tensor) -> None:
+        """Raise MorlaxError unless `action` is (N, A), of floating point, on the worlds' device."""
+        if not isinstance(action, Tensor):
+            raise MorlaxError(f"step needs actions as a torch.Tensor, not {type(action).__name__}.")
+        wanted = (self.num_worlds, self.action_size)
+        on, there = action.device.type, self.device.type
+        if action.shape != wanted or not action.is_floating_point() or on != there:
+            raise MorlaxError(
+                f"step needs actions of shape {wanted} and a floating-point type on {there}, "
+                f"not {tuple(action.shape)} of {action.dtype} on {on}."
+            )
 
     def check_mask(self, which: Tensor) -> None:
         """Raise MorlaxError unless `which` is (N,) bool, one answer for each world."""

@@ -117,21 +117,31 @@ class VecEnvWorlds(ForeignWorlds):
                 "these worlds have been moved by others that share their environment, such as an "
                 "evaluation's: reset them first."
             )
-        worlds = slice(self.num_worlds)
         with drawing_from(self.generator):
             actions = action.clamp(-1, 1) * self.options.action_scale
             actions = pad(actions, (0, 0, 0, self.env.num_envs - self.num_worlds))
             found, _, dones, extras = self.env.step(actions)
             terms = self.read_terms(self.env, extras)
         seen = self._features(found)
+        columns = [self._column(name, terms.get(name)).float() for name in self.reward_terms]
+        paid = torch.stack(columns, 1)
         # such a world terminates here, if the environment ends its episode or not
-        paid = torch.stack([terms[name][worlds].float() for name in self.reward_terms], 1)
         blown_up = ~torch.cat([seen, paid, action], 1).isfinite().all(1)
         seen = torch.where(blown_up[:, None], 0.0, seen)
-        timed_out = extras.get("time_outs", torch.zeros_like(dones))[worlds].bool()
-        dones = dones[worlds].bool() | blown_up
-        timed_out = timed_out & dones & ~blown_up
+        dones = self._column("dones", dones).bool() | blown_up
+        late = self._column("time_outs", extras.get("time_outs", torch.zeros_like(dones))).bool()
+        timed_out = late & dones & ~blown_up
         return Outcome(seen, seen, paid, dones & ~timed_out, timed_out, blown_up)
+
+    def _column(self, name: str, value: Any) -> Tensor:
+        """Return the first N numbers of `value` if it has one for each world of the environment."""
+        if not isinstance(value, Tensor) or value.shape != (self.env.num_envs,):
+            given = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
+            raise MorlaxError(
+                f"the vectorized environment gives {name} as {given}: it must be a tensor of "
+                f"shape ({self.env.num_envs},), one number for each world."
+            )
+        return value[: self.num_worlds]
 
     def _check(self) -> None:
         worlds, device = self.env.num_envs, torch.device(self.env.device)
