@@ -289,6 +289,23 @@ def test_a_lesson_continues_with_its_answers(base, lesson):
     assert again.pair() not in lesson.comparisons.answers
 
 
+def test_answers_about_one_objective_are_not_used_for_another(base, lesson):
+    path = lesson.folder / "comparisons.npz"
+    before = path.read_bytes()
+    with pytest.raises(MorlaxError, match=r"has answers about tall, not about calm: use another"):
+        Lesson(str(base), lesson.folder, "calm", clips=20)
+    assert path.read_bytes() == before
+    assert Comparisons.load(path).objective == "tall"
+
+
+def test_a_lesson_of_an_earlier_version_continues(base, lesson, tmp_path):
+    with np.load(lesson.folder / "comparisons.npz") as arrays:
+        np.savez(tmp_path / "comparisons.npz", **{k: arrays[k] for k in arrays if k != "objective"})
+    again = Lesson(str(base), tmp_path, "tall", clips=20)
+    assert again.comparisons.answers == lesson.comparisons.answers
+    assert Comparisons.load(tmp_path / "comparisons.npz").objective == "tall"
+
+
 def test_a_lesson_cannot_replace_an_objective_that_is_not_learned(base, tmp_path):
     with pytest.raises(MorlaxError, match="has an objective run already, which is not learned"):
         Lesson(str(base), tmp_path / "lesson", "run", clips=20)

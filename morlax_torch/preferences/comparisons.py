@@ -21,6 +21,7 @@ class Comparisons:
         clips: to compare.
         answers: pairs of indices of clips, the preferred one first.
         sources: names of where the clips come from.
+        objective: what the answers are about (None: an earlier version did not write it).
     """
 
     def __init__(
@@ -30,8 +31,9 @@ class Comparisons:
         clips: Clips,
         answers: Iterable[tuple[int, int]] = (),
         sources: Iterable[str] = (),
+        objective: str | None = None,
     ):
-        self.task, self.terms, self.clips = task, terms, clips
+        self.task, self.terms, self.clips, self.objective = task, terms, clips, objective
         self.answers, self.sources = list(answers), list(sources)
 
     def __len__(self) -> int:
@@ -86,6 +88,7 @@ class Comparisons:
             np.savez_compressed(
                 file,
                 task=self.task,
+                objective=self.objective or "",
                 term_names=np.array(self.terms, str),
                 sources=np.array(self.sources, str),
                 answers=answers,
@@ -105,6 +108,7 @@ class Comparisons:
                 clips = Clips(*(arrays[name] for name in Clips._fields))
                 terms, answers = arrays["term_names"].tolist(), arrays["answers"]
                 task, sources = str(arrays["task"]), arrays["sources"].tolist()
+                objective = str(arrays["objective"]) or None if "objective" in arrays else None
             _check(clips, terms, answers)
         except MemoryError:
             raise
@@ -113,7 +117,8 @@ class Comparisons:
             raise MorlaxError(
                 f"{path} is damaged or not a file of comparisons: {reason}."
             ) from None
-        return cls(task, terms, clips, [(int(a), int(b)) for a, b in answers], sources)
+        pairs = [(int(a), int(b)) for a, b in answers]
+        return cls(task, terms, clips, pairs, sources, objective)
 
 
 def _check(clips: Clips, terms: list[str], answers: np.ndarray) -> None:

@@ -37,8 +37,8 @@ class Lesson:
         seed: random seed of clips, pairs and the learned reward.
 
     Raises:
-        MorlaxError: there is no such run, it has no MuJoCo robot, the folder is of another task, or
-            the name cannot be one of an objective.
+        MorlaxError: there is no such run, it has no MuJoCo robot, the folder is of another task or
+            another objective, or the name cannot be one of an objective.
     """
 
     def __init__(self, run: str, folder: Path, objective: str, clips: int = 200, seed: int = 0):
@@ -69,7 +69,13 @@ class Lesson:
         check_seed(seed)
         path = folder / "comparisons.npz"
         known = Comparisons.load(path) if path.exists() else None
+        if known is not None and known.answers and known.objective not in (None, objective):
+            raise MorlaxError(
+                f"{folder} has answers about {known.objective}, not about {objective}: use another "
+                f"folder, or --objective {known.objective}."
+            )
         self.comparisons = self._with_clips_of_the_run(known, clips)
+        self.comparisons.objective = objective
         self.save()
         self._random = np.random.default_rng([seed, len(self.comparisons)])
 
