@@ -59,6 +59,19 @@ SMALL = ("--width", "95", "--height", "65", "--seconds", "0.4")
 
 
 @pytest.mark.usefixtures("opengl")
+def test_an_opengl_that_mujoco_does_not_know_is_one_sentence(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "morlax_torch.record", "cheetah", "--output", "film.gif"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "MUJOCO_GL": "bogus", "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert done.returncode == 2 and not done.stdout
+    assert done.stderr.startswith("error: MuJoCo cannot be imported with MUJOCO_GL=bogus")
+    assert "egl" in done.stderr and "Traceback" not in done.stderr
+
+
 def test_an_mp4_plays_in_browsers_in_real_time(saved, monkeypatch, capsys):
     run(monkeypatch, "policy.pt", *SMALL)
     assert "written: film.mp4" in capsys.readouterr().out

@@ -272,6 +272,42 @@ def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(tasks, own, t
     assert run.config(trust=True).scalarization == f"{own}:least"
 
 
+LATE = """
+import sys, torch
+
+def bare(tradeoffs, returns):
+    return (-(-tradeoffs * returns).logsumexp(-1)) if len(returns) < 3 else returns.detach()[:, 0]
+
+def whole(tradeoffs, returns):
+    return returns[:, 0] if len(returns) < 3 else returns.sum()
+
+def broken(tradeoffs, returns):
+    return returns @ torch.ones(2) if len(returns) < 3 else {}[7]
+
+def ends(tradeoffs, returns):
+    return returns[:, 0] if len(returns) < 3 else sys.exit("bye")
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("bare", r"late.py:bare is not differentiable by the returns"),
+        ("whole", r"late.py:whole must return one utility per row, \(8,\) .* returned \(\)"),
+        ("broken", r"late.py:broken fails: KeyError: 7 \(.*late.py, line 11\)"),
+        ("ends", r"late.py:ends fails: SystemExit: bye \(.*late.py, line 14\)"),
+    ],
+)
+def test_a_utility_that_fails_while_training_is_one_sentence(tasks, name, message, tmp_path):
+    (tmp_path / "late.py").write_text(LATE)
+    changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "evaluation.tradeoffs": 5}
+    config = config_for(
+        "concave", scalarization=f"{tmp_path / 'late.py'}:{name}", max_env_steps=256, **changes
+    )
+    with pytest.raises(MorlaxError, match=message):
+        train(config, output=tmp_path / "run")
+
+
 MISTAKES = {
     "unknown": ("chebishev", {}, "unknown scalarization 'chebishev': did you mean 'chebyshev'"),
     "an unknown objective": ("constrained:rum", {}, "objective 'rum': did you mean 'run'"),

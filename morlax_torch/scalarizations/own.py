@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ..envs import MorlaxError
-from ..envs.errors import LONGEST
+from ..envs.errors import located
 from ..gpu.group import ALONE, Group
 
 Utility = Callable[[Tensor, Tensor], Tensor]
@@ -22,22 +22,45 @@ class OwnUtility:
         device: of the returns.
 
     Raises:
-        MorlaxError: the function fails, has another shape, or is not differentiable.
+        MorlaxError: from every method, if the function fails, has another shape, or is not
+            differentiable.
     """
 
     uses_returns = True
 
     def __init__(self, function: Utility, name: str, num_objectives: int, device: torch.device):
-        self._function = function
-        self._check(name, num_objectives, device)
+        self._function, self._name = function, name
+        self._check(num_objectives, device)
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        return self._function(tradeoffs, returns)
+        try:
+            found = self._function(tradeoffs, returns)
+        except (MemoryError, torch.OutOfMemoryError):
+            raise
+        except (Exception, SystemExit) as error:  # any error of the user's own code
+            reason = located(error, self._name.rpartition(":")[0])
+            raise MorlaxError(f"the utility {self._name} fails: {reason}") from error
+        if not isinstance(found, Tensor) or found.shape != returns.shape[:1]:
+            K, m = returns.shape
+            raise MorlaxError(
+                f"{self._name} must return one utility per row, ({K},) of trade-offs and returns "
+                f"({K}, {m}), but returned {_kind(found)}."
+            )
+        return found
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         with torch.enable_grad():
             given = returns.detach().requires_grad_()
-            (slope,) = torch.autograd.grad(self._function(tradeoffs, given).sum(), given)
+            found = self.utility(tradeoffs, given)
+            try:
+                (slope,) = torch.autograd.grad(found.sum(), given)
+            except torch.OutOfMemoryError:
+                raise
+            except RuntimeError:
+                raise MorlaxError(
+                    f"the utility {self._name} is not differentiable by the returns: use torch "
+                    "operations, without detach(), item() or comparisons alone."
+                ) from None
         return slope
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
@@ -49,25 +72,10 @@ class OwnUtility:
     def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
         return {}
 
-    def _check(self, name: str, m: int, device: torch.device) -> None:
+    def _check(self, m: int, device: torch.device) -> None:
         corners = torch.eye(m, device=device)
-        shape = f"{name} must return one utility per row, ({m},) of trade-offs and returns"
-        try:
-            found = self._function(corners, corners + 1.0)
-        except Exception as error:  # any error of the user's own code
-            reason = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
-            raise MorlaxError(f"the utility {name} fails: {reason}") from None
-        if not isinstance(found, Tensor) or found.shape != (m,):
-            raise MorlaxError(f"{shape} ({m}, {m}), but returned {_kind(found)}.")
-        try:
-            slope = self.weights(corners, corners + 1.0)
-        except RuntimeError:
-            raise MorlaxError(
-                f"the utility {name} is not differentiable by the returns: use torch operations, "
-                "without detach(), item() or comparisons alone."
-            ) from None
-        if not slope.isfinite().all():
-            raise MorlaxError(f"the derivative of the utility {name} is not finite.")
+        if not self.weights(corners, corners + 1.0).isfinite().all():
+            raise MorlaxError(f"the derivative of the utility {self._name} is not finite.")
 
 
 def _kind(value: object) -> str:

@@ -5,6 +5,7 @@ import os
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import NoReturn
@@ -12,6 +13,7 @@ from typing import NoReturn
 from rich.console import Console
 
 from ..envs import MorlaxError
+from ..envs.errors import words
 from ..gpu.memory import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from ..version import __version__
@@ -72,11 +74,13 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if not _is_named(error.filename, arguments):
             raise  # of code that is not ours, such as a user's robot
         fail(f"cannot use {error.filename}: {error.strerror}.")
-    except (MemoryError, RuntimeError) as error:
-        shortage = shortage_of_memory(error)
-        if shortage is None:
+    except (AttributeError, MemoryError, RuntimeError) as error:
+        sentence = _unusable_opengl(error)
+        if sentence is None and not isinstance(error, AttributeError):
+            sentence = shortage_of_memory(error)
+        if sentence is None:
             raise
-        fail(shortage)
+        fail(sentence)
 
 
 def skip_teardown(status: int = 0) -> NoReturn:
@@ -95,6 +99,18 @@ def _check_text(arguments: Sequence[str]) -> None:
             argument.encode()
         except UnicodeEncodeError:
             raise MorlaxError(f"the argument {argument!a} is not valid UTF-8.") from None
+
+
+def _unusable_opengl(error: Exception) -> str | None:
+    """Say that MuJoCo could not be imported because of MUJOCO_GL, if that is why `error` came."""
+    chosen, frames = os.environ.get("MUJOCO_GL"), traceback.extract_tb(error.__traceback__)
+    importing = any(frame.filename.endswith("mujoco/__init__.py") for frame in frames)
+    if not chosen or not importing or "mujoco" in sys.modules:
+        return None
+    return (
+        f"MuJoCo cannot be imported with MUJOCO_GL={chosen}: {words(error)}. Unset MUJOCO_GL, or "
+        "set it to glfw, egl or osmesa, whichever is installed."
+    )
 
 
 def _is_named(path: object, arguments: Sequence[str]) -> bool:
