@@ -30,6 +30,7 @@ from .envs import MorlaxError, ObjectiveOptions
 from .envs.errors import explained, unknown
 from .envs.naming import absolute, is_file
 from .envs.worlds.section import Count, Section
+from .files import exists
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
@@ -87,7 +88,7 @@ class Config(Section):
     @field_validator("start_from")
     @classmethod
     def _from_any_folder(cls, run: str | None) -> str | None:
-        return str(Path(run).absolute()) if run and Path(run).exists() else run
+        return str(Path(run).absolute()) if run and exists(run) else run
 
     @field_validator("scalarization")
     @classmethod

@@ -5,7 +5,7 @@ import glob
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -15,6 +15,32 @@ from .envs import MorlaxError
 AnyPath = str | os.PathLike[str]
 
 DRAFT = ".tmp"
+
+
+def exists(path: AnyPath) -> bool:
+    """Return whether a path exists.
+
+    Raises:
+        MorlaxError: the system cannot say, because the path is too long or a folder is closed.
+    """
+    return _asked(path, Path.exists)
+
+
+def is_file(path: AnyPath) -> bool:
+    """Return whether a path is a regular file; raises as `exists`."""
+    return _asked(path, Path.is_file)
+
+
+def is_folder(path: AnyPath) -> bool:
+    """Return whether a path is a folder; raises as `exists`."""
+    return _asked(path, Path.is_dir)
+
+
+def _asked(path: AnyPath, question: Callable[[Path], bool]) -> bool:
+    try:
+        return question(Path(path))
+    except OSError as error:
+        raise MorlaxError(f"cannot use {path}: {error.strerror or error}.") from None
 
 
 def read(path: AnyPath, what: str = "file") -> bytes:
@@ -84,12 +110,12 @@ def making(folder: Path) -> Iterator[Path]:
         MorlaxError: it cannot be made or written.
     """
     taken = Taken(f"{folder} exists already: choose another folder.")
-    if folder.exists() and not (folder.is_dir() and _is_unused(folder)):
+    if exists(folder) and not (folder.is_dir() and _is_unused(folder)):
         raise taken
     draft = folder.with_name(f".{folder.name}{_draft()}")
     try:
         remove_drafts(folder.parent, f".{folder.name}")
-        draft.mkdir(parents=True)
+        _make(draft)
         yield draft
         draft.replace(folder)
     except OSError as error:
@@ -98,6 +124,25 @@ def making(folder: Path) -> Iterator[Path]:
         raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and its parents, if they do not exist.
+
+    Raises:
+        MorlaxError: it cannot be made.
+    """
+    try:
+        _make(folder, exist_ok=True)
+    except OSError as error:
+        raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
+
+
+def _make(folder: Path, exist_ok: bool = False) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+    except ValueError:
+        raise MorlaxError(f"cannot make {str(folder)!r}: a path cannot contain NUL.") from None
 
 
 def _is_unused(folder: Path) -> bool:

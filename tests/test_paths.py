@@ -11,6 +11,7 @@ from tiny import tiny
 
 from morlax_torch import (
     MorlaxError,
+    envs,
     evaluate,
     explore,
     export,
@@ -23,7 +24,10 @@ from morlax_torch import (
 )
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.history import History
+from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import Run
+from morlax_torch.runs.loading import find_run
+from morlax_torch.viewers.web.writing import write_page
 
 LONG = "a" * 5000
 COMMANDS = {
@@ -33,6 +37,7 @@ COMMANDS = {
     "export": (export, ("{}",)),
     "explore": (explore, ("{}", "--port", "0")),
     "pack": (pack, ("{}", "packed")),
+    "pack web": (pack, ("cheetah", "--web", "{}", "--device", "cpu")),
     "pack output": (pack, ("cheetah", "{}", "--device", "cpu")),
     "resume": (train, ("--resume", "{}")),
     "config": (train, ("--config", "{}")),
@@ -77,7 +82,9 @@ def test_a_link_to_itself(refused, name, tmp_path):
     refused(name, "loop")
 
 
-@pytest.mark.parametrize("name", [n for n in COMMANDS if n not in ("pack output", "output")])
+@pytest.mark.parametrize(
+    "name", [n for n in COMMANDS if n not in ("pack output", "pack web", "output")]
+)
 def test_a_pipe_is_not_waited_for(refused, name, tmp_path):
     for ending in ("", ".npz", ".py"):
         os.mkfifo(tmp_path / f"pipe{ending}")
@@ -104,9 +111,32 @@ def test_a_home_of_nobody(refused):
     assert "is not the path of a file" in refused("robot", "~no-such-user/robot")
 
 
-def test_a_nul_in_a_path():
-    with pytest.raises(MorlaxError, match=r"'a\\x00b.npz' *|does not exist"):
-        load("a\0b")
+PYTHON: dict[str, Callable[[str], object]] = {
+    "load": load,
+    "save": lambda path: save(load("hopper"), path),
+    "train": lambda path: train.train(tiny(), output=path),
+    "start from": lambda path: train.train(tiny(start_from=path), output="run"),
+    "open a run": Run.open,
+    "load a front": Front.load,
+    "save a front": lambda path: Front.load(find_run("hopper") / "front.npz").save(path),
+    "a task": lambda path: envs.make(f"{path}.py:X", 1, "cpu"),
+    "a learned reward": lambda path: envs.make("hopper", 1, "cpu", learned=path),
+    "pack": lambda path: pack.pack("hopper", Path(path), "cpu"),
+    "a web page": lambda path: write_page(["hopper"], Path(path), "cpu"),
+    "a lesson": lambda path: Lesson("hopper", Path(path), "tall", clips=8),
+    "tune": lambda path: tune.tune(tiny(), {"ppo.epochs": [2]}, path, trials=1, seconds=0.1),
+    "a storage": lambda path: tune.tune(tiny(), {"ppo.epochs": [2]}, storage=path, seconds=0.1),
+}
+
+
+@pytest.mark.parametrize("path", ["a\0b", "a" * 300, "a/" * 2500], ids=["NUL", "long", "deep"])
+@pytest.mark.parametrize("name", PYTHON)
+def test_python_gets_one_sentence_for_an_impossible_path(name, path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MorlaxError) as caught:
+        PYTHON[name](path)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")

@@ -112,10 +112,9 @@ class LearnedReward(nn.Module):
 def _read(path: Path) -> dict[str, Any]:
     try:
         data = path.read_bytes()
-    except OSError as error:
-        raise MorlaxError(
-            f"cannot read the learned reward {path}: {error.strerror or error}."
-        ) from None
+    except (OSError, ValueError) as error:  # ValueError: the path has a NUL
+        reason = getattr(error, "strerror", None) or error
+        raise MorlaxError(f"cannot read the learned reward {path}: {reason}.") from None
     try:
         if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
             raise _damaged(path)

@@ -11,7 +11,7 @@ from ..envs import MorlaxError, TaskOptions
 from ..envs.making import check_seed
 from ..envs.worlds.learned import TERM
 from ..envs.worlds.options import check_objectives
-from ..files import replacing
+from ..files import exists, make_folder, replacing
 from ..runs.loading import find_checkpoint, load
 from . import reward
 from .clips import record
@@ -68,7 +68,7 @@ class Lesson:
             )
         check_seed(seed)
         path = folder / "comparisons.npz"
-        known = Comparisons.load(path) if path.exists() else None
+        known = Comparisons.load(path) if exists(path) else None
         if known is not None and known.answers and known.objective not in (None, objective):
             raise MorlaxError(
                 f"{folder} has answers about {known.objective}, not about {objective}: use another "
@@ -93,10 +93,7 @@ class Lesson:
 
     def save(self) -> None:
         """Write the answers given so far."""
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise MorlaxError(f"cannot make {self.folder}: {error.strerror}.") from None
+        make_folder(self.folder)
         self.comparisons.save(self.folder / "comparisons.npz")
 
     def pair(self) -> tuple[int, int]:

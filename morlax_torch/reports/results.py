@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..envs import MorlaxError
 from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front
 from ..evaluation.history import History
-from ..files import replacing
+from ..files import make_folder, replacing
 from ..networks.policy import Policy
 from ..runs.hardware import Machine
 from . import comparison
@@ -156,15 +155,3 @@ def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
     csv.writer(text).writerows(rows)
     with replacing(path) as file:
         file.write(text.getvalue().encode())
-
-
-def make_folder(folder: Path) -> None:
-    """Create a folder and its parents, if they do not exist.
-
-    Raises:
-        MorlaxError: the folder cannot be created.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MorlaxError(f"cannot make {folder}: {error.strerror}.") from None

@@ -7,7 +7,7 @@ from torch import nn
 
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
-from ..files import AnyPath
+from ..files import AnyPath, is_file, is_folder
 from ..networks.agent import Agent
 from ..networks.policy import Policy
 from . import checkpoint
@@ -24,9 +24,9 @@ def find_run(run: AnyPath) -> Path:
         MorlaxError: there is no such run.
     """
     path = Path(run)
-    if path.is_file():
+    if is_file(path):
         return checkpoint.folder_of(path)
-    if path.is_dir():
+    if is_folder(path):
         return path
     shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
     if str(run) in shipped:
@@ -43,7 +43,7 @@ def find_checkpoint(run: AnyPath) -> Path:
     Raises:
         MorlaxError: there is no such run, or it has no checkpoint.
     """
-    if Path(run).is_file():
+    if is_file(run):
         return Path(run)
     folder = find_run(run)
     for name in ("best", "latest"):

@@ -19,7 +19,7 @@ from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import title
 from ..evaluation.history import read_rows
-from ..files import AnyPath, Taken, making, remove_drafts, replacing, unused
+from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, replacing, unused
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
@@ -91,7 +91,7 @@ class Run:
         usual = Path("runs") / title(config.env) / f"{stamp}-{config.seed}"
         while True:
             folder = unused(usual) if output is None else Path(output)
-            if os.path.realpath(folder) == os.getcwd():
+            if is_folder(folder) and folder.samefile(os.curdir):
                 raise MorlaxError("a run needs its own folder: choose another --output.")
             try:
                 with making(folder) as draft:
@@ -112,7 +112,7 @@ class Run:
         Raises:
             MorlaxError: there is none.
         """
-        if not (Path(folder) / "config.yaml").is_file():
+        if not is_file(Path(folder) / "config.yaml"):
             raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
         return cls(folder)
 

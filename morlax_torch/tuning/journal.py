@@ -1,10 +1,10 @@
 """The journal file of a study, which survives a full disk."""
 
 import os
-from pathlib import Path
 from typing import Any
 
 from ..envs import MorlaxError
+from ..files import exists
 from .library import optuna
 
 START = b'{"op_code":'  # of every line
@@ -22,7 +22,7 @@ class Journal(optuna.storages.journal.JournalFileBackend):
     """
 
     def __init__(self, path: str):
-        if Path(path).exists() and not _is_journal(path):
+        if exists(path) and not _is_journal(path):
             raise StorageError(
                 f"cannot use the storage {path}: it is not a journal of tune. Name a new file, or "
                 "a database, such as sqlite:///study.db."

@@ -12,7 +12,7 @@ from filelock import FileLock
 from ..config import Config, load_config
 from ..config_files import changes, task_values
 from ..envs import MorlaxError, resolve_device
-from ..files import replacing
+from ..files import make_folder, replacing
 from .study import Result, Study
 
 
@@ -22,8 +22,8 @@ def write_results(study: Study, folder: Path) -> None:
     Raises:
         MorlaxError: a file cannot be written.
     """
+    make_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / ".lock"):  # processes must not replace newer files by older ones
             _write(folder / "trials.csv", _table(study))
             best = study.ranked()[:1]

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..envs import MorlaxError
+from ..files import exists, is_file, make_folder
 from .journal import Journal
 from .library import optuna
 
@@ -23,8 +24,8 @@ def open_storage(place: str) -> optuna.storages.BaseStorage:
     try:
         if "://" in place:
             return _database(place)
-        Path(place).parent.mkdir(parents=True, exist_ok=True)
-        if Path(place).exists() and not Path(place).is_file():
+        make_folder(Path(place).parent)
+        if exists(place) and not is_file(place):
             raise MorlaxError(f"cannot use the storage {place}: it is not a regular file.")
         return optuna.storages.JournalStorage(Journal(place))
     except MorlaxError:
