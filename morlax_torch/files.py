@@ -177,6 +177,6 @@ def runs(process: int) -> bool:
 def unused(path: Path) -> Path:
     """Return `path`, with a number appended if it exists."""
     candidate, number = path, 2
-    while candidate.exists():
+    while exists(candidate):
         candidate, number = path.with_name(f"{path.name}-{number}"), number + 1
     return candidate

@@ -520,6 +520,17 @@ def test_a_full_disk_ends_a_search_without_blaming_the_trial(tmp_path, monkeypat
     assert not study_at(tmp_path).results()
 
 
+def test_a_full_disk_under_a_database_is_one_sentence(workplace, monkeypatch):
+    def train(study: Study, claim: Claim, stopped: object) -> None:
+        with room(Path("study.db").stat().st_size):
+            for number in range(1000):
+                claim.trial.set_user_attr(str(number), "x" * 1000)
+
+    monkeypatch.setattr(trial_module, "_train", train)
+    with pytest.raises(MorlaxError, match=r"cannot use the storage sqlite:///study.db: .+\."):
+        search(tiny(), "space.yaml", trials=2, seconds=0.1, storage="sqlite:///study.db")
+
+
 def test_a_study_keeps_what_its_trials_share(tmp_path):
     study_at(tmp_path)
     with pytest.raises(MorlaxError, match="was started with another --space"):

@@ -9,8 +9,10 @@ from ..config_files import space_values
 from ..envs import resolve_device
 from ..envs.naming import title
 from ..files import AnyPath
+from .library import optuna
 from .plan import Indicator, Plan
 from .results import write_results
+from .storage import unusable
 from .study import Result, Study
 from .trial import run_trial
 
@@ -86,12 +88,15 @@ def search(
     on_trial: Callable[[Study, Result], None] | None,
 ) -> None:
     """Run trials until the study has enough of them, or `stopped`."""
-    while not stopped():
-        claim = study.claim(trials)
-        if claim is None:
-            return
-        result = run_trial(study, claim, stopped)
-        if result is not None:
-            write_results(study, folder)
-            if on_trial is not None:
-                on_trial(study, result)
+    try:
+        while not stopped():
+            claim = study.claim(trials)
+            if claim is None:
+                return
+            result = run_trial(study, claim, stopped)
+            if result is not None:
+                write_results(study, folder)
+                if on_trial is not None:
+                    on_trial(study, result)
+    except optuna.exceptions.StorageInternalError as error:  # of a database
+        raise unusable(study.storage, error.__cause__ or error) from None

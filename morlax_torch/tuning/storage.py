@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..envs import MorlaxError
 from ..files import exists, is_file, make_folder
-from .journal import Journal
+from .journal import Journal, StorageError
 from .library import optuna
 
 CREATED = ("already exists", "unique constraint", "duplicate key")  # by another process just now
@@ -30,11 +30,14 @@ def open_storage(place: str) -> optuna.storages.BaseStorage:
         return optuna.storages.JournalStorage(Journal(place))
     except MorlaxError:
         raise
-    except OSError as error:
-        raise MorlaxError(f"cannot use the storage {place}: {error.strerror or error}.") from None
     except Exception as error:  # each database and driver fails in its own way
-        reason = " ".join(str(error).split("\n")[0].split()).rstrip(".")
-        raise MorlaxError(f"cannot use the storage {place}: {reason}.") from None
+        raise unusable(place, error) from None
+
+
+def unusable(place: str, error: BaseException) -> StorageError:
+    """Return the error of a storage that cannot be opened or written."""
+    reason = getattr(error, "strerror", None) or str(error).split("\n")[0]
+    return StorageError(f"cannot use the storage {place}: {' '.join(reason.split()).rstrip('.')}.")
 
 
 def _database(url: str) -> optuna.storages.BaseStorage:
