@@ -43,7 +43,7 @@ class NSGA2:
         sizes = env.observation_size, env.action_size, len(env.objectives)
         generator = torch.Generator().manual_seed(config.seed)
         self.agent = Agent.of(config, *sizes, generator).to(env.device)
-        self._tried = Agent.of(config, *sizes, generator, in_order=True).to(env.device)
+        self._tried = Agent.of(config, *sizes, generator, in_order=config.worlds).to(env.device)
         self._tried.observation_normalizer = self.agent.observation_normalizer
         self._evaluator = Evaluator(
             self._tried,

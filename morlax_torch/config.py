@@ -127,6 +127,11 @@ class Config(Section):
             return self.method.bins * self.method.bin_size
         return self.sampling.clusters if self.network.type == "independent" else 0
 
+    @property
+    def own_statistics(self) -> bool:
+        """Whether each independent network has normalizers of its own."""
+        return isinstance(self.method, PGMORLOptions)
+
     def num_values(self, num_objectives: int) -> int:
         """Return how many values a critic predicts."""
         return 1 if self.ppo.critic == "scalar" else num_objectives

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 import torch
-from closed_form import PLACES, Quadratic, best_returns
+from closed_form import PLACES, STEPS, Quadratic, Sprint, best_returns
 from torch.testing import assert_close
+from torch.utils._python_dispatch import TorchDispatchMode
 
-from morlax_torch import MorlaxError, config_for, evaluate, load
+from morlax_torch import MorlaxError, config_for, evaluate, load, save
 from morlax_torch.algorithms.amor import AMOR
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.hyper_morl import HyperMORL
@@ -18,6 +19,9 @@ from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.config import Config
+from morlax_torch.evaluation import pareto
+from morlax_torch.networks.independent import Independent
+from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds
@@ -50,7 +54,7 @@ def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
     values = {**SMALL, "algorithm": algorithm, "max_env_steps": steps, **changes}
     if algorithm == "pg-morl":
         values |= {"method.generation": 3, "method.warmup": 6, "method.bins": 10} | changes
-    return config_for(TASK, **values)
+    return config_for(values.pop("env", TASK), **values)
 
 
 def trained(config: Config, iterations: int) -> Any:
@@ -189,18 +193,19 @@ def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy():
     size = state["size"]
     assert 0 < size <= 20 and state["stretches"] == 2 * CLUSTERS
     # every policy in training is a member, with its moments, and its trade-off is near the last
-    own = torch.cat(learner._parts(), 1)
-    members = [(state["members"][:size] == row).all(1).nonzero()[0, 0].item() for row in own]
+    own = torch.cat([x.flatten(1) for x in learner._belongings()], 1)
+    stored = torch.cat([x[:size].flatten(1) for x in state["members"]], 1)
+    members = [(stored == row).all(1).nonzero()[0, 0].item() for row in own]
     last = state["weights"][members]
     cosine = torch.cosine_similarity(last, learner.tradeoffs.double())
     assert (cosine > 2**-0.5 - 1e-6).all()
     assert_close(state["start"], state["returns"][members])
     assert not torch.equal(learner.tradeoffs, even_tradeoffs(CLUSTERS, 2))
-    # a trade-off gets the member with the largest weighted return
-    tradeoffs = torch.rand(30, 2)
-    best = (tradeoffs.double() @ state["returns"][:size].mT).argmax(1)
-    width = learner.agent.actor.rows.shape[1]
-    assert torch.equal(learner.agent.actor.flat(tradeoffs), state["members"][best, :width])
+    # a trade-off gets the policy of the archive with the largest weighted return
+    tradeoffs, archived = torch.rand(30, 2), state["archived"][: state["archive_size"]]
+    best = (tradeoffs.double() @ archived.mT).argmax(1)
+    assert torch.equal(learner.agent.actor.flat(tradeoffs), learner.agent.actor.rows[best])
+    assert pareto.non_dominated(archived).all()
 
 
 def test_pg_morl_measures_policies_like_evaluations_do():
@@ -208,6 +213,7 @@ def test_pg_morl_measures_policies_like_evaluations_do():
     seen = torch.ones(CLUSTERS, 1, 1)
     action = learner.trained.actors(learner.tradeoffs).act(seen)[:, 0]
     wanted = 1 - (action[:, None] - PLACES).square().sum(-1)
+    learner._keep_snapshot(0)
     assert_close(learner._measure().float(), wanted)
 
 
@@ -240,6 +246,71 @@ def test_an_independent_policy_is_that_of_plain_ppo():
         one.learn()
     assert_close(alone.agent.actor.rows[2], learner.agent.actor.rows[2])
     assert_close(alone.agent.critic.rows[2], learner.agent.critic.rows[2])
+
+
+@pytest.mark.parametrize("algorithm", ["independent", "pg-morl"])
+def test_policies_with_one_world_each_learn_from_their_own(algorithm):
+    """Another reward of one trade-off changes that policy alone."""
+    config = small(algorithm, worlds=CLUSTERS, **{"ppo.minibatches": 1})
+    one, other = trained(config, 0), trained(config, 0)
+    for learner, change in ((one, 0.0), (other, 1.0)):
+        learner.explore()
+        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 1, 2)
+        learner.trained.value_normalizer.update = lambda *_, **__: None
+        learner.learn()
+    same = (one.trained.actor.rows == other.trained.actor.rows).all(1)
+    assert same.tolist() == [True, True, False, *[True] * 5]
+
+
+@pytest.mark.parametrize("algorithm", LEARNERS)
+def test_a_stored_policy_still_returns_what_was_measured(algorithm, tmp_path):
+    """Loaded, saved without training's state and loaded again, and as the policy of a trade-off."""
+    task = TASK.replace(Quadratic.__name__, Sprint.__name__)
+    learner = trained(small(algorithm, 12, env=task), 12)
+    measured = make_evaluator(learner).evaluate()
+    checkpoint.save(tmp_path / "whole.pt", learner, Progress())
+    save(load(tmp_path / "whole.pt", trust=True), tmp_path / "policies.pt")
+    for name in ("whole", "policies"):
+        found = evaluate.evaluate(load(tmp_path / f"{name}.pt", trust=True), device="cpu")
+        assert_close(found.returns, measured.returns, rtol=1e-5, atol=1e-5)
+    policy = load(tmp_path / "policies.pt", trust=True)
+    for tradeoff, wanted in zip(measured.tradeoffs, measured.returns, strict=True):
+        single, x, energy = policy.specialize(tradeoff.tolist()), 0.0, 0.0
+        for step in range(STEPS):
+            action = single(torch.tensor([[x, step / STEPS]])).item()
+            x, energy = x + action / STEPS, energy + (1 - action**2) / STEPS
+        assert [Sprint.far(torch.tensor(x)).item(), energy] == pytest.approx(wanted, abs=1e-4)
+
+
+class TF32(TorchDispatchMode):
+    """Rounds what matrix products multiply to 10 bits of mantissa, as GPUs do."""
+
+    products = (torch.ops.aten.mm, torch.ops.aten.addmm, torch.ops.aten.bmm, torch.ops.aten.baddbmm)
+
+    def __torch_dispatch__(self, operation, types, args=(), kwargs=None):
+        if operation.overloadpacket in self.products:
+            args = [self.rounded(value) for value in args]
+        return operation(*args, **(kwargs or {}))
+
+    @staticmethod
+    def rounded(value: Any) -> Any:
+        if not isinstance(value, torch.Tensor):
+            return value
+        mantissa, exponent = torch.frexp(value)
+        return torch.ldexp((mantissa * 2**11).round() / 2**11, exponent)
+
+
+def test_the_networks_of_tradeoffs_are_chosen_exactly_under_tf32():
+    number = 1001
+    family = Independent(torch.nn.Linear(1, 1), even_tradeoffs(number, 2))
+    tradeoffs = even_tradeoffs(number, 2)
+    with TF32():
+        assert torch.equal(tradeoffs @ torch.eye(2), TF32.rounded(tradeoffs))
+        assert torch.equal(family.chosen(tradeoffs), torch.arange(number))
+        family.offsets.zero_()
+        family.keys.copy_(5000 * torch.stack([tradeoffs[:, 0].sqrt(), tradeoffs[:, 1].sqrt()], 1))
+        family.keys[500] *= 1 + 1e-4
+        assert family.chosen(torch.tensor([0.5, 0.5])) == 500
 
 
 def test_a_scalar_critic_learns_the_weighted_reward():

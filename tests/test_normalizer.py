@@ -102,3 +102,23 @@ def test_the_state_dict_holds_the_statistics(batches):
     x = torch.from_numpy(batches[2]).float()
     assert torch.equal(other(x), normalizer(x))
     assert not list(normalizer.parameters())
+
+
+def test_rows_equal_normalizers_of_their_own():
+    generator = torch.Generator().manual_seed(1)
+    rows, own = Normalizer(3, rows=4), [Normalizer(3) for _ in range(4)]
+    for weight in (1.0, 0.5):
+        batch = torch.randn(6, 4, 5, 3, generator=generator) * torch.arange(1.0, 5)[:, None, None]
+        rows.update(batch + 1, weight)
+        for k, each in enumerate(own):
+            each.update(batch[:, k] + 1, weight)
+    x = torch.randn(6, 4, 5, 2, generator=generator)
+    seen = torch.stack([each(x[:, k]) for k, each in enumerate(own)], 1)
+    torch.testing.assert_close(rows(x), seen)
+    back = torch.stack([each.inverse(x[:, k]) for k, each in enumerate(own)], 1)
+    torch.testing.assert_close(rows.inverse(x), back)
+    chosen, one = rows.select(torch.tensor([2, 0, 2])), rows.select(torch.tensor(3))
+    expected = torch.stack([own[i](x[:, k]) for k, i in enumerate((2, 0, 2))], 1)
+    torch.testing.assert_close(chosen(x[:, :3]), expected)
+    torch.testing.assert_close(one(x), own[3](x))
+    assert one.count == own[3].count == 60 and one.mean.shape == (3,)

@@ -1,11 +1,22 @@
 """The rules of PG-MORL equal slow versions and closed forms; all objectives are maximized."""
 
+from typing import Any
+
 import moocore
 import numpy as np
 import pytest
+import torch
 
+from morlax_torch import config_for, evaluate, load
+from morlax_torch.algorithms.pg_morl import learner as pg_morl
 from morlax_torch.algorithms.pg_morl import population, prediction, selection
+from morlax_torch.algorithms.pg_morl.learner import PGMORL
+from morlax_torch.config import Config
 from morlax_torch.evaluation import pareto
+from morlax_torch.evaluation.front import Front
+from morlax_torch.runs import checkpoint
+from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.training import make_evaluator, make_worlds
 
 NAN = float("nan")
 
@@ -503,3 +514,150 @@ def test_the_sparsity_with_each_point_equals_that_of_the_union(m):
     assert selection.sparsities(np.full((1, m), 2.0), front).tolist() == [0]
     assert selection.sparsities(points, front[:0]).tolist() == [0] * len(points)
     assert selection.sparsity(front) == pytest.approx(pareto.sparsity(front))
+
+
+def test_the_archive_keeps_what_none_dominates_and_thins_it_evenly():
+    random = np.random.default_rng(0)
+    returns = np.concatenate([sphere(30, 2), 0.5 * sphere(30, 2, seed=1), [[NAN, 9]]])
+    returns = returns[random.permutation(len(returns))] * [1, 1000]
+    everything = population.pareto_archive(returns, 100)
+    assert everything.tolist() == np.flatnonzero(pareto.non_dominated(returns)).tolist()
+    kept = population.pareto_archive(returns, 8)
+    assert len(kept) == 8 and set(kept) <= set(everything)
+    ends = returns[everything].argmax(0)
+    assert set(everything[ends]) <= set(kept)
+
+    def nearest(indices: np.ndarray) -> float:
+        points = returns[indices] / np.ptp(returns[everything], axis=0)
+        distances = np.linalg.norm(points[:, None] - points, axis=-1)
+        return distances[~np.eye(len(points), dtype=bool)].min()
+
+    assert nearest(kept) > 5 * nearest(everything)
+    assert population.pareto_archive(np.zeros((0, 2)), 3).tolist() == []
+    assert population.pareto_archive([[NAN, 1.0]], 3).tolist() == []
+
+
+TINY: dict[str, Any] = {
+    "device": "cpu",
+    "algorithm": "pg-morl",
+    "worlds": 16,
+    "horizon": 20,
+    "sampling.clusters": 4,
+    "network.actor": (16,),
+    "network.critic": (16,),
+    "ppo.minibatches": 2,
+    "ppo.learning_rate": 3e-3,
+    "method.generation": 4,
+    "method.warmup": 8,
+    "method.bins": 10,
+    "evaluation.tradeoffs": 24,
+    "task.episode_length": 100,
+    "max_env_steps": 20_000,
+}
+
+
+def tiny(**changes: Any) -> Config:
+    return config_for("cheetah", **{**TINY, **changes})
+
+
+def simulated_again(learner: PGMORL, number: int) -> np.ndarray:
+    """Return what the policies of the archive return in episodes of their own, (number, m)."""
+    again = learner._make_agent(number)
+    for own, archived in zip(
+        pg_morl.belongings(again), pg_morl.belongings(learner.agent), strict=True
+    ):
+        own.copy_(archived[:number])
+    learner._measured = again
+    return learner._make_evaluator(number).evaluate().returns
+
+
+def test_the_whole_archive_returns_what_was_stored_at_five_times_of_a_run(monkeypatch):
+    monkeypatch.setattr(pg_morl, "intervals", lambda *_: (4, 2))
+    config = tiny()
+    learner = PGMORL(make_worlds(config, config.worlds), config)
+    evaluator, measured, sizes = make_evaluator(learner), learner._measured, []
+    for _ in range(5):
+        for _ in range(4):
+            learner.iterate()
+        state = learner.state_dict()["population"]
+        stored = state["archived"][: state["archive_size"]].numpy()
+        assert simulated_again(learner, len(stored)) == pytest.approx(stored, rel=1e-3)
+        learner._measured = measured
+        front = evaluator.evaluate()
+        best = stored[(front.tradeoffs @ stored.T).argmax(1)]
+        assert front.returns == pytest.approx(best, rel=1e-3)
+        sizes.append(len(stored))
+    assert max(sizes) > 4
+
+
+def test_policies_that_return_to_training_are_what_was_stored():
+    config = tiny()
+    learner = PGMORL(make_worlds(config, config.worlds), config)
+    for _ in range(12):
+        learner.iterate()
+    start = learner.state_dict()["population"]["start"]
+    learner._keep_snapshot(0)
+    assert learner._measure()[-4:].numpy() == pytest.approx(start.numpy(), rel=1e-3)
+    counts = learner.trained.observation_normalizer.count.flatten()
+    assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
+    means = learner.agent.observation_normalizer.mean[: learner._archived]
+    assert len(means.unique(dim=0)) > 1
+
+
+def test_snapshots_within_a_generation_are_measured_at_its_end(monkeypatch):
+    monkeypatch.setattr(pg_morl, "intervals", lambda *_: (5, 2))
+    config = tiny(**{"method.warmup": 10})
+    learner = PGMORL(make_worlds(config, config.worlds), config)
+    rows = []
+    for iteration in range(1, 6):
+        before = learner._state["archived"].clone()
+        learner.iterate()
+        if iteration in (1, 3, 5):
+            rows.append(learner.trained.actor.rows.detach().clone())
+        assert iteration == 5 or torch.equal(learner._state["archived"], before)
+    assert torch.equal(learner._snapshots[0], torch.cat(rows))
+    state = learner.state_dict()["population"]
+    returns = learner._measure()
+    kept = population.pareto_archive(returns.numpy(), 20)
+    archived = state["archived"][: state["archive_size"]]
+    assert archived.numpy() == pytest.approx(returns[kept].numpy())
+
+
+@pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])
+def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatch):
+    sizes = {"worlds": 4096, "horizon": 32, "sampling.clusters": 16, "device": "cpu"}
+    config = config_for(task, algorithm="pg-morl", max_env_steps=10**9, **sizes)
+    length = config.task.episode_length
+    generation, spacing = pg_morl.intervals(config, length, device)
+    assert generation % spacing == 0 and spacing == 20
+    worlds = max(16 * generation // spacing, pg_morl.LATENCY[device])
+    spent, trained = worlds * length, generation * 4096 * 32
+    assert spent <= 0.08 * (spent + trained)
+    if generation > spacing:
+        fewer = (generation - spacing) * 4096 * 32
+        assert spent > 0.08 * (spent + fewer)
+    small = config.model_copy(update={"worlds": 64})
+    generation, spacing = pg_morl.intervals(small, length, "cpu")
+    assert generation == spacing
+    assert 16 * length <= 0.08 * (16 * length + generation * 64 * 32)
+
+
+def test_checkpoints_with_a_normalizer_for_all_policies_still_load(tmp_path):
+    config = tiny()
+    learner = PGMORL(make_worlds(config, config.worlds), config)
+    for _ in range(4):
+        learner.iterate()
+    contents = checkpoint.snapshot(learner)
+    state = contents["learner"]["agent"]
+    for name in list(state):
+        if "normalizer" in name:  # as up to version 0.3
+            state[name] = state[name][2].squeeze()
+    path = tmp_path / "old.pt"
+    checkpoint.write_snapshot(path, contents, Progress())
+    policy = load(path)
+    means = policy.agent.observation_normalizer.mean
+    assert torch.equal(means, state["observation_normalizer.mean"].expand_as(means))
+    seen = torch.randn(3, policy.agent.observation_size)
+    for tradeoff in ((0.1, 0.9), (0.8, 0.2)):
+        torch.testing.assert_close(policy.specialize(tradeoff)(seen), policy(seen, tradeoff))
+    assert isinstance(evaluate.evaluate(path, tradeoffs=3, device="cpu"), Front)

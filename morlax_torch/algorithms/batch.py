@@ -114,6 +114,8 @@ class Table:
         """
         draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
         order = draws.argsort(1)
+        if self._dense:  # in a row, because networks of `InOrder` are those of their places
+            order = order.unflatten(1, (number, -1)).sort(-1).values.flatten(1)
         dealt = []
         for part, chosen in zip(
             self._rows[self._firsts, order].chunk(number, 1), order.chunk(number, 1), strict=True

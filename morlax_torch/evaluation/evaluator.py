@@ -107,8 +107,7 @@ class Evaluator:
         Raises:
             MorlaxError: contacts overflowed the simulator's buffers.
         """
-        for name, values in self.agent.actor(self.tradeoffs).items():
-            self._actors.parameters[name].copy_(values)
+        self._actors.copy_(self.agent.actors(self.tradeoffs))
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)

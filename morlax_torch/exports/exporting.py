@@ -10,6 +10,7 @@ from torch.export import ExportedProgram
 from ..envs import MorlaxError
 from ..envs.errors import unknown
 from ..files import AnyPath, replacing
+from ..networks.agent import normalizer_for
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
 from ..tradeoffs import dirichlet_tradeoffs
@@ -32,7 +33,8 @@ class FamilyPolicy(nn.Module):
 
     def forward(self, observation: Tensor, tradeoff: Tensor) -> Tensor:
         parameters = {name: value[0] for name, value in self.actor(tradeoff[None]).items()}
-        return TanhNormal(self.actor.run_one(parameters, self.normalizer(observation))).mode
+        normalizer = normalizer_for(self.actor, self.normalizer, tradeoff)
+        return TanhNormal(self.actor.run_one(parameters, normalizer(observation))).mode
 
 
 def export(
@@ -91,8 +93,11 @@ def program_of(module: nn.Module, inputs: dict[str, Tensor]) -> ExportedProgram:
 def samples(policy: Policy, rows: int, with_tradeoff: bool) -> dict[str, Tensor]:
     """Draw inputs by name: observations (rows, O) as in training, and a trade-off (m,)."""
     noise = torch.randn(rows, policy.agent.observation_size, generator=torch.Generator())
-    normalizer = policy.agent.observation_normalizer
+    # a different one for each number of rows
+    tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
+    agent = policy.agent
+    normalizer = normalizer_for(agent.actor, agent.observation_normalizer, tradeoff)
     inputs = {"observation": normalizer.inverse(noise)}
-    if with_tradeoff:  # a different one for each number of rows
-        inputs["tradeoff"] = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
+    if with_tradeoff:
+        inputs["tradeoff"] = tradeoff
     return inputs

@@ -40,6 +40,26 @@ class Actors(NamedTuple):
         """Map raw observations (K, B, O) to deterministic actions (K, B, A) in (-1, 1)."""
         return self.distribution(observation).mode
 
+    def copy_(self, other: Self) -> None:
+        """Take over all numbers of other actors, in place, where a recorded graph reads them."""
+        for name, values in other.parameters.items():
+            self.parameters[name].copy_(values)
+        if self.normalizer is not other.normalizer:  # else it is the agent's own, always up to date
+            for mine, values in zip(
+                self.normalizer.buffers(), other.normalizer.buffers(), strict=True
+            ):
+                mine.copy_(values)
+
+
+def normalizer_for(actor: Family, normalizer: Normalizer, tradeoffs: Tensor) -> Normalizer:
+    """Return the observation normalizer of the actors of trade-offs (K, m), or of one (m,).
+
+    That is the one normalizer of an agent, or rows of it, chosen like the actors' networks.
+    """
+    if normalizer.rows and isinstance(actor, Independent):
+        return normalizer.select(actor.chosen(tradeoffs))
+    return normalizer
+
 
 class SpecializedPolicy(nn.Module):
     """The policy of one trade-off: raw observations (B, O) to actions (B, A) in (-1, 1)."""
@@ -73,6 +93,7 @@ class Agent(nn.Module):
         num_networks: R, of independent networks; 0 of other types.
         in_order: give the k-th of R trade-offs the k-th independent network, instead of the one
             for that trade-off.
+        own_statistics: let each of the R networks have normalizers of its own.
 
     Raises:
         MorlaxError: an actor or critic has the wrong sizes.
@@ -90,11 +111,11 @@ class Agent(nn.Module):
         privileged_size: int = 0,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
-        in_order: bool = False,
+        in_order: int = 0,
     ) -> Self:
         """Build the agent that a run's config describes.
 
-        With `in_order`, it has an independent network for each of the K trade-offs of an iteration.
+        With `in_order`, it has that many independent networks, one for each trade-off in a row.
         """
         return cls(
             observation_size,
@@ -106,8 +127,9 @@ class Agent(nn.Module):
             actor=actor,
             critic=critic,
             num_values=config.num_values(num_objectives),
-            num_networks=config.num_clusters if in_order else config.num_networks,
-            in_order=in_order,
+            num_networks=in_order or config.num_networks,
+            in_order=in_order > 0,
+            own_statistics=config.own_statistics,
         )
 
     def __init__(
@@ -124,6 +146,7 @@ class Agent(nn.Module):
         num_values: int | None = None,
         num_networks: int = 0,
         in_order: bool = False,
+        own_statistics: bool = False,
     ):
         super().__init__()
         self.num_networks = num_networks
@@ -172,8 +195,9 @@ class Agent(nn.Module):
             self.actor = family(actor)
             shared = self.actor.features if config.type == "single" else None
             self.critic = family(critic, shared)
-        self.observation_normalizer = Normalizer(whole)
-        self.value_normalizer = Normalizer(num_values)
+        rows = num_networks if own_statistics else 0
+        self.observation_normalizer = Normalizer(whole, rows)
+        self.value_normalizer = Normalizer(num_values, rows)
 
     def own_networks(self) -> dict[str, dict[str, list[int]]]:
         """Return the parameter shapes of user-made networks: network -> parameter -> shape."""
@@ -185,8 +209,8 @@ class Agent(nn.Module):
 
     def actors(self, tradeoffs: Tensor) -> Actors:
         """Generate the actors of K trade-offs (K, m)."""
-        parameters = self.actor(tradeoffs)
-        return Actors(parameters, self.actor, self.observation_normalizer, self._max_std)
+        normalizer = normalizer_for(self.actor, self.observation_normalizer, tradeoffs)
+        return Actors(self.actor(tradeoffs), self.actor, normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
         """Generate the actors of K trade-offs (K, m).
@@ -209,5 +233,5 @@ class Agent(nn.Module):
 
     def specialize(self, tradeoff: Tensor) -> SpecializedPolicy:
         """Return the policy of one trade-off (m,) as a plain module with its own parameters."""
-        normalizer = copy.deepcopy(self.observation_normalizer)
-        return SpecializedPolicy(normalizer, self.actor.specialize(tradeoff))
+        normalizer = normalizer_for(self.actor, self.observation_normalizer, tradeoff)
+        return SpecializedPolicy(copy.deepcopy(normalizer), self.actor.specialize(tradeoff))

@@ -46,5 +46,10 @@ class Independent(InOrder):
         self.register_buffer("offsets", keys.square().sum(-1) / -2)  # (R,)
 
     def flat(self, tradeoffs: Tensor) -> Tensor:
-        scores = on_simplex(tradeoffs) @ self.keys.mT + self.offsets
-        return self.rows.index_select(0, scores.argmax(-1))
+        return self.rows.index_select(0, self.chosen(tradeoffs))
+
+    def chosen(self, tradeoffs: Tensor) -> Tensor:
+        """Return the index (...) of the network of each trade-off (..., m)."""
+        # no matrix product, which GPUs round to TF32: keys may differ by less than that
+        products = on_simplex(tradeoffs)[..., None, :] * self.keys
+        return (products.sum(-1) + self.offsets).argmax(-1)

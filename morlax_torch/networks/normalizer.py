@@ -1,6 +1,6 @@
 """Running mean and variance."""
 
-from typing import Final
+from typing import Any, Final
 
 import torch
 from torch import Tensor, nn
@@ -14,6 +14,11 @@ class Normalizer(nn.Module):
     """Standardizes features by the running mean and variance of all updates.
 
     Accepts a prefix of the features, so policies can omit privileged ones.
+
+    Args:
+        size: number of features.
+        rows: R, if each of R policies has statistics of its own: inputs are (..., R, B, size) then.
+            0: one set of statistics, of inputs (..., size).
     """
 
     mean: Tensor
@@ -22,36 +27,56 @@ class Normalizer(nn.Module):
     scale: Tensor  # one over the standard deviation
     limit: Final[float] = LIMIT  # torch.jit.script knows no global constants
 
-    def __init__(self, size: int):
+    def __init__(self, size: int, rows: int = 0):
         super().__init__()
-        self.register_buffer("mean", torch.zeros(size))
-        self.register_buffer("variance", torch.ones(size))
-        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("scale", torch.ones(size))
+        self.size, self.rows = size, rows
+        shape = (rows, 1, size) if rows else (size,)
+        self.register_buffer("mean", torch.zeros(shape))
+        self.register_buffer("variance", torch.ones(shape))
+        counts = (rows, 1, 1) if rows else ()
+        self.register_buffer("count", torch.zeros(counts, dtype=torch.float64))
+        self.register_buffer("scale", torch.ones(shape))
 
     def forward(self, x: Tensor) -> Tensor:
         size = x.shape[-1]
-        return ((x - self.mean[:size]) * self.scale[:size]).clamp(-self.limit, self.limit)
+        centered = x - self.mean[..., :size]
+        return (centered * self.scale[..., :size]).clamp(-self.limit, self.limit)
 
     def inverse(self, x: Tensor) -> Tensor:
         """Map normalized values back to natural units."""
         size = x.shape[-1]
-        return x / self.scale[:size] + self.mean[:size]
+        return x / self.scale[..., :size] + self.mean[..., :size]
+
+    def select(self, chosen: Tensor) -> "Normalizer":
+        """Return a copy of the statistics of K chosen rows (K,), or of a single one ()."""
+        found = Normalizer(self.size, len(chosen) if chosen.dim() else 0)
+        for name, own in found.named_buffers():
+            values = self.get_buffer(name).index_select(0, chosen.reshape(-1))
+            setattr(found, name, values.view_as(own))
+        return found
 
     @torch.no_grad()
     def update(self, x: Tensor, weight: float | Tensor = 1.0, group: Group = ALONE) -> None:
-        """Merge a batch (..., size) into the statistics, in place (Chan et al., 1979).
+        """Merge a batch of inputs into the statistics, in place (Chan et al., 1979).
 
         A `weight` below 1 scales down the batch's share of all samples. The batch is that of all
         processes of the `group`.
         """
-        x = x.flatten(0, -2)
-        batch_variance, batch_mean = torch.var_mean(x, dim=0, correction=0)
+        x = x.movedim(-3, 0).flatten(1, -2) if self.rows else x.flatten(0, -2)
+        batch_variance, batch_mean = torch.var_mean(x, -2, correction=0, keepdim=self.rows > 0)
         batch_mean, batch_variance = group.moments(batch_mean, batch_variance)
-        number = len(x) * group.size
+        number = x.shape[-2] * group.size
         self.count += number
         share = (number / self.count).float() * weight
         shift = batch_mean - self.mean
         self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
         self.mean.add_(shift * share)
         self.scale.copy_((self.variance + 1e-8).rsqrt())
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *others: Any) -> None:
+        """Give every row what a checkpoint of an earlier version has in common for all of them."""
+        for name, own in self.named_buffers():
+            stored = state_dict.get(prefix + name)
+            if self.rows and isinstance(stored, Tensor) and stored.dim() < own.dim():
+                state_dict[prefix + name] = stored.expand_as(own)
+        super()._load_from_state_dict(state_dict, prefix, *others)

@@ -1,10 +1,13 @@
 """PG-MORL: a population of policies, trained where a model predicts the best front."""
 
+import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ...config import Config
@@ -16,23 +19,31 @@ from ...networks.agent import Agent
 from ...networks.independent import Independent, InOrder
 from ...tradeoffs import even_tradeoffs
 from ..morlax import MORLAX
-from .population import candidate_weights, directions, performance_buffer
+from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict
 from .selection import select
 
-REMEMBERED = 4096  # stretches of training that predictions rest on
+REMEMBERED = 4096  # generations of a policy that predictions rest on
 MEASURING = 1  # seed of the episodes that policies are measured in; 0 is that of evaluations
+SHARE = 0.08  # of the run's time, at most, to measure policies
+SPACING = 20  # iterations, at least, between two snapshots of a policy
+# A step of few worlds takes as long as the training on a step of so many worlds. On an H200 it was
+# 2,500 to 3,900, with the time of the selection: `generation` in docs/algorithms.md.
+LATENCY = {"cpu": 1, "cuda": 4096}
 
 
 class PGMORL(MORLAX):
     """Trains K policies at a time, and every generation chooses which, and with what trade-offs.
 
     (Xu et al., 2020, "Prediction-Guided Multi-Objective Reinforcement Learning for Continuous
-    Robot Control".) After a generation of training, the K policies are measured and join the
-    population, which keeps the best in each direction of the objective space. A model predicts how
-    the returns of each member would change under several trade-offs, and the K pairs of member and
-    trade-off are trained next that together promise the best front. A trade-off gets the member
-    with the largest weighted return. docs/algorithms.md says what differs.
+    Robot Control".) After a generation of training, snapshots of the K policies are measured. They
+    join the external Pareto archive, which keeps all that none dominates, and the population, which
+    keeps the best in each direction of the objective space. A model predicts how the returns of
+    each member of the population would change under several trade-offs, and the K pairs of member
+    and trade-off are trained next that together promise the best front. A trade-off gets the policy
+    of the archive with the largest weighted return. docs/algorithms.md says what differs.
+
+    Every policy has its own normalizers, which go with it, so that it stays what was measured.
 
     Args:
         env: the worlds.
@@ -48,35 +59,28 @@ class PGMORL(MORLAX):
         K, m = self.tradeoffs.shape
         self.tradeoffs.copy_(even_tradeoffs(K, m))
         self._directions = directions(self.options.bins, m)
-        self._evaluator = self._make_evaluator()
-        capacity, numbers = config.num_networks, sum(part.shape[1] for part in self._parts())
+        self.generation, self._spacing = intervals(config, env.episode_length, env.device.type)
+        number = K * math.ceil(self.generation / self._spacing)  # of snapshots
+        self._measured = self._make_agent(number)
+        self._evaluator = self._make_evaluator(number)
+        moments = [x.new_zeros(number, x.shape[1]) for x in self._moments()]
+        self._snapshots = [*belongings(self._measured), *moments]
+        capacity = config.num_networks
         double = partial(torch.zeros, dtype=torch.float64)
-        self._state = {
-            "members": torch.zeros(capacity, numbers, device=env.device),
+        self._state: dict[str, Tensor] = {
             "returns": double(capacity, m),
             "weights": double(capacity, m),  # that members were last trained with
             # candidates that members have been trained with since
             "tried": torch.zeros(capacity, self.options.candidates, dtype=torch.bool),
+            "archived": double(capacity, m),  # returns of the archive
             "start": double(K, m),  # returns of the K policies before this generation
             "history": double(REMEMBERED, 3, m),  # returns before, weights, change of returns
         }
-        self._size = self._stretches = 0
+        self._members = [x.new_zeros(capacity, *x.shape[1:]) for x in self._snapshots]
+        self._size = self._archived = self._stretches = 0
 
     def make_trained(self) -> Agent:
-        config, env = self.config, self.env
-        trained = Agent.of(
-            config,
-            env.observation_size,
-            env.action_size,
-            len(env.objectives),
-            torch.Generator().manual_seed(config.seed),
-            privileged_size=env.privileged_size,
-            in_order=True,
-            **self._networks,
-        ).to(env.device)
-        # the population sees what they see
-        trained.observation_normalizer = self.agent.observation_normalizer
-        return trained
+        return self._make_agent(self.config.num_clusters)
 
     def draw_tradeoffs(self) -> None:
         """Keep those of the generation."""
@@ -87,16 +91,34 @@ class PGMORL(MORLAX):
 
     def iterate(self, done: float = 0.0) -> None:
         if self.iteration == 0:
-            self._state["start"].copy_(self._measure())
+            self._keep_snapshot(0)
+            self._state["start"].copy_(self._measure()[-len(self.tradeoffs) :])
         super().iterate(done)
-        if self.iteration % self.options.generation == 0:
+        left = -self.iteration % self.generation  # iterations until the generation ends
+        if left % self._spacing == 0:
+            self._keep_snapshot(left // self._spacing)
+        if left == 0:
             self._end_generation()
 
-    def _make_evaluator(self) -> Evaluator:
-        config = self.config
+    def _make_agent(self, number: int) -> Agent:
+        """Return a number of policies, one for each trade-off in a row."""
+        config, env = self.config, self.env
+        return Agent.of(
+            config,
+            env.observation_size,
+            env.action_size,
+            len(env.objectives),
+            torch.Generator().manual_seed(config.seed),
+            privileged_size=env.privileged_size,
+            in_order=number,
+            **self._networks,
+        ).to(env.device)
+
+    def _make_evaluator(self, number: int) -> Evaluator:
+        config, m = self.config, self.tradeoffs.shape[1]
         worlds = make(
             config.env,
-            config.num_clusters,
+            number,
             self.env.device,
             config.backend,
             EVALUATION_SEEDS + MEASURING,
@@ -104,18 +126,27 @@ class PGMORL(MORLAX):
             deterministic=config.deterministic,
             **config.task.for_evaluation().model_dump(),
         )
-        return Evaluator(self.trained, worlds, self.tradeoffs, seed=MEASURING)
+        unused = torch.full((number, m), 1 / m)  # policies come in a row
+        return Evaluator(self._measured, worlds, unused, seed=MEASURING)
+
+    def _keep_snapshot(self, place: int) -> None:
+        """Copy the policies in training to a place counted from the last one, which is 0."""
+        K = len(self.tradeoffs)
+        last = len(self._snapshots[0]) - place * K
+        for snapshots, own in zip(self._snapshots, self._belongings(), strict=True):
+            snapshots[last - K : last] = own
 
     def _measure(self) -> Tensor:
-        """Return the returns (K, m) of the policies in training, the same in every process."""
+        """Return the returns (S, m) of the snapshots, the same in every process."""
         return self.group.first(torch.from_numpy(self._evaluator.evaluate().returns))
 
     def _end_generation(self) -> None:
         returns, weights = self._measure(), self.tradeoffs.double().cpu()
-        self._remember(returns, weights)
-        self._join(returns, weights)
-        self._show_population()
-        self._state["start"].copy_(returns)
+        last = returns[-len(weights) :]
+        self._remember(last, weights)
+        self._join_archive(returns)
+        self._join_population(returns, weights.repeat(len(returns) // len(weights), 1))
+        self._state["start"].copy_(last)
         if self.iteration >= self.options.warmup and self._size:
             self._choose()
 
@@ -125,38 +156,32 @@ class PGMORL(MORLAX):
         history[places] = torch.stack([start, weights, returns - start], 1)
         self._stretches += len(returns)
 
-    def _join(self, returns: Tensor, weights: Tensor) -> None:
-        """Let the trained policies join the population, and keep the best of it."""
-        size, state = self._size, self._state
-        joined = torch.cat([state["returns"][:size], returns])
-        point = self.env.reference_point
-        kept = performance_buffer(joined.numpy(), point, self._directions, self.options.bin_size)
-        rows = torch.cat([state["members"][:size], torch.cat(self._parts(), 1)])
-        untried = torch.zeros(len(returns), self.options.candidates, dtype=torch.bool)
-        values = {
-            "members": rows,
-            "returns": joined,
-            "weights": torch.cat([state["weights"][:size], weights]),
-            "tried": torch.cat([state["tried"][:size], untried]),
-        }
-        for name, value in values.items():
-            state[name][: len(kept)] = value[torch.from_numpy(kept).to(value.device)]
-        self._size = len(kept)
-
-    def _show_population(self) -> None:
-        """Give the population to the agent that is evaluated."""
-        if not self._size:
-            return
-        members, first = self._state["members"][: self._size], 0
+    def _join_archive(self, returns: Tensor) -> None:
+        """Let the snapshots join the archive, which is the agent that is evaluated."""
+        state, before = self._state, self._archived
+        joined = torch.cat([state["archived"][:before], returns])
+        kept = pareto_archive(joined.numpy(), len(state["archived"]))
+        archive = [*belongings(self.agent), state["archived"]]
+        own = self._snapshots[: len(archive) - 1]
+        _keep(archive, before, [*own, returns], kept)
+        self._archived = size = len(kept)
         for family in (self.agent.actor, self.agent.critic):
             assert isinstance(family, Independent)
-            last = first + family.rows.shape[1]
-            with torch.no_grad():
-                family.rows[: self._size] = members[:, first:last]
-                family.keys[: self._size] = self._state["returns"][: self._size].to(family.keys)
-                family.offsets.fill_(-torch.finfo(torch.float32).max)
-                family.offsets[: self._size] = 0.0
-            first = last
+            family.keys[:size] = state["archived"][:size].to(family.keys)
+            family.offsets.fill_(-torch.finfo(torch.float32).max)
+            family.offsets[:size] = 0.0
+
+    def _join_population(self, returns: Tensor, weights: Tensor) -> None:
+        """Let the snapshots join the population, and keep the best of it."""
+        state, before = self._state, self._size
+        joined = torch.cat([state["returns"][:before], returns])
+        point = self.env.reference_point
+        kept = performance_buffer(joined.numpy(), point, self._directions, self.options.bin_size)
+        stores = [state[name] for name in ("returns", "weights", "tried")]
+        untried = torch.zeros(len(returns), self.options.candidates, dtype=torch.bool)
+        added = [returns, weights, untried, *self._snapshots]
+        _keep([*stores, *self._members], before, added, kept)
+        self._size = len(kept)
 
     def _choose(self) -> None:
         """Choose what the next generation trains."""
@@ -182,32 +207,33 @@ class PGMORL(MORLAX):
         picked = torch.from_numpy(members)
         self.tradeoffs.copy_(torch.from_numpy(around[members, candidates]))
         state["start"].copy_(state["returns"][picked])
-        columns = state["members"][picked.to(self.env.device)]
-        parts = self._parts()
-        with torch.no_grad():
-            for part, own in zip(
-                parts, columns.split([part.shape[1] for part in parts], 1), strict=True
-            ):
-                part.copy_(own)
+        for own, stored in zip(self._belongings(), self._members, strict=True):
+            own.copy_(stored[picked.to(stored.device)])
 
-    def _parts(self) -> list[Tensor]:
-        """Return views (K, ...) of all that belongs to each policy: parameters and moments."""
-        families = self.trained.actor, self.trained.critic
-        rows = [family.rows.detach() for family in families if isinstance(family, InOrder)]
-        moments = [
-            x for optimizer in self.ppo.optimizers for x in (optimizer.mean, optimizer.square)
-        ]
-        return [*rows, *(x.view(self.config.num_clusters, -1) for x in moments)]
+    def _belongings(self) -> list[Tensor]:
+        """Return views (K, ...) of all that belongs to each policy in training."""
+        return [*belongings(self.trained), *self._moments()]
+
+    def _moments(self) -> list[Tensor]:
+        """Return views (K, n) of the moments of Adam."""
+        moments = [x for adam in self.ppo.optimizers for x in (adam.mean, adam.square)]
+        return [x.view(self.config.num_clusters, -1) for x in moments]
 
     def state_dict(self) -> dict[str, Any]:
         own = {name: value.clone() for name, value in self._state.items()}
         trained = {name: value.clone() for name, value in self.trained.state_dict().items()}
-        counts = {"size": self._size, "stretches": self._stretches}
+        counts = {
+            "size": self._size,
+            "archive_size": self._archived,
+            "stretches": self._stretches,
+        }
         return {
             **super().state_dict(),
             "population": {
                 **own,
                 **counts,
+                "members": [value.clone() for value in self._members],
+                "snapshots": [value.clone() for value in self._snapshots],
                 "trained": trained,
                 "tradeoffs": self.tradeoffs.clone(),
             },
@@ -218,6 +244,43 @@ class PGMORL(MORLAX):
         stored = state["population"]
         for name, value in self._state.items():
             value.copy_(stored[name])
+        for mine, name in ((self._members, "members"), (self._snapshots, "snapshots")):
+            for value, other in zip(mine, stored[name], strict=True):
+                value.copy_(other)
         self.trained.load_state_dict(stored["trained"])
         self.tradeoffs.copy_(stored["tradeoffs"])
-        self._size, self._stretches = stored["size"], stored["stretches"]
+        self._size, self._archived = stored["size"], stored["archive_size"]
+        self._stretches = stored["stretches"]
+
+
+def intervals(config: Config, episode_length: int, device_type: str) -> tuple[int, int]:
+    """Return the iterations of a generation, and those between two snapshots of a policy.
+
+    Both are as few as SPACING and the SHARE of time for measuring allow, in time counted as steps
+    of one world: the same in every process, and whenever a run is repeated. A generation that the
+    config gives is kept.
+    """
+    assert isinstance(config.method, PGMORLOptions)
+    allowed = SHARE / (1 - SHARE) * config.worlds * config.horizon  # steps of each iteration
+    each = config.num_clusters * episode_length / allowed
+    spacing = max(SPACING, math.ceil(each))
+    if config.method.generation is not None:
+        return config.method.generation, spacing
+    least = LATENCY[device_type] * episode_length / allowed
+    return spacing * math.ceil(max(1, least / spacing)), spacing
+
+
+def belongings(agent: Agent) -> list[Tensor]:
+    """Return views (R, ...) of all that belongs to each of R policies: networks, normalizers."""
+    families = agent.actor, agent.critic
+    rows = [family.rows.detach() for family in families if isinstance(family, InOrder)]
+    return [*rows, *agent.observation_normalizer.buffers(), *agent.value_normalizer.buffers()]
+
+
+def _keep(
+    stores: Sequence[Tensor], size: int, added: Sequence[Tensor], kept: NDArray[np.intp]
+) -> None:
+    """Replace the first `size` rows of each store by the `kept` ones of these and of added rows."""
+    for store, new in zip(stores, added, strict=True):
+        rows = torch.cat([store[:size], new])
+        store[: len(kept)] = rows[torch.from_numpy(kept).to(rows.device)]

@@ -1,4 +1,4 @@
-"""The population of PG-MORL: which policies stay, and what each may be trained with next.
+"""Population and archive of PG-MORL: which policies stay, and what each may be trained with next.
 
 Xu et al., 2020, section 3.3. Every objective is maximized and may have its own unit: where the
 authors' code has constants in units of their rewards, objectives are scaled by the returns.
@@ -6,6 +6,8 @@ authors' code has constants in units of their rewards, objectives are scaled by 
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from ...evaluation.pareto import non_dominated
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -73,6 +75,33 @@ def performance_buffer(
     order = np.lexsort((-np.linalg.norm(excess, axis=1), bins))
     ranks = np.arange(len(order)) - np.searchsorted(bins[order], bins[order])
     return kept[order[ranks < size]]
+
+
+def pareto_archive(returns: ArrayLike, most: int) -> Indices:
+    """Return the indices (k,) of the policies that stay in the external Pareto archive, sorted.
+
+    Those are all that no other dominates. If more than `most` are left, the most crowded ones are
+    dropped, one by one: each time, the one with the smallest distance to another, of equal ones the
+    one with the smaller second distance, and so on (as SPEA2 truncates its archive; Zitzler et al.,
+    2001). So the ends of the front stay. Distances are relative to the range of each objective.
+
+    Args:
+        returns: Returns (n, m) of all policies.
+        most: Largest number of policies to keep.
+    """
+    points = np.asarray(returns, np.float64)
+    kept = np.flatnonzero(non_dominated(points))
+    if len(kept) <= most:
+        return kept
+    extent = np.ptp(points[kept], axis=0)
+    scaled = points[kept] / np.where(extent > 0, extent, 1)
+    distances = np.linalg.norm(scaled[:, None] - scaled, axis=-1)
+    while len(kept) > most:
+        nearest = np.sort(distances, axis=1)
+        crowded = np.lexsort(nearest.T[::-1])[0]
+        kept = np.delete(kept, crowded)
+        distances = np.delete(np.delete(distances, crowded, 0), crowded, 1)
+    return kept
 
 
 def exceeding(excess: Array) -> Mask:
