@@ -31,17 +31,35 @@ def sample_tradeoffs(
 
 
 def sample_cells(out: Tensor, centers: Tensor, generator: torch.Generator | None = None) -> None:
-    """Fill `out` (K, m) with one uniform draw from the cell of each of the `centers` (K, m).
+    """Fill `out` (K, m) with one draw from the cell of each of the `centers` (K, m).
 
-    The cell of a center is what is nearer to it than to the others. (HYPER-MORL, Shu et al., 2024,
-    samples trade-offs like this.)
+    The cell of a center is what is nearer to it than to the others. Draws are uniform on a simplex
+    that is larger by half a step of the grid on every side, so that all cells of a regular grid are
+    equally large, and move to the nearest point of the simplex: half of those of an end of two
+    objectives' grid are the corner. (The authors' code of HYPER-MORL, Shu et al., 2024.)
     """
     drawn = torch.empty(DRAWS * len(centers), out.shape[1], device=out.device)
     sample_tradeoffs(drawn, generator=generator)
+    margin = _squared_distances(centers, centers).fill_diagonal_(math.inf).amin().div(8).sqrt()
+    drawn = drawn * (1 + out.shape[1] * margin) - margin
     cells = torch.arange(len(centers), device=out.device)[:, None]
-    inside = torch.cdist(drawn, centers).argmin(1) == cells
+    inside = _squared_distances(drawn, centers).argmin(1) == cells
     first = inside.to(torch.uint8).argmax(1)  # the draws are independent, so any will do
-    out.copy_(torch.where(inside.any(1, keepdim=True), drawn[first], centers))
+    out.copy_(torch.where(inside.any(1, keepdim=True), onto_simplex(drawn[first]), centers))
+
+
+def _squared_distances(points: Tensor, others: Tensor) -> Tensor:
+    """Return (n, k) for points (n, m) and (k, m); torch.cdist may round to TF32."""
+    return (points[:, None] - others).square().sum(-1)
+
+
+def onto_simplex(points: Tensor) -> Tensor:
+    """Return the points of the simplex that are nearest to points (n, m) (Held et al., 1974)."""
+    ordered = points.sort(-1, descending=True).values
+    counts = torch.arange(1, points.shape[-1] + 1, device=points.device)
+    excess = (ordered.cumsum(-1) - 1) / counts
+    positive = (ordered > excess).sum(-1, keepdim=True)  # weights that stay
+    return (points - excess.gather(-1, positive - 1)).clamp(min=0)
 
 
 def even_tradeoffs(number: int, num_objectives: int) -> Tensor:

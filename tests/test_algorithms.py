@@ -4,6 +4,7 @@ import copy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from closed_form import PLACES, STEPS, Quadratic, Sprint, best_returns
@@ -25,7 +26,7 @@ from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds
-from morlax_torch.tradeoffs import even_tradeoffs, sample_cells
+from morlax_torch.tradeoffs import even_tradeoffs, onto_simplex, sample_cells
 from morlax_torch.train import command, train
 
 TASK = f"{Path(__file__).with_name('closed_form.py')}:{Quadratic.__name__}"
@@ -144,18 +145,102 @@ def test_collapsing_a_hypernetwork_keeps_one_tradeoff_s_network():
     assert_close(actor.flat(torch.rand(4, 2)), before.expand(4, -1))
 
 
-def test_cells_of_the_simplex_are_each_sampled_uniformly(generator):
-    centers, out = even_tradeoffs(5, 2), torch.zeros(5, 2)
-    drawn = []
-    for _ in range(400):
+def cells_of_two(number: int, draws: int) -> np.ndarray:
+    """Draw first weights (draws, number) from equal cells of [-s, 1 + s], moved into [0, 1]."""
+    half = 0.5 / (number - 1)
+    centers = np.linspace(0, 1, number)
+    random = np.random.default_rng(0)
+    return (centers + random.uniform(-half, half, (draws, number))).clip(0, 1)
+
+
+def cells_of_three(centers: np.ndarray, margin: float, draws: int) -> np.ndarray:
+    """Draw one point (draws, n, 3) of each cell of a larger triangle, moved to the nearest edge."""
+    random, found = np.random.default_rng(0), np.zeros((draws, len(centers), 3))
+    left = [(i, k) for i in range(draws) for k in range(len(centers))][::-1]
+    pools: list[list[np.ndarray]] = [[] for _ in centers]
+    while left:
+        i, k = left[-1]
+        if not pools[k]:
+            point = random.dirichlet(np.ones(3)) * (1 + 3 * margin) - margin
+            pools[np.square(centers - point).sum(1).argmin()].append(point)
+            continue
+        point = pools[k].pop()
+        if point.min() < 0:
+            ends = [(np.eye(3)[a], np.eye(3)[b]) for a, b in ((0, 1), (1, 2), (2, 0))]
+            moved = [a + np.clip((point - a) @ (b - a) / 2, 0, 1) * (b - a) for a, b in ends]
+            point = min(moved, key=lambda other, point=point: np.square(other - point).sum())
+        found[i, k] = point
+        left.pop()
+    return found
+
+
+@pytest.mark.parametrize("m", [2, 3])
+def test_cells_of_the_simplex_are_sampled_with_their_corners_as_the_authors_do(m, generator):
+    number, draws = {2: (6, 3000), 3: (15, 800)}[m]
+    grid = [(a / 4, b / 4, 1 - (a + b) / 4) for a in range(5) for b in range(5 - a)]
+    centers = even_tradeoffs(6, 2) if m == 2 else torch.tensor(grid)
+    out, drawn = torch.zeros(number, m), []
+    for _ in range(draws):
         sample_cells(out, centers, generator)
-        drawn.append(out[:, 0].clone())
-    first = torch.stack(drawn)  # (400, 5)
-    low = torch.tensor([0.0, 0.125, 0.375, 0.625, 0.875])
-    high = torch.tensor([0.125, 0.375, 0.625, 0.875, 1.0])
-    assert (first >= low).all() and (first <= high).all()
-    assert_close(first.mean(0), (low + high) / 2, rtol=0, atol=0.02)
-    assert_close(first.std(0), (high - low) / 12**0.5, rtol=0.15, atol=0)
+        drawn.append(out.clone())
+    found = torch.stack(drawn)
+    assert (found >= 0).all()
+    assert_close(found.sum(-1), torch.ones(draws, number))
+    if m == 2:
+        first = cells_of_two(number, draws)
+        wanted = torch.from_numpy(np.stack([first, 1 - first], -1)).float()
+    else:
+        wanted = torch.from_numpy(cells_of_three(np.array(grid), 1 / 8, draws)).float()
+    near = 3 * 0.5 / draws**0.5  # of the share of a coin
+    for share in (lambda x: (x > 1 - 1e-6).any(-1), lambda x: (x < 1e-6).any(-1)):  # corner, edge
+        ours, theirs = (share(x).float().mean(0) for x in (found, wanted))
+        assert_close(ours, theirs, rtol=0, atol=2 * near)
+    corners = (found > 1 - 1e-6).any(-1).float().mean(0)
+    assert (corners.sort().values[-m:] > {2: 0.45, 3: 0.25}[m]).all()
+    assert_close(found.mean(0), wanted.mean(0), rtol=0, atol=0.02)
+    assert_close(found.std(0), wanted.std(0), rtol=0.15, atol=1e-3)
+
+
+def test_points_move_to_the_nearest_point_of_the_simplex(generator):
+    points = torch.randn(50, 4, generator=generator)
+    moved = onto_simplex(points)
+    others = torch.distributions.Dirichlet(torch.full((4,), 0.3)).sample((20_000,))
+    assert (moved >= 0).all()
+    assert_close(moved.sum(1), torch.ones(50))
+    nearest = torch.cdist(points, others).amin(1)
+    own = (points - moved).norm(dim=1)
+    assert (own <= nearest + 1e-5).all() and (own > nearest - 0.1).all()
+    inside = others[:5]
+    assert_close(onto_simplex(inside), inside)
+
+
+def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
+    changes = {"method.warmup": 0.25, "ppo.anneal": True, "network.initial_std": 0.4}
+    learner = trained(small("hyper-morl", 40, **changes), 0)
+    rates, spreads = [], []
+    seen = torch.ones(CLUSTERS, 1, 1)
+    for _ in range(40):
+        learner.iterate()
+        rates.append(learner.ppo.optimizers[0].rate.item())
+        spreads.append(learner.agent.actors(learner.tradeoffs).distribution(seen).std)
+    assert rates[:10] == pytest.approx([3e-3 * (1 - i / 10) for i in range(10)])
+    assert rates[10:] == pytest.approx([3e-3 * (1 - i / 30) for i in range(30)])
+    warm, after = (abs(std - 0.4).max() for std in spreads[9:11])
+    assert warm > 0.2 and after < warm / 2
+    learner._start_hypernetwork()
+    std = learner.agent.actors(learner.tradeoffs).distribution(torch.randn(CLUSTERS, 5, 1)).std
+    assert_close(std, torch.full_like(std, 0.4))
+
+
+def test_hyper_morl_keeps_the_exploration_of_a_user_s_own_actor():
+    config = small("hyper-morl", 20)
+    actor = torch.nn.Sequential(torch.nn.Linear(1, 8), torch.nn.Tanh(), torch.nn.Linear(8, 4))
+    learner = HyperMORL(make_worlds(config, config.worlds), config, actor=actor)
+    learner.iterate()
+    seen, w = torch.ones(1, 5, 1), torch.tensor([[0.5, 0.5]])
+    before = learner.agent.actors(w).distribution(seen).output
+    learner._start_hypernetwork()
+    assert_close(learner.agent.actors(w).distribution(seen).output, before)
 
 
 def test_amor_keeps_a_world_s_tradeoff_until_its_episode_ends():

@@ -7,6 +7,7 @@ import torch
 from ..config import Config
 from ..config_sections import HyperMORLOptions
 from ..envs import Worlds
+from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
 from ..tradeoffs import even_tradeoffs, sample_cells
 from .morlax import MORLAX
@@ -17,8 +18,9 @@ class HyperMORL(MORLAX):
 
     (Shu et al., 2024, "Learning Pareto Set for Multi-Objective Continuous Robot Control".) A
     warm-up trains the balanced trade-off alone. Then its policy becomes the bias of the
-    hypernetwork, Adam starts anew, and every iteration explores one random trade-off from each of K
-    even cells of the simplex. docs/algorithms.md says what differs.
+    hypernetwork, explores as at the start, Adam and the learning rate start anew, and every
+    iteration explores one random trade-off from each of K even cells of the simplex.
+    docs/algorithms.md says what differs.
 
     Args:
         env: the worlds.
@@ -38,12 +40,22 @@ class HyperMORL(MORLAX):
         self.tradeoffs.copy_(torch.where(self._warming_up, balanced, self.tradeoffs))
 
     def iterate(self, done: float = 0.0) -> None:
-        assert isinstance(self.config.method, HyperMORLOptions)
-        if self.warming_up and done >= self.config.method.warmup:
+        if self.warming_up and done >= self.warmup:
             self.warming_up = False
             self._warming_up.fill_(False)
             self._start_hypernetwork()
-        super().iterate(done)
+        super().iterate(self.stage_done(done))
+
+    @property
+    def warmup(self) -> float:
+        """The share of the run that the warm-up takes."""
+        assert isinstance(self.config.method, HyperMORLOptions)
+        return self.config.method.warmup
+
+    def stage_done(self, done: float) -> float:
+        """Return the share of the current stage that is over, given that of the run."""
+        start, end = (0.0, self.warmup) if self.warming_up else (self.warmup, 1.0)
+        return (done - start) / (end - start) if end > start else 1.0
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "warming_up": self.warming_up}
@@ -58,5 +70,20 @@ class HyperMORL(MORLAX):
         for family in (self.agent.actor, self.agent.critic):
             assert isinstance(family, Hypernetwork)
             family.collapse(balanced)
-        for optimizer in self.ppo.optimizers:
+        self._reset_exploration()
+        for optimizer, rate in zip(self.ppo.optimizers, self.ppo.rates, strict=False):
             optimizer.forget()
+            optimizer.rate.fill_(rate)
+
+    def _reset_exploration(self) -> None:
+        """Give all actions their first standard deviation, `network.initial_std`, again.
+
+        A user's own actor may make standard deviations in any way: it keeps those of the warm-up.
+        """
+        family = self.agent.actor
+        assert isinstance(family, Hypernetwork)
+        if "actor" in self.agent.own_networks():
+            return
+        weight, bias = list(family.split(family.bias.detach()).values())[-2:]
+        weight[self.env.action_size :] = 0.0
+        bias[self.env.action_size :] = spread_of(self.config.network.initial_std)

@@ -43,10 +43,12 @@ class Generated(nn.Module, ABC):
         Raises:
             MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
         """
-        named = zip(
-            self.shapes.items(), self.flat(tradeoffs).split(self.sizes, dim=-1), strict=True
-        )
-        return {name: values.reshape(-1, *shape) for (name, shape), values in named}
+        return self.split(self.flat(tradeoffs))
+
+    def split(self, flat: Tensor) -> dict[str, Tensor]:
+        """Return the parameters (..., *shape) that rows (..., P) consist of, by name."""
+        named = zip(self.shapes.items(), flat.split(self.sizes, dim=-1), strict=True)
+        return {name: values.reshape(*flat.shape[:-1], *shape) for (name, shape), values in named}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
