@@ -15,36 +15,38 @@ To measure what several GPUs give, let them train every run together:
 
     torchrun --standalone --nproc-per-node 4 benchmarks/compare.py --output four
 
-Writes OUTPUT/rows.csv, one row per evaluation, OUTPUT/results.md, the tables, and figures: curves
-of the hypervolume, a performance profile, and interquartile means. To make the tables and figures
+When a run ends, its best checkpoint is loaded and evaluated once more, on other episodes: that is
+what counts. Writes OUTPUT/rows.csv, one row per evaluation, OUTPUT/results.md, the tables, and
+figures: curves of the hypervolume while training, a performance profile, and interquartile means of
+what counts. To make the tables and figures
 again from rows.csv alone:
 
     python benchmarks/compare.py --output comparison --only-report
 """
 
 import importlib
-import math
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import tyro
 import yaml
-from compare_jobs import BEST_FRONT, OUTCOME, Job, is_complete, plan, read_methods, shared
+from compare_jobs import FRONT, OUTCOME, Job, is_complete, plan, read_methods, shared
 from compare_report import report
 from compare_rows import gather, write_rows
 from filelock import FileLock, Timeout
 
-from morlax_torch import MorlaxError
+from morlax_torch import MorlaxError, load
 from morlax_torch.envs import resolve_device
+from morlax_torch.evaluation.front import Front
 from morlax_torch.files import replacing
 from morlax_torch.gpu.memory import release_memory
-from morlax_torch.runs.progress import Evaluation
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.terminal import cli
 from morlax_torch.terminal.cli import console
 from morlax_torch.torchrun import FIRST, SEVERAL
 
 METHODS = Path(__file__).with_name("compare_methods.yaml")
+FRESH = 1000  # seed of the episodes that count; no training or choice of a checkpoint sees them
 
 
 def main(
@@ -115,8 +117,7 @@ def _train(job: Job, folder: Path, device: str) -> None:
     error, config = None, job.config(device)
     try:
         trainer = importlib.import_module(job.method.trainer or "morlax_torch.train")
-        keep = _keep_best(folder) if FIRST else None
-        trainer.train(config, output=folder, on_evaluation=keep)
+        trainer.train(config, output=folder)
     except MorlaxError as caught:
         if SEVERAL:
             raise  # the other processes may not know of it
@@ -125,21 +126,15 @@ def _train(job: Job, folder: Path, device: str) -> None:
     if not FIRST:
         return
     folder.mkdir(exist_ok=True)
+    if (folder / "checkpoints" / "best.pt").is_file():  # a crash may come before it
+        fresh_front(folder, config.device).save(folder / FRONT)
     with replacing(folder / OUTCOME) as file:
         file.write(yaml.safe_dump({**job.settings, "error": error}, sort_keys=False).encode())
 
 
-def _keep_best(folder: Path) -> Callable[[Evaluation], None]:
-    """Return a function that keeps the front of the best checkpoint in a file."""
-    best = -math.inf
-
-    def keep(evaluation: Evaluation) -> None:
-        nonlocal best
-        if evaluation.selection_hypervolume > best:
-            best = evaluation.selection_hypervolume
-            evaluation.front.save(folder / BEST_FRONT)
-
-    return keep
+def fresh_front(folder: Path, device: str | None) -> Front:
+    """Evaluate the best checkpoint of a run once more."""
+    return evaluate(load(folder, device, trust=True), device=device, seed=FRESH)
 
 
 if __name__ == "__main__":

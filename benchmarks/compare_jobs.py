@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 from morlax_torch import MorlaxError, config_for
 from morlax_torch.config import Config
-from morlax_torch.config_files import read_yaml
+from morlax_torch.config_files import merged, read_yaml
 from morlax_torch.envs.naming import title
 
 OURS = ("env", "seed", "device", "max_seconds")  # options that the command sets
-OUTCOME, BEST_FRONT = "outcome.yaml", "best_front.npz"  # in the folder of a run
+OUTCOME, FRONT = "outcome.yaml", "fresh_front.npz"  # in the folder of a run
 
 
 class Method(NamedTuple):
@@ -21,8 +21,9 @@ class Method(NamedTuple):
     name: str
     changes: dict[str, Any]  # of a task's config, for `config_for`
     seconds: float | None  # of training; None: `max_env_steps` is among the changes
-    oracle: bool  # whether its fronts are the reference of the other methods
+    reference: bool = False  # whether the other methods are measured against its fronts
     trainer: str | None = None  # a module beside this one, whose `train` it uses
+    of_tasks: dict[str, dict[str, Any]] = {}  # more changes, by task
 
 
 class Job(NamedTuple):
@@ -39,6 +40,11 @@ class Job(NamedTuple):
         """Return the folder of the run."""
         return output / title(self.task) / self.method.name / str(self.seed)
 
+    @property
+    def changes(self) -> dict[str, Any]:
+        """The changes of the task's config."""
+        return merged(self.method.changes, self.method.of_tasks.get(self.task, {}))
+
     def config(self, device: str) -> Config:
         """Return the config of the run.
 
@@ -50,7 +56,7 @@ class Job(NamedTuple):
             own["max_seconds"] = self.method.seconds
         unlimited = {"max_env_steps": None}  # so that learning rates reach zero when time is over
         try:
-            return config_for(self.task, **{**unlimited, **self.method.changes, **own})
+            return config_for(self.task, **{**unlimited, **self.changes, **own})
         except MorlaxError as error:
             raise MorlaxError(f"{self}: {error}") from None
 
@@ -60,7 +66,7 @@ class Job(NamedTuple):
         return {
             "task": self.task,
             "seconds": self.method.seconds,
-            "changes": self.method.changes,
+            "changes": self.changes,
             "trainer": self.method.trainer,
         }
 
@@ -74,15 +80,15 @@ def read_methods(path: Path, seconds: float | None, env_steps: int | None = None
         env_steps: environment steps after which training ends, unless a method changes them.
 
     Raises:
-        MorlaxError: the file cannot be read, a method is not valid, or two are oracles.
+        MorlaxError: the file cannot be read, a method is not valid, or two are the reference.
     """
     limit = {} if env_steps is None else {"max_env_steps": env_steps}
     methods = [_method(name, values, seconds, limit) for name, values in read_yaml(path).items()]
     if not methods:
         raise MorlaxError(f"{path} has no method: add a line such as MORLAX: {{}}.")
-    oracles = [method.name for method in methods if method.oracle]
-    if len(oracles) > 1:
-        raise MorlaxError(f"{' and '.join(oracles)} are oracles: only one method can be.")
+    references = [method.name for method in methods if method.reference]
+    if len(references) > 1:
+        raise MorlaxError(f"{' and '.join(references)} are the reference: only one method can be.")
     return methods
 
 
@@ -94,18 +100,27 @@ def _method(name: Any, values: Any, seconds: float | None, limit: dict[str, int]
     if values is not None and not isinstance(values, dict):
         raise MorlaxError(f"the method {name} must hold changes, such as {{network.type: single}}.")
     changes = {**limit, **(values or {})}
-    own, oracle = changes.pop("seconds", seconds), changes.pop("oracle", False)
+    own, reference = changes.pop("seconds", seconds), changes.pop("reference", False)
     if own is not None and not _is_positive(own):
         raise MorlaxError(f"seconds of the method {name} must be a positive number, not {own!r}.")
-    if not isinstance(oracle, bool):
-        raise MorlaxError(f"oracle of the method {name} must be true or false, not {oracle!r}.")
+    if not isinstance(reference, bool):
+        raise MorlaxError(
+            f"reference of the method {name} must be true or false, not {reference!r}."
+        )
     trainer = changes.pop("trainer", None)
     if trainer is not None and not Path(__file__).with_name(f"{trainer}.py").is_file():
         raise MorlaxError(f"trainer of the method {name} must be a module of this folder.")
-    taken = [key for key in changes if key in OURS]
+    of_tasks = changes.pop("tasks", {})
+    if not isinstance(of_tasks, dict) or not all(isinstance(v, dict) for v in of_tasks.values()):
+        raise MorlaxError(
+            f"tasks of the method {name} must hold changes by task, such as "
+            "{hopper: {ppo.clip: 0.1}}."
+        )
+    taken = [key for part in (changes, *of_tasks.values()) for key in part if key in OURS]
     if taken:
         raise MorlaxError(f"the method {name} cannot change {taken[0]}, which the command sets.")
-    return Method(name, changes, None if own is None else float(own), oracle, trainer)
+    own = None if own is None else float(own)
+    return Method(name, changes, own, reference, trainer, of_tasks)
 
 
 def _is_positive(number: Any) -> bool:

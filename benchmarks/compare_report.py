@@ -27,17 +27,17 @@ from morlax_torch.files import read, replacing
 from morlax_torch.reports.page import words
 
 INDICATORS = ("igd_plus", "expected_utility", "sparsity", "obedience")  # of rows.csv, in tables
-SHARE = "% of the oracle"
+SHARE = "% of the reference"
 SPEED = "env steps/s"
 THRESHOLDS = 101  # of a performance profile
 NOTE = """\
-Each cell is the median (lower quartile - upper quartile) over runs. A run counts with its
-evaluation of the highest hypervolume, and a crashed run with its evaluations before the crash;
-without any, its hypervolume is 0. The speed is that of training, without evaluations. The oracle's
-front is the union of the fronts of all its runs, and IGD+ is the distance from it, with every
-objective divided by the oracle's range. Scores are hypervolumes divided by the oracle's, or by the
-best median over runs in a task without an oracle. They leave out the oracle, and tasks that not
-all methods have trained on.
+Each cell is the median (lower quartile - upper quartile) over runs. A run counts with its best
+checkpoint, loaded and evaluated once more, on other episodes than those that it was chosen by; a
+crashed run with the best one before the crash, and without any its hypervolume is 0. The speed is
+that of training, without evaluations. The reference's front is the union of the fronts of all its
+runs, and IGD+ is the distance from it, with every objective divided by the reference's range.
+Scores are hypervolumes divided by the reference's, or by the best median over runs in a task
+without a reference. They leave out the reference, and tasks that not all methods have trained on.
 """
 
 Scores = dict[str, dict[str, np.ndarray]]  # method -> task -> (n,) one score per run
@@ -48,25 +48,21 @@ class Trained(NamedTuple):
 
     task: str
     method: str
-    oracle: bool  # whether the method is the oracle
+    reference: bool  # whether the method is the reference
     seed: int
     env_steps: np.ndarray  # (E,)
     train_seconds: np.ndarray  # (E,)
     hypervolume: np.ndarray  # (E,)
-    indicators: dict[str, float]  # of the evaluation with the highest hypervolume, by name
-    oracle_hypervolume: float | None  # of the task; None: it has no oracle
+    best: float  # hypervolume of the chosen checkpoint, 0 without one
+    indicators: dict[str, float]  # of the chosen checkpoint, by name
+    reference_hypervolume: float | None  # of the task; None: it has no reference
     error: str  # empty if the run did not crash
-
-    @property
-    def best(self) -> float:
-        """The highest hypervolume, 0 without an evaluation."""
-        return float(self.hypervolume.max(initial=0.0))
 
     def measures(self) -> dict[str, float]:
         """Return the known columns of the run's table by name."""
         found = {"hypervolume": self.best}
-        if self.oracle_hypervolume is not None:
-            found[SHARE] = 100 * self.best / self.oracle_hypervolume
+        if self.reference_hypervolume is not None:
+            found[SHARE] = 100 * self.best / self.reference_hypervolume
         found |= {words(name): value for name, value in self.indicators.items()}
         if len(self.train_seconds) and self.train_seconds[-1] > 0:
             found[SPEED] = self.env_steps[-1] / self.train_seconds[-1]
@@ -100,26 +96,31 @@ def read_runs(path: Path) -> list[Trained]:
     text = read(path, "table of evaluations").decode()
     found: dict[tuple[str, ...], list[dict[str, str]]] = {}
     for row in csv.DictReader(io.StringIO(text, newline="")):
-        key = row["task"], row["method"], row["oracle"], row["seed"], row["oracle_hypervolume"]
-        found.setdefault(key, []).append(row)
+        names = "task", "method", "reference", "seed", "reference_hypervolume"
+        found.setdefault(tuple(row[name] for name in names), []).append(row)
     return [_trained(*key, rows) for key, rows in found.items()]
 
 
 def _trained(
-    task: str, method: str, oracle: str, seed: str, volume: str, rows: list[dict[str, str]]
+    task: str, method: str, reference: str, seed: str, volume: str, rows: list[dict[str, str]]
 ) -> Trained:
-    seen = [row for row in rows if row["hypervolume"]]
+    measured = [row for row in rows if row["hypervolume"]]
+    fresh = [row for row in measured if row.get("fresh") == "1"]
+    seen = [row for row in measured if row not in fresh]
     curves = [
         np.array([float(row[name]) for row in seen])
         for name in ("env_steps", "train_seconds", "hypervolume")
     ]
-    best = seen[int(np.argmax(curves[-1]))] if seen else {}
+    # tables of up to version 0.3 have no fresh evaluations
+    chosen = fresh or sorted(seen, key=lambda row: float(row["hypervolume"]))[-1:]
+    best = chosen[0] if chosen else {}
     return Trained(
         task,
         method,
-        oracle == "1",
+        reference == "1",
         int(seed),
         *curves,
+        float(best.get("hypervolume", 0.0)),
         {name: float(best[name]) for name in INDICATORS if best.get(name)},
         float(volume) if volume else None,
         rows[-1]["error"],
@@ -127,18 +128,18 @@ def _trained(
 
 
 def scores(runs: Iterable[Trained]) -> Scores:
-    """Return the normalized hypervolumes of every method but the oracle.
+    """Return the normalized hypervolumes of every method but the reference.
 
     Only tasks that all of them have trained on are in it.
     """
-    rated = [run for run in runs if not run.oracle]
+    rated = [run for run in runs if not run.reference]
     methods = dict.fromkeys(run.method for run in rated)
     found: Scores = {}
     for task in dict.fromkeys(run.task for run in rated):
         own = [run for run in rated if run.task == task]
         best = {name: np.array([r.best for r in own if r.method == name]) for name in methods}
         if all(len(values) for values in best.values()):
-            scale = normalizer(best.values(), own[0].oracle_hypervolume)
+            scale = normalizer(best.values(), own[0].reference_hypervolume)
             for name, values in best.items() if scale > 0 else ():
                 found.setdefault(name, {})[task] = values / scale
     return found
@@ -204,10 +205,10 @@ def hypervolume_figure(runs: Sequence[Trained]) -> Figure:
     """Plot the best hypervolume so far against environment steps and training seconds.
 
     Each method has its median over runs and its interquartile range, and each task a row of plots.
-    The oracle, which may train longer, is a horizontal line.
+    The reference, which may train longer, is a horizontal line.
     """
     tasks = list(dict.fromkeys(run.task for run in runs))
-    looks = _looks(dict.fromkeys(run.method for run in runs if not run.oracle))
+    looks = _looks(dict.fromkeys(run.method for run in runs if not run.reference))
     figure = blank(9.0, 0.6 + 3.1 * len(tasks), "")
     for task, row in zip(tasks, figure.subplots(len(tasks), 2, squeeze=False), strict=True):
         own = [run for run in runs if run.task == task]
@@ -219,8 +220,9 @@ def hypervolume_figure(runs: Sequence[Trained]) -> Figure:
                     axes.plot(x, middle, drawstyle="steps-post", label=name, **look)
                     color = look["color"]
                     axes.fill_between(x, low, high, step="post", color=color, alpha=0.2, lw=0)
-            if own[0].oracle_hypervolume is not None:
-                axes.axhline(own[0].oracle_hypervolume, color="0.3", lw=0.9, label="oracle's front")
+            if own[0].reference_hypervolume is not None:
+                line = {"color": "0.3", "lw": 0.9, "label": "reference"}
+                axes.axhline(own[0].reference_hypervolume, **line)
             axes.set_xlabel(label)
             axes.set_title(title(task))
             lattice(axes)

@@ -1,4 +1,4 @@
-"""The rows of a comparison: every evaluation and every crash of its runs, as a CSV file."""
+"""The rows of a comparison: every evaluation, outcome and crash of its runs, as a CSV file."""
 
 import csv
 import io
@@ -8,26 +8,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from compare_jobs import BEST_FRONT, OUTCOME, Job, is_complete
+from compare_jobs import FRONT, OUTCOME, Job, is_complete
 from compare_statistics import scaled_igd_plus
 
 from morlax_torch import MorlaxError, pareto
 from morlax_torch.config_files import read_yaml
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.history import best_row, hypervolume_of, read_rows
+from morlax_torch.evaluation.history import hypervolume_of, read_rows
 from morlax_torch.files import replacing
 from morlax_torch.reports.comparison import union
 
 COLUMNS = (
-    *("task", "method", "oracle", "seed", "env_steps", "train_seconds", "total_seconds"),
+    *("task", "method", "reference", "seed", "fresh"),
+    *("env_steps", "train_seconds", "total_seconds"),
     *("hypervolume", "expected_utility", "sparsity", "obedience", "cardinality"),
     *("fall_rate", "blowup_rate", "steps_per_second", "blowups"),
-    *("igd_plus", "oracle_hypervolume", "error"),
+    *("igd_plus", "reference_hypervolume", "error"),
 )
 
 
 def gather(jobs: Sequence[Job], output: Path) -> list[dict[str, Any]]:
-    """Return a row for every evaluation and every crash of the complete runs.
+    """Return a row for every evaluation, chosen checkpoint and crash of the complete runs.
 
     Raises:
         MorlaxError: a file is damaged, or the fronts of a task cannot be compared.
@@ -36,11 +37,11 @@ def gather(jobs: Sequence[Job], output: Path) -> list[dict[str, Any]]:
     rows = []
     for _, group in itertools.groupby(done, key=lambda job: job.task):
         own = list(group)
-        paths = {str(job): job.folder(output) / BEST_FRONT for job in own}
+        paths = {str(job): job.folder(output) / FRONT for job in own}
         fronts = {name: Front.load(path) for name, path in paths.items() if path.is_file()}
         _check_comparable(fronts)
         reference, volume = _reference(
-            [fronts[str(job)] for job in own if job.method.oracle and str(job) in fronts]
+            [fronts[str(job)] for job in own if job.method.reference and str(job) in fronts]
         )
         for job in own:
             rows += _rows(job, output, fronts.get(str(job)), reference, volume)
@@ -59,7 +60,7 @@ def _check_comparable(fronts: Mapping[str, Front]) -> None:
 
 
 def _reference(fronts: Sequence[Front]) -> tuple[np.ndarray | None, float | None]:
-    """Return the union (n, m) of the oracle's fronts and its hypervolume, or None without any."""
+    """Return the union (n, m) of the reference's fronts and its hypervolume; None without any."""
     if not fronts:
         return None, None
     points = union(fronts)
@@ -74,25 +75,28 @@ def _rows(
     reference: np.ndarray | None,
     volume: float | None,
 ) -> list[dict[str, Any]]:
-    """Return a row for every evaluation of a run, and one for its crash.
+    """Return a row for every evaluation of a run, one for its chosen checkpoint, one for its crash.
 
-    IGD+ is in the row of the best checkpoint, because only that front is kept.
+    The row of the chosen checkpoint, which is `fresh`, has the indicators of its `front`.
     """
     folder, method = job.folder(output), job.method
     shared_cells = {
         "task": job.task,
         "method": method.name,
-        "oracle": int(method.oracle),
+        "reference": int(method.reference),
         "seed": job.seed,
-        "oracle_hypervolume": volume,
+        "reference_hypervolume": volume,
     }
     metrics = folder / "metrics.csv"
     found = read_rows(metrics) if metrics.is_file() else []
     rows = [
-        {**row, "hypervolume": hypervolume_of(row), **shared_cells, "error": ""} for row in found
+        {**row, "hypervolume": hypervolume_of(row), **shared_cells, "fresh": 0} for row in found
     ]
-    if front is not None and reference is not None:
-        rows[best_row(found)]["igd_plus"] = scaled_igd_plus(front.returns, reference)
+    if front is not None:
+        found = {**front.indicators(), "hypervolume": front.hypervolume}
+        if reference is not None:
+            found["igd_plus"] = scaled_igd_plus(front.returns, reference)
+        rows.append({**found, **shared_cells, "fresh": 1})
     error = read_yaml(folder / OUTCOME)["error"]
     if error is not None:
         rows.append({**shared_cells, "error": error})

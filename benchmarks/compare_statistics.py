@@ -85,14 +85,16 @@ def interval(values: ArrayLike, confidence: float = CONFIDENCE) -> tuple[Array, 
     return low, high
 
 
-def normalizer(hypervolumes: Iterable[ArrayLike], oracle: float | None) -> float:
+def normalizer(hypervolumes: Iterable[ArrayLike], reference: float | None) -> float:
     """Return the hypervolume of a task that counts as a score of 1.
 
     Args:
         hypervolumes: per method, those of its runs.
-        oracle: hypervolume of the oracle's front (None: the best median over runs).
+        reference: hypervolume of the reference front (None: the best median over runs).
     """
-    return max(float(np.median(of_one)) for of_one in hypervolumes) if oracle is None else oracle
+    if reference is not None:
+        return reference
+    return max(float(np.median(of_one)) for of_one in hypervolumes)
 
 
 def scaled_igd_plus(points: ArrayLike, reference_front: ArrayLike) -> float:

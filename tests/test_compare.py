@@ -12,6 +12,7 @@ import compare_jobs
 import compare_report
 import compare_rows
 import compare_statistics
+import matched_widths
 import numpy as np
 import pytest
 import yaml
@@ -143,7 +144,7 @@ def test_igd_plus_to_a_single_point_is_in_its_units():
     assert compare_statistics.scaled_igd_plus([[1.0, 1.0]], [[4.0, 5.0]]) == pytest.approx(5.0)
 
 
-def test_scores_are_of_the_oracle_or_else_of_the_best_median():
+def test_scores_are_of_the_reference_or_else_of_the_best_median():
     found = [[1.0, 2.0, 9.0], [3.0, 4.0]]
     assert compare_statistics.normalizer(found, None) == 3.5
     assert compare_statistics.normalizer(found, 8.0) == 8.0
@@ -165,8 +166,31 @@ def test_the_methods_that_come_with_the_benchmark_fit_its_tasks(file):
     jobs = compare_jobs.plan(("cheetah", "hopper", "walker", "ant", "humanoid"), methods, [3])
     for job in jobs:
         config = job.config("cpu")
-        assert (config.seed, config.max_seconds) == (3, 300.0 if job.method.oracle else 60.0)
+        assert (config.seed, config.max_seconds) == (3, 300.0 if job.method.reference else 60.0)
         assert config.max_env_steps is None
+
+
+def test_amor_has_as_many_parameters_as_morlax():
+    methods = {method.name: method for method in compare_jobs.read_methods(compare.METHODS, 60.0)}
+    changes = methods["AMOR, as many parameters"].of_tasks
+    assert set(changes) == {"cheetah", "hopper", "walker", "ant", "humanoid"}
+    for task, change in changes.items():
+        wanted = matched_widths.parameters(task, "morlax")
+        network = {name.removeprefix("network."): layers for name, layers in change.items()}
+        found = matched_widths.parameters(task, "amor", network)
+        for part in ("actor", "critic"):
+            assert found[part] == pytest.approx(wanted[part], rel=2e-3)
+        widths = matched_widths.matched(task, wanted)
+        assert network == {part: [width, width] for part, width in widths.items()}
+
+
+def test_a_method_can_have_changes_of_one_task(tmp_path):
+    values = {"ppo": {"clip": 0.1}, "tasks": {"hopper": {"ppo": {"epochs": 2}}}}
+    (method,) = compare_jobs.read_methods(written(tmp_path, {"a": values}), 5.0)
+    hopper, other = (compare_jobs.Job(task, method, 0) for task in ("hopper", "cheetah"))
+    assert hopper.settings["changes"] == {"ppo": {"clip": 0.1, "epochs": 2}}
+    assert hopper.config("cpu").ppo.epochs == 2 and hopper.config("cpu").ppo.clip == 0.1
+    assert other.settings["changes"] == {"ppo": {"clip": 0.1}}
 
 
 def test_a_method_can_have_its_own_trainer(tmp_path):
@@ -176,8 +200,8 @@ def test_a_method_can_have_its_own_trainer(tmp_path):
         compare_jobs.read_methods(written(tmp_path, {"N": {"trainer": "sac"}}), 1.0)
 
 
-def test_a_method_can_have_its_own_time_and_be_the_oracle(tmp_path):
-    changes = {"seconds": 600, "oracle": True, "ppo.clip": 0.1}
+def test_a_method_can_have_its_own_time_and_be_the_reference(tmp_path):
+    changes = {"seconds": 600, "reference": True, "ppo.clip": 0.1}
     _, best = compare_jobs.read_methods(written(tmp_path, {"a b": None, "best": changes}), 5.0)
     assert best == compare_jobs.Method("best", {"ppo.clip": 0.1}, 600.0, True)
 
@@ -186,15 +210,17 @@ def test_a_method_can_have_its_own_time_and_be_the_oracle(tmp_path):
     ("methods", "message"),
     [
         ({}, "no method"),
-        ({"a": {"oracle": True}, "b": {"oracle": True}}, "a and b are oracles"),
+        ({"a": {"reference": True}, "b": {"reference": True}}, "a and b are the reference"),
         ({"a/b": {}}, "cannot name a folder"),
         ({"..": {}}, "cannot name a folder"),
         ({3: {}}, "cannot name a folder"),
         ({"a": [1]}, "must hold changes"),
         ({"a": {"seconds": 0}}, "positive number"),
         ({"a": {"seconds": True}}, "positive number"),
-        ({"a": {"oracle": "yes please"}}, "true or false"),
+        ({"a": {"reference": "yes please"}}, "true or false"),
         ({"a": {"seed": 1}}, "cannot change seed"),
+        ({"a": {"tasks": {"ant": 3}}}, "must hold changes by task"),
+        ({"a": {"tasks": {"ant": {"seed": 3}}}}, "cannot change seed"),
     ],
 )
 def test_a_method_that_is_not_valid_is_refused(tmp_path, methods, message):
@@ -229,18 +255,24 @@ class Trainer:
     """Stands in for `train`: writes evaluations of given returns, and counts its runs.
 
     A run's returns are SPHERE times the config's clip range, halved in the first and the last of
-    three evaluations, and shifted by the seed.
+    three evaluations, and shifted by the seed. Its best checkpoint returns `share` of the best.
     """
 
     def __init__(self) -> None:
         self.seeds: list[int] = []
+        self.share = 1.0
+        self.fronts: dict[Path, Front] = {}
         self.crashes: dict[int, int] = {}  # seed -> evaluations before the crash
 
-    def __call__(self, config: Config, output: Path, on_evaluation) -> None:
+    def fresh_front(self, folder: Path, _: str) -> Front:
+        return self.fronts[folder]
+
+    def __call__(self, config: Config, output: Path) -> None:
         self.seeds.append(config.seed)
         most = self.crashes.get(config.seed, 3)
         if most:
-            output.mkdir()
+            (output / "checkpoints").mkdir(parents=True)
+            (output / "checkpoints" / "best.pt").touch()
         rows = []
         for k, share in enumerate((0.5, 1.0, 0.5)[:most]):
             returns = config.ppo.clip * share * SPHERE + config.seed
@@ -252,7 +284,9 @@ class Trainer:
                 table = csv.DictWriter(file, rows[0])
                 table.writeheader()
                 table.writerows(rows)
-            on_evaluation(evaluation)
+            if share == 0.5 and k:
+                continue
+            self.fronts[output] = front._replace(returns=self.share * front.returns)
         if config.seed in self.crashes:
             raise MorlaxError("a loss is not finite,\nat 'this' place")
 
@@ -261,6 +295,7 @@ class Trainer:
 def trainer(monkeypatch) -> Trainer:
     stand_in = Trainer()
     monkeypatch.setattr("morlax_torch.train.train", stand_in)
+    monkeypatch.setattr(compare, "fresh_front", stand_in.fresh_front)
     return stand_in
 
 
@@ -290,10 +325,33 @@ def test_there_is_a_row_for_each_evaluation(start):
     rows = table(start() / "rows.csv")
     assert tuple(rows[0]) == compare_rows.COLUMNS
     keys = [(row["method"], row["seed"], row["env_steps"]) for row in rows]
-    assert keys == [(m, s, e) for m in ("one", "two") for s in "01" for e in ("0", "100", "200")]
-    volumes = [float(row["hypervolume"]) for row in rows[6:9]]
-    assert volumes == [11.0, 44.0, 11.0]
-    assert not any(row["error"] or row["oracle_hypervolume"] or row["igd_plus"] for row in rows)
+    steps = ("0", "100", "200", "")  # the last row is that of the chosen checkpoint
+    assert keys == [(m, s, e) for m in ("one", "two") for s in "01" for e in steps]
+    assert [row["fresh"] for row in rows] == ["0", "0", "0", "1"] * 4
+    volumes = [float(row["hypervolume"]) for row in rows[8:12]]
+    assert volumes == [11.0, 44.0, 11.0, 44.0]
+    assert not any(row["error"] or row["reference_hypervolume"] or row["igd_plus"] for row in rows)
+
+
+def test_what_counts_is_a_fresh_evaluation_of_the_chosen_checkpoint(start, trainer):
+    trainer.share = 0.5
+    output = start()
+    runs = compare_report.read_runs(output / "rows.csv")
+    best = {(run.method, run.seed): run.best for run in runs}
+    assert best["two", 0] == 11.0 and best["one", 0] == 11.0 / 4
+    assert "| two | 1" in (output / "results.md").read_text()
+
+
+def test_tables_without_fresh_evaluations_count_the_best_one(start, trainer):
+    path = start() / "rows.csv"
+    rows = [row for row in table(path) if row["fresh"] != "1"]
+    with path.open("w", newline="") as file:
+        names = [name for name in rows[0] if name != "fresh"]
+        writer = csv.DictWriter(file, names, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    best = [run.best for run in compare_report.read_runs(path)]
+    assert best == [11.0, pytest.approx(best[1]), 44.0, pytest.approx(best[3])]
 
 
 def test_complete_runs_are_not_trained_again(start, trainer):
@@ -326,7 +384,7 @@ def test_a_run_that_another_process_trains_is_left_to_it(start, trainer, tmp_pat
     with FileLock(folder / ".1.lock"):
         output = start()
     assert trainer.seeds == [0, 0, 1]
-    assert len(table(output / "rows.csv")) == 9
+    assert len(table(output / "rows.csv")) == 12
     start()
     assert trainer.seeds == [0, 0, 1, 1]
 
@@ -342,7 +400,7 @@ def test_processes_with_shares_train_every_run_once(start, trainer):
     for k in range(3):
         output = start(share=f"{k}/3")
     assert len(trainer.seeds) == 4
-    assert len(table(output / "rows.csv")) == 12
+    assert len(table(output / "rows.csv")) == 16
 
 
 def test_runs_of_other_settings_are_not_mixed(start, trainer):
@@ -367,7 +425,7 @@ def test_a_crash_is_recorded_and_the_rest_goes_on(start, trainer):
     output = start(seeds=(0, 1, 2))
     assert trainer.seeds == [0, 1, 2] * 2
     rows = table(output / "rows.csv")
-    assert Counter(row["seed"] for row in rows) == {"0": 6, "1": 2, "2": 6}
+    assert Counter(row["seed"] for row in rows) == {"0": 8, "1": 2, "2": 8}
     assert [row["seed"] for row in rows if row["error"]] == ["0", "1"] * 2
     first, second, third = compare_report.read_runs(output / "rows.csv")[:3]
     assert first.error == second.error == "a loss is not finite,\nat 'this' place"
@@ -389,25 +447,25 @@ def test_nothing_complete_is_an_error(start, trainer, tmp_path):
 
 # Tables and figures
 
-ORACLE = {
+REFERENCE = {
     "one": {"ppo.clip": 1.0},
     "two": {"ppo.clip": 2.0},
-    "best": {"ppo.clip": 4.0, "oracle": True, "seconds": 40},
+    "best": {"ppo.clip": 4.0, "reference": True, "seconds": 40},
 }
 
 
-def test_runs_are_compared_with_the_union_of_the_oracles_fronts(start):
-    output = start(ORACLE)
+def test_runs_are_compared_with_the_union_of_the_reference_s_fronts(start):
+    output = start(REFERENCE)
     union = np.concatenate([4.0 * SPHERE, 4.0 * SPHERE + 1])
     volume = pareto.hypervolume(union, np.zeros(2))
     runs = compare_report.read_runs(output / "rows.csv")
-    assert {run.oracle_hypervolume for run in runs} == {volume}
+    assert {run.reference_hypervolume for run in runs} == {volume}
     for run in runs:
         clip = {"one": 1.0, "two": 2.0, "best": 4.0}[run.method]
         returns = clip * SPHERE + run.seed
         assert run.best == pytest.approx(pareto.hypervolume(returns, np.zeros(2)))
-        assert run.oracle == (run.method == "best")
-        assert run.measures()["% of the oracle"] == pytest.approx(100 * run.best / volume)
+        assert run.reference == (run.method == "best")
+        assert run.measures()["% of the reference"] == pytest.approx(100 * run.best / volume)
         assert run.measures()["env steps/s"] == 50
         expected = compare_statistics.scaled_igd_plus(returns, 4.0 * SPHERE + 1)
         assert run.measures()["IGD+"] == pytest.approx(expected)
@@ -415,22 +473,22 @@ def test_runs_are_compared_with_the_union_of_the_oracles_fronts(start):
     assert len([row for row in table(output / "rows.csv") if row["igd_plus"]]) == len(runs)
 
 
-def test_scores_leave_out_the_oracle_and_tasks_without_all_methods(start):
-    output = start(ORACLE, tasks=("hopper", "cheetah"))
+def test_scores_leave_out_the_reference_and_tasks_without_all_methods(start):
+    output = start(REFERENCE, tasks=("hopper", "cheetah"))
     runs = compare_report.read_runs(output / "rows.csv")
     found = compare_report.scores(runs)
     assert list(found) == ["one", "two"]
     for name, by_task in found.items():
         for task, values in by_task.items():
             own = [run for run in runs if (run.task, run.method) == (task, name)]
-            assert values.tolist() == [run.best / run.oracle_hypervolume for run in own]
+            assert values.tolist() == [run.best / run.reference_hypervolume for run in own]
     fewer = [run for run in runs if (run.task, run.method) != ("cheetah", "two")]
     assert [list(by_task) for by_task in compare_report.scores(fewer).values()] == [["hopper"]] * 2
-    alone = [run for run in runs if run.oracle]
+    alone = [run for run in runs if run.reference]
     assert compare_report.scores(alone) == {}
 
 
-def test_scores_without_an_oracle_are_of_the_best_median(start):
+def test_scores_without_a_reference_are_of_the_best_median(start):
     runs = compare_report.read_runs(start() / "rows.csv")
     found = compare_report.scores(runs)
     assert np.median(found["two"]["hopper"]) == pytest.approx(1.0)
@@ -445,32 +503,32 @@ def test_a_task_in_which_no_method_has_volume_has_no_scores(start, trainer):
 
 
 def test_the_tables_hold_medians_and_quartiles(start):
-    lines = (start(ORACLE) / "results.md").read_text().splitlines()
+    lines = (start(REFERENCE) / "results.md").read_text().splitlines()
     two = next(line for line in lines if line.startswith("| two | 5"))
     assert two.startswith("| two | 52.5 (48.25 - 56.75) | ")  # of 44 and 61
     assert two.endswith("| 50 (50 - 50) | 2 | 0 |")
     scores = [line for line in lines if line.startswith(("| one | 0.", "| two | 0."))]
     assert [line.count("|") for line in scores] == [5, 5]
     heads = [line for line in lines if line.startswith("| method")]
-    assert "| hypervolume | % of the oracle | IGD+ | expected utility | sparsity |" in heads[1]
+    assert "| hypervolume | % of the reference | IGD+ | expected utility | sparsity |" in heads[1]
 
 
 def test_fronts_with_different_reference_points_are_not_compared(start):
     output = start()
-    path = output / "hopper" / "two" / "0" / compare_jobs.BEST_FRONT
+    path = output / "hopper" / "two" / "0" / compare_jobs.FRONT
     Front.load(path)._replace(reference_point=np.ones(2)).save(path)
     with pytest.raises(MorlaxError, match="hopper, one, seed 1 and hopper, two, seed 0 differ"):
         start()
 
 
 def test_figures_show_every_method(start):
-    output = start(ORACLE, tasks=("hopper", "cheetah"))
+    output = start(REFERENCE, tasks=("hopper", "cheetah"))
     runs = compare_report.read_runs(output / "rows.csv")
     curves = compare_report.hypervolume_figure(runs)
     assert [axes.get_title() for axes in curves.axes] == ["hopper"] * 2 + ["cheetah"] * 2
     for axes in curves.axes:
         lines = {line.get_label(): line for line in axes.lines}
-        assert list(lines) == ["one", "two", "oracle's front"]
+        assert list(lines) == ["one", "two", "reference"]
         np.testing.assert_allclose(lines["two"].get_ydata(), [15.5, 52.5, 52.5])
     rated = compare_report.scores(runs)
     profile = compare_report.profile_figure(rated).axes[0]
@@ -498,7 +556,9 @@ def test_two_methods_from_training_to_the_report(tmp_path, capsys):
     text = (output / "results.md").read_text()
     assert text in done.stdout
     rows = table(output / "rows.csv")
-    assert len(rows) == 12  # 4 runs with an evaluation after 0, 32 and 64 steps
+    # 4 runs with an evaluation after 0, 32 and 64 steps, and of the chosen checkpoint
+    assert len(rows) == 16
+    assert [row["fresh"] for row in rows] == ["0", "0", "0", "1"] * 4
     config = yaml.safe_load((output / "hopper" / "dense" / "1" / "config.yaml").read_text())
     assert (config["seed"], config["max_seconds"]) == (1, 60.0)
     assert config["sampling"]["mode"] == "dense"

@@ -629,12 +629,12 @@ def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatc
     config = config_for(task, algorithm="pg-morl", max_env_steps=10**9, **sizes)
     length = config.task.episode_length
     generation, spacing = pg_morl.intervals(config, length, device)
-    assert generation % spacing == 0 and spacing == 20
-    worlds = max(16 * generation // spacing, pg_morl.LATENCY[device])
+    assert spacing == 20
+    worlds = max(16 * generation / spacing, pg_morl.LATENCY[device])
     spent, trained = worlds * length, generation * 4096 * 32
     assert spent <= 0.08 * (spent + trained)
     if generation > spacing:
-        fewer = (generation - spacing) * 4096 * 32
+        fewer = (generation - 1) * 4096 * 32
         assert spent > 0.08 * (spent + fewer)
     small = config.model_copy(update={"worlds": 64})
     generation, spacing = pg_morl.intervals(small, length, "cpu")

@@ -13,7 +13,7 @@ class IndependentPPO(MORLAX):
 
     Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
     norm and moments of Adam; only the normalizers of observations and values see all worlds. With
-    enough steps it is the oracle that fronts are measured against.
+    enough steps it is the reference that fronts are measured against.
 
     Args:
         env: the worlds.

@@ -28,8 +28,8 @@ MEASURING = 1  # seed of the episodes that policies are measured in; 0 is that o
 SHARE = 0.08  # of the run's time, at most, to measure policies
 SPACING = 20  # iterations, at least, between two snapshots of a policy
 # A step of few worlds takes as long as the training on a step of so many worlds. On an H200 it was
-# 2,500 to 3,900, with the time of the selection: `generation` in docs/algorithms.md.
-LATENCY = {"cpu": 1, "cuda": 4096}
+# 2,500 to 3,900, with the time of the selection: see docs/algorithms.md.
+LATENCY = {"cpu": 1, "cuda": 3900}
 
 
 class PGMORL(MORLAX):
@@ -266,8 +266,7 @@ def intervals(config: Config, episode_length: int, device_type: str) -> tuple[in
     spacing = max(SPACING, math.ceil(each))
     if config.method.generation is not None:
         return config.method.generation, spacing
-    least = LATENCY[device_type] * episode_length / allowed
-    return spacing * math.ceil(max(1, least / spacing)), spacing
+    return max(spacing, math.ceil(LATENCY[device_type] * episode_length / allowed)), spacing
 
 
 def belongings(agent: Agent) -> list[Tensor]:
