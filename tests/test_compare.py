@@ -15,6 +15,7 @@ import compare_statistics
 import matched_widths
 import numpy as np
 import pytest
+import search_methods
 import yaml
 from filelock import FileLock
 from tiny import tiny
@@ -597,3 +598,35 @@ def test_processes_of_one_launch_train_every_run_together(tmp_path):
 def test_a_report_needs_rows(tmp_path):
     with pytest.raises(MorlaxError, match="there is no table of evaluations"):
         compare.main(tmp_path, only_report=True)
+
+
+def test_a_search_trains_every_setting_alike_and_writes_the_best(trainer, tmp_path, monkeypatch):
+    methods = {
+        "one": {"ppo.clip": 1.0, "seconds": 9, "reference": True},
+        "fixed": {"ppo.clip": 2.0, "tasks": {"hopper": {"network": {"actor": [8, 8]}}}},
+        "N": {"trainer": "nsga2"},
+    }
+
+    def fresh_front(folder: Path, device: str) -> Front:
+        front, better = trainer.fresh_front(folder, device), "rate 0.002" in folder.parent.name
+        return front._replace(returns=front.returns * (3.0 if better else 1.0))
+
+    monkeypatch.setattr(compare, "fresh_front", fresh_front)
+    monkeypatch.setattr(compare_report, "save", lambda *_: None)
+    output = tmp_path / "search"
+    arguments = (output, ("hopper",), written(tmp_path, methods), (1e-3, 2e-3), (16, 32), (7,), 4.0)
+    for share in ("0/2", "1/2", "0/1"):
+        search_methods.main(*arguments, share=share, device="cpu")
+    settings = yaml.safe_load((output / "settings.yaml").read_text())
+    assert len(settings) == 5 + 5 and len(trainer.seeds) == 10
+    assert settings["one"] == {"ppo.clip": 1.0}
+    name = "one, learning rate 0.002, width 32"
+    searched = {"ppo.learning_rate": 2e-3, "network.actor": [32, 32], "network.critic": [32, 32]}
+    assert settings[name] == {"ppo.clip": 1.0, **searched}
+    found = yaml.safe_load((output / "searched.yaml").read_text())
+    assert found["N"] == methods["N"]
+    assert found["one"]["tasks"]["hopper"]["ppo.learning_rate"] == 2e-3
+    assert found["one"]["seconds"] == 9 and found["one"]["reference"] is True
+    (_, fixed, _) = compare_jobs.read_methods(output / "searched.yaml", 1.0)
+    config = compare_jobs.Job("hopper", fixed, 0).config("cpu")
+    assert config.network.actor == (8, 8) and config.ppo.learning_rate == 2e-3
