@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import config_for, evaluate, load
+from morlax_torch import MorlaxError, Policy, config_for, evaluate, load
 from morlax_torch.algorithms.pg_morl import learner as pg_morl
 from morlax_torch.algorithms.pg_morl import population, prediction, selection
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.config import Config
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
+from morlax_torch.exports.exporting import export
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_evaluator, make_worlds
@@ -642,6 +643,27 @@ def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatc
     assert 16 * length <= 0.08 * (16 * length + generation * 64 * 32)
 
 
+@pytest.mark.parametrize("format", ["onnx", "torchscript", "torch-export"])
+def test_exported_policies_have_their_own_statistics(format, tmp_path):
+    config = tiny()
+    learner = PGMORL(make_worlds(config, config.worlds), config)
+    for _ in range(4):
+        learner.iterate()
+    size = learner._archived
+    means = learner.agent.observation_normalizer.mean[:size]
+    with torch.no_grad():  # as different as after a long training
+        means += torch.arange(float(size))[:, None, None]
+    policy = Policy(learner.agent, config, learner.env.objectives)
+    for tradeoff in (None, (0.3, 0.7)):
+        assert export(policy, tmp_path / "policy", format, tradeoff) < 1e-5
+    seen = torch.randn(4, policy.agent.observation_size)
+    tradeoffs = torch.tensor([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])
+    each = [policy(x[None], w)[0] for x, w in zip(seen, tradeoffs, strict=True)]
+    torch.testing.assert_close(policy(seen, tradeoffs), torch.stack(each))
+    for w in tradeoffs:
+        torch.testing.assert_close(policy.specialize(w)(seen), policy(seen, w))
+
+
 def test_checkpoints_with_a_normalizer_for_all_policies_still_load(tmp_path):
     config = tiny()
     learner = PGMORL(make_worlds(config, config.worlds), config)
@@ -661,3 +683,5 @@ def test_checkpoints_with_a_normalizer_for_all_policies_still_load(tmp_path):
     for tradeoff in ((0.1, 0.9), (0.8, 0.2)):
         torch.testing.assert_close(policy.specialize(tradeoff)(seen), policy(seen, tradeoff))
     assert isinstance(evaluate.evaluate(path, tradeoffs=3, device="cpu"), Front)
+    with pytest.raises(MorlaxError, match="does not fit this learner"):
+        checkpoint.restore(checkpoint.load(path), path, learner)
