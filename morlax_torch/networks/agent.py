@@ -40,15 +40,15 @@ class Actors(NamedTuple):
         """Map raw observations (K, B, O) to deterministic actions (K, B, A) in (-1, 1)."""
         return self.distribution(observation).mode
 
-    def copy_(self, other: Self) -> None:
-        """Take over all numbers of other actors, in place, where a recorded graph reads them."""
+    def copy_(self, other: Self, rows: slice = slice(None)) -> None:
+        """Copy the numbers of other actors to these rows, in place: recorded graphs read them."""
         for name, values in other.parameters.items():
-            self.parameters[name].copy_(values)
+            self.parameters[name][rows].copy_(values)
         if self.normalizer is not other.normalizer:  # else it is the agent's own, always up to date
             for mine, values in zip(
                 self.normalizer.buffers(), other.normalizer.buffers(), strict=True
             ):
-                mine.copy_(values)
+                mine[rows].copy_(values)
 
 
 def normalizer_for(actor: Family, normalizer: Normalizer, tradeoffs: Tensor) -> Normalizer:
