@@ -24,7 +24,7 @@ from typing import Literal, NamedTuple
 
 import tyro
 
-from morlax_torch.evaluation.history import read_rows
+from morlax_torch.evaluation.history import best_row, hypervolume_of, read_rows
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.terminal.cli import console
 
@@ -58,7 +58,7 @@ class Row(NamedTuple):
     first_row_seconds: float  # from its start to the evaluation at step 0
     env_steps: int
     hypervolume: float  # of the new evaluation
-    printed_hypervolume: float  # the best one that the command printed
+    printed_hypervolume: float  # of the best checkpoint, as the command printed it
     paper_protocol: float  # hypervolume of the new evaluation by the paper's protocol
 
 
@@ -126,10 +126,14 @@ def measured(task: str, limit: float, seed: int, device: str | None) -> Row:
         round(seconds, 2),
         float(history[0]["total_seconds"]),
         int(history[-1]["env_steps"]),
-        latched,
-        max(float(row["hypervolume"]) for row in history),
-        paper,
+        rounded(latched),
+        rounded(hypervolume_of(history[best_row(history)])),
+        rounded(paper),
     )
+
+
+def rounded(number: float) -> float:
+    return float(f"{number:.6g}")
 
 
 def read(path: Path) -> dict[tuple[str, float, int], Row]:
@@ -147,7 +151,7 @@ def append(path: Path, row: Row) -> None:
     """Append a row to a CSV file, with a header if it is the first."""
     new = not path.exists()
     with path.open("a", newline="") as file:
-        writer = csv.writer(file)
+        writer = csv.writer(file, lineterminator="\n")
         if new:
             writer.writerow(Row._fields)
         writer.writerow(row)
