@@ -124,6 +124,7 @@ class GymnasiumWorlds(Worlds):
         m = len(self.reward_terms)
         self._worlds = [CheckedEnv(self.make_one, self.name, m) for _ in range(num_worlds)]
         one = self._worlds[0]
+        assert isinstance(one.env.action_space, Box)  # `from_gymnasium` has checked it
         self._box = one.env.action_space
         self._episodes = list(range(num_worlds))
         self._seeds: list[int | None]
