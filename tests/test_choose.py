@@ -1,12 +1,81 @@
-"""A trade-off is chosen by what its policy must reach."""
+"""A trade-off is chosen by what its policy must reach, and its policy does reach it."""
+
+import shlex
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
+import torch
+from closed_form import PLACES, Quadratic
 
-from morlax_torch import MorlaxError, choose
+from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
+from morlax_torch.choose import choose, command
+from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.front import Front
+from morlax_torch.networks.agent import Agent
+from morlax_torch.runs.evaluating import evaluation_worlds
 from morlax_torch.runs.loading import find_run
 from morlax_torch.terminal import cli
+from morlax_torch.tradeoffs import parse_tradeoff
+
+# of the way from the right place to the left one of `Quadratic`, of three separate policies
+SHARES = torch.tensor([0.0, 0.4, 1.0])
+
+
+class Certain(Quadratic):
+    """`Quadratic`, and known to have nothing random."""
+
+    class Options(Quadratic.Options):
+        varies: ClassVar[bool] = False
+
+
+class Gusty(Quadratic):
+    """`Quadratic` with normal noise on both returns."""
+
+    def step(self, action):
+        step = super().step(action)
+        noise = torch.randn(step.reward.shape, generator=self.generator)
+        return step._replace(reward=step.reward + 0.1 * noise)
+
+
+@pytest.fixture
+def three(tmp_path, monkeypatch) -> Path:
+    """Return a run with three separate policies: the trade-off only selects one of them."""
+    return separate(tmp_path / "run", "certain", Certain, monkeypatch)
+
+
+def separate(folder: Path, name: str, task: type[Quadratic], monkeypatch) -> Path:
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    envs.register(name, task)
+    changes = {"network.type": "independent", "sampling.clusters": len(SHARES), "device": "cpu"}
+    changes |= {"algorithm": "independent", "network.actor": (), "evaluation.tradeoffs": 11}
+    config = config_for(name, **changes, worlds=4 * len(SHARES))
+    agent = Agent.of(config, 1, 2, 2)
+    actions = SHARES[:, None] * PLACES[0] + (1 - SHARES[:, None]) * PLACES[1]
+    bias = torch.cat([actions.atanh(), torch.zeros(len(SHARES), 2)], 1)
+    with torch.no_grad():
+        agent.actor.rows.zero_()
+        agent.actor.rows[:, -4:] = bias
+    policy = Policy(agent, config, ("left", "right"))
+    (folder / "checkpoints").mkdir(parents=True)
+    save(policy, folder / "checkpoints" / "best.pt")
+    evaluate(policy, device="cpu", seeds=1).save(folder / "front.npz")
+    return folder
+
+
+def simulated(policy: Policy, tradeoff: tuple[float, ...]) -> np.ndarray:
+    """Return the returns (m,) of one episode, in a loop of its own."""
+    task = policy.config.task.for_evaluation().model_dump()
+    env = envs.make(policy.config.env, 1, "cpu", auto_reset=False, **task)
+    observation, returns = env.reset(), torch.zeros(1, len(policy.objectives))
+    for _ in range(env.episode_length):
+        step = env.step(policy(observation, tradeoff))
+        returns += step.reward
+        if step.terminated or step.truncated:
+            break
+        observation = step.observation
+    return returns[0].double().numpy()
 
 
 @pytest.fixture
@@ -20,47 +89,122 @@ def circle() -> Front:
 
 
 @pytest.mark.parametrize("least", [0.0, 33.0, 70.0, 99.0])
-def test_the_choice_just_meets_its_constraint(circle, least):
-    found = choose.choose(circle, {"run": least}, "save")
-    assert found.returns["run"] >= least
-    assert found.returns["save"] == pytest.approx((100**2 - least**2) ** 0.5, rel=0.12, abs=1.0)
-    near = np.abs(circle.tradeoffs - found.tradeoff).sum(1).argmin()
-    assert np.abs(circle.returns[near] - list(found.returns.values())).max() < 10
+def test_of_a_front_the_best_evaluated_policy_is_chosen(circle, least):
+    found = choose(circle, {"run": least}, "save")
+    reached = circle.returns[circle.returns[:, 0] >= least]
+    assert list(found.returns.values()) == reached[reached[:, 1].argmax()].tolist()
+    index = (circle.tradeoffs == found.tradeoff).all(1).argmax()
+    assert found.returns == found.promised and found.simulated == 0
+    assert circle.returns[index].tolist() == list(found.returns.values())
+    assert found.margins == {"run": found.returns["run"] - least}
+    assert found.cost == pytest.approx(100 - found.returns["save"])
 
 
 def test_without_a_constraint_the_best_policy_is_chosen(circle):
-    assert choose.choose(circle, {}, "run").returns["run"] == pytest.approx(100)
+    found = choose(circle, {}, "run")
+    assert found.returns["run"] == pytest.approx(100)
+    assert found.cost == 0 and found.margins == {}
 
 
-@pytest.mark.parametrize("name", ["cheetah3", "bruce"])
-def test_a_choice_is_at_least_as_good_as_evaluated_policies(name):
-    front = Front.load(find_run(name) / "front.npz")
-    first, second, *_ = front.objectives
-    middle = float(np.median(front.returns[:, 0]))
-    found = choose.choose(front, {first: middle}, second)
-    assert found.returns[first] >= middle
-    evaluated = front.returns[front.returns[:, 0] >= middle][:, 1].max()
-    assert found.returns[second] >= evaluated
-    assert sum(found.tradeoff) == pytest.approx(1)
+def test_a_margin_is_a_share_of_the_range(circle):
+    assert choose(circle, {"run": 70.0}, "save").returns["run"] == pytest.approx(70.7, abs=0.1)
+    assert choose(circle, {"run": 70.0}, "save", margin=0.05).returns["run"] >= 75
 
 
-def test_the_command_prints_a_trade_off(monkeypatch, capsys):
-    arguments = ["cheetah", "--constrain", "run >= 2000", "--maximize", "energy"]
+# simulation
+
+
+@pytest.mark.parametrize("given", ["run", "policy"])
+def test_separate_policies_keep_what_is_promised(three, given):
+    """Returns between (0, 1) and (0.64, 0.84) can be interpolated, but no policy has them."""
+    policy = load(three)
+    found = choose(three if given == "run" else policy, {"left": 0.4}, "right", device="cpu")
+    assert simulated(policy, found.tradeoff).tolist() == list(found.returns.values())
+    assert list(found.returns.values()) == pytest.approx([0.64, 0.84], abs=1e-5)
+    assert found.cost == pytest.approx(0.16, abs=1e-5)
+    assert found.simulated <= 2 * 64  # the second batch shows that nothing more is to be found
+
+
+def test_what_no_separate_policy_reaches_is_refused(three):
+    """A share of both neighbors promises 0.95 and 0.33."""
+    message = (
+        "no simulated policy keeps every requirement: the nearest, with the trade-off "
+        r"[\d.]+,[\d.]+, has left 0.64 instead of 0.9, 0.26 less"
+    )
+    with pytest.raises(MorlaxError, match=message):
+        choose(three, {"left": 0.9, "right": 0.3}, "right", device="cpu")
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_random_task_keeps_its_requirement_on_fresh_episodes(tmp_path, monkeypatch, seed):
+    run = separate(tmp_path / "run", "gusty", Gusty, monkeypatch)
+    least = 0.62  # 0.02 less than the second policy's, where few episodes could show the first's
+    found = choose(run, {"left": least}, "right", margin=0.0, seed=seed, device="cpu")
+    env = evaluation_worlds(load(run), 1, 4000, 77, torch.device("cpu"))
+    reward = env.step(load(run)(env.reset(), found.tradeoff)).reward.mean(0)
+    assert reward[0] >= least - 0.01
+    assert reward.tolist() == pytest.approx(list(found.returns.values()), abs=0.06)
+
+
+SHIPPED = [
+    ("cheetah", {"run": 2000.0}, "energy"),
+    pytest.param("hopper", {"run": 3483.0}, "jump", marks=pytest.mark.slow),
+    pytest.param("ant", {"vy": 5296.0}, "vx", marks=pytest.mark.slow),
+    pytest.param("cheetah3", {"run": 1800.0, "height": 1500.0}, "energy", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("name", "constraints", "maximize"), SHIPPED)
+def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize):
+    found = choose(name, constraints, maximize, device="cpu")
+    policy = load(name)
+    text = ",".join(f"{weight:.6g}" for weight in found.tradeoff)
+    again = simulated(policy, parse_tradeoff(text, policy.objectives))
+    assert dict(zip(policy.objectives, again.tolist(), strict=True)) == found.returns
+    for objective, least in constraints.items():
+        assert found.returns[objective] >= least
+        assert found.margins[objective] == pytest.approx(found.returns[objective] - least)
+    some = evaluate(policy, 64, device="cpu")
+    limits = np.array([constraints.get(objective, -np.inf) for objective in policy.objectives])
+    kept = some.returns[(some.returns >= limits).all(1)]
+    index = policy.objectives.index(maximize)
+    assert found.returns[maximize] >= 0.99 * kept[:, index].max()
+    assert found.cost >= 0
+
+
+# the command
+
+
+def test_the_command_prints_values_that_other_commands_take(monkeypatch, capsys):
+    arguments = ["cheetah", "--constrain", "run >= 2000", "--maximize", "energy", "--device", "cpu"]
     monkeypatch.setattr("sys.argv", ["choose", *arguments])
-    cli.run(choose.command)
+    cli.run(command)
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split()[0] == "run" and float(lines[0].split()[1]) >= 2000
-    assert lines[-1].startswith("trade-off: ")
+    _, promised, value, least, margin = next(x for x in lines if x.split()[0] == "run").split()
+    assert float(value) >= 2000 and float(least) == 2000 and float(promised) > 1000
+    assert float(margin) == pytest.approx(float(value) - 2000, abs=0.1)
+    (cost,) = (x for x in lines if x.startswith("cost of the requirements: "))
+    assert "of energy, which reaches 2499" in cost
+    assert f"checkpoint: {find_run('cheetah') / 'checkpoints' / 'best.pt'}" in lines
+    (printed,) = (x for x in lines if x.startswith("trade-off: "))
+    tradeoff = parse_tradeoff(printed.split()[1], ("run", "energy"))
+    again = simulated(load("cheetah"), tradeoff)
+    assert again[0] == pytest.approx(float(value), abs=0.1)
+    export, explore = (shlex.split(x.split(": ")[1]) for x in lines[-2:])
+    assert export[-3:] == ["cheetah", "--tradeoff", printed.split()[1]]
+    assert explore[-1] == "cheetah" and explore[-2].endswith("explore")
 
 
 MISTAKES = {
     "an unknown objective": ({"rum": 1.0}, "save", "unknown objective 'rum': did you mean 'run'"),
     "nothing to maximize": ({}, "sav", "unknown objective 'sav': did you mean 'save'"),
-    "too much": ({"run": 120.0}, "save", "no policy reaches run >= 120: the most is 100, 20 less"),
+    "not a number": ({"run": float("nan")}, "save", "required return of run is nan"),
+    "too much": ({"run": 120.0}, "save", "has run 100 instead of 120, 20 less"),
     "too much at once": (
         {"run": 90.0, "save": 90.0},
         "run",
-        r"at once: the nearest has run 7\d\.?\d* instead of 90, save 7\d\.?\d* instead of 90",
+        r"the nearest, with the trade-off 0.5,0.5, has run 70.7\d* instead of 90, 19.3 less and "
+        r"save 70.7\d* instead of 90, 19.3 less",
     ),
 }
 
@@ -68,14 +212,27 @@ MISTAKES = {
 @pytest.mark.parametrize(("constraints", "maximize", "message"), MISTAKES.values(), ids=MISTAKES)
 def test_mistakes_are_one_sentence(circle, constraints, maximize, message):
     with pytest.raises(MorlaxError, match=message):
-        choose.choose(circle, constraints, maximize)
+        choose(circle, constraints, maximize)
 
 
-def test_the_strictest_of_several_constraints_on_an_objective_counts(monkeypatch, capsys):
-    constraints = ["--constrain", "run >= 2000", "--constrain", "run >= 100"]
-    monkeypatch.setattr("sys.argv", ["choose", "cheetah", *constraints, "--maximize", "energy"])
-    cli.run(choose.command)
-    assert float(capsys.readouterr().out.split()[1]) >= 2000
+@pytest.mark.parametrize("margin", [-0.1, 1.1, float("nan")])
+def test_a_margin_out_of_range_is_refused(circle, margin):
+    with pytest.raises(MorlaxError, match=r"margin is .*: it must be from 0 to 1"):
+        choose(circle, {"run": 1.0}, "save", margin=margin)
+
+
+def test_several_seeds_of_a_task_without_randomness_are_refused():
+    with pytest.raises(MorlaxError, match="would only repeat the same episode"):
+        choose("cheetah", {}, "run", seeds=2, device="cpu")
+
+
+def test_the_strictest_of_several_constraints_on_an_objective_counts(three, monkeypatch, capsys):
+    constraints = ["--constrain", "left >= 0.4", "--constrain", "left >= 0.1"]
+    words = ["choose", str(three), *constraints, "--maximize", "right", "--device", "cpu"]
+    monkeypatch.setattr("sys.argv", words)
+    cli.run(command)
+    lines = capsys.readouterr().out.splitlines()
+    assert next(x for x in lines if x.split()[0] == "left").split()[3] == "0.4"
 
 
 @pytest.mark.parametrize("text", ["run > 3", "run >= nan", "run >= inf", ">= 3"])
@@ -83,7 +240,7 @@ def test_a_constraint_that_cannot_be_read_is_refused(text, monkeypatch, capsys):
     arguments = ["cheetah", "--constrain", text, "--maximize", "energy"]
     monkeypatch.setattr("sys.argv", ["choose", *arguments])
     with pytest.raises(SystemExit):
-        cli.run(choose.command)
+        cli.run(command)
     assert f"{text!r} is not a constraint: write OBJECTIVE >= NUMBER" in " ".join(
         capsys.readouterr().err.split()
     )

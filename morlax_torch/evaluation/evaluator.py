@@ -47,6 +47,8 @@ class Evaluator:
         seeds: episodes per trade-off, with different draws, to average over.
         sets: how many sets of so many episodes there are.
         group: processes that evaluate the `share` of the trade-offs each, and get all results.
+        alone: generate the networks of each trade-off on their own, as `Policy` does. Together is
+            faster, but rounds differently, and robots amplify that.
     """
 
     def __init__(
@@ -59,9 +61,10 @@ class Evaluator:
         seeds: int = 1,
         sets: int = 1,
         group: Group = ALONE,
+        alone: bool = False,
     ):
         self._points, self._seeds = tradeoffs.repeat(seeds, 1).cpu().numpy(), seeds
-        self._sets = sets
+        self._sets, self._alone = sets, alone
         tradeoffs = share(tradeoffs, seeds * sets, group)
         if env.auto_reset or env.num_worlds != len(tradeoffs):
             raise ValueError("an evaluator needs a world per episode, and auto_reset=False")
@@ -92,6 +95,16 @@ class Evaluator:
         if self.env.recordable:
             self._steps.record()
 
+    @property
+    def number(self) -> int:
+        """K"""
+        return len(self._points) // self._seeds
+
+    def retarget(self, tradeoffs: Tensor) -> None:
+        """Evaluate as many other trade-offs (K, m) from now on."""
+        self._points = tradeoffs.repeat(self._seeds, 1).cpu().numpy()
+        self.tradeoffs.copy_(share(tradeoffs, self._seeds * self._sets, self._group))
+
     def evaluate(self) -> Front:
         """Evaluate the agent as it is now, and return the front of the first set of episodes.
 
@@ -107,7 +120,10 @@ class Evaluator:
         Raises:
             MorlaxError: contacts overflowed the simulator's buffers.
         """
-        self._actors.copy_(self.agent.actors(self.tradeoffs))
+        size = 1 if self._alone else len(self.tradeoffs)
+        for first in range(0, len(self.tradeoffs), size):
+            own = slice(first, first + size)
+            self._actors.copy_(self.agent.actors(self.tradeoffs[own]), own)
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)

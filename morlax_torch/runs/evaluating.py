@@ -1,7 +1,9 @@
 """Evaluate the policies of a run."""
 
+import torch
+
 from .. import envs
-from ..envs import MorlaxError, resolve_device
+from ..envs import MorlaxError, Worlds, resolve_device
 from ..envs.random import EVALUATION_SEEDS
 from ..evaluation.evaluator import Evaluator, Protocol
 from ..evaluation.front import Front
@@ -40,20 +42,42 @@ def evaluate(
     """
     place = resolve_device(device)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    task, m = policy.config.task.for_evaluation(), len(policy.objectives)
-    if not 0 <= seed < 2**63:
-        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
     tradeoffs = policy.config.evaluation.tradeoffs if tradeoffs is None else tradeoffs
     seeds = policy.config.evaluation.seeds if seeds is None else seeds
+    m = len(policy.objectives)
+    fixed = evaluation_tradeoffs(tradeoffs, m)
+    drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
+    env = evaluation_worlds(policy, tradeoffs, seeds, seed, place, backend)
+    evaluator = Evaluator(policy.agent, env, drawn, protocol, seed, seeds)
+    evaluator.compile()
+    mark = fingerprint(policy.agent.state_dict())
+    return evaluator.evaluate()._replace(fingerprint=mark)
+
+
+def evaluation_worlds(
+    policy: Policy,
+    tradeoffs: int,
+    seeds: int,
+    seed: int,
+    place: torch.device,
+    backend: str | None = None,
+) -> Worlds:
+    """Make the worlds of an `Evaluator` of a policy: one for each of `seeds` episodes of K.
+
+    Raises:
+        MorlaxError: a number is out of range, or nothing in the task is random although
+            `seeds` > 1.
+    """
+    task = policy.config.task.for_evaluation()
+    if not 0 <= seed < 2**63:
+        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
     if seeds < 1:
         raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
     try:
         task.check_seeds(seeds)
     except ValueError as error:
         raise MorlaxError(f"{error}: leave out --seeds.") from None
-    fixed = evaluation_tradeoffs(tradeoffs, m)
-    drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
-    env = envs.make(
+    return envs.make(
         policy.config.env,
         tradeoffs * seeds,
         place,
@@ -62,7 +86,3 @@ def evaluate(
         auto_reset=False,
         **task.model_dump(),
     )
-    evaluator = Evaluator(policy.agent, env, drawn, protocol, seed, seeds)
-    evaluator.compile()
-    mark = fingerprint(policy.agent.state_dict())
-    return evaluator.evaluate()._replace(fingerprint=mark)

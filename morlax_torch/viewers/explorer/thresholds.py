@@ -1,6 +1,7 @@
 """The widgets that choose a trade-off by what its policy must reach."""
 
 import math
+import threading
 from collections.abc import Callable
 from functools import partial
 from html import escape
@@ -10,22 +11,30 @@ import viser
 
 from ...colors import of_objectives
 from ...envs import MorlaxError
-from ...evaluation.choosing import choose
 from ...evaluation.front import Front
+from ...evaluation.requirements import Choice
+from ...networks.policy import Policy
+from ...runs.choosing import Chooser
 from .picking import dot
 from .steering import Put
 from .weights import Weights
 
 STEPS = 100  # of a slider, about
 OFF = "thresholds off"
+SEARCHING = "Simulating policies…"
+
+Wanted = tuple[dict[str, float], str]  # required returns, and the objective to maximize
 
 
 class Thresholds:
     """A slider "at least" per objective, off at its left end, and the objective to maximize.
 
+    A thread of its own simulates, one search after the other, while the robots go on.
+
     Args:
         gui: viser's widgets; these are added to the current container.
-        front: evaluated trade-offs to choose from.
+        policy: to simulate, on the CPU.
+        front: evaluated trade-offs to start from.
         put: queues a request of a browser.
         steer: called with the trade-off that was found.
     """
@@ -33,11 +42,15 @@ class Thresholds:
     def __init__(
         self,
         gui: viser.GuiApi,
+        policy: Policy,
         front: Front,
         put: Put,
         steer: Callable[[Weights], None],
     ):
-        self._front, self._put, self._steer = front, put, steer
+        self._policy, self._front, self._put, self._steer = policy, front, put, steer
+        self._chooser: Chooser | None = None
+        self._wanted: Wanted | None = None  # by the user; None: no thresholds
+        self._searching = False
         self.levels: dict[int, float] = {}  # required returns by index of the objective
         hint = "The objective to get as much of as the thresholds allow."
         self._maximize = gui.add_dropdown("maximize", front.objectives, hint=hint)
@@ -54,6 +67,10 @@ class Thresholds:
             self._send(slider, index)
         self._maximize.on_update(self._maximized)
         self._off.on_click(self._switched_off)
+
+    def stop(self) -> None:
+        """Ignore what the current search will find."""
+        self._wanted = None
 
     def _send(self, slider: viser.GuiSliderHandle[float], index: int) -> None:
         @slider.on_update
@@ -80,20 +97,45 @@ class Thresholds:
         self.levels.clear()
         for slider in self._sliders:
             slider.value = slider.min
-        self._result.content = ""
+        self._wanted, self._result.content = None, ""
 
     def _choose(self) -> None:
-        """Steer to the trade-off that meets the thresholds, or say why no trade-off does."""
+        """Search for the trade-off that meets the thresholds, now or after the current search."""
         names = self._front.objectives
         required = {names[index]: least for index, least in self.levels.items()}
+        self._wanted = required, self._maximize.value
+        if not self._searching:
+            self._searching = True
+            self._result.content = _line(SEARCHING, "searching")
+            threading.Thread(target=self._search, args=self._wanted, daemon=True).start()
+
+    def _search(self, required: dict[str, float], maximize: str) -> None:
+        """Search in another thread, and queue what follows."""
+        found: Choice | Exception
         try:
-            choice = choose(self._front, required, self._maximize.value)
-        except MorlaxError as error:
-            self._result.content = _line(str(error), failed=True)
+            if self._chooser is None:
+                self._chooser = Chooser(self._policy, self._front)
+            found = self._chooser.choose(required, maximize)
+        except Exception as error:  # raised again where it can be shown
+            found = error
+        self._put(lambda: self._show((required, maximize), found))
+
+    def _show(self, wanted: Wanted, found: Choice | Exception) -> None:
+        """Steer to a choice, or say why there is none, unless the user wants another by now."""
+        self._searching = False
+        if self._wanted is not None and self._wanted != wanted:
+            self._choose()
+        elif self._wanted is None:
+            return
+        elif isinstance(found, Choice):
+            returns = ", ".join(f"{name} {value:,.0f}" for name, value in found.returns.items())
+            self._result.content = _line(f"Simulated returns: {returns}.", "expected")
+            self._steer(found.tradeoff)
         else:
-            expected = ", ".join(f"{name} {value:,.0f}" for name, value in choice.returns.items())
-            self._result.content = _line(f"Expected returns: {expected}.", failed=False)
-            self._steer(choice.tradeoff)
+            failed = isinstance(found, MorlaxError)
+            self._result.content = _line(str(found), "infeasible") if failed else ""
+            if not failed:
+                raise found
 
 
 def scale(low: float, high: float) -> tuple[float, float, float]:
@@ -105,8 +147,7 @@ def scale(low: float, high: float) -> tuple[float, float, float]:
     return round(low, digits), round(max(high, low + step), digits), round(step, digits)
 
 
-def _line(text: str, failed: bool) -> str:
-    color = "color:#e8590c;" if failed else ""
-    mark = "data-infeasible" if failed else "data-expected"
+def _line(text: str, kind: str) -> str:
+    color = "color:#e8590c;" if kind == "infeasible" else ""
     style = f"margin:0;padding:0 0.8em 0.6em;font-size:0.85em;{color}"
-    return f'<p {mark} style="{style}">{escape(text)}</p>'
+    return f'<p data-{kind} style="{style}">{escape(text)}</p>'

@@ -33,7 +33,9 @@ class TradeoffFolders:
         self._thresholds = None
         if session.front is not None:
             with self._at_least:
-                self._thresholds = Thresholds(gui, session.front, put, self.jump)
+                self._thresholds = Thresholds(
+                    gui, session.player.policy, session.front, put, self.jump
+                )
 
     @property
     def levels(self) -> dict[int, float]:
@@ -56,5 +58,7 @@ class TradeoffFolders:
 
     def remove(self) -> None:
         """Remove the folders from the page."""
+        if self._thresholds is not None:
+            self._thresholds.stop()
         self._weights.remove()
         self._at_least.remove()

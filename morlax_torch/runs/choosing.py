@@ -1,0 +1,174 @@
+"""Choose a trade-off by what its policy must reach in simulation."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+
+from ..envs import MorlaxError, resolve_device
+from ..evaluation.candidates import Candidates, rounded
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.front import Front
+from ..evaluation.requirements import Choice, Requirements
+from ..files import AnyPath
+from ..networks.policy import Policy
+from ..tradeoffs import even_tradeoffs
+from .evaluating import evaluation_worlds
+from .fronts import load_front
+from .loading import load
+
+BATCH = 64  # trade-offs that are simulated together
+MOST_BATCHES = 6
+SETTLED = 0.05  # chance of a gain below which nothing more is simulated
+FINALISTS, MOST_GROUPS = 8, 4  # simulated again on other episodes, if the task is random
+RANDOM_SEEDS = 8  # episodes per trade-off of a random task, at least
+RANDOM_MARGIN = 0.02
+
+
+def choose(
+    run: AnyPath | Policy | Front,
+    constraints: Mapping[str, float],
+    maximize: str,
+    *,
+    margin: float | None = None,
+    seeds: int | None = None,
+    seed: int = 0,
+    device: str | None = None,
+) -> Choice:
+    """Return the trade-off that maximizes one objective while others reach required returns.
+
+    Simulates evaluated trade-offs and others between them, and returns the best that keeps every
+    requirement in simulation. If the task is random, the best ones are simulated again on other
+    episodes, more of them, and these decide.
+
+    Args:
+        run: a run's folder, a checkpoint file, a shipped name, or a policy, which is moved to the
+            device. Of a `Front`, evaluated trade-offs are returned, and nothing is simulated.
+        constraints: least return by objective.
+        maximize: an objective.
+        margin: share of an objective's range by which its requirement must be exceeded. The range
+            is that of the evaluated returns. None: 0.02 if the task is random, otherwise 0.
+        seeds: episodes per trade-off to average over. None: as in training, but at least 8 if the
+            task is random.
+        seed: random seed of the worlds, if the task is random.
+        device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
+
+    Raises:
+        MorlaxError: there is no such run or objective, a number is out of range, or no policy
+            keeps the requirements.
+    """
+    if isinstance(run, Front):
+        return _of_evaluated(run, constraints, maximize, margin or 0.0)
+    place = resolve_device(device)
+    front = None if isinstance(run, Policy) else load_front(run)
+    policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
+    return Chooser(policy, front, seeds, seed).choose(constraints, maximize, margin)
+
+
+class Chooser:
+    """Chooses trade-offs of a policy by simulation.
+
+    Args:
+        policy: its device runs the worlds.
+        front: evaluated trade-offs to start from; None: simulate some first.
+        seeds: episodes per trade-off, see `choose`.
+        seed: random seed of the worlds.
+
+    Raises:
+        MorlaxError: a number is out of range, or the task is not random although `seeds` > 1.
+    """
+
+    def __init__(
+        self, policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
+    ):
+        self._policy, self._seed = policy, seed
+        self._random = policy.config.task.for_evaluation().varies
+        usual = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
+        self._seeds = usual if seeds is None else seeds
+        place = policy.agent.observation_normalizer.mean.device
+        self._env = evaluation_worlds(policy, BATCH, self._seeds, seed, place)
+        self._evaluator = self._make_evaluator(BATCH, seed)
+        self._start = self._evaluated(front)
+
+    def choose(
+        self, constraints: Mapping[str, float], maximize: str, margin: float | None = None
+    ) -> Choice:
+        """Return the best trade-off that keeps the requirements, see `choose`."""
+        if margin is None:
+            margin = RANDOM_MARGIN if self._random else 0.0
+        names, (tradeoffs, returns, simulated) = self._policy.objectives, self._start
+        required = Requirements.of(names, constraints, maximize, margin, returns)
+        found = Candidates(tradeoffs, returns, simulated, required)
+        for batch in range(MOST_BATCHES):
+            proposed, promised, chance = found.propose(BATCH)
+            if len(proposed) == 0 or (batch > 0 and chance < SETTLED):
+                break
+            found.tell(proposed, promised, self._simulate(self._evaluator, proposed))
+        return self._best(found, required)
+
+    def _best(self, found: Candidates, required: Requirements) -> Choice:
+        """Return the best simulated trade-off that keeps the requirements.
+
+        Of a random task, those that a few episodes show as the best are also the luckiest, so
+        other episodes decide.
+        """
+        ranked, free = found.ranked(), found.unconstrained()
+        simulated = int(found.simulated.sum())
+        if not self._random:
+            best = ranked[0]
+            most = float(found.returns[free, required.maximized])
+            row = found.tradeoffs[best], found.returns[best], found.promised[best]
+            return required.choice(*row, most, simulated)
+        evaluator = self._make_evaluator(FINALISTS, self._seed + 1)
+        groups = [ranked[i : i + FINALISTS - 1] for i in range(0, len(ranked), FINALISTS - 1)]
+        tried = np.empty(0, dtype=int)
+        returns = np.empty((0, len(required.least)))
+        for group in groups[:MOST_GROUPS]:
+            finalists = np.append(group, free)
+            again = self._simulate(evaluator, found.tradeoffs[finalists])
+            tried, returns = np.append(tried, finalists), np.vstack([returns, again])
+            kept = required.kept(returns)
+            if kept.any():
+                value = returns[:, required.maximized]
+                best = int(np.where(kept, value, -np.inf).argmax())
+                row = found.tradeoffs[tried[best]], returns[best], found.promised[tried[best]]
+                return required.choice(*row, float(value[-1]), simulated)
+        raise required.missed(found.tradeoffs[tried], returns, "simulated")
+
+    def _evaluated(self, front: Front | None) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Return trade-offs and returns, (n, m) each, and whether they were simulated here."""
+        if front is not None:
+            return front.tradeoffs, front.returns, False
+        even = rounded(even_tradeoffs(BATCH, len(self._policy.objectives)).double().numpy())
+        return even, self._simulate(self._evaluator, even), True
+
+    def _make_evaluator(self, tradeoffs: int, seed: int) -> Evaluator:
+        """Evaluate so many trade-offs at once, each in an equal share of the worlds."""
+        some = torch.ones(tradeoffs, len(self._policy.objectives))
+        seeds = self._env.num_worlds // tradeoffs
+        made = Evaluator(self._policy.agent, self._env, some, "latched", seed, seeds, alone=True)
+        made.compile()
+        return made
+
+    def _simulate(self, evaluator: Evaluator, tradeoffs: np.ndarray) -> np.ndarray:
+        """Return the returns (n, m) of at most as many trade-offs (n, m) as an evaluator has."""
+        filled = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))  # repeats them
+        evaluator.retarget(torch.from_numpy(filled).float())
+        return evaluator.evaluate().returns[: len(tradeoffs)]
+
+
+def _of_evaluated(
+    front: Front, constraints: Mapping[str, float], maximize: str, margin: float
+) -> Choice:
+    """Return the best evaluated trade-off."""
+    finite = np.isfinite(front.returns).all(1)
+    if not finite.any():
+        raise MorlaxError("the front has no finite returns: evaluate the run again.")
+    tradeoffs, returns = front.tradeoffs[finite], front.returns[finite]
+    required = Requirements.of(front.objectives, constraints, maximize, margin, returns)
+    value, kept = returns[:, required.maximized], required.kept(returns)
+    if not kept.any():
+        raise required.missed(tradeoffs, returns, "evaluated")
+    best = int(np.where(kept, value, -np.inf).argmax())
+    row = tradeoffs[best], returns[best], returns[best]
+    return required.choice(*row, float(value.max()), 0)
