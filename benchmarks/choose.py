@@ -12,7 +12,9 @@ larger, of the objective's range in the reference.
 Robots with `+noise` start at random (task.reset_noise 0.1). Their choices are simulated again in
 256 episodes with other random numbers, and their losses are within the error of these means.
 
-Writes OUTPUT.csv, one row per requirement, and OUTPUT.md, the table.
+Writes OUTPUT.csv, one row per requirement, and OUTPUT.md, the table. To merge rows:
+
+    python benchmarks/choose.py --robots --given first.csv second.csv --output docs/choose
 """
 
 import csv
@@ -67,6 +69,7 @@ def main(
     reference: int = 4096,
     seed: int = 0,
     device: str | None = None,
+    given: tuple[Path, ...] = (),
     output: Path = Path("choose"),
 ) -> None:
     """Draw requirements, choose, simulate again and write the table.
@@ -77,10 +80,11 @@ def main(
         reference: Number of simulated trade-offs to compare with.
         seed: Random seed of the requirements.
         device: cuda or cpu (None: CUDA if available).
+        given: Files with rows that were measured before.
         output: Path of the files, without suffix.
     """
     place = str(envs.resolve_device(device))
-    rows: list[Row] = []
+    rows = [row for path in given for row in read(path)]
     for name in robots:
         try:
             robot = Robot(name, reference, place)
@@ -90,8 +94,9 @@ def main(
         random = np.random.default_rng(seed)
         for _ in range(requirements):
             rows.append(robot.row(*draw(robot.front, random)))
-            console.print(" ".join(f"{value}" for value in rows[-1]))
-        write(rows, output)
+            console.print(" ".join(map(str, rows[-1])))
+            write(rows, output)
+    write(rows, output)
     console.print(output.with_suffix(".md").read_text())
 
 
@@ -165,6 +170,17 @@ class Robot:
                 break
             observation = step.observation
         return returns[0].double().numpy()
+
+
+def read(path: Path) -> list[Row]:
+    """Read rows that `write` wrote."""
+    kinds = Row.__annotations__.values()
+    with path.open(newline="") as file:
+        _, *rows = csv.reader(file)
+    return [
+        Row(*(v == "True" if k is bool else k(v) for k, v in zip(kinds, row, strict=True)))
+        for row in rows
+    ]
 
 
 def write(rows: list[Row], output: Path) -> None:
