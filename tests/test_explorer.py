@@ -3,21 +3,27 @@
 import json
 import os
 import re
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
+import viser
 
-from morlax_torch import MorlaxError
+from morlax_torch import MorlaxError, load
+from morlax_torch.choose import choose
 from morlax_torch.envs.worlds.disturbances import horizontal
+from morlax_torch.runs.fronts import load_front
 from morlax_torch.viewers.explorer import library, weights
 from morlax_torch.viewers.explorer.drawing import Drawing
 from morlax_torch.viewers.explorer.explaining import explain
 from morlax_torch.viewers.explorer.history import INTERVAL, SECONDS, History
 from morlax_torch.viewers.explorer.lineup import Lineup
+from morlax_torch.viewers.explorer.serving import Requests
 from morlax_torch.viewers.explorer.session import PUSH, Session
+from morlax_torch.viewers.explorer.thresholds import Thresholds, scale
 
 
 @pytest.fixture
@@ -310,14 +316,43 @@ def test_twins_act_alike(session):
     ("low", "high"), [(487.3, 2411.9), (-3.2, 0.01), (0.0, 1e-9), (5.0, 5.0), (-1e6, 3e7)]
 )
 def test_the_scale_of_a_threshold_covers_the_front_in_round_steps(low, high):
-    from morlax_torch.viewers.explorer.thresholds import scale
-
     least, most, step = scale(low, high)
     assert least <= low + 1e-6 and most >= high - 1e-6 and least < most
     assert (most - least) / step == pytest.approx(round((most - least) / step), abs=1e-6)
     assert most - least < (high - low) + 2.01 * step
     if high - low > 1e-3:
         assert 10 < (most - least) / step < 600
+
+
+@pytest.mark.slow
+def test_thresholds_are_simulated_while_the_robots_go_on():
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    requests, found = Requests(server), []
+    policy = load("cheetah")
+    thresholds = Thresholds(server.gui, policy, load_front("cheetah"), requests.put, found.append)
+
+    def wait() -> str:
+        """Execute what other threads queue, as the page does between two steps."""
+        while (text := thresholds.result).find("data-searching") >= 0:
+            requests.execute(0.01)
+        return text
+
+    try:
+        began = time.perf_counter()
+        thresholds.require(0, 1500.0)
+        thresholds.require(0, 2000.0)  # while the first is searched for
+        assert time.perf_counter() - began < 1
+        assert "data-expected" in wait()
+        assert found == [choose("cheetah", {"run": 2000.0}, "run", device="cpu").tradeoff]
+        thresholds.require(1, 1e6)
+        assert "no simulated policy keeps every requirement" in wait()
+        thresholds.require(1, 2000.0)
+        thresholds.stop()
+        while thresholds.searching:
+            requests.execute(0.01)
+        assert len(found) == 1
+    finally:
+        server.stop()
 
 
 def test_a_required_return_is_a_line_in_the_plots_that_show_it(make_front):

@@ -68,7 +68,7 @@ class Requirements(NamedTuple):
 
     def kept(self, returns: np.ndarray) -> np.ndarray:
         """Return (n,) whether returns (n, m) keep every requirement, margins included."""
-        return (returns >= self.least).all(1)
+        return np.all(returns >= self.least, axis=1)
 
     def choice(
         self,

@@ -50,7 +50,7 @@ class Thresholds:
         self._policy, self._front, self._put, self._steer = policy, front, put, steer
         self._chooser: Chooser | None = None
         self._wanted: Wanted | None = None  # by the user; None: no thresholds
-        self._searching = False
+        self.searching = False
         self.levels: dict[int, float] = {}  # required returns by index of the objective
         hint = "The objective to get as much of as the thresholds allow."
         self._maximize = gui.add_dropdown("maximize", front.objectives, hint=hint)
@@ -68,6 +68,11 @@ class Thresholds:
         self._maximize.on_update(self._maximized)
         self._off.on_click(self._switched_off)
 
+    @property
+    def result(self) -> str:
+        """HTML of what the last search found, or that one goes on."""
+        return self._result.content
+
     def stop(self) -> None:
         """Ignore what the current search will find."""
         self._wanted = None
@@ -77,7 +82,7 @@ class Thresholds:
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:
                 value = event.target.value
-                self._put(partial(self._require, index, value))
+                self._put(partial(self.require, index, value))
 
     async def _maximized(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -86,7 +91,8 @@ class Thresholds:
     async def _switched_off(self, event: viser.GuiEvent[Any]) -> None:
         self._put(self._clear)
 
-    def _require(self, index: int, least: float) -> None:
+    def require(self, index: int, least: float) -> None:
+        """Require a return of an objective, by its index, and search."""
         if least > self._sliders[index].min:
             self.levels[index] = least
         else:
@@ -104,8 +110,8 @@ class Thresholds:
         names = self._front.objectives
         required = {names[index]: least for index, least in self.levels.items()}
         self._wanted = required, self._maximize.value
-        if not self._searching:
-            self._searching = True
+        if not self.searching:
+            self.searching = True
             self._result.content = _line(SEARCHING, "searching")
             threading.Thread(target=self._search, args=self._wanted, daemon=True).start()
 
@@ -122,7 +128,7 @@ class Thresholds:
 
     def _show(self, wanted: Wanted, found: Choice | Exception) -> None:
         """Steer to a choice, or say why there is none, unless the user wants another by now."""
-        self._searching = False
+        self.searching = False
         if self._wanted is not None and self._wanted != wanted:
             self._choose()
         elif self._wanted is None:
