@@ -215,12 +215,12 @@ def test_points_move_to_the_nearest_point_of_the_simplex(generator):
 
 
 def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
-    changes = {"method.warmup": 0.25, "ppo.anneal": True, "network.initial_std": 0.4}
+    changes = {"method.warmup": 0.25, "ppo.decay_fraction": 1.0, "network.initial_std": 0.4}
     learner = trained(small("hyper-morl", 40, **changes), 0)
     rates, spreads = [], []
     seen = torch.ones(CLUSTERS, 1, 1)
     for _ in range(40):
-        learner.iterate()
+        iterate(learner, 1)
         rates.append(learner.ppo.optimizers[0].rate.item())
         spreads.append(learner.agent.actors(learner.tradeoffs).distribution(seen).std)
     assert rates[:10] == pytest.approx([3e-3 * (1 - i / 10) for i in range(10)])

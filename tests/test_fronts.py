@@ -26,7 +26,6 @@ from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.runs.loading import find_run
 from morlax_torch.runs.progress import Evaluation
-from morlax_torch.runs.schedule import Limits
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.train import train
 
@@ -96,7 +95,9 @@ def test_metrics_mark_the_evaluation_of_the_best_checkpoint(run):
 def test_choose_uses_the_front_of_the_checkpoint_that_load_loads(run, capfd):
     front = Front.load(run / "front.npz")
     choose([str(run), "--maximize", front.objectives[0]])
-    printed = float(re.search(rf"{front.objectives[0]} ([\d.e+-]+)", capfd.readouterr().out)[1])
+    printed = float(
+        re.search(rf"(?m)^ *{front.objectives[0]} +([\d.e+-]+)", capfd.readouterr().out)[1]
+    )
     assert printed == pytest.approx(returns(run)[:, 0].max(), rel=1e-3)
 
 
@@ -176,8 +177,10 @@ def scripted(volumes: Sequence[tuple[float, float]], run: Run, learner: MORLAX) 
         ]
 
     evaluator.evaluate_sets = evaluate_sets
-    limits = Limits(64 * (len(volumes) - 1), evaluate_every=64)
-    with closing(training(learner, evaluator, limits, run)) as found:
+    limits = {"max_env_steps": 64 * (len(volumes) - 1), "max_seconds": None}
+    evaluation = learner.config.evaluation.model_copy(update={"every": 64})
+    learner.config = learner.config.model_copy(update={**limits, "evaluation": evaluation})
+    with closing(training(learner, evaluator, run)) as found:
         return list(found)
 
 

@@ -135,7 +135,7 @@ def alone(again: bool) -> type[envs.Worlds]:
 def test_training_and_evaluations_take_turns_in_the_only_environment():
     envs.register("only-line", alone(again=True))
     envs.register("two-lines", envs.from_vecenv(Line, LineWorlds.read_terms, GOALS, None, 8))
-    changes = {**TINY, "worlds": 8, "sampling.clusters": 2, "sampling.corners": 2}
+    changes = {**TINY, "worlds": 8, "sampling.clusters": 2, "evaluation.tradeoffs": 4}
     fronts = []
     for name in ("only-line", "two-lines"):
         config = config_for(name, **changes)
@@ -174,7 +174,7 @@ def test_a_run_trains_and_resumes_in_the_only_environment(tmp_path):
     ("again", "tradeoffs", "message"),
     [
         (False, 6, r"make_env fails.*context already exists.*return the same environment"),
-        (True, 17, r"has 16 worlds.*needs 17, one for each trade-off.*evaluation\.tradeoffs"),
+        (True, 9, r"has 16 worlds.*needs 18, in two sets of episodes.*evaluation\.tradeoffs"),
     ],
 )
 def test_evaluations_that_the_only_environment_cannot_have_are_refused(

@@ -149,7 +149,7 @@ class VecEnvWorlds(ForeignWorlds):
         if same and worlds < self.num_worlds and not self.auto_reset:
             raise MorlaxError(
                 f"the vectorized environment has {worlds} worlds, but an evaluation needs "
-                f"{self.num_worlds}, one for each trade-off and episode: lower "
+                f"{self.num_worlds}, in two sets of episodes for each trade-off: lower "
                 "evaluation.tradeoffs or evaluation.seeds, or let make_env pass the number on."
             )
         if not same or (worlds != self.num_worlds and self.auto_reset):
