@@ -202,7 +202,9 @@ class PGMORL(MORLAX):
             self.options.sparsity,
         )
         # with too few candidates, the best are trained twice
-        members, candidates = np.argwhere(valid)[np.resize(chosen, len(self.tradeoffs))].T
+        pairs = np.argwhere(valid)[np.resize(chosen, len(self.tradeoffs))]
+        # hosts whose processors round differently may choose differently
+        members, candidates = self.group.first(pairs).T
         state["tried"][members, candidates] = True
         picked = torch.from_numpy(members)
         self.tradeoffs.copy_(torch.from_numpy(around[members, candidates]))
