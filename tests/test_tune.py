@@ -420,7 +420,7 @@ BAD_SPACES = {
     "fractions": ("ppo.epochs: {low: 1.0, high: 3.5}", "ppo.epochs: Input should be a valid int"),
     "wrong type": ("ppo.clip: [often]", "ppo.clip: Input should be a valid number"),
     "out of bounds": ("ppo.discount: {low: 0.9, high: 1.1}", "less than or equal to 1"),
-    "no multiples": ("deterministic: {times: [1, 2]}", "is False in the base config, which has no"),
+    "no multiples": ("task.stagger: {times: [1, 2]}", "is False in the base config, which has no"),
     "no factors": ("worlds: {times: [0, 1]}", "needs a list of positive factors"),
     "never fits": ("sampling.clusters: [7, 9]", "do not fit together, the last one because"),
     **{
