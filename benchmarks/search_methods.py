@@ -2,9 +2,9 @@
 
     python benchmarks/search_methods.py --seconds 15 --tasks cheetah hopper
 
-Each method of the file is trained as it is and with every pair of a learning rate and a width of
-the hidden layers of actor and critic, for the same time and with the same seeds. What a method
-sets itself is not searched, and methods with a trainer of their own are left out. Shares of several
+Each method of the file is trained as it is, with every learning rate, and with every width of the
+hidden layers of actor and critic, for the same time and with the same seeds. What a method sets
+itself is not searched, and methods with a trainer of their own are left out. Shares of several
 GPUs, killed commands and the report are as of compare.py. Writes
 
     OUTPUT/settings.yaml   all settings, as methods of compare.py
@@ -14,7 +14,6 @@ The best setting has the highest median over seeds of what counts in compare.py.
 seeds than those of the search.
 """
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -40,8 +39,8 @@ def main(
     output: Path = Path("search"),
     tasks: tuple[str, ...] = ("cheetah", "hopper", "walker", "ant", "humanoid"),
     methods: Path = compare.METHODS,
-    rates: tuple[float, ...] = (2.5e-4, 5e-4, 1e-3),
-    widths: tuple[int, ...] = (64, 128, 256),
+    rates: tuple[float, ...] = (2.5e-4, 1e-3),
+    widths: tuple[int, ...] = (64, 256),
     seeds: tuple[int, ...] = (100,),
     seconds: float = 15.0,
     env_steps: int | None = None,
@@ -92,16 +91,15 @@ def main(
 def settings_of(
     name: str, values: dict[str, Any], rates: Sequence[float], widths: Sequence[int]
 ) -> Settings:
-    """Return a method as it is, and with each learning rate and width that it does not set."""
+    """Return a method as it is, and with each learning rate and width, unless it sets them."""
     own = {key for part in (values, *values.get("tasks", {}).values()) for key in flat(part)}
-    found: Settings = {name: {}}
-    for rate, width in itertools.product(rates, widths):
-        layers = [width, width]
-        searched = {"ppo.learning_rate": rate, "network.actor": layers, "network.critic": layers}
-        changes = {key: value for key, value in searched.items() if key not in own}
-        if changes not in found.values():
-            found[f"{name}, learning rate {rate:g}, width {width}"] = changes
-    return found
+    layers = {width: [width, width] for width in widths}
+    changes = {
+        **{f"learning rate {rate:g}": {"ppo.learning_rate": rate} for rate in rates},
+        **{f"width {w}": {"network.actor": x, "network.critic": x} for w, x in layers.items()},
+    }
+    searched = {title: change for title, change in changes.items() if not own.intersection(change)}
+    return {name: {}, **{f"{name}, {title}": change for title, change in searched.items()}}
 
 
 def best(settings: Settings, runs: Sequence[Trained]) -> str | None:
