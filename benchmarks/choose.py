@@ -31,7 +31,8 @@ from morlax_torch import MorlaxError, Policy, envs, load
 from morlax_torch.choose import choose
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs.evaluating import evaluate, evaluation_worlds
+from morlax_torch.evaluation.making import evaluation_worlds
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.terminal.cli import console
 
@@ -155,7 +156,8 @@ class Robot:
     def again(self, tradeoff: tuple[float, ...]) -> np.ndarray:
         """Simulate a trade-off without the code of `choose`: returns (m,)."""
         if self.random:
-            env = evaluation_worlds(self.policy, 1, EPISODES, FRESH, torch.device(self.device))
+            config = self.policy.config.model_copy(update={"device": self.device, "backend": None})
+            env = evaluation_worlds(config, 1, EPISODES, FRESH)
             one = torch.tensor([tradeoff])
             fresh = Evaluator(self.policy.agent, env, one, seed=FRESH, seeds=EPISODES)
             return fresh.evaluate().returns[0]

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from morlax_torch import MorlaxError, config_for
-from morlax_torch.config import Config
-from morlax_torch.config_files import merged, read_yaml
+from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.files import merged, read_yaml
 from morlax_torch.envs.naming import title
 
 OURS = ("env", "seed", "device", "max_seconds")  # options that the command sets

@@ -12,11 +12,11 @@ from compare_jobs import FRONT, OUTCOME, Job, is_complete
 from compare_statistics import scaled_igd_plus
 
 from morlax_torch import MorlaxError, pareto
-from morlax_torch.config_files import read_yaml
+from morlax_torch.configuration.files import read_yaml
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.history import hypervolume_of, read_rows
 from morlax_torch.files import replacing
 from morlax_torch.reports.comparison import union
+from morlax_torch.runs.history import hypervolume_of, read_rows
 
 COLUMNS = (
     *("task", "method", "reference", "seed", "fresh"),

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from morlax_torch import envs
+from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.envs import Worlds
 from morlax_torch.networks.policy import Policy
-from morlax_torch.tradeoffs import evaluation_tradeoffs
 
 LOUD = 100.0  # an action scale that bounds no action
 SLOWEST = 0.3  # m/s; slower commands say little about walking

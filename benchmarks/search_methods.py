@@ -25,8 +25,8 @@ import yaml
 from compare_jobs import read_methods
 from compare_report import Trained, read_runs
 
-from morlax_torch.config import flat
-from morlax_torch.config_files import merged, read_yaml
+from morlax_torch.configuration.config import flat
+from morlax_torch.configuration.files import merged, read_yaml
 from morlax_torch.files import replacing
 from morlax_torch.terminal import cli
 from morlax_torch.terminal.cli import console

@@ -24,8 +24,8 @@ from typing import Literal, NamedTuple
 
 import tyro
 
-from morlax_torch.evaluation.history import best_row, hypervolume_of, read_rows
 from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.history import best_row, hypervolume_of, read_rows
 from morlax_torch.terminal.cli import console
 
 Goal = Literal["hyper-morl", "morlax"]

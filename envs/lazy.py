@@ -1,8 +1,9 @@
-"""Names that a module hands on from others, which are imported at first use (PEP 562)."""
+"""Modules that import what they offer at first use (PEP 562), or that can be called."""
 
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 
@@ -28,3 +29,17 @@ def handed_on(
         return sorted({*vars(sys.modules[module]), *homes})
 
     return find, listed
+
+
+class _CallableModule(ModuleType):
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        return getattr(self, self.__name__.rpartition(".")[2])(*args, **options)
+
+
+def make_callable(module: str) -> None:
+    """Let a module be called as the function of its own name.
+
+    `morlax_torch.train(config)` then works whether `morlax_torch.train` was imported or not, which
+    replaces the function of that name in the package with the module.
+    """
+    sys.modules[module].__class__ = _CallableModule

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from .envs import MorlaxError
 from .envs.errors import unknown
 from .terminal import cli
-from .terminal.startup import program
+from .terminal.startup import announce_training, program
 
 COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",
@@ -34,7 +34,10 @@ def command(arguments: Sequence[str]) -> None:
     name, *rest = arguments
     if name not in COMMANDS:
         raise unknown("command", name, COMMANDS)
-    importlib.import_module(f"morlax_torch.{name}").command(rest)
+    module = importlib.import_module(f"{__package__}.commands.{name}")
+    if name == "train":
+        announce_training()
+    module.command(rest)
 
 
 def main() -> None:

@@ -1,79 +1,10 @@
-"""Show a robot live in the browser, and change its trade-off while it moves."""
+"""`python -m morlax_torch.explore` and `morlax_torch.explore.explore`, as in version 1.0."""
 
-from collections.abc import Sequence
-from typing import Annotated
+from .commands.explore import main
+from .envs.lazy import handed_on, make_callable
 
-import tyro
-
-from .terminal import cli
-from .terminal.help import call
-from .terminal.interrupt import interruptible
-from .terminal.startup import program
-from .viewers.explorer.opening import check_free, importing_viser
-
-
-def explore(run: str, host: str, port: int) -> None:
-    """Serve the page of a run until Ctrl-C.
-
-    Args:
-        run: a run's folder, a checkpoint file, or a shipped policy.
-        host: address to listen on.
-        port: TCP port to listen on; 0 selects a free one.
-
-    Raises:
-        MorlaxError: there is no such run, it has no checkpoint, viser is not installed, or the
-            address cannot be listened on.
-    """
-    from .viewers.explorer import library
-
-    library.choose(run)  # importing viser takes seconds: report a wrong name first
-    check_free(host, port)
-    with importing_viser():
-        from .viewers.explorer.page import Page
-    import torch
-
-    from .gpu.threads import one_thread
-
-    with interruptible() as ended, one_thread(torch.device("cpu")):
-        page = Page(run, host, port)
-        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
-        page.serve(ended)
-        page.stop()
-
-
-def command(arguments: Sequence[str]) -> None:
-    def main(
-        run: Annotated[
-            str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN|NAME]")
-        ] = None,
-        host: str = "127.0.0.1",
-        port: int = 8080,
-        trust: bool = False,
-    ) -> None:
-        """Serve a page that shows a robot live, with a slider for each objective.
-
-        Args:
-            run: Run folder, checkpoint file, or shipped policy (None: the first shipped policy,
-                or the latest run under ./runs if no policy is shipped).
-            host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
-            port: TCP port to listen on; 0 selects a free one.
-            trust: Let the run import the Python files and modules that it names.
-        """
-        from .runs.loading import trust_run  # imports torch
-        from .viewers.explorer import library
-
-        chosen = run or library.first()
-        if trust:
-            trust_run(chosen)
-        explore(chosen, host, port)
-        cli.skip_teardown()  # which would wait for viser's threads, and those for browsers
-
-    call(main, arguments, program("explore"))
-
-
-def main() -> None:
-    cli.run(command)
-
+__getattr__, __dir__ = handed_on(__name__, {"explore": "commands.explore"})
+make_callable(__name__)
 
 if __name__ == "__main__":
     main()

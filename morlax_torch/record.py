@@ -1,85 +1,10 @@
-"""Record a trained policy under several trade-offs: MP4, GIF, or a film strip for a paper."""
+"""`python -m morlax_torch.record` and `morlax_torch.record.record`, as in version 1.0."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
-
-from .envs.lazy import handed_on
-from .terminal import cli
-from .terminal.help import call
-from .terminal.startup import program
-
-if TYPE_CHECKING:
-    from .viewers.filming.recording import record as record
+from .commands.record import main
+from .envs.lazy import handed_on, make_callable
 
 __getattr__, __dir__ = handed_on(__name__, {"record": "viewers.filming.recording"})
-
-
-def command(arguments: Sequence[str]) -> None:
-    def main(
-        run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
-        tradeoff: Annotated[
-            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="0.8,0.2")
-        ] = (),
-        output: Path | None = None,
-        seconds: float = 5.0,
-        speed: float = 1.0,
-        width: int = 480,
-        height: int = 360,
-        pictures: int = 8,
-        seed: int = 0,
-        trust: bool = False,
-    ) -> None:
-        """Record the robot under several trade-offs side by side, with its running returns.
-
-        A robot that fails is frozen and dimmed, with the returns of its episode. No display is
-        needed.
-
-        Args:
-            run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
-            tradeoff: Weight of each objective, once per panel; weights need not sum to one
-                (None: each objective alone, and the balanced trade-off).
-            output: Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip
-                (None: film.mp4 in the run's folder, or NAME.mp4 in the working directory
-                for a shipped policy).
-            seconds: Duration, in seconds of simulated time. A film strip shows the end of it.
-            speed: Playback speed; 0.5 is slow motion. Ignored for a film strip.
-            width: Width of a panel, in pixels.
-            height: Height of a panel, in pixels.
-            pictures: Number of pictures per row of a film strip, evenly spaced over the robot's
-                last gait cycle (the last two if a cycle has fewer control steps than pictures).
-            seed: Random seed of the world.
-            trust: Let the run import the Python files and modules that it names.
-        """
-        from .runs.loading import load  # imports torch
-        from .terminal.bar import bar
-        from .tradeoffs import parse_tradeoff
-        from .viewers.filming.recording import record
-
-        policy = load(run, trust=trust)
-        place = output or _default_output(run)
-        tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
-        with bar("filming") as watch:
-            record(
-                policy, place, tradeoffs, seconds, speed, width, height, pictures, seed, watch=watch
-            )
-        cli.console.print(f"written: {place}")
-
-    call(main, arguments, program("record"))
-
-
-def _default_output(run: Path) -> Path:
-    from .runs.loading import SHIPPED, find_run
-
-    folder = find_run(run)
-    return Path(f"{folder.name}.mp4") if folder.parent == SHIPPED else folder / "film.mp4"
-
-
-def main() -> None:
-    cli.run(command)
-
+make_callable(__name__)
 
 if __name__ == "__main__":
     main()

@@ -1,97 +1,9 @@
-"""Teach an objective that nobody can write down, by comparisons of clips."""
+"""`python -m morlax_torch.teach` and `morlax_torch.teach.Lesson`, as in version 1.0."""
 
-import shlex
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
-
-from .envs import MorlaxError
+from .commands.teach import main
 from .envs.lazy import handed_on
-from .terminal import cli
-from .terminal.help import call
-from .terminal.interrupt import interruptible
-from .terminal.startup import program
-from .viewers.explorer.opening import check_free, importing_viser
-
-if TYPE_CHECKING:
-    from .preferences.teaching import Lesson as Lesson
 
 __getattr__, __dir__ = handed_on(__name__, {"Lesson": "preferences.teaching"})
-
-
-def command(arguments: Sequence[str]) -> None:
-    def main(
-        run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
-        folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")],
-        objective: Annotated[str, tyro.conf.arg(metavar="NAME")],
-        answers: int = 300,
-        judge: Annotated[str | None, tyro.conf.arg(metavar="TERM")] = None,
-        clips: int = 200,
-        seed: int = 0,
-        host: str = "127.0.0.1",
-        port: int = 8080,
-        trust: bool = False,
-    ) -> None:
-        """Learn a reward from comparisons of a run's clips, and write a config to train with it.
-
-        Args:
-            run: Run folder, checkpoint file, or shipped policy, of a MuJoCo robot.
-            folder: Folder of the comparisons; an earlier one continues with its answers.
-            objective: Name of the new objective.
-            answers: Number of questions to ask at most; Ctrl-C ends earlier, 0 asks none.
-            judge: Reward term of the task whose sum answers in place of a user, to try this out.
-            clips: Number of clips to record of a run.
-            seed: Random seed.
-            host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
-            port: TCP port to listen on; 0 selects a free one.
-            trust: Let the run import the Python files and modules that it names.
-        """
-        from .preferences.teaching import Lesson
-        from .runs.loading import trust_run
-
-        if trust:
-            trust_run(run)
-        serves = judge is None and answers > 0
-        if serves:
-            check_free(host, port)
-        lesson = Lesson(run, folder, objective, clips, seed)
-        if answers < 0:
-            raise MorlaxError(f"there are {answers} answers to give: name 0 or more.")
-        if judge is not None:
-            lesson.judge(judge, answers)
-        elif serves:
-            _ask(lesson, answers, host, port)
-        fitted = lesson.finish()
-        cli.console.print(
-            f"{len(lesson.comparisons)} answers; the learned reward agrees with "
-            f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"
-        )
-        config = shlex.quote(str(folder / "config.yaml"))
-        cli.print_command("train", f"{program('train')} --config {config}")
-        if serves:
-            cli.skip_teardown()  # which would wait for viser's threads, and those for browsers
-
-    call(main, arguments, program("teach"))
-
-
-def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:
-    """Serve a page that asks a user, until Ctrl-C."""
-    with importing_viser():
-        from .viewers.explorer.comparing import ComparisonPage
-        from .viewers.explorer.teaching import questions
-
-    with interruptible() as ended:
-        page = ComparisonPage(questions(lesson, answers), host, port)
-        cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)")
-        page.serve(ended)
-        page.stop()
-
-
-def main() -> None:
-    cli.run(command)
-
 
 if __name__ == "__main__":
     main()

@@ -12,9 +12,9 @@ import torch
 
 from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.algorithms.rollout import Rollout
-from morlax_torch.config import load_config
-from morlax_torch.config_files import merged, task_values
-from morlax_torch.config_sections import NetworkConfig
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import merged, task_values
+from morlax_torch.configuration.sections import NetworkConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.threads import one_thread
 from morlax_torch.networks.agent import Agent

@@ -11,7 +11,7 @@ from closed_form import PLACES, STEPS, Quadratic, Sprint, best_returns
 from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from morlax_torch import MorlaxError, config_for, evaluate, load, save
+from morlax_torch import MorlaxError, config_for, load, save
 from morlax_torch.algorithms.amor import AMOR
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.hyper_morl import HyperMORL
@@ -19,15 +19,17 @@ from morlax_torch.algorithms.independent import IndependentPPO
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
-from morlax_torch.config import Config
+from morlax_torch.commands.train import command
+from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.tradeoffs import even_tradeoffs, onto_simplex, sample_cells
+from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
 from morlax_torch.networks.independent import Independent
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds
-from morlax_torch.tradeoffs import even_tradeoffs, onto_simplex, sample_cells
-from morlax_torch.train import command, train
+from morlax_torch.train import train
 
 TASK = f"{Path(__file__).with_name('closed_form.py')}:{Quadratic.__name__}"
 WORLDS, HORIZON, CLUSTERS = 64, 4, 8
@@ -101,7 +103,7 @@ def test_a_run_is_trained_resumed_evaluated_and_exported(algorithm, changes, tmp
     resumed = ["--resume", str(folder), "--trust", "--max-env-steps", "2048"]
     command(resumed)
     policy, seen = load(folder, "cpu", trust=True), torch.ones(3, 1)
-    assert evaluate.evaluate(folder, tradeoffs=4, device="cpu").returns.shape == (4, 2)
+    assert evaluate(folder, tradeoffs=4, device="cpu").returns.shape == (4, 2)
     assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))
     assert policy.config.algorithm == algorithm
 
@@ -356,7 +358,7 @@ def test_a_stored_policy_still_returns_what_was_measured(algorithm, tmp_path):
     checkpoint.save(tmp_path / "whole.pt", learner, Progress())
     save(load(tmp_path / "whole.pt", trust=True), tmp_path / "policies.pt")
     for name in ("whole", "policies"):
-        found = evaluate.evaluate(load(tmp_path / f"{name}.pt", trust=True), device="cpu")
+        found = evaluate(load(tmp_path / f"{name}.pt", trust=True), device="cpu")
         assert_close(found.returns, measured.returns, rtol=1e-5, atol=1e-5)
     policy = load(tmp_path / "policies.pt", trust=True)
     for tradeoff, wanted in zip(measured.tradeoffs, measured.returns, strict=True):

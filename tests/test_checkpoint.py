@@ -12,8 +12,8 @@ from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, load
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.history import History
 from morlax_torch.runs import Run
+from morlax_torch.runs.history import History
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
 

@@ -10,14 +10,15 @@ import torch
 from closed_form import PLACES, Quadratic
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
-from morlax_torch.choose import choose, command
+from morlax_torch.choose import choose
+from morlax_torch.commands.choose import command
+from morlax_torch.configuration.tradeoffs import parse_tradeoff
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.networks.agent import Agent
-from morlax_torch.runs.evaluating import evaluation_worlds
 from morlax_torch.runs.loading import find_run
 from morlax_torch.terminal import cli
-from morlax_torch.tradeoffs import parse_tradeoff
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
 SHARES = torch.tensor([0.0, 0.4, 1.0])
@@ -140,7 +141,7 @@ def test_a_random_task_keeps_its_requirement_on_fresh_episodes(tmp_path, monkeyp
     run = separate(tmp_path / "run", "gusty", Gusty, monkeypatch)
     least = 0.62  # 0.02 less than the second policy's, where few episodes could show the first's
     found = choose(run, {"left": least}, "right", margin=0.0, seed=seed, device="cpu")
-    env = evaluation_worlds(load(run), 1, 4000, 77, torch.device("cpu"))
+    env = evaluation_worlds(load(run).config, 1, 4000, 77)
     reward = env.step(load(run)(env.reset(), found.tradeoff)).reward.mean(0)
     assert reward[0] >= least - 0.01
     assert reward.tolist() == pytest.approx(list(found.returns.values()), abs=0.06)

@@ -9,8 +9,8 @@ import pytest
 import torch
 import yaml
 
-from morlax_torch import evaluate, train
-from morlax_torch.config import Config
+from morlax_torch.commands import evaluate, train
+from morlax_torch.configuration.config import Config
 from morlax_torch.terminal import cli
 
 TINY = (

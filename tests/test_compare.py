@@ -21,7 +21,7 @@ from filelock import FileLock
 from tiny import tiny
 
 from morlax_torch import MorlaxError, pareto
-from morlax_torch.config import Config
+from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Evaluation

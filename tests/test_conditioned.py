@@ -5,7 +5,9 @@ import torch
 from torch import nn
 from torch.testing import assert_close
 
-from morlax_torch import MorlaxError, config_for, evaluate, load, train
+from morlax_torch import MorlaxError, config_for, load, train
+from morlax_torch.commands.train import command as train_command
+from morlax_torch.evaluate import evaluate
 from morlax_torch.networks.conditioned import Conditioned
 from morlax_torch.networks.mlp import mlp
 
@@ -65,8 +67,8 @@ def test_a_run_is_trained_resumed_and_evaluated(tmp_path):
         evaluation={"tradeoffs": 4},
         task={"episode_length": 10},
     )
-    run = train.train(config, output=tmp_path / "run").folder
-    train.command(["--resume", str(run), "--max-env-steps", "96"])
-    assert evaluate.evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
+    run = train(config, output=tmp_path / "run").folder
+    train_command(["--resume", str(run), "--max-env-steps", "96"])
+    assert evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
     policy, seen = load(run), torch.randn(3, 17)
     assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))

@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from morlax_torch import MorlaxError, config_files, config_for, envs
-from morlax_torch.config import load_config
-from morlax_torch.config_files import file_values, task_values
+from morlax_torch import MorlaxError, config_for, envs
+from morlax_torch.configuration import files as config_files
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import file_values, task_values
 from morlax_torch.terminal.arguments import read
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from morlax_torch import train, tune
 from morlax_torch.__main__ import COMMANDS, command
+from morlax_torch.commands import train, tune
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

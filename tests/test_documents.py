@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from morlax_torch import MORLAX, envs, export
-from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import file_values, merged, space_values, task_values
+from morlax_torch import MORLAX, envs
+from morlax_torch.commands import export
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.files import file_values, merged, space_values, task_values
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import load

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, evaluate, load
+from morlax_torch import MorlaxError, load
+from morlax_torch.commands import evaluate
+from morlax_torch.commands.train import command as train
 from morlax_torch.envs.worlds.learned import LearnedReward
 from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
@@ -22,7 +24,6 @@ from morlax_torch.reports import evaluating
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
 from morlax_torch.reports.facts import duration, steps
 from morlax_torch.runs import loading
-from morlax_torch.train import command as train
 
 TINY = (
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from browsing import PATIENCE, View, chromium, exploring, middle
 
-from morlax_torch import explore
+from morlax_torch.commands import explore
 from morlax_torch.terminal import cli
 from morlax_torch.viewers.explorer import library, weights
 

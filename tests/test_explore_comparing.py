@@ -11,8 +11,8 @@ import pytest
 from browsing import PATIENCE, Client, View, chromium, exploring, serving
 
 from morlax_torch import MorlaxError
-from morlax_torch.config import load_config
-from morlax_torch.config_files import read_yaml
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import read_yaml
 from morlax_torch.evaluation.front import Front
 from morlax_torch.preferences.comparisons import Comparisons
 from morlax_torch.runs.loading import find_run

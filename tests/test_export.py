@@ -14,8 +14,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from morlax_torch import MORLAX, MorlaxError, Policy, envs, export, save
-from morlax_torch.config import load_config
+from morlax_torch import MORLAX, MorlaxError, Policy, envs, save
+from morlax_torch.commands import export
+from morlax_torch.configuration.config import load_config
+from morlax_torch.export import export as export_run
 from morlax_torch.exports.formats import FORMATS, Format
 from morlax_torch.exports.manifest import control, manifest
 from morlax_torch.runs import checkpoint, loading
@@ -88,7 +90,7 @@ def inputs(found: Policy, rows: int, generator: torch.Generator) -> tuple[Tensor
 @pytest.mark.parametrize("task", TRADEOFF)
 def test_a_single_policy_matches_for_any_number_of_rows(format, task, trained, generator, tmp_path):
     found, tradeoff = trained(task), TRADEOFF[task]
-    largest = export.export(found, tmp_path / "it", format, tradeoff)
+    largest = export_run(found, tmp_path / "it", format, tradeoff)
     assert 0 <= largest < 1e-5
     data = (tmp_path / "it").read_bytes()
     for rows in (1, 2, 33):
@@ -102,7 +104,7 @@ def test_a_single_policy_matches_for_any_number_of_rows(format, task, trained, g
 @pytest.mark.parametrize("task", TRADEOFF)
 def test_a_family_takes_the_tradeoff_as_an_input(format, task, trained, generator, tmp_path):
     found = trained(task)
-    export.export(found, tmp_path / "it", format)
+    export_run(found, tmp_path / "it", format)
     data = (tmp_path / "it").read_bytes()
     for rows in (1, 2, 33):
         observation, tradeoff = inputs(found, rows, generator)
@@ -112,7 +114,7 @@ def test_a_family_takes_the_tradeoff_as_an_input(format, task, trained, generato
 
 
 def test_onnx_inputs_are_named_with_a_batch_dimension(trained, tmp_path):
-    export.export(trained(), tmp_path / "it.onnx")
+    export_run(trained(), tmp_path / "it.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "it.onnx")
     shapes = {x.name: x.shape for x in (*session.get_inputs(), *session.get_outputs())}
     assert shapes == {
@@ -125,7 +127,7 @@ def test_onnx_inputs_are_named_with_a_batch_dimension(trained, tmp_path):
 @pytest.mark.parametrize("format", RUNNERS)
 def test_a_file_holds_the_manifest(format, trained, tmp_path):
     found = trained("hopper")
-    export.export(found, tmp_path / "it", format, (0.7, 0.3), {"run": {"seed": 3}})
+    export_run(found, tmp_path / "it", format, (0.7, 0.3), {"run": {"seed": 3}})
     about = known(format, (tmp_path / "it").read_bytes())
     assert about == json.loads(json.dumps({**manifest(found, (0.7, 0.3)), "run": {"seed": 3}}))
     assert (about["task"], about["objectives"]) == ("hopper", ["run", "jump"])
@@ -188,7 +190,7 @@ def test_a_custom_actor_can_be_exported(format, generator, tmp_path):
     morlax = MORLAX(envs.make("hopper", 32, "cpu"), config, actor)
     found = Policy(morlax.agent, config, morlax.env.objectives)
     nn.init.normal_(morlax.agent.actor.weight, std=0.2, generator=generator)
-    export.export(found, tmp_path / "it", format)
+    export_run(found, tmp_path / "it", format)
     observation, tradeoff = inputs(found, 5, generator)
     action = RUNNERS[format](
         (tmp_path / "it").read_bytes(), {"observation": observation, "tradeoff": tradeoff}
@@ -205,7 +207,7 @@ def test_conditioned_networks_can_be_exported(format, generator, tmp_path):
     morlax = MORLAX(envs.make("hopper", 32, "cpu"), config)
     found = Policy(morlax.agent, config, morlax.env.objectives)
     for name, tradeoff in (("family", None), ("one", (0.2, 0.8))):
-        export.export(found, tmp_path / name, format, tradeoff)
+        export_run(found, tmp_path / name, format, tradeoff)
         seen, weights = inputs(found, 5, generator)
         given = {"observation": seen} if tradeoff else {"observation": seen, "tradeoff": weights}
         action = RUNNERS[format]((tmp_path / name).read_bytes(), given)
@@ -218,7 +220,7 @@ def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypa
     wrong = Format(".ts", usual.write, lambda data: lambda *given: usual.read(data)(*given) + 2e-5)
     monkeypatch.setitem(FORMATS, "torchscript", wrong)
     with pytest.raises(MorlaxError, match=r"differ from the policy.s by up to 2\.0e-05"):
-        export.export(trained(), tmp_path / "it.ts", "torchscript")
+        export_run(trained(), tmp_path / "it.ts", "torchscript")
     assert not list(tmp_path.iterdir())
 
 
@@ -295,13 +297,13 @@ def test_a_mistake_prints_one_error_and_writes_nothing(name, saved, monkeypatch,
 
 @pytest.mark.parametrize("given", [np.array([0.5, 0.5], np.float32), torch.tensor([0.5, 0.5])])
 def test_a_tradeoff_may_be_an_array(given, trained, tmp_path):
-    export.export(trained(), tmp_path / "policy.pt2", "torch-export", given)
+    export_run(trained(), tmp_path / "policy.pt2", "torch-export", given)
     assert (tmp_path / "policy.pt2").is_file()
 
 
 def test_an_unknown_format_is_one_sentence(trained, tmp_path):
     with pytest.raises(MorlaxError, match=r"unknown format 'onxx': did you mean 'onnx'"):
-        export.export(trained(), tmp_path / "policy", "onxx")
+        export_run(trained(), tmp_path / "policy", "onxx")
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxscript", "onnxruntime"])

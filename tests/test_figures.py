@@ -11,13 +11,13 @@ from matplotlib.transforms import Bbox
 
 from morlax_torch import MorlaxError
 from morlax_torch.colors import of_objectives
+from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.figures.front import MOST_PAIRS
 from morlax_torch.evaluation.figures.hypervolume import Band
 from morlax_torch.evaluation.figures.style import colors_of, limits
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.history import History
-from morlax_torch.tradeoffs import evaluation_tradeoffs
+from morlax_torch.runs.history import History
 
 NAMES = ("run", "energy", "height", "jump")
 

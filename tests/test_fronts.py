@@ -12,18 +12,18 @@ import pytest
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, load
-from morlax_torch.choose import command as choose
-from morlax_torch.config import Config
+from morlax_torch.commands.choose import command as choose
+from morlax_torch.configuration.config import Config
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.history import History, best_row, hypervolume_of, read_rows
 from morlax_torch.exports.manifest import provenance
 from morlax_torch.files import AnyPath
 from morlax_torch.pack import pack
 from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.fronts import load_front
+from morlax_torch.runs.history import History, best_row, hypervolume_of, read_rows
 from morlax_torch.runs.loading import find_run
 from morlax_torch.runs.progress import Evaluation
 from morlax_torch.runs.training import make_evaluator, make_worlds, training

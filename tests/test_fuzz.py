@@ -23,11 +23,11 @@ from hypothesis import strategies as st
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, config_for, load
-from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import file_values
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.files import file_values
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.history import History
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.history import History
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.train import train
 

@@ -9,11 +9,11 @@ import torch
 from torch import nn
 
 from morlax_torch import MORLAX, envs
-from morlax_torch.config import load_config
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu import fused
 from morlax_torch.gpu.graph import Branch, Graph
-from morlax_torch.tradeoffs import evaluation_tradeoffs
 
 pytestmark = [
     pytest.mark.gpu,
@@ -313,7 +313,7 @@ def test_recorded_steps_treat_a_huge_velocity_as_a_blow_up():
 
 
 def test_a_report_shows_a_robot_whose_policy_is_on_the_gpu(make_policy):
-    from morlax_torch.evaluate import _portrait
+    from morlax_torch.commands.evaluate import _portrait
 
     policy = make_policy("cheetah").to("cuda")
     picture = _portrait(policy)

@@ -14,9 +14,11 @@ import torch
 from gymnasium.spaces import Box, Dict, Discrete, Graph, Sequence, Space
 
 import morlax_torch
-from morlax_torch import MorlaxError, envs, evaluate, train
-from morlax_torch.config import load_config
-from morlax_torch.config_files import task_values
+from morlax_torch import MorlaxError, envs
+from morlax_torch.commands import train
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import task_values
+from morlax_torch.evaluate import evaluate
 from morlax_torch.viewers.player import Player
 
 CAR = "gymnasium:mo-mountaincarcontinuous-v0"
@@ -346,7 +348,7 @@ def test_training_measures_the_hypervolume(run):
 def test_trained_policies_can_be_loaded_and_evaluated(run):
     policy = morlax_torch.load(run)
     assert policy(torch.zeros(3, 2), (0.5, 0.5)).shape == (3, 1)
-    front = evaluate.evaluate(policy, 4, device="cpu")
+    front = evaluate(policy, 4, device="cpu")
     assert front.returns.shape == (4, 2)
     assert (front.returns >= -100).all()
 

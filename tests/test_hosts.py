@@ -17,14 +17,14 @@ HOSTS = {  # adapter: (its extra, an unsupported version, the oldest supported v
 }
 TRAIN_AND_LIST_MODULES = """
 import sys
-from morlax_torch import train
+from morlax_torch.commands import train
 train.command(sys.argv[1:])
 print("modules:", *{name.split(".")[0] for name in sys.modules})
 """
 TRAIN_TRACKED = """
 import sys
 import wandb
-from morlax_torch import train
+from morlax_torch.commands import train
 with wandb.init(mode="offline", sync_tensorboard=True):
     train.command(sys.argv[1:])
 """

@@ -14,7 +14,8 @@ ROOT = Path(__file__).parent.parent
 LARGEST = 25e6  # bytes of the wheel
 BUILD_EVERY_TASK = """
 import morlax_torch
-from morlax_torch import config, config_files, envs
+from morlax_torch.configuration import config, files as config_files
+from morlax_torch import envs
 for name in envs.names():
     env = envs.make(name, num_worlds=2, device="cpu")
     assert env.step(env.reset().new_zeros(2, env.action_size)).reward.shape[0] == 2

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, config_for, envs, evaluate, load, train
+from morlax_torch import MorlaxError, config_for, envs, load, train
+from morlax_torch.commands.train import command as train_command
 from morlax_torch.envs.worlds import mjlab
+from morlax_torch.evaluate import evaluate
 from morlax_torch.exports.exporting import export
 from morlax_torch.terminal.arguments import read
 from morlax_torch.viewers.player import Player
@@ -152,11 +154,11 @@ def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
             "task.episode_length": 10,
         },
     )
-    run = train.train(config, output=tmp_path / "run").folder
-    assert evaluate.evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
+    run = train(config, output=tmp_path / "run").folder
+    assert evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
     policy = load(run, device="cpu")
     assert policy(torch.zeros(1, 5), torch.tensor([0.5, 0.5])).shape == (1, 1)
-    train.command(["--resume", str(run), "--max-env-steps", "320"])
+    train_command(["--resume", str(run), "--max-env-steps", "320"])
     assert "they start anew" in capsys.readouterr().out
     with (run / "metrics.csv").open() as file:
         assert int(list(csv.DictReader(file))[-1]["env_steps"]) == 320
@@ -222,7 +224,7 @@ def go1_run(tmp_path_factory) -> Path:
             "task.episode_length": 4,
         },
     )
-    return train.train(config, output=tmp_path_factory.mktemp("go1") / "run").folder
+    return train(config, output=tmp_path_factory.mktemp("go1") / "run").folder
 
 
 def test_a_robot_follows_the_command_that_a_viewer_sets(go1_run):

@@ -8,9 +8,12 @@ import pytest
 import torch
 from torch import nn
 
-from morlax_torch import MORLAX, MorlaxError, Policy, evaluate, load, save, train
-from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import merged
+from morlax_torch import MORLAX, MorlaxError, Policy, load, save, train
+from morlax_torch.commands import evaluate
+from morlax_torch.commands import train as train_command
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.files import merged
+from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
@@ -173,9 +176,9 @@ def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator)
 
 def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypatch, capsys):
     networks = {"actor": normed(), "critic": normed(outputs=m)}
-    run = train.train(tiny(max_env_steps=320), output=tmp_path / "run", **networks)
+    run = train(tiny(max_env_steps=320), output=tmp_path / "run", **networks)
     for module, arguments in (
-        (train, ("--resume", str(run.folder), "--max-env-steps", "640")),
+        (train_command, ("--resume", str(run.folder), "--max-env-steps", "640")),
         (evaluate, (run.folder,)),
     ):
         monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
@@ -183,8 +186,8 @@ def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypat
             module.main()
         assert exit.value.code == 2
         assert "user-made actor, which no config describes" in capsys.readouterr().err
-    longer = train.train(tiny(max_env_steps=640), Run.open(run.folder), **networks)
+    longer = train(tiny(max_env_steps=640), Run.open(run.folder), **networks)
     contents = checkpoint.load(longer.checkpoints / "latest.pt")
     assert contents.learner["iteration"] == 4
     policy = load(run.folder, actor=normed())
-    assert evaluate.evaluate(policy, tradeoffs=4, device="cpu").returns.shape == (4, 2)
+    assert evaluate_run(policy, tradeoffs=4, device="cpu").returns.shape == (4, 2)

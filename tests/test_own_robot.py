@@ -9,7 +9,8 @@ import pytest
 import torch
 import yaml
 
-from morlax_torch import MorlaxError, envs, evaluate, explore, load, record, train
+from morlax_torch import MorlaxError, envs, load
+from morlax_torch.commands import evaluate, explore, record, train
 from morlax_torch.exports.manifest import manifest
 from morlax_torch.terminal import arguments
 from morlax_torch.viewers.player import Player

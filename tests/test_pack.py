@@ -8,8 +8,8 @@ import torch
 
 import morlax_torch
 from morlax_torch import MorlaxError
-from morlax_torch.config import load_config
-from morlax_torch.config_files import merged, task_values
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.pack import pack
 from morlax_torch.runs.run import Run

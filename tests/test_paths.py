@@ -9,24 +9,16 @@ from pathlib import Path
 import pytest
 from tiny import tiny
 
-from morlax_torch import (
-    MorlaxError,
-    envs,
-    evaluate,
-    explore,
-    export,
-    load,
-    pack,
-    record,
-    save,
-    train,
-    tune,
-)
+from morlax_torch import MorlaxError, envs, load, save, train
+from morlax_torch.commands import evaluate, explore, export, pack, record, tune
+from morlax_torch.commands import train as train_command
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.history import History
+from morlax_torch.pack import pack as pack_run
 from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import Run
+from morlax_torch.runs.history import History
 from morlax_torch.runs.loading import find_run
+from morlax_torch.tune import tune as tune_run
 from morlax_torch.viewers.web.writing import write_page
 
 LONG = "a" * 5000
@@ -39,13 +31,13 @@ COMMANDS = {
     "pack": (pack, ("{}", "packed")),
     "pack web": (pack, ("cheetah", "--web", "{}", "--device", "cpu")),
     "pack output": (pack, ("cheetah", "{}", "--device", "cpu")),
-    "resume": (train, ("--resume", "{}")),
-    "config": (train, ("--config", "{}")),
-    "output": (train, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
+    "resume": (train_command, ("--resume", "{}")),
+    "config": (train_command, ("--config", "{}")),
+    "output": (train_command, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
     "space": (tune, ("--env", "cheetah", "--device", "cpu", "--space", "{}")),
     "storage": (tune, ("--env", "cheetah", "--device", "cpu", "--storage", "{}")),
     "tune output": (tune, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
-    "robot": (train, ("--env", "{}.py:Robot")),
+    "robot": (train_command, ("--env", "{}.py:Robot")),
 }
 
 
@@ -114,18 +106,18 @@ def test_a_home_of_nobody(refused):
 PYTHON: dict[str, Callable[[str], object]] = {
     "load": load,
     "save": lambda path: save(load("hopper"), path),
-    "train": lambda path: train.train(tiny(), output=path),
-    "start from": lambda path: train.train(tiny(start_from=path), output="run"),
+    "train": lambda path: train(tiny(), output=path),
+    "start from": lambda path: train(tiny(start_from=path), output="run"),
     "open a run": Run.open,
     "load a front": Front.load,
     "save a front": lambda path: Front.load(find_run("hopper") / "front.npz").save(path),
     "a task": lambda path: envs.make(f"{path}.py:X", 1, "cpu"),
     "a learned reward": lambda path: envs.make("hopper", 1, "cpu", learned=path),
-    "pack": lambda path: pack.pack("hopper", Path(path), "cpu"),
+    "pack": lambda path: pack_run("hopper", Path(path), "cpu"),
     "a web page": lambda path: write_page(["hopper"], Path(path), "cpu"),
     "a lesson": lambda path: Lesson("hopper", Path(path), "tall", clips=8),
-    "tune": lambda path: tune.tune(tiny(), {"ppo.epochs": [2]}, path, trials=1, seconds=0.1),
-    "a storage": lambda path: tune.tune(tiny(), {"ppo.epochs": [2]}, storage=path, seconds=0.1),
+    "tune": lambda path: tune_run(tiny(), {"ppo.epochs": [2]}, path, trials=1, seconds=0.1),
+    "a storage": lambda path: tune_run(tiny(), {"ppo.epochs": [2]}, storage=path, seconds=0.1),
 }
 
 
@@ -156,7 +148,7 @@ def test_a_full_device_for_the_output():
 
 def test_python_takes_paths_as_strings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    train.train(tiny(), output="new/run")
+    train(tiny(), output="new/run")
     assert Run.open("new/run").config().worlds == 8
     policy = load("new/run")
     save(policy, "policy.pt")

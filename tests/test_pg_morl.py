@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, Policy, config_for, evaluate, load
+from morlax_torch import MorlaxError, Policy, config_for, load
 from morlax_torch.algorithms.pg_morl import learner as pg_morl
 from morlax_torch.algorithms.pg_morl import population, prediction, selection
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
-from morlax_torch.config import Config
+from morlax_torch.configuration.config import Config
+from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.exports.exporting import export
@@ -682,6 +683,6 @@ def test_checkpoints_with_a_normalizer_for_all_policies_still_load(tmp_path):
     seen = torch.randn(3, policy.agent.observation_size)
     for tradeoff in ((0.1, 0.9), (0.8, 0.2)):
         torch.testing.assert_close(policy.specialize(tradeoff)(seen), policy(seen, tradeoff))
-    assert isinstance(evaluate.evaluate(path, tradeoffs=3, device="cpu"), Front)
+    assert isinstance(evaluate(path, tradeoffs=3, device="cpu"), Front)
     with pytest.raises(MorlaxError, match="does not fit this learner"):
         checkpoint.restore(checkpoint.load(path), path, learner)

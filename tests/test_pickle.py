@@ -12,8 +12,8 @@ from tiny import tiny
 
 from morlax_torch import Policy, config_for, envs, load
 from morlax_torch.algorithms.registry import LEARNERS
-from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import task_values
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.files import task_values
 from morlax_torch.networks.agent import Agent
 
 WEIGHTS = (0.3, 0.7)

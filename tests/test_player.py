@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, Policy, envs
-from morlax_torch.config import load_config
-from morlax_torch.config_files import task_values
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import task_values
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.networks.agent import Agent
 from morlax_torch.viewers.player import Player

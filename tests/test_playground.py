@@ -6,7 +6,9 @@ from importlib import metadata
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, config_for, envs, evaluate, load, train
+from morlax_torch import MorlaxError, config_for, envs, load, train
+from morlax_torch.commands.train import command as train_command
+from morlax_torch.evaluate import evaluate
 from morlax_torch.terminal.arguments import read
 
 playground = pytest.importorskip("mujoco_playground", reason="needs the extra playground")
@@ -172,10 +174,10 @@ def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
             "task.episode_length": 6,
         },
     )
-    run = train.train(config, output=tmp_path / "run").folder
-    assert evaluate.evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
+    run = train(config, output=tmp_path / "run").folder
+    assert evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
     assert load(run, device="cpu")(torch.zeros(1, 5), torch.tensor([0.5, 0.5])).shape == (1, 1)
-    train.command(["--resume", str(run), "--max-env-steps", "80"])
+    train_command(["--resume", str(run), "--max-env-steps", "80"])
     assert "they start anew" in capsys.readouterr().out
     with (run / "metrics.csv").open() as file:
         assert int(list(csv.DictReader(file))[-1]["env_steps"]) == 80

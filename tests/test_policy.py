@@ -10,8 +10,8 @@ import torch
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, envs, save
-from morlax_torch.config import load_config
-from morlax_torch.config_files import merged
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import merged
 from morlax_torch.files import replacing
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress

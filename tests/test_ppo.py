@@ -11,7 +11,7 @@ from torch.nn.functional import softplus
 from morlax_torch.algorithms.batch import Batch, Table, make_batch
 from morlax_torch.algorithms.ppo import PPO
 from morlax_torch.algorithms.rollout import advantages
-from morlax_torch.config_sections import PPOConfig
+from morlax_torch.configuration.sections import PPOConfig
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 

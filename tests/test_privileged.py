@@ -4,11 +4,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from morlax_torch import MORLAX, Policy, envs, export, load, save
-from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import merged
+from morlax_torch import MORLAX, Policy, envs, load, save
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.files import merged
 from morlax_torch.envs.worlds.layout import positions
 from morlax_torch.evaluate import evaluate
+from morlax_torch.export import export
 from morlax_torch.exports.manifest import manifest
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
@@ -152,7 +153,7 @@ def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator
         found = load(tmp_path / name)
         assert torch.equal(found(observation, (0.2, 0.8)), expected)
         torch.testing.assert_close(found.specialize((0.2, 0.8))(observation), expected)
-        assert export.export(found, tmp_path / "it.pt2", "torch-export") < 1e-5
+        assert export(found, tmp_path / "it.pt2", "torch-export") < 1e-5
         about = manifest(found)
         assert about["observation_size"] == about["observation"][-1]["slice"][1] == O
     assert evaluate(tmp_path / "whole.pt", tradeoffs=4, device="cpu").returns.shape == (4, 2)

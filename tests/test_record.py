@@ -12,7 +12,8 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from morlax_torch import MorlaxError, load, record, save
+from morlax_torch import MorlaxError, load, save
+from morlax_torch.commands import record
 from morlax_torch.runs import loading
 from morlax_torch.terminal import bar
 from morlax_torch.viewers.filming import panels, recording, video

@@ -38,18 +38,37 @@ def test_every_command_prints_the_version_and_nothing_else(module):
     assert done.returncode == 0 and not done.stderr
 
 
-TYPED = {
-    "morlax train": ["python", "/venv/bin/morlax", "train", "--help"],
-    "morlax-train": ["python", "/venv/bin/morlax-train", "--help"],
-    "python -m morlax_torch train": ["python", "-m", "morlax_torch", "train", "--help"],
-    "python -m morlax_torch.train": ["python", "-m", "morlax_torch.train", "--help"],
-}
+@pytest.mark.parametrize(
+    "typed, named",
+    [
+        ("python /venv/bin/morlax train", "morlax train"),
+        ("python /venv/bin/morlax-train", "morlax train"),
+        ("python -m morlax_torch train", "python -m morlax_torch train"),
+        ("python -m morlax_torch.train", "python -m morlax_torch train"),
+    ],
+)
+def test_a_command_is_named_as_this_user_can_type_it(typed, named, monkeypatch):
+    monkeypatch.setattr(sys, "orig_argv", [*typed.split(), "--help"])
+    assert program("train") == named
 
 
-@pytest.mark.parametrize("typed", TYPED)
-def test_a_command_is_called_as_it_was_typed(typed, monkeypatch):
-    monkeypatch.setattr(sys, "orig_argv", TYPED[typed])
-    assert program("train") == typed
+IMPORTS = (
+    "import morlax_torch; morlax_torch.{name}",
+    "import morlax_torch.{name}",
+    "from morlax_torch.{name} import {name}",
+)
+
+
+@pytest.mark.parametrize("orders", [IMPORTS, IMPORTS[::-1]], ids=["package first", "module first"])
+def test_public_functions_can_be_imported_and_called_in_any_order(orders):
+    lines = ["import gc, sys", "before = gc.get_threshold(), sys.excepthook", "import morlax_torch"]
+    lines += ["assert (gc.get_threshold(), sys.excepthook) == before"]
+    for name in ("train", "evaluate", "choose"):
+        lines += [order.format(name=name) for order in orders]
+        lines += [f"assert callable(morlax_torch.{name}) and callable({name})"]
+    lines += ["try: morlax_torch.train(nothing=0)", "except TypeError as e: print(e)"]
+    done = python("-c", "\n".join(lines))
+    assert "train() got an unexpected keyword argument 'nothing'" in done.stdout, done.stderr
 
 
 @pytest.mark.parametrize("name", commands.COMMANDS)

@@ -10,7 +10,7 @@ from same import assert_same
 from torch import Tensor, nn
 
 from morlax_torch import MORLAX, config_for, envs
-from morlax_torch.config import Config
+from morlax_torch.configuration.config import Config
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_evaluator, make_worlds

@@ -10,7 +10,8 @@ from same import assert_same
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.algorithms.expected_returns import expected_returns
 from morlax_torch.algorithms.registry import make_learner
-from morlax_torch.config import SCALARIZATIONS
+from morlax_torch.configuration.config import SCALARIZATIONS
+from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.envs.trust import _TRUSTED
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
@@ -22,7 +23,6 @@ from morlax_torch.scalarizations.chebyshev import AUGMENTATION, SMOOTHNESS, Smoo
 from morlax_torch.scalarizations.constrained import LEVELS, MOST, RATE, Constrained
 from morlax_torch.scalarizations.range import FORGETTING, Range
 from morlax_torch.scalarizations.registry import make_scalarization
-from morlax_torch.tradeoffs import evaluation_tradeoffs
 from morlax_torch.train import train
 
 CPU = torch.device("cpu")

@@ -14,8 +14,9 @@ from same import assert_same
 import morlax_torch
 from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.algorithms.registry import make_learner
-from morlax_torch.config import load_config
-from morlax_torch.config_files import read_yaml
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import read_yaml
+from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs.worlds.learned import LIMITS, LearnedReward
 from morlax_torch.pack import pack
 from morlax_torch.preferences import reward
@@ -26,7 +27,6 @@ from morlax_torch.runs import checkpoint
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.starting import start_from
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 

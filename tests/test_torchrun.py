@@ -301,6 +301,6 @@ def test_a_host_without_the_folder_of_a_resumed_run_is_told(runs):
     port, longer = free_port(), ("--max-env-steps", "9600")
     first = by_hand(0, port, "--resume", str(runs / "whole"), *longer)
     message = by_hand(1, port, *SMALL, *longer).communicate(timeout=100)[1]
-    assert "process 0 goes on with a run that process 1 does not find" in message
+    assert "process 0 resumes a run whose folder process 1 cannot find" in message
     first.kill()
     first.communicate()

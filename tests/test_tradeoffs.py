@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError
-from morlax_torch.config import load_config
-from morlax_torch.tradeoffs import (
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.tradeoffs import (
     dirichlet_tradeoffs,
     evaluation_tradeoffs,
     parse_tradeoff,

@@ -19,8 +19,8 @@ from same import assert_same
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlax_torch import MORLAX, MorlaxError
-from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import merged, task_values
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint

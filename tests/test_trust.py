@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from morlax_torch import MorlaxError, envs, load, save
-from morlax_torch.config import Config
+from morlax_torch.configuration.config import Config
 from morlax_torch.runs.trust import NAMES_CODE
 
 PAYLOAD = """

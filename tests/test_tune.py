@@ -20,9 +20,10 @@ import yaml
 
 pytest.importorskip("optuna", reason="needs the extra tune")
 
-from morlax_torch import MorlaxError, config_for, train, tune
-from morlax_torch.config import Config
-from morlax_torch.config_files import space_values
+from morlax_torch import MorlaxError, config_for, train
+from morlax_torch.commands import tune
+from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.files import space_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
@@ -566,7 +567,7 @@ def test_a_base_config_between_the_steps_of_a_range_is_trial_0(option, value, ra
 
 
 def test_trials_start_from_the_policies_that_the_config_names(tmp_path):
-    start = train.train(tiny(max_env_steps=32 * 5 * 20), output=tmp_path / "start")
+    start = train(tiny(max_env_steps=32 * 5 * 20), output=tmp_path / "start")
     latest = str(start.checkpoints / "latest.pt")
     config = tiny(start_from=latest, max_seconds=0.01, max_env_steps=None)
     with closing(trial_module.evaluations(config, lambda: False)) as found:

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs, train
+from morlax_torch.commands.train import command as train_command
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_evaluator, make_worlds
 
@@ -87,7 +88,7 @@ def test_a_world_that_is_over_earns_nothing_in_an_evaluation():
 
 def test_a_run_masks_steps_at_a_time_limit_and_says_so(tmp_path, capsys):
     options = [f"--{name.replace('_', '-')}={value}" for name, value in TINY.items()]
-    train.command(["--env", NAME, *options, "--output", str(tmp_path / "run")])
+    train_command(["--env", NAME, *options, "--output", str(tmp_path / "run")])
     assert "steps at a time limit are left out (ppo.truncation mask)" in capsys.readouterr().out
     assert "truncation: mask" in (tmp_path / "run" / "config.yaml").read_text()
 
@@ -163,9 +164,9 @@ def test_episodes_start_anew_after_an_evaluation_in_the_only_environment():
 def test_a_run_trains_and_resumes_in_the_only_environment(tmp_path):
     envs.register("single-line", alone(again=True))
     config = config_for("single-line", **TINY)
-    run = train.train(config, output=tmp_path / "run")
+    run = train(config, output=tmp_path / "run")
     longer = config.model_copy(update={"max_env_steps": 480})
-    train.train(longer, Run.open(run.folder))
+    train(longer, Run.open(run.folder))
     rows = (run.folder / "metrics.csv").read_text().splitlines()
     assert rows[-1].split(",")[1] == "480"
 
@@ -183,7 +184,7 @@ def test_evaluations_that_the_only_environment_cannot_have_are_refused(
     envs.register(f"line-{tradeoffs}", alone(again))
     config = config_for(f"line-{tradeoffs}", **{**TINY, "evaluation.tradeoffs": tradeoffs})
     with pytest.raises(MorlaxError, match=message):
-        train.train(config, output=tmp_path / "run")
+        train(config, output=tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 

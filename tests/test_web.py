@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import web_robots
 
-from morlax_torch import MorlaxError, envs, pack
+from morlax_torch import MorlaxError, envs
+from morlax_torch.commands import pack
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
 from morlax_torch.viewers.web import libraries, writing

@@ -8,8 +8,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from morlax_torch import MORLAX, MorlaxError, config_for, envs, evaluate, explore, export, train
-from morlax_torch.evaluation.history import read_rows
+from morlax_torch import MORLAX, MorlaxError, config_for, envs, train
+from morlax_torch.commands import explore, export
+from morlax_torch.commands.train import command as train_command
+from morlax_torch.evaluate import evaluate
+from morlax_torch.runs.history import read_rows
 from morlax_torch.runs.training import make_evaluator
 
 SOURCE = Path(__file__)
@@ -82,7 +85,7 @@ DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     config = config_for(POINTS, **TINY)
-    return train.train(config, output=tmp_path_factory.mktemp("points") / "run").folder
+    return train(config, output=tmp_path_factory.mktemp("points") / "run").folder
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -107,9 +110,9 @@ def test_they_are_explored_and_evaluated_eagerly(device):
 
 def test_their_run_is_evaluated_and_resumed_in_new_worlds(run, tmp_path, capsys):
     run = shutil.copytree(run, tmp_path / "run")
-    assert evaluate.evaluate(run, tradeoffs=6, device="cpu").hypervolume > 0
+    assert evaluate(run, tradeoffs=6, device="cpu").hypervolume > 0
     before = read_rows(run / "metrics.csv")
-    train.command(["--resume", str(run), "--max-env-steps", "400"])
+    train_command(["--resume", str(run), "--max-env-steps", "400"])
     assert "they start anew" in capsys.readouterr().out
     after = read_rows(run / "metrics.csv")
     assert after[: len(before)] == before and int(after[-1]["env_steps"]) >= 400

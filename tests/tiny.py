@@ -3,7 +3,7 @@
 from typing import Any
 
 from morlax_torch import config_for
-from morlax_torch.config import Config
+from morlax_torch.configuration.config import Config
 
 
 def tiny(**changes: Any) -> Config:

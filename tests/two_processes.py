@@ -10,7 +10,7 @@ from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
-from morlax_torch.config import Config
+from morlax_torch.configuration.config import Config
 from morlax_torch.gpu.group import ALONE, Group, join
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
@@ -117,8 +117,8 @@ def refusal(group: Group) -> str:
 if __name__ == "__main__":
     folder, *algorithms = sys.argv[1:]
     torch.distributed.init_process_group("gloo")  # as a user's program may have done
-    _, group = join(config("morlax", 2))
-    assert join(config("morlax", 2))[1] is group
+    _, group = join("cpu", "settings")
+    assert join("cpu", "settings")[1] is group
     found = {name: trained(name, group) for name in algorithms}
     found["statistics"] = statistics(group)
     found["own"] = {name: with_own_networks(name, group) for name in algorithms}

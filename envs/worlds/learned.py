@@ -136,6 +136,5 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _damaged(path: Path) -> MorlaxError:
     return MorlaxError(
-        f"the learned reward {path} is damaged or not one: fit it again with "
-        "python -m morlax_torch.teach."
+        f"the learned reward {path} is damaged or not one: fit it again with morlax teach."
     )

@@ -10,9 +10,9 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from .. import envs
+from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import unknown
-from ..tradeoffs import one_tradeoff
 from .options import check_options
 from .pictures import Pictures
 from .resetting import prepare

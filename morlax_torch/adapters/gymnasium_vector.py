@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import envs
+from ..configuration.tradeoffs import one_tradeoff
 from ..envs import Environment, MorlaxError, TimeStep
 from ..envs.errors import unknown
 from ..gpu.graph import Graph
 from ..gpu.threads import one_thread
-from ..tradeoffs import one_tradeoff
 from .actions import checked_actions
 from .options import check_options
 from .pictures import Pictures

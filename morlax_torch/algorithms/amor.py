@@ -4,7 +4,7 @@ from typing import Any
 
 import torch
 
-from ..config import Config
+from ..configuration.config import Config
 from ..envs import Worlds
 from .morlax import MORLAX
 

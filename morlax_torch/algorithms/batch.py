@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..config_sections import PPOConfig
+from ..configuration.sections import PPOConfig
 from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
 from .rollout import Rollout, advantages

@@ -4,12 +4,12 @@ from typing import Any
 
 import torch
 
-from ..config import Config
-from ..config_sections import HyperMORLOptions
+from ..configuration.config import Config
+from ..configuration.sections import HyperMORLOptions
+from ..configuration.tradeoffs import even_tradeoffs, sample_cells
 from ..envs import Worlds
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
-from ..tradeoffs import even_tradeoffs, sample_cells
 from .morlax import MORLAX
 
 

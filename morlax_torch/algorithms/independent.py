@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from ..config import Config
+from ..configuration.config import Config
+from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import Worlds
-from ..tradeoffs import even_tradeoffs
 from .morlax import MORLAX
 
 

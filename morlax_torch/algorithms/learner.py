@@ -2,7 +2,7 @@
 
 from typing import Any, Protocol
 
-from ..config import Config
+from ..configuration.config import Config
 from ..envs import Worlds
 from ..gpu.group import Group
 from ..networks.agent import Agent

@@ -6,7 +6,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ..config import Config
+from ..configuration.config import Config
+from ..configuration.tradeoffs import sample_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.random import restore_generator, seed_of
 from ..gpu import fused
@@ -16,7 +17,6 @@ from ..gpu.threads import one_thread
 from ..networks import gaussian
 from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization
-from ..tradeoffs import sample_tradeoffs
 from .batch import Table, make_batch
 from .episodes import Episodes
 from .expected_returns import expected_returns

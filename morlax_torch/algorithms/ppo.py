@@ -6,7 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..config_sections import PPOConfig
+from ..configuration.sections import PPOConfig
 from ..gpu.graph import Branch
 from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam

@@ -2,7 +2,7 @@
 
 from torch import nn
 
-from ..config import Config
+from ..configuration.config import Config
 from ..envs import Worlds
 from ..gpu.group import ALONE, Group
 from .amor import AMOR

@@ -7,13 +7,13 @@ import torch
 from torch import Tensor, nn
 from torch.export import ExportedProgram
 
+from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import MorlaxError
 from ..envs.errors import unknown
 from ..files import AnyPath, replacing
 from ..networks.agent import normalizer_for
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
-from ..tradeoffs import dirichlet_tradeoffs
 from .formats import FORMATS, quiet
 from .manifest import manifest
 

@@ -10,9 +10,9 @@ import torch
 
 from .. import envs
 from ..envs import Environment, Robot
-from ..evaluation.history import best_row, hypervolume_of, read_rows
 from ..files import AnyPath
 from ..networks.policy import Policy
+from ..runs.history import best_row, hypervolume_of, read_rows
 from ..runs.loading import find_checkpoint, find_run
 from ..version import __version__
 

@@ -11,7 +11,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from ..config_sections import MIN_STD
+from ..configuration.sections import MIN_STD
 
 ROWS = 32  # samples per program
 _MIN_STD, _LOG_2 = tl.constexpr(MIN_STD), tl.constexpr(math.log(2))

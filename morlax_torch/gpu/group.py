@@ -11,7 +11,6 @@ import torch.distributed as dist
 from torch import Tensor, nn
 from torch.distributed.rendezvous import rendezvous
 
-from ..config import Config
 from ..envs import MorlaxError, resolve_device
 from ..torchrun import LOCAL_RANK, PROCESSES, SEVERAL
 from .meeting import meet
@@ -142,37 +141,43 @@ class Processes(Group):
                 x.copy_(first)
 
 
-def join(config: Config) -> tuple[Config, Group]:
+def join(device: str | None, settings: str) -> tuple[str | None, Group]:
     """Join the processes that `torchrun` started, if it did, each on a GPU of its own.
+
+    Returns the device of this process, and the group.
 
     It may be called again for another run of the same processes, or after
     `torch.distributed.init_process_group`.
 
+    Args:
+        device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
+        settings: must be the same in all processes.
+
     Raises:
         MorlaxError: not all of them came within a minute, there are fewer GPUs, or they have
-            different configs.
+            different settings.
     """
     if not SEVERAL:
-        return config, ALONE
-    device = resolve_device(config.device)
-    if device.type == "cuda":
-        device = resolve_device(f"cuda:{LOCAL_RANK}")
-        torch.cuda.set_device(device)
+        return device, ALONE
+    place = resolve_device(device)
+    if place.type == "cuda":
+        place = resolve_device(f"cuda:{LOCAL_RANK}")
+        torch.cuda.set_device(place)
     try:
-        group = _processes("nccl" if device.type == "cuda" else "gloo")
-        configs = group.gather(config.model_dump_json())
+        group = _processes("nccl" if place.type == "cuda" else "gloo")
+        all_settings = group.gather(settings)
     except (OSError, RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise MorlaxError(
             f"the {PROCESSES} processes of this run did not find each other: {reason}"
         ) from None
-    others = [rank for rank, other in enumerate(configs) if other != configs[0]]
+    others = [rank for rank, other in enumerate(all_settings) if other != all_settings[0]]
     if others:
         raise MorlaxError(
             f"process {others[0]} has another config than process 0: start all processes with the "
             "same command."
         )
-    return config.model_copy(update={"device": str(device)}), group
+    return str(place), group
 
 
 @cache

@@ -7,9 +7,9 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
-from ..config import Config
-from ..config_sections import NetworkConfig
-from ..tradeoffs import even_tradeoffs
+from ..configuration.config import Config
+from ..configuration.sections import NetworkConfig
+from ..configuration.tradeoffs import even_tradeoffs
 from .conditioned import Conditioned
 from .family import Family
 from .gaussian import TanhNormal, limited, spread_of

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from ..config_sections import MIN_STD
+from ..configuration.sections import MIN_STD
 
 
 class TanhNormal:

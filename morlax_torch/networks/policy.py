@@ -7,10 +7,10 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
-from ..config import Config
+from ..configuration.config import Config
+from ..configuration.tradeoffs import checked_tradeoff, one_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..tradeoffs import checked_tradeoff, one_tradeoff
 from .agent import Agent, SpecializedPolicy
 
 

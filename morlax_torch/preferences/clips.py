@@ -7,10 +7,10 @@ import torch
 from numpy.typing import NDArray
 
 from .. import envs
+from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import Environment, MorlaxError
 from ..envs.worlds.learned import TERM
 from ..networks.policy import Policy
-from ..tradeoffs import dirichlet_tradeoffs
 
 SECONDS = 1.5  # length of a clip
 LONGEST = 1000  # control steps of an episode that clips are cut from

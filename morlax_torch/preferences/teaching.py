@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..config import Config, load_config
-from ..config_files import write_yaml
+from ..configuration.config import Config, load_config
+from ..configuration.files import write_yaml
 from ..envs import MorlaxError, TaskOptions
 from ..envs.making import check_seed
 from ..envs.worlds.learned import TERM

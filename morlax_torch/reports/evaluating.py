@@ -11,12 +11,12 @@ from rich.table import Table
 from ..envs import MorlaxError, resolve_device
 from ..evaluation.evaluator import Protocol
 from ..evaluation.front import Front
-from ..evaluation.history import History
 from ..files import unused
 from ..networks.policy import Policy
 from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
+from ..runs.history import History
 from ..runs.loading import SHIPPED, find_checkpoint, find_run, load, trust_run
 from . import comparison
 from .page import number, words

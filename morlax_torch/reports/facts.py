@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 
-from ..config import Config
+from ..configuration.config import Config
 from ..evaluation.front import hypervolume_in
-from ..evaluation.history import History
 from ..runs.hardware import Machine
+from ..runs.history import History
 
 
 def facts(

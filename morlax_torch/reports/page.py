@@ -10,7 +10,7 @@ import yaml
 from matplotlib.figure import Figure
 
 from ..colors import of_objectives
-from ..config import Config
+from ..configuration.config import Config
 from ..evaluation.figures.style import FILES
 from .comparison import Quartiles
 

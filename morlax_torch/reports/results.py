@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front
-from ..evaluation.history import History
 from ..files import make_folder, replacing
 from ..networks.policy import Policy
 from ..runs.hardware import Machine
+from ..runs.history import History
 from . import comparison
 from .facts import facts
 from .page import report

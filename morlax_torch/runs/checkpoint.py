@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from torch import Tensor
 
 from ..algorithms.learner import Learner
-from ..config import Config, load_config
+from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, explained, shortened
 from ..files import AnyPath, read, replacing

@@ -5,15 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
+from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError, resolve_device
 from ..evaluation.candidates import Candidates, rounded
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
+from ..evaluation.making import evaluation_worlds
 from ..evaluation.requirements import Choice, Requirements
 from ..files import AnyPath
 from ..networks.policy import Policy
-from ..tradeoffs import even_tradeoffs
-from .evaluating import evaluation_worlds
 from .fronts import load_front
 from .loading import load
 
@@ -85,8 +85,9 @@ class Chooser:
         self._random = policy.config.task.for_evaluation().varies
         usual = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
         self._seeds = usual if seeds is None else seeds
-        place = policy.agent.observation_normalizer.mean.device
-        self._env = evaluation_worlds(policy, BATCH, self._seeds, seed, place)
+        place = str(policy.agent.observation_normalizer.mean.device)
+        config = policy.config.model_copy(update={"device": place, "backend": None})
+        self._env = evaluation_worlds(config, BATCH, self._seeds, seed)
         self._evaluator = self._make_evaluator(BATCH, seed)
         self._start = self._evaluated(front)
 

@@ -1,15 +1,11 @@
 """Evaluate the policies of a run."""
 
-import torch
-
-from .. import envs
-from ..envs import MorlaxError, Worlds, resolve_device
-from ..envs.random import EVALUATION_SEEDS
-from ..evaluation.evaluator import Evaluator, Protocol
+from ..envs import resolve_device
+from ..evaluation.evaluator import Protocol
 from ..evaluation.front import Front
+from ..evaluation.making import make_evaluator
 from ..files import AnyPath
 from ..networks.policy import Policy
-from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from .checkpoint import fingerprint
 from .loading import load
 
@@ -28,7 +24,7 @@ def evaluate(
     Args:
         run: the policies; a `Policy` is moved to the device.
         tradeoffs: K, the number of trade-offs: an even grid for two objectives; the corners and
-            fixed random draws for more; None: as in training.
+            fixed random draws for more; None: as in training, or the paper's 1,024 random ones.
         protocol: how returns are counted, see `Evaluator`.
         device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
         backend: "warp" or "mujoco"; None is chosen by device.
@@ -42,47 +38,16 @@ def evaluate(
     """
     place = resolve_device(device)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    tradeoffs = policy.config.evaluation.tradeoffs if tradeoffs is None else tradeoffs
-    seeds = policy.config.evaluation.seeds if seeds is None else seeds
-    m = len(policy.objectives)
-    fixed = evaluation_tradeoffs(tradeoffs, m)
-    drawn = dirichlet_tradeoffs(tradeoffs, m) if protocol == "paper" else fixed
-    env = evaluation_worlds(policy, tradeoffs, seeds, seed, place, backend)
-    evaluator = Evaluator(policy.agent, env, drawn, protocol, seed, seeds)
+    config = policy.config.model_copy(update={"device": str(place), "backend": backend})
+    evaluator = make_evaluator(
+        policy.agent,
+        config,
+        len(policy.objectives),
+        protocol=protocol,
+        tradeoffs=tradeoffs,
+        seeds=seeds,
+        seed=seed,
+    )
     evaluator.compile()
     mark = fingerprint(policy.agent.state_dict())
     return evaluator.evaluate()._replace(fingerprint=mark)
-
-
-def evaluation_worlds(
-    policy: Policy,
-    tradeoffs: int,
-    seeds: int,
-    seed: int,
-    place: torch.device,
-    backend: str | None = None,
-) -> Worlds:
-    """Make the worlds of an `Evaluator` of a policy: one for each of `seeds` episodes of K.
-
-    Raises:
-        MorlaxError: a number is out of range, or nothing in the task is random although
-            `seeds` > 1.
-    """
-    task = policy.config.task.for_evaluation()
-    if not 0 <= seed < 2**63:
-        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
-    if seeds < 1:
-        raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
-    try:
-        task.check_seeds(seeds)
-    except ValueError as error:
-        raise MorlaxError(f"{error}: leave out --seeds.") from None
-    return envs.make(
-        policy.config.env,
-        tradeoffs * seeds,
-        place,
-        backend,
-        EVALUATION_SEEDS + seed,
-        auto_reset=False,
-        **task.model_dump(),
-    )

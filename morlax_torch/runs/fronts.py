@@ -5,9 +5,9 @@ from pathlib import Path
 
 from ..envs import MorlaxError
 from ..evaluation.front import Front
-from ..evaluation.history import best_row, read_rows
 from ..files import AnyPath
 from . import checkpoint
+from .history import best_row, read_rows
 from .loading import find_checkpoint
 
 
@@ -52,4 +52,4 @@ def _remedy(path: Path) -> str:
     """Return the command that writes the front of a checkpoint, as the end of a sentence."""
     best = path.name == "best.pt" and path.parent.name == "checkpoints"
     named = checkpoint.folder_of(path) if best else path
-    return f"write it with python -m morlax_torch.evaluate {shlex.quote(str(named))}"
+    return f"write it with morlax evaluate {shlex.quote(str(named))}"

@@ -9,7 +9,7 @@ import torch
 from pydantic import BaseModel, Field, ValidationError
 
 from ..algorithms.learner import Learner
-from ..config_files import read_yaml, write_yaml
+from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import explained
 from ..files import replacing

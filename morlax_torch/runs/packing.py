@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from ..config_files import write_yaml
+from ..configuration.files import write_yaml
 from ..evaluation.front import Front
-from ..evaluation.history import read_rows
 from ..files import making, read
 from .evaluating import evaluate
 from .hardware import read_machines, write_machines
+from .history import read_rows
 from .loading import find_run, load, save
 from .rewards import copy_reward
 

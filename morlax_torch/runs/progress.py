@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..evaluation.front import Front, hypervolume_in
-from ..evaluation.history import BEST
 from ..torchrun import launch
+from .history import BEST
 
 
 class Evaluation(NamedTuple):

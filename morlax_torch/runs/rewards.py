@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from ..config import Config
+from ..configuration.config import Config
 from ..envs import TaskOptions
 from ..files import read, replacing
 

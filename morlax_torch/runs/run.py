@@ -13,16 +13,16 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from ..algorithms.learner import Learner
-from ..config import MAY_CHANGE, Config, differences, load_config
-from ..config_files import read_yaml, write_yaml
+from ..configuration.config import MAY_CHANGE, Config, differences, load_config
+from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import title
-from ..evaluation.history import read_rows
 from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, replacing, unused
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
+from .history import read_rows
 from .lock import RunLock
 from .progress import Evaluation, Progress
 from .rewards import copy_reward, localized

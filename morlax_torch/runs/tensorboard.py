@@ -9,7 +9,7 @@ from typing import Any
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
-from ..config_files import read_yaml
+from ..configuration.files import read_yaml
 from ..envs.naming import title
 from .hardware import FILE as HARDWARE
 from .progress import Evaluation

@@ -8,13 +8,13 @@ from functools import partial
 
 from .. import envs
 from ..algorithms.learner import Learner
-from ..config import Config
+from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
-from ..envs.random import EVALUATION_SEEDS, seed_of
-from ..evaluation.evaluator import SETS, Evaluator, Protocol, share
+from ..envs.random import seed_of
+from ..evaluation import making
+from ..evaluation.evaluator import SETS, Evaluator, Protocol
 from ..evaluation.front import Front
 from ..torchrun import launch
-from ..tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from . import checkpoint
 from .progress import Evaluation, Progress
 from .run import Run
@@ -159,30 +159,15 @@ def make_worlds(config: Config, number: int, rank: int = 0) -> Worlds:
 
 
 def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluator:
-    """Make the evaluator of a learner's agent, with the same worlds for every training seed.
+    """Make the evaluator of a learner's agent.
 
-    Where a task is random, it has a second set of episodes, to choose the best checkpoint by. The
-    paper's protocol evaluates 1,024 random trade-offs, the default protocol the config's number of
-    `evaluation_tradeoffs`.
+    Where a task is random, it has a second set of episodes, to choose the best checkpoint by.
     """
-    config, group, m = learner.config, learner.group, len(learner.env.objectives)
-    seeds, task = config.evaluation.seeds, config.task.for_evaluation()
-    sets = SETS if task.varies else 1
-    if protocol == "paper":
-        tradeoffs = dirichlet_tradeoffs(1024, m)
-    else:
-        tradeoffs = evaluation_tradeoffs(config.evaluation.tradeoffs, m)
-    env = envs.make(
-        config.env,
-        len(share(tradeoffs, sets * seeds, group)),
-        config.device,
-        config.backend,
-        EVALUATION_SEEDS,
-        auto_reset=False,
-        deterministic=config.deterministic,
-        **task.model_dump(),
+    config, m = learner.config, len(learner.env.objectives)
+    sets = SETS if config.task.for_evaluation().varies else 1
+    return making.make_evaluator(
+        learner.agent, config, m, learner.group, protocol=protocol, sets=sets
     )
-    return Evaluator(learner.agent, env, tradeoffs, protocol, 0, seeds, sets, group)
 
 
 def _iterate(
@@ -194,7 +179,10 @@ def _iterate(
     writer: Writer,
     earlier: int,
 ) -> None:
-    """Run some iterations, then read and check the metrics; the worlds miss `earlier` blow-ups."""
+    """Run some iterations, then read and check the metrics.
+
+    `earlier`: blow-ups counted before the worlds were rebuilt.
+    """
     first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
     seconds = schedule.seconds()
     # several processes have one clock, which they look at together

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import torch
 
-from ..config import CONSTRAINED
+from ..configuration.config import CONSTRAINED
 from ..envs import trust
 from ..envs.errors import unknown
 from ..envs.external import import_file

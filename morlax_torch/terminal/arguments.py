@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import envs
-from ..config import MAY_CHANGE, Config, differences, load_config
+from ..configuration.config import MAY_CHANGE, Config, differences, load_config
 from ..envs import MorlaxError
 from ..envs.worlds.section import Section
 from ..torchrun import FIRST, MAY_RESTART, launch

@@ -18,7 +18,7 @@ from ..gpu.memory import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from ..version import __version__
 from .interrupt import exiting_on_signals, exiting_when_stuck
-from .startup import INTERRUPTED
+from .startup import INTERRUPTED, collect_garbage_rarely, report_interrupts_in_one_line
 
 GRACE = 2.0  # seconds
 
@@ -40,6 +40,8 @@ def print_command(why: str, command: str) -> None:
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
     """Run a command; a user's mistake prints one sentence and exits with status 2."""
+    collect_garbage_rarely()
+    report_interrupts_in_one_line()
     usual = threading.excepthook
     # if TensorBoard's writer thread fails, its next call raises the error here
     threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)

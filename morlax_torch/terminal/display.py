@@ -13,6 +13,7 @@ from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
 from ..runs.progress import Evaluation, Progress
 from .cli import console, print_command
+from .startup import program
 
 
 class Display:
@@ -103,7 +104,7 @@ class Display:
         )
         more = "train --resume" if interrupted else "evaluate"
         folder = shlex.quote(str(self._folder))
-        print_command("next", f"python -m morlax_torch.{more} {folder}")
+        print_command("next", f"{program(more)} {folder}")
 
 
 class _Status(ProgressColumn):

@@ -1,4 +1,4 @@
-"""A command's first moments, while it still imports its libraries: its first line, and Ctrl-C."""
+"""The first moments of a command: how it was typed, its first line, garbage collection, Ctrl-C."""
 
 import gc
 import os
@@ -31,14 +31,11 @@ def command_words() -> list[str] | None:
 
 
 def program(name: str) -> str:
-    """Return the command `name` the way that the user started it, such as "morlax train"."""
-    if ("-m", "morlax_torch") in pairwise(sys.orig_argv):
+    """Return how to start the command `name`: through `python -m` if this one was started so."""
+    modules = (word for option, word in pairwise(sys.orig_argv) if option == "-m")
+    if any(module.split(".")[0] == "morlax_torch" for module in modules):
         return f"python -m morlax_torch {name}"
-    scripts = {Path(word).stem for word in sys.orig_argv[:2]}
-    if "morlax" in scripts:
-        return f"morlax {name}"
-    script = f"morlax-{name}"
-    return script if script in scripts else f"python -m morlax_torch.{name}"
+    return f"morlax {name}"
 
 
 def runs_a_command() -> bool:

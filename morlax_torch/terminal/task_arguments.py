@@ -10,8 +10,8 @@ import tyro
 from pydantic import BaseModel, Field, create_model
 
 from .. import envs
-from ..config import Config, config_class, load_config
-from ..config_files import algorithm_of, default_values, file_values, task_values
+from ..configuration.config import Config, config_class, load_config
+from ..configuration.files import algorithm_of, default_values, file_values, task_values
 from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..envs.worlds.section import Section

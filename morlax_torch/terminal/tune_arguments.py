@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, PositiveFloat, ValidationError
 
-from ..config import Config, load_config
+from ..configuration.config import Config, load_config
 from ..envs import MorlaxError
 from ..envs.errors import explained
 from ..envs.worlds.section import Count, Section

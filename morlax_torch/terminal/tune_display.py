@@ -11,6 +11,7 @@ from ..envs.naming import title
 from ..tuning.importance import FEWEST, importances
 from ..tuning.study import Result, Study
 from .cli import console, print_command
+from .startup import program
 
 BEST = 5  # trials in the table
 LABEL, VALUE = 24, 8  # widths of columns
@@ -76,7 +77,7 @@ class TuneDisplay:
             print_command("continue", continues)
         if ranked:
             best = shlex.quote(str(self._folder / "best.yaml"))
-            print_command("next", f"python -m morlax_torch.train --config {best}")
+            print_command("next", f"{program('train')} --config {best}")
 
     def _print_best(self, ranked: list[Result]) -> None:
         base = self._study.base_result()

@@ -4,8 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple, Self, get_args
 
-from ..config import Config, load_config
-from ..config_files import merged
+from ..configuration.config import Config, load_config
+from ..configuration.files import merged
 from ..envs import MorlaxError
 from ..evaluation.front import hypervolume_in
 from .library import optuna

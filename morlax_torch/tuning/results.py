@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 from filelock import FileLock
 
-from ..config import Config, load_config
-from ..config_files import changes, task_values
+from ..configuration.config import Config, load_config
+from ..configuration.files import changes, task_values
 from ..envs import MorlaxError, resolve_device
 from ..files import make_folder, replacing
 from .study import Result, Study
@@ -73,7 +73,7 @@ def _best(study: Study, result: Result) -> str:
     return (
         f"# Trial {result.number} of {study.name}: {reached} "
         f"after {result.train_seconds:.1f} s of training{seeds}.\n"
-        f"# python -m morlax_torch.train --config best.yaml --device {place}\n"
+        f"# morlax train --config best.yaml --device {place}\n"
         + yaml.safe_dump(_changes(result.config, place), sort_keys=False)
     )
 

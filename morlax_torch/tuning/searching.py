@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..config import Config
-from ..config_files import space_values
+from ..configuration.config import Config
+from ..configuration.files import space_values
 from ..envs import resolve_device
 from ..envs.naming import title
 from ..files import AnyPath

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple, Self
 
 from pydantic import ValidationError
 
-from ..config import Config, config_class, flat, load_config
-from ..config_files import merged, nested
+from ..configuration.config import Config, config_class, flat, load_config
+from ..configuration.files import merged, nested
 from ..envs import MorlaxError
 from ..envs.errors import explained, shortened, unknown
 from .library import optuna

@@ -4,7 +4,7 @@ import os
 import socket
 from typing import Any, NamedTuple
 
-from ..config import Config, flat
+from ..configuration.config import Config, flat
 from ..envs import MorlaxError
 from ..envs.naming import title
 from ..files import runs

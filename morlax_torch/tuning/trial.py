@@ -6,13 +6,11 @@ from contextlib import closing
 from statistics import fmean
 from typing import NamedTuple
 
-from ..algorithms.registry import make_learner
-from ..config import Config
+from ..configuration.config import Config
 from ..envs import MorlaxError
 from ..gpu.memory import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
-from ..runs.starting import start_from
-from ..runs.training import make_evaluator, make_worlds, training
+from ..runs.session import Session
 from .journal import StorageError
 from .pruning import EVALUATED
 from .study import MOST_DEATHS, Claim, Result, Study
@@ -113,10 +111,7 @@ def _train_once(
 
 def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evaluation, None, None]:
     """Train until max_seconds, and yield the first and last evaluation and those of EVALUATED."""
-    learner = make_learner(make_worlds(config, config.worlds), config)
-    evaluator = make_evaluator(learner)
-    if config.start_from is not None:
-        start_from(config.start_from, learner)
     seconds = config.max_seconds or 0.0
     times = tuple(share * seconds for share in EVALUATED)
-    yield from training(learner, evaluator, stopped=stopped, evaluate_at=times)
+    session = Session.of(config, written=False)
+    yield from session.training(stopped=stopped, evaluate_at=times)

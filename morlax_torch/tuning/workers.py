@@ -53,7 +53,7 @@ def run_workers(
     """
     running = {
         index: subprocess.Popen(
-            [sys.executable, "-m", "morlax_torch.tune", *arguments],
+            [sys.executable, "-m", "morlax_torch", "tune", *arguments],
             env=_environment(gpu, len(visible)),
             process_group=0,  # the terminal's Ctrl-C reaches workers through the parent, so once
         )

@@ -10,14 +10,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...config import Config
-from ...config_sections import PGMORLOptions
+from ...configuration.config import Config
+from ...configuration.sections import PGMORLOptions
+from ...configuration.tradeoffs import even_tradeoffs
 from ...envs import Worlds, make
 from ...envs.random import EVALUATION_SEEDS
 from ...evaluation.evaluator import Evaluator
 from ...networks.agent import Agent
 from ...networks.independent import Independent, InOrder
-from ...tradeoffs import even_tradeoffs
 from ..morlax import MORLAX
 from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict

@@ -1,16 +1,26 @@
 """Figure of the hypervolume during training."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ...colors import INK
-from ..history import History
 from .style import blank, lattice
 
 SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))
+
+
+class Curves(Protocol):
+    """Numbers of a run's E evaluations, (E,) each, such as those of a `History`."""
+
+    @property
+    def env_steps(self) -> np.ndarray: ...
+    @property
+    def train_seconds(self) -> np.ndarray: ...
+    @property
+    def hypervolume(self) -> np.ndarray: ...
 
 
 class Band(NamedTuple):
@@ -31,7 +41,7 @@ class Band(NamedTuple):
         return cls(grid, *np.quantile(values, (0.25, 0.5, 0.75), axis=0))
 
 
-def hypervolume_figure(histories: Sequence[History], title: str = "") -> Figure:
+def hypervolume_figure(histories: Sequence[Curves], title: str = "") -> Figure:
     """Plot hypervolume against environment steps and against training seconds.
 
     Several runs are thin lines, overlaid with their median and interquartile range.

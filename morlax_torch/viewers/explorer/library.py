@@ -37,7 +37,7 @@ def first() -> str:
         return run
     raise MorlaxError(
         "there is nothing to explore yet: name the folder of a run, or train one "
-        "(python -m morlax_torch.train --env cheetah --max-seconds 60)."
+        "(morlax train --env cheetah --max-seconds 60)."
     )
 
 

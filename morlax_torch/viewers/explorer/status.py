@@ -5,9 +5,7 @@ from html import escape
 
 from .session import Session
 
-NO_FRONT_TEXT = (
-    "This checkpoint has no front. To write one: <code>python -m morlax_torch.evaluate RUN</code>"
-)
+NO_FRONT_TEXT = "This checkpoint has no front. To write one: <code>morlax evaluate RUN</code>"
 
 
 def small(html: str) -> str:

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs import MorlaxError
 from ...files import replacing
 from ...networks.policy import Policy
-from ...tradeoffs import typical_tradeoffs
 from .film import Film
 from .video import ENDINGS, FASTEST, write_video
 

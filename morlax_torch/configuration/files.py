@@ -7,12 +7,12 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from . import envs
-from .envs import MorlaxError
-from .envs.errors import shortened
-from .envs.naming import is_file
-from .files import AnyPath, read
-from .torchrun import PROCESSES
+from .. import envs
+from ..envs import MorlaxError
+from ..envs.errors import shortened
+from ..envs.naming import is_file
+from ..files import AnyPath, read
+from ..torchrun import PROCESSES
 
 
 def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:

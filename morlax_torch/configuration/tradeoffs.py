@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .envs import MorlaxError
+from ..envs import MorlaxError
 
 DRAWS = 32  # per cell of the simplex, so that almost every cell gets one
 

@@ -13,9 +13,14 @@ from pydantic import (
     model_validator,
 )
 
-from . import envs
-from .config_files import algorithm_of, merged, nested, renamed, task_values
-from .config_sections import (
+from .. import envs
+from ..envs import MorlaxError, ObjectiveOptions
+from ..envs.errors import explained, unknown
+from ..envs.naming import absolute, is_file
+from ..envs.worlds.section import Count, Section
+from ..files import exists
+from .files import algorithm_of, merged, nested, renamed, task_values
+from .sections import (
     OPTIONS,
     REQUIRED,
     EvaluationConfig,
@@ -26,11 +31,6 @@ from .config_sections import (
     PPOConfig,
     SamplingConfig,
 )
-from .envs import MorlaxError, ObjectiveOptions
-from .envs.errors import explained, unknown
-from .envs.naming import absolute, is_file
-from .envs.worlds.section import Count, Section
-from .files import exists
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective

@@ -1,0 +1,103 @@
+"""Choose a trade-off by what its policy must reach."""
+
+import math
+import shlex
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from ..envs import MorlaxError
+from ..terminal import cli
+from ..terminal.help import call
+from ..terminal.startup import program
+
+if TYPE_CHECKING:
+    from ..evaluation.requirements import Choice
+
+
+def command(arguments: Sequence[str]) -> None:
+    def main(
+        run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
+        maximize: Annotated[str, tyro.conf.arg(metavar="OBJECTIVE")],
+        constrain: Annotated[
+            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="'run >= 2000'")
+        ] = (),
+        margin: float | None = None,
+        seeds: int | None = None,
+        seed: int = 0,
+        device: str | None = None,
+        trust: bool = False,
+    ) -> None:
+        """Find the trade-off that maximizes one objective while others reach required returns.
+
+        It simulates trade-offs of the run's front and others between them, and prints the best
+        that keeps every requirement in simulation.
+
+        Args:
+            run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
+            maximize: The objective to maximize.
+            constrain: Least return of an objective.
+            margin: Share of an objective's range on the front by which its requirement must be
+                exceeded (None: 0.02 for tasks with random starts, models or commands, otherwise 0).
+            seeds: Episodes per trade-off, to average over; for such tasks (None: as in training,
+                but at least 8).
+            seed: Random seed of the worlds.
+            device: Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU).
+            trust: Let the run import the FILE.py or module that its task names.
+        """
+        least: dict[str, float] = {}
+        for name, value in map(_required, constrain):
+            least[name] = max(value, least.get(name, value))
+        from ..runs.choosing import choose
+        from ..runs.loading import find_checkpoint, trust_run
+
+        if trust:
+            trust_run(run)
+        choice = choose(run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device)
+        _show(choice, least, maximize)
+        cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
+        words = [shlex.quote(run), *(["--trust"] if trust else [])]
+        weights = ",".join(f"{weight:.6g}" for weight in choice.tradeoff)
+        export = [program("export"), *words, "--tradeoff", weights]
+        cli.print_command("to export the policy", " ".join(export))
+        cli.print_command("to see the robot", " ".join([program("explore"), *words]))
+
+    call(main, arguments, program("choose"))
+
+
+def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:
+    """Print promised and simulated returns, margins, the cost and the trade-off."""
+    from rich.table import Table  # takes a while to import
+
+    table = Table(box=None)
+    for column in ("objective", "promised", "simulated", "required", "margin"):
+        table.add_column(column, justify="left" if column == "objective" else "right")
+    for name, value in choice.returns.items():
+        limits = [f"{least[name]:g}", f"{choice.margins[name]:+.4g}"] if name in least else []
+        table.add_row(name, f"{choice.promised[name]:.5g}", f"{value:.5g}", *limits)
+    cli.console.print(table)
+    if least:
+        best = choice.returns[maximize] + choice.cost
+        cli.console.print(
+            f"cost of the requirements: {choice.cost:.4g} of {maximize}, which reaches "
+            f"{best:.5g} without them"
+        )
+    weights = ",".join(f"{weight:.6g}" for weight in choice.tradeoff)
+    cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
+
+
+def _required(text: str) -> tuple[str, float]:
+    name, sign, least = text.partition(">=")
+    try:
+        if not sign or not name.strip() or not math.isfinite(float(least)):
+            raise ValueError
+        return name.strip(), float(least)
+    except ValueError:
+        raise MorlaxError(
+            f"{text!r} is not a constraint: write OBJECTIVE >= NUMBER, such as 'run >= 2000'."
+        ) from None
+
+
+def main() -> None:
+    cli.run(command)

@@ -1,0 +1,112 @@
+"""Evaluate trained runs: fronts, indicators, figures and a report."""
+
+import copy
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ..envs import MorlaxError
+from ..terminal import cli
+from ..terminal.help import call
+from ..terminal.startup import program
+
+PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
+
+if TYPE_CHECKING:
+    from ..networks.policy import Policy
+
+
+def command(arguments: Sequence[str]) -> None:
+    def main(
+        runs: Annotated[
+            tuple[str, ...],
+            tyro.conf.Positional,
+            tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)"),
+        ],
+        tradeoffs: int | None = None,
+        protocol: Literal["latched", "paper"] = "latched",
+        device: str | None = None,
+        backend: str | None = None,
+        seed: int = 0,
+        seeds: int | None = None,
+        reference: str | None = None,
+        output: Path | None = None,
+        trust: bool = False,
+    ) -> None:
+        """Evaluate the policies of many trade-offs and print the indicators.
+
+        Writes each run's front (front.npz, front.csv), figures (png and pdf), indicators.csv and
+        report.html, a self-contained file. Several runs are compared: one figure overlays their
+        fronts, and summary.csv has the median and quartiles of each indicator.
+
+        Args:
+            runs: Run folders, checkpoint files, or shipped policies.
+            tradeoffs: Number of trade-offs: an even grid for two objectives; the corners and fixed
+                random draws for more (None: as in training).
+            protocol: How returns are counted. latched: up to and including the first failed step.
+                paper: as in the paper's tables, which draw 1024 trade-offs at random;
+                failed steps earn no reward, and the reward of the reset is added.
+            device: Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU).
+            backend: Simulator: warp or mujoco (None: chosen by device).
+            seed: Random seed of the worlds.
+            seeds: Episodes per trade-off, to average over; for tasks with random starts, models or
+                commands (None: as in training).
+            reference: Reference front of IGD+: a front.npz or a run (None: the best points of all
+                runs, if there are several).
+            output: Output folder (None: the run's folder, or evaluations/<time> for several runs,
+                a shipped policy or a checkpoint other than best.pt).
+            trust: Let the run import the Python files and modules that it names.
+        """
+        if not runs:
+            raise MorlaxError(
+                "name at least one run: its folder, such as runs/ant/..., or a .pt file."
+            )
+        from ..reports.evaluating import evaluate_runs, table  # imports torch
+
+        typed = f"{program('evaluate')} {shlex.join(arguments)}"
+        found, folder = evaluate_runs(
+            runs,
+            typed,
+            tradeoffs,
+            protocol,
+            device,
+            backend,
+            seed,
+            seeds,
+            reference,
+            output,
+            trust,
+            _portrait,
+        )
+        cli.console.print(table(found))
+        names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
+        cli.console.print(f"evaluated: {names}")
+        cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
+
+    call(main, arguments, program("evaluate"))
+
+
+def _portrait(policy: "Policy") -> bytes | None:
+    """Return a picture of the robot under equal weights, if it can be drawn here."""
+    from io import BytesIO
+
+    try:
+        from PIL import Image
+
+        from ..viewers.filming.film import Film
+
+        equal = [1.0] * len(policy.objectives)
+        film = Film(copy.deepcopy(policy).cpu(), [equal], width=640, height=400)
+        *_, last = film.frames(PORTRAIT_SECONDS, film.steps(PORTRAIT_SECONDS))
+    except (ImportError, MorlaxError):  # an extra, OpenGL or a MuJoCo robot is missing
+        return None
+    drawn = BytesIO()
+    Image.fromarray(last).save(drawn, format="PNG")
+    return drawn.getvalue()
+
+
+def main() -> None:
+    cli.run(command)

@@ -1,0 +1,48 @@
+"""Train a run in the terminal."""
+
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+
+from ..terminal import cli
+from ..terminal.arguments import read
+from ..terminal.clock import command_began
+from ..terminal.interrupt import interruptible
+from ..terminal.startup import announce_training
+
+
+def command(arguments: Sequence[str]) -> None:
+    began = command_began()
+    config, run, output = read(arguments)
+    if run is not None and (limit := run.limit_reached(config)):
+        cli.console.print(
+            f"{run.folder} has reached its limit: raise --{limit} to train it further."
+        )
+        return
+    from ..runs.session import Session  # imports torch
+    from ..terminal.display import Display
+
+    session = Session.of(config, run, output)
+    assert session.run is not None
+    gather = session.learner.group.gather
+
+    def stopped() -> bool:
+        if received := max(gather(interrupted.signal)):
+            interrupted.signal = received  # a signal to one process ends all
+        return received > 0
+
+    with (
+        interruptible() as interrupted,
+        Display(session.learner, session.run.folder, session.progress) as display,
+        closing(session.training(began, stopped=stopped)) as evaluations,
+    ):
+        for evaluation in evaluations:
+            display.evaluated(evaluation)
+        display.finished(interrupted())
+    if interrupted():
+        sys.exit(interrupted.exit_status)
+
+
+def main() -> None:
+    announce_training()
+    cli.run(command)

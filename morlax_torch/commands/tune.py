@@ -1,0 +1,107 @@
+"""Search for a task's hyperparameters."""
+
+import shlex
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from ..envs import MorlaxError
+from ..terminal import cli
+from ..terminal.interrupt import Interruption, interruptible
+from ..terminal.startup import program
+from ..terminal.tune_arguments import Request, read
+from ..torchrun import SEVERAL
+
+if TYPE_CHECKING:
+    from ..terminal.tune_display import TuneDisplay
+    from ..tuning.study import Study
+
+
+def command(arguments: Sequence[str]) -> None:
+    if SEVERAL:
+        raise MorlaxError("tune has --workers of its own: start it without torchrun.")
+    request = read(arguments)
+    config, options = request.config, request.options
+    from ..envs import resolve_device  # imports torch
+    from ..terminal.tune_display import TuneDisplay
+    from ..tuning import workers
+    from ..tuning.results import write_results
+    from ..tuning.searching import folder_of, open_study
+
+    folder = folder_of(config, options.output)
+    study = open_study(
+        config,
+        options.space,
+        options.output,
+        options.seconds,
+        options.indicators,
+        options.storage,
+        options.study,
+    )
+    display = TuneDisplay(study, folder, options.trials)
+    with interruptible() as interrupted:
+        if workers.is_worker():
+            _search(request, study, display, lambda: interrupted() or workers.is_orphan())
+        else:
+            visible = workers.places(
+                resolve_device(config.device), options.workers, request.one_gpu
+            )
+            write_results(study, folder)  # a folder that cannot be written is told before training
+            display.started(_devices(config.device, len(visible)))
+            if len(visible) == 1:
+                _search(request, study, display, interrupted)
+            else:
+                _search_together(arguments, visible, interrupted)
+                write_results(study, folder)
+            display.ended(f"{program('tune')} {shlex.join(arguments)}")
+            _check_success(study)
+    if interrupted():
+        sys.exit(interrupted.exit_status)
+
+
+def _search(
+    request: Request, study: "Study", display: "TuneDisplay", stopped: Callable[[], bool]
+) -> None:
+    from ..tuning.searching import folder_of, search
+
+    options = request.options
+    end = float("inf") if options.minutes is None else time.monotonic() + 60 * options.minutes
+    search(
+        study,
+        folder_of(request.config, options.output),
+        options.trials,
+        lambda: stopped() or time.monotonic() >= end,
+        display.finished,
+    )
+
+
+def _search_together(
+    arguments: Sequence[str], visible: Sequence[str | None], interrupted: Interruption
+) -> None:
+    from ..tuning.workers import run_workers
+
+    def ended(index: int, status: int) -> None:
+        if status and not interrupted():
+            cli.console.print(
+                f"worker {index} ended with status {status}; its trial is queued again"
+            )
+
+    statuses = run_workers(arguments, visible, lambda: interrupted.signal, ended)
+    if all(statuses) and not interrupted():
+        raise MorlaxError(f"all {len(statuses)} workers ended early: see the lines above.")
+
+
+def _check_success(study: "Study") -> None:
+    """Raise MorlaxError if every trial has failed."""
+    results = study.results()
+    if results and all(result.state == "failed" for result in results):
+        raise MorlaxError(f"every trial failed, the last one because: {results[-1].reason}")
+
+
+def _devices(device: str | None, workers: int) -> str:
+    return f"{workers} workers" if workers > 1 else str(device)
+
+
+def main() -> None:
+    cli.run(command)

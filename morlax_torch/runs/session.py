@@ -1,0 +1,115 @@
+"""Everything that training needs, from a config."""
+
+import time
+from collections.abc import Callable, Generator, Sequence
+from typing import Self
+
+from torch import nn
+
+from ..algorithms.learner import Learner
+from ..algorithms.registry import make_learner
+from ..configuration.config import Config
+from ..envs import MorlaxError
+from ..evaluation.evaluator import Evaluator
+from ..files import AnyPath
+from ..gpu.group import Group, join
+from .progress import Evaluation, Progress
+from .run import Run
+from .starting import start_from
+from .training import make_evaluator, make_worlds, training
+
+
+class Session:
+    """Worlds with their learner, its evaluator, and the run that is written.
+
+    Args:
+        learner: to train.
+        evaluator: of the learner's agent.
+        run: the run's folder; None: nothing is written.
+        progress: of a run that is resumed.
+    """
+
+    def __init__(
+        self,
+        learner: Learner,
+        evaluator: Evaluator,
+        run: Run | None = None,
+        progress: Progress | None = None,
+    ):
+        self.learner, self.evaluator, self.run = learner, evaluator, run
+        self.progress = Progress() if progress is None else progress
+
+    @classmethod
+    def of(
+        cls,
+        config: Config,
+        run: Run | None = None,
+        output: AnyPath | None = None,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+        *,
+        written: bool = True,
+    ) -> Self:
+        """Make worlds, learner, evaluator and run of a config.
+
+        Started by `torchrun`, all processes share the run, which the first one writes.
+
+        Args:
+            config: the config.
+            run: a run to resume, instead of a new one.
+            output: folder of a new run (None: runs/<task>/<time>-<seed>).
+            actor: replaces the config's actor, see `MORLAX`.
+            critic: replaces the config's critic, see `MORLAX`.
+            written: False: write no new run.
+
+        Raises:
+            MorlaxError: the processes do not agree, the config does not fit this machine, or the
+                folder cannot be written.
+        """
+        device, group = join(config.device, config.model_dump_json())
+        config = config.model_copy(update={"device": device})
+        run = _shared(run, group)
+        worlds = make_worlds(config, config.worlds, group.rank)
+        learner = make_learner(worlds, config, actor, critic, group=group)
+        evaluator = make_evaluator(learner)
+        if run is not None:
+            return cls(learner, evaluator, run, run.restore(learner))
+        if config.start_from is not None:
+            start_from(config.start_from, learner)
+        return cls(learner, evaluator, Run.create(learner, output) if written else None)
+
+    def training(
+        self,
+        began: float | None = None,
+        *,
+        stopped: Callable[[], bool] = lambda: False,
+        evaluate_at: Sequence[float] | None = None,
+    ) -> Generator[Evaluation, None, None]:
+        """Train to a limit of the config, and yield each evaluation; see `training`."""
+        began = time.perf_counter() if began is None else began
+        run = self.run if self.learner.group.rank == 0 else None
+        return training(
+            self.learner,
+            self.evaluator,
+            run,
+            self.progress,
+            began,
+            stopped=stopped,
+            evaluate_at=evaluate_at,
+        )
+
+
+def _shared(run: Run | None, group: Group) -> Run | None:
+    """Return the run to go on with, if the first process has one.
+
+    Raises:
+        MorlaxError: it has one, and this process does not find it.
+    """
+    if not group.first(run is not None):
+        return None  # this host may have an older folder of that name
+    if run is None:
+        raise MorlaxError(
+            f"process 0 resumes a run whose folder process {group.rank} cannot find: put it on a "
+            "disk that all hosts share."
+        )
+    return run
