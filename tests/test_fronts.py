@@ -1,6 +1,7 @@
 """The front of a run is that of the checkpoint that `load` loads, and is reported fairly."""
 
 import csv
+import os
 import re
 import shutil
 from collections.abc import Sequence
@@ -264,3 +265,18 @@ def test_both_hypervolume_columns_stay_readable(run):
     write_rows(run, table)
     with pytest.raises(MorlaxError, match="damaged"):
         read_rows(run / "metrics.csv")
+
+
+def test_a_folder_of_runs_and_latest_name_the_newest_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MorlaxError, match="there is no run in runs/ yet"):
+        find_run("latest")
+    for seconds, run in enumerate(("hopper/b", "hopper/a", "ant/c")):
+        file = Path("runs") / run / "checkpoints" / "best.pt"
+        file.parent.mkdir(parents=True)
+        file.touch()
+        os.utime(file, (seconds, seconds))
+    assert find_run("runs/hopper") == Path("runs/hopper/a")
+    assert find_run("latest") == Path("runs/ant/c") == find_run("runs")
+    assert find_run("runs/hopper/b") == Path("runs/hopper/b")
+    assert find_run("hopper").parent.name == "shipped"

@@ -35,7 +35,8 @@ def command(arguments: Sequence[str]) -> None:
         that keeps every requirement in simulation.
 
         Args:
-            run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
+            run: Run folder (its best checkpoint), or runs/TASK or latest for the newest run;
+                checkpoint file; or shipped policy.
             maximize: The objective to maximize.
             constrain: Least return of an objective.
             margin: Share of an objective's range on the front by which its requirement must be

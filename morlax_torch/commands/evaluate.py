@@ -43,7 +43,8 @@ def command(arguments: Sequence[str]) -> None:
         fronts, and summary.csv has the median and quartiles of each indicator.
 
         Args:
-            runs: Run folders, checkpoint files, or shipped policies.
+            runs: Run folders (runs/TASK or latest: the newest run), checkpoint files, or shipped
+                policies.
             tradeoffs: Number of trade-offs: an even grid for two objectives; the corners and fixed
                 random draws for more (None: as in training).
             protocol: How returns are counted. latched: up to and including the first failed step.

@@ -53,8 +53,8 @@ def command(arguments: Sequence[str]) -> None:
         """Serve a page that shows a robot live, with a slider for each objective.
 
         Args:
-            run: Run folder, checkpoint file, or shipped policy (None: the first shipped policy,
-                or the latest run under ./runs if no policy is shipped).
+            run: Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped
+                policy (None: the first shipped policy, or the newest run if none is shipped).
             host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
             port: TCP port to listen on; 0 selects a free one.
             trust: Let the run import the Python files and modules that it names.

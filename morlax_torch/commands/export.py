@@ -26,7 +26,8 @@ def command(arguments: Sequence[str]) -> None:
         file is read back and compared with the policy.
 
         Args:
-            run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
+            run: Run folder (its best checkpoint), or runs/TASK or latest for the newest run;
+                checkpoint file; or shipped policy.
             tradeoff: Weight of each objective; weights need not sum to one (None: the trade-off
                 stays an input).
             format: File format. onnx needs an extra: pip install 'morlax-torch[onnx]', or in a

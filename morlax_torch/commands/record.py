@@ -32,7 +32,8 @@ def command(arguments: Sequence[str]) -> None:
         needed.
 
         Args:
-            run: Run folder (its best checkpoint), checkpoint file, or shipped policy.
+            run: Run folder (its best checkpoint), or runs/TASK or latest for the newest run;
+                checkpoint file; or shipped policy.
             tradeoff: Weight of each objective, once per panel; weights need not sum to one
                 (None: each objective alone, and the balanced trade-off).
             output: Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip

@@ -34,7 +34,8 @@ def command(arguments: Sequence[str]) -> None:
         """Learn a reward from comparisons of a run's clips, and write a config to train with it.
 
         Args:
-            run: Run folder, checkpoint file, or shipped policy, of a MuJoCo robot.
+            run: Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped
+                policy, of a MuJoCo robot.
             folder: Folder of the comparisons; an earlier one continues with its answers.
             objective: Name of the new objective.
             answers: Number of questions to ask at most; Ctrl-C ends earlier, 0 asks none.

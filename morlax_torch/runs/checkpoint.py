@@ -4,6 +4,7 @@ import hashlib
 import io
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,11 +16,13 @@ from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, explained, shortened
-from ..files import AnyPath, read, replacing
+from ..files import AnyPath, exists, is_folder, read, replacing
 from .contents import FORMAT, POLICY, Contents, Task, check_state
 from .progress import Progress
 from .rewards import localized
 from .trust import check_code, trust_code
+
+RUNS, LATEST = Path("runs"), "latest"
 
 
 def describe(env: Worlds) -> Task:
@@ -146,6 +149,34 @@ def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
         return load_config(localized(contents.config, folder_of(path)))
     except MorlaxError as error:
         raise MorlaxError(f"the config in {path} does not fit: {error}") from None
+
+
+def newest_runs(folder: Path) -> list[Path]:
+    """Return the runs in `folder` or one level deeper that have a checkpoint, the newest first."""
+    times: dict[Path, float] = {}
+    for depth in ("*", "*/*"):
+        for file in folder.glob(f"{depth}/checkpoints/*.pt"):
+            with suppress(OSError):  # deleted meanwhile, or not readable
+                run, time = file.parent.parent, file.stat().st_mtime
+                times[run] = max(times.get(run, 0.0), time)
+    return sorted(times, key=times.__getitem__, reverse=True)
+
+
+def named_run(run: AnyPath) -> Path:
+    """Return the path that a user means: the newest run of a folder of runs, or of "latest".
+
+    Raises:
+        MorlaxError: it is "latest", and there is no run.
+    """
+    path = Path(run)
+    if str(run) == LATEST and not exists(path):
+        path = RUNS
+    elif not is_folder(path) or any(exists(path / name) for name in ("checkpoints", "config.yaml")):
+        return path
+    newest = newest_runs(path)
+    if not newest and str(run) == LATEST:
+        raise MorlaxError(f"there is no run in {RUNS}/ yet: train one first.")
+    return newest[0] if newest else path
 
 
 def folder_of(path: Path) -> Path:

@@ -20,10 +20,13 @@ SHIPPED = Path(__file__).parent.parent / "shipped"
 def find_run(run: AnyPath) -> Path:
     """Return the folder of a run, given its path, one of its checkpoints, or a shipped name.
 
+    A folder of runs, such as runs/ant, stands for its newest run, and "latest" for the newest of
+    all in runs/.
+
     Raises:
         MorlaxError: there is no such run.
     """
-    path = Path(run)
+    path = checkpoint.named_run(run)
     if is_file(path):
         return checkpoint.folder_of(path)
     if is_folder(path):

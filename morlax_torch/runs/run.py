@@ -107,11 +107,12 @@ class Run:
 
     @classmethod
     def open(cls, folder: AnyPath) -> Self:
-        """Open an existing run.
+        """Open an existing run, the newest one of a folder of runs, or of all if it is "latest".
 
         Raises:
-            MorlaxError: there is none.
+            MorlaxError: the folder is not a run.
         """
+        folder = checkpoint.named_run(folder)
         if not is_file(Path(folder) / "config.yaml"):
             raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
         return cls(folder)

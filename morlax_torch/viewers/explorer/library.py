@@ -1,14 +1,12 @@
 """Policies that can be explored: shipped ones, and the runs under ./runs."""
 
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from ...envs import MorlaxError
 from ...envs.errors import unknown
+from ...runs.checkpoint import RUNS, named_run, newest_runs
 from ...runs.loading import SHIPPED, find_checkpoint, find_run
-
-RUNS = Path("runs")
 
 
 def shipped() -> list[str]:
@@ -18,13 +16,7 @@ def shipped() -> list[str]:
 
 def trained() -> list[str]:
     """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
-    times: dict[str, float] = {}
-    for depth in ("*", "*/*"):
-        for file in RUNS.glob(f"{depth}/checkpoints/*.pt"):
-            run = str(file.parent.parent)
-            with suppress(OSError):  # deleted meanwhile, or not readable
-                times[run] = max(times.get(run, 0.0), file.stat().st_mtime)
-    return sorted(times, key=times.__getitem__, reverse=True)
+    return [str(run) for run in newest_runs(RUNS)]
 
 
 def first() -> str:
@@ -64,6 +56,7 @@ def choose(run: str, checkpoint: str | None = None) -> Choice:
     Raises:
         MorlaxError: there is no such run or checkpoint.
     """
+    run = str(named_run(run))
     file = find_checkpoint(run)
     if Path(run).is_file() and file.parent.name != "checkpoints":
         return Choice(run, file.stem, {file.stem: file})
