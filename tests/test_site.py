@@ -80,7 +80,7 @@ def test_the_site_builds_strictly_and_all_its_links_work(tmp_path, player):
     assert (tmp_path / "site" / "player" / "index.html").is_file()
     assert 'src="player/index.html?embed"' in (tmp_path / "site" / "index.html").read_text()
     commands = (tmp_path / "site" / "commands" / "index.html").read_text()
-    assert all(f"usage: python -m morlax_torch.{name}" in commands for name in COMMANDS)
+    assert all(f"usage: morlax {name}" in commands for name in COMMANDS)
     reference = (tmp_path / "site" / "api" / "index.html").read_text()
     for name in re.findall(r"<!-- api: (\S+) -->", (DOCS / "api.md").read_text()):
         assert f'id="{name}"' in reference, name

@@ -63,13 +63,14 @@ def relinked(text: str, source: Path, repository: str | None) -> str:
 def help_of(command: str) -> str:
     """Return a code block with the `--help` of a command."""
     done = subprocess.run(
-        [sys.executable, "-m", f"morlax_torch.{command}", "--help"],
+        [sys.executable, "-m", "morlax_torch", command, "--help"],
         capture_output=True,
         text=True,
         check=True,
         env={**os.environ, "COLUMNS": "82", "NO_COLOR": "1", "TERM": "dumb"},
     )
-    lines = [line.rstrip() for line in done.stdout.strip().splitlines()]
+    text = done.stdout.strip().replace("usage: python -m morlax_torch ", "usage: morlax ", 1)
+    lines = [line.rstrip() for line in text.splitlines()]
     return "\n".join(["```text", *lines, "```"])
 
 
