@@ -8,12 +8,12 @@ import numpy as np
 from PIL import Image
 
 from morlax_torch import envs
-from morlax_torch.config import Config, load_config
-from morlax_torch.config_files import task_values
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.files import task_values
 from morlax_torch.evaluation import figures
-from morlax_torch.evaluation.history import History
 from morlax_torch.record import record
 from morlax_torch.runs.fronts import load_front
+from morlax_torch.runs.history import History
 from morlax_torch.runs.loading import SHIPPED, find_run, load
 
 DOCS = Path(__file__).parent
@@ -34,8 +34,8 @@ cheetah and hopper are the best of three seeds (lowest hypervolumes 7.13e6, 5.79
 ant is the better of two (the other: 3.49e7). All were trained and evaluated on MuJoCo Warp. C
 MuJoCo, which runs on computers without a GPU, gives the ant's front 2.6 % less hypervolume, since
 the two simulators orient its contact frames differently. The other hypervolumes agree within 0.4 %.
-Humanoid and BRUCE were trained before `ppo.anneal` also annealed updates of the observation
-normalizer, so their commands now train slightly differently.
+Humanoid and BRUCE were trained before the learning rate's decay also applied to updates of
+the observation normalizer, so their commands now train slightly differently.
 """
 TASK = """
 ## {name}: {objectives}
@@ -72,7 +72,7 @@ def command(config: Config) -> str:
                 options.append(" ".join([f"--{name}", *words]))
 
     compare(config.model_dump(), defaults, "")
-    return " ".join(["python -m morlax_torch.train", *options])
+    return " ".join(["morlax train", *options])
 
 
 def examples() -> None:

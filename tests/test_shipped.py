@@ -40,7 +40,7 @@ def test_a_shipped_policy_is_small_and_has_its_config_and_metrics(name):
 @pytest.mark.parametrize("name", SHIPS)
 def test_the_gallery_s_command_gives_the_shipped_config(name, monkeypatch):
     page = (Path(__file__).parent.parent / "docs" / "gallery.md").read_text()
-    (line,) = re.findall(rf"^python -m morlax_torch.train (--env {name} .*)", page, re.MULTILINE)
+    (line,) = re.findall(rf"^morlax train (--env {name} .*)", page, re.MULTILINE)
     monkeypatch.setattr(envs, "resolve_device", lambda _: torch.device("cuda:0"))
     config, _, _ = arguments.read(shlex.split(line))
     assert config.model_dump() == load(name, "cpu").config.model_dump()

@@ -13,14 +13,14 @@ from morlax_torch.__main__ import command
 DOCS = Path(__file__).parents[1] / "docs"
 
 LONG, SHORT = "max_env_steps=300_000", "max_env_steps=4_096"
-ENDLESS = "python -m morlax_torch.explore"  # test_install.py and test_explore.py start it
+ENDLESS = "morlax explore"  # test_install.py and test_explore.py start it
 WRITE = "%%writefile "
 
 
 def run_command(line: str) -> None:
-    assert line.startswith("python -m morlax_torch.")
-    _, _, module, *arguments = shlex.split(line)
-    command([module.rpartition(".")[2], *arguments])
+    program, *arguments = shlex.split(line)
+    assert program == "morlax"
+    command(arguments)
 
 
 def run_cells(cells: list[str]) -> dict:

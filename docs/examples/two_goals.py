@@ -1,6 +1,6 @@
 r"""A planar arm with two goals: a robot with a concave Pareto front.
 
-python -m morlax_torch.train --env docs/examples/two_goals.py:TwoGoals \
+morlax train --env docs/examples/two_goals.py:TwoGoals \
     --scalarization augmented-chebyshev --network.max-std 0.2
 """
 
