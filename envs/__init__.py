@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from .errors import MorlaxError
 from .lazy import handed_on
-from .trust import check_trusted, trust
+from .naming import check_trusted, trust
 from .worlds.options import ObjectiveOptions, Randomization, TaskOptions
 
 if TYPE_CHECKING:
-    from .device import resolve_device
+    from .devices import resolve_device
     from .making import make, make_robot
     from .physics.interface import Physics
     from .registry import get, names, register

@@ -15,7 +15,7 @@ from rich.console import Console
 from morlax_torch import MorlaxError, load, save
 from morlax_torch.commands import record
 from morlax_torch.runs import loading
-from morlax_torch.terminal import bar
+from morlax_torch.terminal import cli
 from morlax_torch.viewers.filming import panels, recording, video
 from morlax_torch.viewers.filming.film import Film
 from morlax_torch.viewers.filming.video import write_video
@@ -164,8 +164,8 @@ def test_a_progress_bar_is_shown_on_terminals_only(monkeypatch):
     for terminal in (True, False):
         output = io.StringIO()
         console = Console(file=output, force_terminal=terminal, width=80, legacy_windows=False)
-        monkeypatch.setattr(bar, "console", console)
-        with bar.bar("filming") as watch:
+        monkeypatch.setattr(cli, "console", console)
+        with cli.bar("filming") as watch:
             for share in (0.25, 1.0):
                 watch(share)
         assert ("filming" in output.getvalue()) == terminal

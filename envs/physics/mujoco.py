@@ -5,8 +5,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from . import variation
-from .batch import Batch
+from .batch import Batch, vary
 from .interface import Physics
 
 
@@ -48,7 +47,7 @@ class MujocoPhysics(Physics):
             self.sensors.numpy()[:] = self._readings
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
-        variation.apply(self._batch, fields)
+        vary(self._batch, fields)
 
     def overflow(self) -> Tensor:
         return self._no_overflow  # C MuJoCo grows its buffers as needed

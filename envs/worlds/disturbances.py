@@ -8,9 +8,9 @@ import mujoco
 import torch
 from torch import Tensor
 
+from ..devices import Draws
 from ..errors import MorlaxError, unknown
 from ..physics.interface import Physics
-from ..random import Draws
 from .layout import Part
 
 

@@ -3,7 +3,7 @@
 import importlib
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
@@ -140,17 +140,7 @@ class GymnasiumWorlds(Worlds):
         self._truncated = np.zeros(num_worlds, np.bool_)
 
     @classmethod
-    def build(
-        cls,
-        options: Any,
-        num_worlds: int,
-        device: torch.device,
-        backend: str | None,
-        seed: int,
-        *,
-        auto_reset: bool,
-        deterministic: bool,
-    ) -> Self:
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
         if device.type != "cpu" or backend == "warp":
             raise MorlaxError(f"{cls.name} runs only on the CPU: use --device cpu and no backend.")
         return cls(options, num_worlds, seed, auto_reset)

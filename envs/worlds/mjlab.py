@@ -1,17 +1,22 @@
 """Bridge to mjlab: N worlds of any of its tasks, with its reward terms by name."""
 
+import contextlib
+import io
+from collections.abc import Callable
 from functools import cache, partial
+from importlib import import_module
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from ..random import drawing_from
-from .foreign import ForeignWorlds, Outcome
-from .groups import actor_group, joined
-from .mjlab_building import build
+from ..devices import drawing_from
+from ..physics import compiling
+from .foreign import ForeignWorlds, Outcome, actor_group, joined
 from .mjlab_endings import BLOWN_UP, remembers, take_ending, watch_endings
 from .mjlab_tasks import MjlabOptions, changed, options_class
+
+_rehearsed: set[str] = set()
 
 
 @cache
@@ -100,3 +105,27 @@ class MjlabWorlds(ForeignWorlds):
         terms = self.env.reward_manager._step_reward * self._time_step
         blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
         return Outcome(seen, final, terms, failed.clone(), timed_out, blown_up)
+
+
+def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
+    """Return mjlab's environment. It draws from torch's global generators.
+
+    Args:
+        name: the task, whose kernels are compiled once in a process.
+        config: returns mjlab's config, which each environment changes.
+        device: where to simulate.
+    """
+    environment = import_module("mjlab.envs").ManagerBasedRlEnv
+
+    def rehearse() -> None:
+        env = environment(config(), device=str(device))
+        env.reset()
+        env.step(torch.zeros(env.num_envs, env.action_manager.total_action_dim))
+
+    with contextlib.redirect_stdout(io.StringIO()):  # tables of all terms
+        # on a GPU, torch could stop the process at an index that no kernel has written
+        if device.type == "cpu" and name not in _rehearsed:
+            _rehearsed.add(name)
+            compiling.start(rehearse)
+            compiling.finish()
+        return environment(config(), device=str(device))

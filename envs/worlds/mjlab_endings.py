@@ -6,7 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
-from .groups import ACTORS, CRITIC
+from .foreign import ACTORS, CRITIC
 
 ENDINGS = "endings"  # mjlab's name of the recorder
 BLOWN_UP = "blown_up"  # of the termination

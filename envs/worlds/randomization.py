@@ -5,8 +5,7 @@ import numpy as np
 from mujoco import mjtBias, mjtGain
 
 from ..errors import MorlaxError
-from ..physics.batch import MODEL_FIELDS
-from ..physics.variation import cannot
+from ..physics.batch import MODEL_FIELDS, cannot_vary
 from .options import Randomization
 
 LINEAR = [int(kind) for kind in (mjtGain.mjGAIN_FIXED, mjtGain.mjGAIN_AFFINE)]
@@ -47,7 +46,7 @@ def draw(
     for name, limits in options.fields.items():
         field = getattr(model, name, None) if name in MODEL_FIELDS else None
         if not isinstance(field, np.ndarray) or field.dtype.kind != "f" or not field.size:
-            raise cannot("MuJoCo", name)
+            raise cannot_vary("MuJoCo", name)
         factors[name] = drawn(limits, *field.shape) * factors.get(name, 1.0)
     products = {name: getattr(model, name) * factor for name, factor in factors.items()}
     return {name: values for name, values in products.items() if values.size}

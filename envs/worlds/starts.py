@@ -9,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..devices import Draws
 from ..physics.interface import Physics
-from ..random import Draws
 
 NOISY_STARTS = 1024
 

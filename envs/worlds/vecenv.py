@@ -9,10 +9,9 @@ from pydantic import PositiveFloat
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..devices import drawing_from
 from ..errors import MorlaxError, words
-from ..random import drawing_from
-from .foreign import ForeignWorlds, Outcome
-from .groups import actor_group, joined
+from .foreign import ForeignWorlds, Outcome, actor_group, joined
 from .options import ObjectiveOptions
 from .section import Count
 

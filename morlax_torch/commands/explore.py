@@ -32,7 +32,7 @@ def explore(run: str, host: str, port: int) -> None:
         from ..viewers.explorer.page import Page
     import torch
 
-    from ..gpu.threads import one_thread
+    from ..gpu.resources import one_thread
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)

@@ -49,7 +49,7 @@ def command(arguments: Sequence[str]) -> None:
         """
         from ..configuration.tradeoffs import parse_tradeoff
         from ..runs.loading import load  # imports torch
-        from ..terminal.bar import bar
+        from ..terminal.cli import bar
         from ..viewers.filming.recording import record
 
         policy = load(run, trust=trust)

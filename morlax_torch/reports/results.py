@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front
-from ..files import make_folder, replacing
+from ..files import make_folder, write_file
 from ..networks.policy import Policy
 from ..runs.hardware import Machine
 from ..runs.history import History
@@ -94,8 +94,7 @@ def write(
     text = report(
         heading, about, typed, measured, quartiles, drawn, configs, known, objectives, portrait
     )
-    with replacing(folder / "report.html") as file:
-        file.write(text.encode())
+    write_file(folder / "report.html", text)
 
 
 def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
@@ -153,5 +152,4 @@ def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
     """Write a CSV file."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+    write_file(path, text.getvalue())

@@ -12,7 +12,7 @@ from ..networks.agent import Agent
 from ..networks.policy import Policy
 from . import checkpoint
 from .contents import POLICY
-from .trust import trust_code
+from .references import trust_code
 
 SHIPPED = Path(__file__).parent.parent / "shipped"
 

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from ..algorithms.learner import Learner
@@ -18,14 +17,14 @@ from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import title
-from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, replacing, unused
+from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, unused, write_file
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .history import read_rows
 from .lock import RunLock
 from .progress import Evaluation, Progress
-from .rewards import copy_reward, localized
+from .references import copy_reward, localized
 
 if TYPE_CHECKING:
     from .tensorboard import Events
@@ -43,7 +42,7 @@ def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
     """Write the files of a new run."""
     (folder / "checkpoints").mkdir()
     checkpoint.write_snapshot(folder / "checkpoints" / "latest.pt", contents, Progress())
-    _write(folder / "config.yaml", write_yaml(learner.config))
+    write_file(folder / "config.yaml", write_yaml(learner.config))
     write_machines(folder, [this_machine(learner)])
     copy_reward(learner.config, folder)
 
@@ -193,7 +192,7 @@ class Run:
                 rows = read_rows(metrics)
                 self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
             machines = resumed(read_machines(self.folder), this_machine(learner))
-            _write(self.folder / "config.yaml", write_yaml(learner.config))
+            write_file(self.folder / "config.yaml", write_yaml(learner.config))
             write_machines(self.folder, machines)
             for folder in (self.folder, self.checkpoints):
                 remove_drafts(folder)
@@ -249,7 +248,7 @@ class Run:
         writer = csv.DictWriter(table, dict.fromkeys(chain(row, *self._rows)))
         writer.writeheader()
         writer.writerows(self._rows)
-        _write(self.folder / "metrics.csv", table.getvalue())
+        write_file(self.folder / "metrics.csv", table.getvalue())
 
     @contextmanager
     def _written(self) -> "Iterator[Events]":
@@ -275,12 +274,7 @@ class Run:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             self.close()
         except MorlaxError:
@@ -313,8 +307,3 @@ def _shows_pictures(evaluation: int) -> bool:
         return True
     steps = [int(math.log(number, 1.1)) for number in (evaluation - 1, evaluation)]
     return steps[0] < steps[1]
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as file:
-        file.write(text.encode())

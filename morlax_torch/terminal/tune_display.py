@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..envs.naming import title
-from ..tuning.importance import FEWEST, importances
+from ..tuning.results import FEWEST, importances
 from ..tuning.study import Result, Study
 from .cli import console, print_command
 from .startup import program

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
-from ..envs.random import seed_of
-from .library import optuna
+from ..envs.devices import seed_of
+from .storage import optuna
 
 ATTEMPTS = 1000  # draws of values that fit together
 GUIDED = 20  # of them; the others are random

@@ -8,11 +8,9 @@ from ..configuration.config import Config, flat
 from ..envs import MorlaxError
 from ..envs.naming import title
 from ..files import runs
-from .library import optuna
-from .plan import Plan
-from .pruning import make_pruner, step
+from .plan import Plan, make_pruner, step
 from .sampling import ATTEMPTS, Sampler
-from .storage import open_storage, quiet
+from .storage import open_storage, optuna, quiet
 
 RUNNING, WAITING, FAIL, PRUNED, COMPLETE = (
     getattr(optuna.trial.TrialState, name)

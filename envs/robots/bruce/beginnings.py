@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ...worlds.starts import Start
 from . import model as bruce
-from .library import Library
+from .gaits import Library
 from .reference import JOINTS, POSITION, Reference
 
 FASTEST = (0.2, 0.1)  # largest commands, m/s, forward and sideways

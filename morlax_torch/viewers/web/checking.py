@@ -11,7 +11,7 @@ from torch import Tensor
 from ...envs import Environment
 from ...exports.formats import onnxruntime
 from .recording import Draws
-from .tracing import RESULTS, Graph, Traced, cannot
+from .tracing import RESULTS, OnnxGraph, Traced, cannot
 
 STEPS, EPISODES = 60, 3  # of the comparison
 TOLERANCE = 1e-4  # of numbers below 1; relative above
@@ -34,7 +34,7 @@ class Replica:
         for name, values in self.traced.state.items():
             self.values[name] = values.numpy().copy()
 
-    def run(self, graph: Graph, draws: list[Tensor]) -> None:
+    def run(self, graph: OnnxGraph, draws: list[Tensor]) -> None:
         """Run one of the two graphs on `values`, with the task's draws, and note its outputs."""
         for name, drawn in zip(graph.draws, draws, strict=True):
             self.values[name] = drawn.numpy()
@@ -42,7 +42,7 @@ class Replica:
         results = self._sessions[id(graph)].run(None, given)
         self.values |= dict(zip(graph.outputs, results, strict=True))
 
-    def state(self, graph: Graph) -> dict[str, np.ndarray]:
+    def state(self, graph: OnnxGraph) -> dict[str, np.ndarray]:
         """Return the task's own state that `graph` changes, by name."""
         own = self.traced.state
         return {name: values.numpy() for name, values in own.items() if name in graph.outputs}
@@ -107,5 +107,5 @@ def _gap(env: Environment, name: str, exact: np.ndarray, found: np.ndarray) -> f
     return gap
 
 
-def _session(graph: Graph) -> Any:
+def _session(graph: OnnxGraph) -> Any:
     return onnxruntime().InferenceSession(graph.onnx, providers=["CPUExecutionProvider"])

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...envs import MorlaxError
-from ...files import replacing
+from ...files import write_file
 
 REGISTRY = "https://registry.npmjs.org"
 PATIENCE = 60  # s without an answer
@@ -119,8 +119,7 @@ def _archive(library: Library) -> bytes:
         raise MorlaxError(
             f"cannot make the cache {kept.parent} ({error.strerror}): set XDG_CACHE_HOME."
         ) from None
-    with replacing(kept) as file:
-        file.write(data)
+    write_file(kept, data)
     return data
 
 

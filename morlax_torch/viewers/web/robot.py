@@ -24,7 +24,7 @@ from .checking import check
 from .model import WebModel, compiled
 from .physics import ARRAYS, PagePhysics
 from .recording import storage
-from .tracing import Graph, Traced, trace
+from .tracing import OnnxGraph, Traced, trace
 
 STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
@@ -123,7 +123,7 @@ def _flags(env: Environment) -> dict[str, int]:
     return {"disableflags": int(env.physics.model.opt.disableflags)}
 
 
-def _graph(graph: Graph) -> dict[str, Any]:
+def _graph(graph: OnnxGraph) -> dict[str, Any]:
     return {
         "inputs": {
             name: {"shape": list(values.shape), "type": str(values.dtype)[6:]}

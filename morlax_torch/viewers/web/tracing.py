@@ -16,7 +16,7 @@ from .recording import Recorder, Writes, flat, storage
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
 
 
-class Graph(NamedTuple):
+class OnnxGraph(NamedTuple):
     """An ONNX model, and the order of its inputs and outputs."""
 
     onnx: bytes
@@ -32,8 +32,8 @@ class Traced(NamedTuple):
     observation, rewards and the end of the episode.
     """
 
-    before: Graph
-    after: Graph
+    before: OnnxGraph
+    after: OnnxGraph
     state: dict[str, Tensor]  # (size,) physics and task state: views of the environment's own
     terms: tuple[str, ...]  # names of the reward terms
 
@@ -100,7 +100,7 @@ def _traced(env: Environment) -> Traced:
     return Traced(_graph(before), _graph(after), state, tuple(step.terms))
 
 
-def _graph(recorder: Recorder) -> Graph:
+def _graph(recorder: Recorder) -> OnnxGraph:
     module = recorder.module()
     inputs, outputs = recorder.inputs, tuple(recorder.outputs)
     with quiet(), torch.no_grad():
@@ -116,4 +116,4 @@ def _graph(recorder: Recorder) -> Graph:
         del node.metadata_props[:]  # where in Python each operation comes from
         node.doc_string = ""
     del model.graph.value_info[:]
-    return Graph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))
+    return OnnxGraph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))

@@ -1,6 +1,28 @@
-"""Memory of the GPU: a lack of it, and giving it back."""
+"""CPU threads of torch, and memory: a lack of it, and giving it back."""
 
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import torch  # which takes seconds; commands import this module before it
+
+
+@contextmanager
+def one_thread(device: "torch.device") -> Iterator[None]:
+    """Limit torch to one thread on the CPU, so that its others leave the cores to physics."""
+    if device.type != "cpu":
+        yield
+        return
+    import torch
+
+    usual = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(usual)
 
 
 def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
