@@ -13,8 +13,8 @@ from torch import Tensor
 
 from ..errors import MorlaxError
 from . import compiling
-from .batch import cannot_vary, varying
 from .interface import Physics
+from .mujoco import cannot_vary, varying
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
 

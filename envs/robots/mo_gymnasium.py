@@ -14,9 +14,8 @@ import torch
 from pydantic import NonNegativeFloat
 from torch import Tensor
 
-from ..worlds.layout import Part
-from ..worlds.options import TaskOptions
-from ..worlds.section import Count
+from ..worlds.options import Count, TaskOptions
+from ..worlds.robot import Part
 from .bodies import Bodies, sense_contacts
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 

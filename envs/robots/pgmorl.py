@@ -13,8 +13,7 @@ import torch
 from pydantic import NonNegativeFloat
 from torch import Tensor
 
-from ..worlds.options import TaskOptions
-from ..worlds.section import Count
+from ..worlds.options import Count, TaskOptions
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 
 MAX_SPEED = 4.0  # m/s, of the cheetah; higher speeds earn no more reward

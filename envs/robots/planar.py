@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
-from ..worlds.layout import Part, positions, velocities
 from ..worlds.options import TaskOptions
+from ..worlds.robot import Part, positions, velocities
 
 MAX_VELOCITY = 10.0  # m/s, rad/s; clipping limit of observed velocities
 ACTION_SCALE = 3.0

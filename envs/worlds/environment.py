@@ -15,13 +15,12 @@ from ..devices import Draws, restore_generator
 from ..errors import MorlaxError
 from ..physics.interface import Physics
 from . import checks, episodes, randomization
-from .disturbances import Delay, Noise, Pushes
+from .episodes import Starts, around
 from .interface import TimeStep
-from .layout import Part
 from .learned import TERM, LearnedReward
 from .options import TaskOptions
-from .robot import Robot
-from .starts import Starts, around
+from .randomization import Delay, Noise, Pushes
+from .robot import Part, Robot
 
 BEFORE = "learned.before"  # name of the remembered observation
 OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have

@@ -16,8 +16,7 @@ from ..errors import MorlaxError, words
 from ..naming import GYMNASIUM
 from .checked_env import CheckedEnv, observation_size
 from .interface import TimeStep, Worlds
-from .options import ObjectiveOptions
-from .section import Count
+from .options import Count, ObjectiveOptions
 
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
 

@@ -12,11 +12,12 @@ from torch import Tensor
 
 from ..devices import drawing_from
 from ..physics import compiling
-from .foreign import ForeignWorlds, Outcome, actor_group, joined
-from .mjlab_endings import BLOWN_UP, remembers, take_ending, watch_endings
+from .foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, joined
 from .mjlab_tasks import MjlabOptions, changed, options_class
 
 _rehearsed: set[str] = set()
+ENDINGS = "endings"  # mjlab's name of the recorder
+BLOWN_UP = "blown_up"  # of the termination
 
 
 @cache
@@ -129,3 +130,54 @@ def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
             compiling.start(rehearse)
             compiling.finish()
         return environment(config(), device=str(device))
+
+
+def watch_endings(cfg: Any) -> None:
+    """Let worlds of this config show how episodes end, and terminate if they are not finite."""
+    termination = import_module("mjlab.managers").TerminationTermCfg
+    cfg.terminations[BLOWN_UP] = termination(func=_not_finite)
+    if cfg.auto_reset:
+        recorders = import_module("mjlab.managers.recorder_manager")
+        cfg.recorders[ENDINGS] = recorders.RecorderTermCfg(func=_recorder())
+
+
+def remembers(cfg: Any) -> bool:
+    """Return whether an observation holds earlier or late ones, so that it is made only once."""
+    return any(
+        group.history_length
+        or any(term.history_length or term.delay_max_lag for term in group.terms.values() if term)
+        for group in cfg.observations.values()
+        if group is not None
+    )
+
+
+def take_ending(env: Any) -> dict[str, Tensor] | None:
+    """Return the observations before the restarts of the last step, if there were any."""
+    recorder = env.recorder_manager.get_term(ENDINGS)
+    groups, recorder.groups = recorder.groups, None
+    return groups
+
+
+def _not_finite(env: Any) -> Tensor:
+    found: Tensor = import_module("mjlab.envs.mdp").nan_detection(env)
+    return found | ~env.action_manager.action.isfinite().all(1)
+
+
+@cache
+def _recorder() -> type:
+    """Return mjlab's kind of recorder, which sees all worlds just before some restart.
+
+    At that moment, velocities and tilt of bodies are one physics step old, as in mjlab's rewards,
+    and rays and commands one control step.
+    """
+    base = import_module("mjlab.managers.recorder_manager").RecorderTerm
+
+    class Endings(base):
+        groups: dict[str, Tensor] | None = None
+
+        def record_pre_reset(self, env_ids: Tensor) -> None:
+            manager = self._env.observation_manager
+            used = {*ACTORS, CRITIC} & set(manager.active_terms)
+            self.groups = {name: manager.compute_group(name) for name in used}
+
+    return Endings

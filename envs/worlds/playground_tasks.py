@@ -9,8 +9,7 @@ from typing import Any
 
 from ..errors import MorlaxError, installation, shortened, unknown
 from .foreign import imported
-from .options import ObjectiveOptions
-from .section import Count
+from .options import Count, ObjectiveOptions
 
 EFFORT = "action_l2"  # our own reward term, beside those of the task
 UNLIMITED = 1000  # steps per episode of a task without a limit of its own

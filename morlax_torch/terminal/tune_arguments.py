@@ -9,7 +9,7 @@ from pydantic import Field, PositiveFloat, ValidationError
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError
 from ..envs.errors import explained
-from ..envs.worlds.section import Count, Section
+from ..envs.worlds.options import Count, Section
 from .startup import program
 from .task_arguments import CommandLine, asks_for_help, base_values, placed
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from .following import corners, robot_geoms, shown_geoms
+from .camera import corners, robot_geoms, shown_geoms
 
 Color = tuple[float, float, float]  # red, green, blue in [0, 1]
 

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...worlds.starts import Start
+from ...worlds.episodes import Start
 from . import model as bruce
 from .gaits import Library
 from .reference import JOINTS, POSITION, Reference

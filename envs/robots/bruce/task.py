@@ -7,15 +7,15 @@ from torch import Tensor
 
 from ...physics.interface import Physics
 from ...worlds.environment import Environment
-from ...worlds.layout import Part
-from ...worlds.starts import Starts
+from ...worlds.episodes import Starts
+from ...worlds.robot import Part
 from . import model as bruce
 from .anchor import Anchor
 from .beginnings import FASTEST, Beginnings
 from .gaits import Library
 from .history import Histories
+from .model import randomized
 from .options import BruceOptions
-from .randomization import randomized
 from .reference import BASE, JOINTS, Reference
 from .rewards import Closeness, SwingingArms, roughness
 from .rotations import PairSums

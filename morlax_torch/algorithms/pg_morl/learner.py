@@ -17,7 +17,7 @@ from ...envs import Worlds, make
 from ...envs.devices import EVALUATION_SEEDS
 from ...evaluation.evaluator import Evaluator
 from ...networks.agent import Agent
-from ...networks.independent import Independent, InOrder
+from ...networks.generated import Independent, InOrder
 from ..morlax import MORLAX
 from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict

@@ -11,7 +11,7 @@ from torch import Tensor
 from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
-from ...envs.worlds.disturbances import horizontal
+from ...envs.worlds.randomization import horizontal
 from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
@@ -19,12 +19,11 @@ from ...runs.checkpoint import front_path
 from ...runs.evaluating import evaluate
 from ...runs.fronts import load_front
 from ...runs.loading import find_checkpoint, load
-from ..following import followed_body
+from ..camera import followed_body
 from .checking import check
 from .model import WebModel, compiled
-from .physics import ARRAYS, PagePhysics
 from .recording import storage
-from .tracing import OnnxGraph, Traced, trace
+from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, trace
 
 STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
