@@ -1,4 +1,4 @@
-"""What all MuJoCo tasks share: stepping, episode ends, automatic resets and rewards."""
+"""Base class of MuJoCo tasks: stepping, episode ends, automatic resets and rewards."""
 
 import sys
 from abc import abstractmethod

@@ -30,7 +30,7 @@ def imported(name: str) -> str:
 
 
 class Outcome(NamedTuple):
-    """What a step of N worlds leads to."""
+    """The outcome of one step of N worlds."""
 
     seen: Tensor  # (N, O + P) after restarts, if there were any
     final: Tensor  # (N, O + P) after the step, before any restart
@@ -41,14 +41,14 @@ class Outcome(NamedTuple):
 
 
 class ForeignWorlds(Worlds):
-    """N worlds of another library, whose state is not saved: they start anew in a resumed run.
+    """N worlds of another library. Their state is not saved: they restart in a resumed run.
 
     Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
     world that is not finite terminates with zero reward.
     """
 
     simulator: str
-    """Whose simulator it is, in messages."""
+    """Name of the simulator, in messages."""
 
     def __init__(
         self,

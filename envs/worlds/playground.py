@@ -56,7 +56,7 @@ class PlaygroundWorlds(ForeignWorlds):
         return self._first.clone()  # JAX's memory is constant
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
-        """Let worlds begin where the next start is prepared for them.
+        """Restart worlds at starts that were prepared in advance.
 
         A reset of one world costs as much as one of all, and in some tasks as much as 200 steps. So
         all worlds get a start in advance, and all get another when one world needs its second.

@@ -100,9 +100,7 @@ def changed(name: str, overrides: dict[str, Any]) -> Any:
             cfg.update_from_flattened_dict({key: value})
         except (TypeError, ValueError):
             kind = type(cfg[key]).__name__
-            raise MorlaxError(
-                f"{key} of {name} is of type {kind}, which {shortened(value)} is not."
-            ) from None
+            raise MorlaxError(f"{key} of {name} must be {kind}, not {shortened(value)}.") from None
     return cfg
 
 

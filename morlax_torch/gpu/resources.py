@@ -41,7 +41,7 @@ def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
 
 
 def release_memory() -> None:
-    """Give back what a learner that is no longer needed holds: its worlds, graphs and networks."""
+    """Free the memory of learners that are no longer referenced: worlds, graphs and networks."""
     import torch
 
     gc.collect()  # a learner refers to itself

@@ -101,7 +101,7 @@ class Lesson:
         return self.comparisons.pair(self._random)
 
     def judge(self, term: str, answers: int) -> None:
-        """Answer in place of a user, who wants more of a reward term.
+        """Simulate a user who prefers more of a reward term.
 
         Raises:
             MorlaxError: the task has no such reward term.

@@ -22,7 +22,7 @@ from .references import check_code, localized, trust_code
 
 
 def describe(env: Worlds) -> Task:
-    """Return what a checkpoint and an environment must agree on."""
+    """Return the properties that a checkpoint and an environment must share."""
     return Task(
         objectives=env.objectives,
         observation_size=env.observation_size,

@@ -1,4 +1,4 @@
-"""Copy what is needed to use a run into a small folder, to share or to ship."""
+"""Copy the policies of a run into a small folder, to share or to ship."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a run's config refers to: code that must be trusted, and a learned reward."""
+"""Files that a run's config refers to: code that must be trusted, and a learned reward."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -118,7 +118,7 @@ class Run:
     def config(self, trust: bool = False) -> Config:
         """Return the config to resume the run with.
 
-        It is that of the latest checkpoint, with what MAY_CHANGE as config.yaml has it.
+        It is that of the latest checkpoint, with the fields of MAY_CHANGE from config.yaml.
 
         Args:
             trust: allow the code that the config names.
@@ -171,7 +171,7 @@ class Run:
         return next((k for k, (now, end) in limits.items() if end is not None and now >= end), None)
 
     def restore(self, learner: Learner) -> Progress:
-        """Load the latest checkpoint into `learner` and drop what was logged after it.
+        """Load the latest checkpoint into `learner` and drop later log entries.
 
         All processes of the learner's group must call it.
 

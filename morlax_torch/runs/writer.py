@@ -13,9 +13,8 @@ Job = Callable[[], Evaluation | None]
 class Writer:
     """Runs jobs one after the other in a thread of its own.
 
-    The first error of a job is raised by `results`, and jobs after it are dropped. As a context
-    manager it waits for every job before it ends, also when training fails, and then raises an
-    error that `results` has not raised, unless another error came first.
+    `results` raises the first error of a job, and later jobs are dropped. On exit, wait for all
+    jobs, then raise the first unreported job error unless the block itself failed.
 
     Args:
         most_waiting: jobs that may be unfinished when `put` returns.

@@ -1,4 +1,4 @@
-"""What the commands share: the console, signals and error messages."""
+"""Console, signals and error messages of the commands."""
 
 import errno
 import os
@@ -123,7 +123,7 @@ def _is_named(path: object, arguments: Sequence[str]) -> bool:
 
 
 def _silence_output() -> None:
-    """Drop what is still to be printed, which Python would complain about at its end."""
+    """Drop unprinted output, which Python would report as an error on exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

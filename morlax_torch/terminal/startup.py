@@ -51,7 +51,7 @@ def collect_garbage_rarely() -> None:
 
 
 def announce_training() -> None:
-    """Print what `train` starts with, since importing torch takes seconds."""
+    """Print the command of `train` at once, since importing torch takes seconds."""
     words = command_words() or []
     if FIRST and words[:1] == ["train"] and not {"-h", "--help", "--version"} & set(words):
         with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8

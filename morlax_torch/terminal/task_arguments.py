@@ -56,7 +56,7 @@ def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
 
 
 def text_of(model: type[BaseModel], option: str) -> str:
-    """Return the text of an option, if need be that of a class whose default `model` replaces."""
+    """Return an option's help text, inherited if only its default changed."""
     for ancestor in model.__mro__:
         field = ancestor.model_fields.get(option) if issubclass(ancestor, BaseModel) else None
         if field is not None and field.description:

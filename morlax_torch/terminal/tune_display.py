@@ -1,4 +1,4 @@
-"""What `tune` prints: a line per trial, and a table of the best ones."""
+"""Terminal output of `tune`: a line per trial, and a table of the best ones."""
 
 import json
 import shlex

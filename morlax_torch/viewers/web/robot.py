@@ -31,7 +31,7 @@ PUSH = 1.5  # m/s added to the robot's velocity by a push
 
 
 def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, Any]:
-    """Write what the page needs of one run into a new folder.
+    """Write the files that the page needs of one run into a new folder.
 
     Args:
         run: a run's folder, a checkpoint, or a shipped name.
