@@ -47,7 +47,7 @@ def _table(study: Study) -> str:
             "train_seconds": round(result.train_seconds, 3),
             "env_steps": result.env_steps,
             "seeds": result.seeds,
-            **{name: _text(value) for name, value in result.options.items()},
+            **{k: v if isinstance(v, str) else json.dumps(v) for k, v in result.options.items()},
             "reason": result.reason,
         }
         for result in study.results()
@@ -58,10 +58,6 @@ def _table(study: Study) -> str:
         writer.writeheader()
         writer.writerows(rows)
     return table.getvalue()
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _best(study: Study, result: Result) -> str:

@@ -1,7 +1,7 @@
 """Compare traced graphs with the task that they were traced from."""
 
 from collections.abc import Mapping
-from typing import Any
+from functools import partial
 from unittest.mock import patch
 
 import numpy as np
@@ -27,7 +27,8 @@ class Replica:
     def __init__(self, traced: Traced):
         self.traced = traced
         self.values: dict[str, np.ndarray] = {}  # of all inputs and outputs, by name
-        self._sessions = {id(graph): _session(graph) for graph in (traced.before, traced.after)}
+        start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
+        self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
 
     def copy(self) -> None:
         """Copy the task's state."""
@@ -105,7 +106,3 @@ def _gap(env: Environment, name: str, exact: np.ndarray, found: np.ndarray) -> f
             "in place, and compute with torch only",
         )
     return gap
-
-
-def _session(graph: OnnxGraph) -> Any:
-    return onnxruntime().InferenceSession(graph.onnx, providers=["CPUExecutionProvider"])

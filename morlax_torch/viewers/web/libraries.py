@@ -82,7 +82,7 @@ def files() -> dict[str, bytes]:
                 found[name] = _member(archive, path)
             text = (
                 _member(archive, library.license)
-                if library.license in _names(archive)
+                if f"package/{library.license}" in archive.getnames()
                 else (resources.files(str(__package__)) / "licenses" / library.license).read_bytes()
             )
         found[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
@@ -125,10 +125,6 @@ def _archive(library: Library) -> bytes:
 
 def _is_intact(data: bytes, library: Library) -> bool:
     return base64.b64encode(hashlib.sha512(data).digest()).decode() == library.sha512
-
-
-def _names(archive: tarfile.TarFile) -> list[str]:
-    return [name.removeprefix("package/") for name in archive.getnames()]
 
 
 def _member(archive: tarfile.TarFile, path: str) -> bytes:
