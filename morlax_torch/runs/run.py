@@ -6,10 +6,12 @@ import math
 import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
+
+from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
 from ..configuration.config import MAY_CHANGE, Config, differences, load_config
@@ -22,12 +24,50 @@ from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .history import read_rows
-from .lock import RunLock
 from .progress import Evaluation, Progress
 from .references import copy_reward, localized
 
 if TYPE_CHECKING:
     from .tensorboard import Events
+
+
+class RunLock:
+    """The lock of a run's folder.
+
+    The operating system releases it when its process ends, however it ends, so no lock is ever
+    stale. `train.pid` names the process for error messages.
+    """
+
+    def __init__(self, folder: Path):
+        self._folder, self._owner = folder, folder / "train.pid"
+        self._lock = FileLock(folder / "train.lock", timeout=0)
+
+    def acquire(self) -> None:
+        """Take the lock.
+
+        Raises:
+            MorlaxError: another process, or another run object of this one, holds it, or the folder
+                cannot be written.
+        """
+        try:
+            self._lock.acquire()
+            self._owner.write_text(str(os.getpid()))
+        except Timeout:
+            owner = "another process"
+            with suppress(OSError):
+                owner = f"process {self._owner.read_text()}"
+            raise MorlaxError(
+                f"{self._folder} is being trained by {owner}: wait until it ends, or stop it."
+            ) from None
+        except OSError as error:
+            raise MorlaxError(f"cannot lock {self._folder}: {error.strerror or error}.") from None
+
+    def release(self) -> None:
+        """Give the lock back, if it is held."""
+        if self._lock.is_locked:
+            with suppress(OSError):
+                self._owner.unlink()
+            self._lock.release()
 
 
 def taken(folder: Path) -> MorlaxError:
