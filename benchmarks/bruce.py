@@ -21,7 +21,7 @@ from walks import Array, Walks, walks
 
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs import resolve_device
-from morlax_torch.envs.robots.bruce.library import Library
+from morlax_torch.envs.robots.bruce.gaits import Library
 from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.figures.style import RUNS, blank
 from morlax_torch.evaluation.front import Front

@@ -38,8 +38,8 @@ from filelock import FileLock, Timeout
 from morlax_torch import MorlaxError, load
 from morlax_torch.envs import resolve_device
 from morlax_torch.evaluation.front import Front
-from morlax_torch.files import replacing
-from morlax_torch.gpu.memory import release_memory
+from morlax_torch.files import write_file
+from morlax_torch.gpu.resources import release_memory
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.terminal import cli
 from morlax_torch.terminal.cli import console
@@ -128,8 +128,7 @@ def _train(job: Job, folder: Path, device: str) -> None:
     folder.mkdir(exist_ok=True)
     if (folder / "checkpoints" / "best.pt").is_file():  # a crash may come before it
         fresh_front(folder, config.device).save(folder / FRONT)
-    with replacing(folder / OUTCOME) as file:
-        file.write(yaml.safe_dump({**job.settings, "error": error}, sort_keys=False).encode())
+    write_file(folder / OUTCOME, yaml.safe_dump({**job.settings, "error": error}, sort_keys=False))
 
 
 def fresh_front(folder: Path, device: str | None) -> Front:

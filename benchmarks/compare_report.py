@@ -23,7 +23,7 @@ from morlax_torch.envs.naming import title
 from morlax_torch.evaluation.figures import save
 from morlax_torch.evaluation.figures.hypervolume import SCALES
 from morlax_torch.evaluation.figures.style import blank, distinct, lattice, legend_outside
-from morlax_torch.files import read, replacing
+from morlax_torch.files import read, write_file
 from morlax_torch.reports.page import words
 
 INDICATORS = ("igd_plus", "expected_utility", "sparsity", "obedience")  # of rows.csv, in tables
@@ -78,8 +78,7 @@ def report(output: Path) -> str:
     runs = read_runs(output / "rows.csv")
     rated = scores(runs)
     text = results(runs, rated)
-    with replacing(output / "results.md") as file:
-        file.write(text.encode())
+    write_file(output / "results.md", text)
     save(hypervolume_figure(runs), output / "hypervolume", ("png",))
     if rated:
         save(profile_figure(rated), output / "profile", ("png",))

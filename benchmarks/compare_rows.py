@@ -14,7 +14,7 @@ from compare_statistics import scaled_igd_plus
 from morlax_torch import MorlaxError, pareto
 from morlax_torch.configuration.files import read_yaml
 from morlax_torch.evaluation.front import Front
-from morlax_torch.files import replacing
+from morlax_torch.files import write_file
 from morlax_torch.reports.comparison import union
 from morlax_torch.runs.history import hypervolume_of, read_rows
 
@@ -115,5 +115,4 @@ def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore")
     writer.writeheader()
     writer.writerows(rows)
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+    write_file(path, text.getvalue())

@@ -14,7 +14,7 @@ from rich.progress import track
 from rich.table import Table
 
 from morlax_torch.envs.robots.bruce.acceptance import LIMITS, MIN_WALKED, STEPS, measure
-from morlax_torch.envs.robots.bruce.library import FORWARD, SIDEWAYS, Library
+from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Library
 from morlax_torch.envs.robots.bruce.planner import Gait, Planner
 from morlax_torch.envs.robots.bruce.walk import Walker
 from morlax_torch.files import replacing

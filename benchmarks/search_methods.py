@@ -27,7 +27,7 @@ from compare_report import Trained, read_runs
 
 from morlax_torch.configuration.config import flat
 from morlax_torch.configuration.files import merged, read_yaml
-from morlax_torch.files import replacing
+from morlax_torch.files import write_file
 from morlax_torch.terminal import cli
 from morlax_torch.terminal.cli import console
 from morlax_torch.torchrun import FIRST
@@ -115,8 +115,7 @@ def _without_time(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _write(methods: dict[str, Any], path: Path) -> None:
-    with replacing(path) as file:
-        file.write(yaml.safe_dump(methods, sort_keys=False).encode())
+    write_file(path, yaml.safe_dump(methods, sort_keys=False))
 
 
 if __name__ == "__main__":

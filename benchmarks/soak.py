@@ -32,7 +32,7 @@ TRAIN = (
 
 
 class Sample(NamedTuple):
-    """A look at the process and the folder of its run."""
+    """One measurement of the process and its run folder."""
 
     seconds: float
     evaluations: int

@@ -10,26 +10,25 @@ from typing import TYPE_CHECKING
 
 from .errors import MorlaxError
 from .lazy import handed_on
-from .trust import check_trusted, trust
+from .naming import check_trusted, trust
 from .worlds.options import ObjectiveOptions, Randomization, TaskOptions
 
 if TYPE_CHECKING:
-    from .device import resolve_device
+    from .devices import resolve_device
     from .making import make, make_robot
     from .physics.interface import Physics
     from .registry import get, names, register
     from .worlds.environment import Environment
     from .worlds.gymnasium import from_gymnasium
     from .worlds.interface import TimeStep, Worlds
-    from .worlds.layout import Part, positions, velocities
-    from .worlds.robot import Robot
+    from .worlds.robot import Part, Robot, positions, velocities
     from .worlds.vecenv import from_vecenv
 
 __getattr__, __dir__ = handed_on(
     __name__,
     {
         "Environment": "worlds.environment",
-        "Part": "worlds.layout",
+        "Part": "worlds.robot",
         "Physics": "physics.interface",
         "Robot": "worlds.robot",
         "TimeStep": "worlds.interface",
@@ -40,10 +39,10 @@ __getattr__, __dir__ = handed_on(
         "make": "making",
         "make_robot": "making",
         "names": "registry",
-        "positions": "worlds.layout",
+        "positions": "worlds.robot",
         "register": "registry",
-        "resolve_device": "device",
-        "velocities": "worlds.layout",
+        "resolve_device": "devices",
+        "velocities": "worlds.robot",
     },
 )
 

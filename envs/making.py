@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from pydantic import ValidationError
 
-from .device import resolve_device
+from .devices import resolve_device
 from .errors import MorlaxError, explained, unknown
 from .naming import MJLAB
 from .registry import get

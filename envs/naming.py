@@ -1,4 +1,4 @@
-"""The names of tasks: registered ones, FILE.py:CLASS, and those with the prefix of a library."""
+"""Task names, such as FILE.py:CLASS or a library's, and the code that they may run."""
 
 from importlib import metadata
 from pathlib import Path
@@ -9,6 +9,7 @@ GROUP = "morlax_torch.envs"  # of installed packages' entry points
 GYMNASIUM = "gymnasium:"  # before an id of Gymnasium's registry
 MJLAB = "mjlab:"  # before a task of mjlab's registry
 PLAYGROUND = "playground:"  # before a task of MuJoCo Playground's registry
+_TRUSTED: set[str] = set()
 
 
 def is_file(name: str) -> bool:
@@ -39,3 +40,30 @@ def title(name: str) -> str:
 def offered() -> set[str]:
     """Return the names of installed packages' entry points, without loading them."""
     return metadata.entry_points(group=GROUP).names
+
+
+def trust(name: str) -> None:
+    """Allow files to name the task `name` in this process."""
+    _TRUSTED.add(absolute(name))
+
+
+def check_trusted(name: str, source: object) -> None:
+    """Check that the task `name`, which `source` names, may be imported.
+
+    Built-in tasks, entry points of installed packages and the registered environments of
+    Gymnasium, mjlab and Playground always may. FILE.py:CLASS, gymnasium:MODULE:ID,
+    mjlab:MODULE:TASK and playground:MODULE:TASK run code that the file's author chose; they may
+    once the user has named them to `envs.get` or `envs.make`, or trusts the file.
+
+    Raises:
+        MorlaxError: the user has not allowed this code.
+    """
+    runs_code = is_file(name) or any(
+        name.startswith(prefix) and ":" in name.removeprefix(prefix)
+        for prefix in (GYMNASIUM, MJLAB, PLAYGROUND)
+    )
+    if runs_code and absolute(name) not in _TRUSTED:
+        raise MorlaxError(
+            f"{source} would run the code of {name}: if you trust it, add --trust, or from Python "
+            "load(..., trust=True)."
+        )

@@ -1,18 +1,18 @@
 """The tasks by name. torch and the simulators are imported with the first task, not with this."""
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from .errors import MorlaxError, unknown
-from .gymnasium_ids import announce
-from .naming import GYMNASIUM, MJLAB, PLAYGROUND, is_file, offered
+from .naming import GYMNASIUM, MJLAB, PLAYGROUND, is_file, offered, trust
 from .robots import TASKS
-from .trust import trust
 
 if TYPE_CHECKING:
     from .worlds.interface import Worlds
 
 _REGISTRY: dict[str, "type[Worlds]"] = {}  # built-in tasks once they are used, and registered ones
+_LISTENERS: list[Callable[[str], None]] = []  # called with the name of each task
 
 
 def register(name: str, task: "type[Worlds]") -> None:
@@ -27,10 +27,18 @@ def register(name: str, task: "type[Worlds]") -> None:
     known = _known(name)
     if known is None:
         task = checked(task)
-        announce(name)
+        for announce in _LISTENERS:
+            announce(name)
         _REGISTRY[name] = task
     elif known is not task:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
+
+
+def announce_to(listener: Callable[[str], None]) -> None:
+    """Call `listener` with the name of each built-in task now, and of later ones on `register`."""
+    for name in TASKS:
+        listener(name)
+    _LISTENERS.append(listener)
 
 
 def names() -> tuple[str, ...]:
@@ -84,7 +92,3 @@ def _known(name: str) -> "type[Worlds] | None":
         robots = f"{__package__}.robots"
         _REGISTRY[name] = getattr(import_module(f"{robots}.{module}"), member)
     return _REGISTRY.get(name)
-
-
-for _name in TASKS:
-    announce(_name)

@@ -97,6 +97,12 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
             temporary.unlink(missing_ok=True)
 
 
+def write_file(path: AnyPath, content: str | bytes | memoryview) -> None:
+    """Write a whole file atomically; raises as `replacing`."""
+    with replacing(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
 class Taken(MorlaxError):
     """A folder to make is in use."""
 

@@ -16,7 +16,7 @@ from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.configuration.sections import NetworkConfig
 from morlax_torch.evaluation.front import Front
-from morlax_torch.gpu.threads import one_thread
+from morlax_torch.gpu.resources import one_thread
 from morlax_torch.networks.agent import Agent
 from morlax_torch.viewers.filming.rendering import choose_opengl
 

@@ -24,7 +24,7 @@ from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, onto_simplex, sample_cells
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
-from morlax_torch.networks.independent import Independent
+from morlax_torch.networks.generated import Independent
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from morlax_torch import MorlaxError
 from morlax_torch.envs.robots.bruce.acceptance import LIMITS, MIN_WALKED, STEPS, measure
-from morlax_torch.envs.robots.bruce.library import FORWARD, SIDEWAYS, Library
+from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Library
 from morlax_torch.envs.robots.bruce.planner import Gait, Planner, derivatives
 from morlax_torch.envs.robots.bruce.walk import Walker
 

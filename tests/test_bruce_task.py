@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.robots.bruce import model as bruce
 from morlax_torch.envs.robots.bruce import rotations
-from morlax_torch.envs.robots.bruce.library import Library
+from morlax_torch.envs.robots.bruce.gaits import Library
 from morlax_torch.envs.robots.bruce.reference import Reference
 
 BACKENDS = ("mujoco", "warp")

@@ -22,7 +22,7 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.preferences import reward
 from morlax_torch.reports import evaluating
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
-from morlax_torch.reports.facts import duration, steps
+from morlax_torch.reports.results import duration, steps
 from morlax_torch.runs import loading
 
 TINY = (

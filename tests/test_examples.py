@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from morlax_torch import envs
-from morlax_torch.gpu.threads import one_thread
+from morlax_torch.gpu.resources import one_thread
 
 EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
 TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"

@@ -284,7 +284,7 @@ def test_a_run_that_cannot_be_shown_is_a_notification(served, workplace):
 
 FRAGILE = """
 from pathlib import Path
-from morlax_torch.envs.robots.hopper import Hopper
+from morlax_torch.envs.robots.planar import Hopper
 class Robot(Hopper):
     model_file = {model!r}
     def apply(self, action):

@@ -14,7 +14,7 @@ import viser
 
 from morlax_torch import MorlaxError, load
 from morlax_torch.choose import choose
-from morlax_torch.envs.worlds.disturbances import horizontal
+from morlax_torch.envs.worlds.randomization import horizontal
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.viewers.explorer import library, weights
 from morlax_torch.viewers.explorer.drawing import Drawing

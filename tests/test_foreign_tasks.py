@@ -14,8 +14,7 @@ import torch
 from torch import Tensor
 
 from morlax_torch import envs
-from morlax_torch.envs.robots import mo_gymnasium as mo_tasks
-from morlax_torch.envs.robots import pgmorl
+from morlax_torch.envs.robots import MO_GYMNASIUM, PGMORL
 
 TOLERANCE = 1e-9
 SINGLE = 2e-6  # MO-Gymnasium's rewards are single precision
@@ -151,7 +150,7 @@ def test_default_episode_length_and_noise_match_mo_gymnasium():
         assert env.options.reset_noise == original.unwrapped._reset_noise_scale
 
 
-@pytest.mark.parametrize("task", mo_tasks.TASKS)
+@pytest.mark.parametrize("task", MO_GYMNASIUM)
 def test_reference_points_bound_the_control_cost_of_an_episode(task):
     env = make(task, 1)
     most = np.square(env.physics.model.actuator_ctrlrange).max(1).sum() * env.episode_length
@@ -166,7 +165,7 @@ def test_every_continuous_mujoco_task_of_mo_gymnasium_is_ported():
         for name, spec in gymnasium.registry.items()
         if "mo_gymnasium.envs.mujoco" in str(spec.entry_point) and name.endswith("-v5")
     }
-    ours = {name.removeprefix("mo-gymnasium/") for name in mo_tasks.TASKS}
+    ours = {name.removeprefix("mo-gymnasium/") for name in MO_GYMNASIUM}
     assert theirs - ours == {"reacher"}  # its actions are discrete
 
 
@@ -325,7 +324,7 @@ def test_pg_morl_halfcheetah_matches_mo_gymnasium():
 
 
 def test_pg_morl_episode_length_and_noise_are_as_published():
-    for name in pgmorl.TASKS:
+    for name in PGMORL:
         options = envs.get(name).Options()
         noisy = name == "pgmorl/humanoid"
         assert options.episode_length == (1000 if noisy else 500)
@@ -336,7 +335,7 @@ def test_pg_morl_episode_length_and_noise_are_as_published():
 # both
 
 
-FOREIGN = (*pgmorl.TASKS, *mo_tasks.TASKS)
+FOREIGN = (*PGMORL, *MO_GYMNASIUM)
 
 
 @pytest.mark.parametrize("task", FOREIGN)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morlax_torch.viewers.filming.gait import cycle, moments
+from morlax_torch.viewers.filming.panels import cycle, moments
 
 DT = 0.01
 

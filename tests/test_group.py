@@ -11,7 +11,7 @@ from same import assert_same
 from torch.testing import assert_close
 
 from morlax_torch.algorithms.registry import LEARNERS
-from morlax_torch.envs.random import seed_of
+from morlax_torch.envs.devices import seed_of
 from morlax_torch.gpu.group import ALONE
 
 

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from toppling import falling
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.adapters.actions import checked_actions
+from morlax_torch.adapters.checking import checked_actions
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
 from morlax_torch.adapters.gymnasium_single import GymnasiumEnv
 from morlax_torch.adapters.gymnasium_vector import GymnasiumVectorEnv

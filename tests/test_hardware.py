@@ -7,7 +7,7 @@ import torch
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError
-from morlax_torch.reports.facts import facts
+from morlax_torch.reports.results import facts
 from morlax_torch.runs import Run, hardware
 from morlax_torch.runs.hardware import Machine, device_name, read_machines, resumed
 from morlax_torch.runs.training import make_worlds

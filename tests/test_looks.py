@@ -4,9 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from morlax_torch.viewers.camera import FollowingCamera, direction
+from morlax_torch.viewers.camera import FollowingCamera, direction, geom_colors, shown_geoms
 from morlax_torch.viewers.filming.rendering import Scene
-from morlax_torch.viewers.following import geom_colors, shown_geoms
 from morlax_torch.viewers.looks import FLOOR, Looks, floor_color
 
 GEOM = mujoco.mjtObj.mjOBJ_GEOM

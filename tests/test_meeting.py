@@ -6,7 +6,7 @@ from datetime import timedelta
 import pytest
 from torch.distributed import HashStore, PrefixStore, Store
 
-from morlax_torch.gpu.meeting import meet
+from morlax_torch.gpu.group import meet
 
 
 def met(store: Store, size: int) -> set[str]:

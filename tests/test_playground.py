@@ -195,7 +195,7 @@ def test_the_command_line_changes_the_config_of_a_task():
         ("playground:CartpoleBalanc", {}, r"did you mean 'CartpoleBalance'"),
         ("playground:nowhere.tasks:Mine", {}, r"cannot import nowhere.tasks"),
         (DRIFT, {"overrides": {"scale.go": 1.0}}, r"key of the config.*did you mean 'scales.go'"),
-        (DRIFT, {"overrides": {"scales.go": "fast"}}, r"is of type float, which 'fast' is not"),
+        (DRIFT, {"overrides": {"scales.go": "fast"}}, r"must be float, not 'fast'"),
         (DRIFT, {"overrides": {"shows": "image"}}, r"shows pixels/view_0, where .*one vector"),
         (CARTPOLE, {"overrides": {"impl": "fast"}}, r"cannot make .*CartpoleBalance: 'fast' is"),
         (

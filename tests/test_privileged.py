@@ -7,7 +7,7 @@ from torch import Tensor
 from morlax_torch import MORLAX, Policy, envs, load, save
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import merged
-from morlax_torch.envs.worlds.layout import positions
+from morlax_torch.envs.worlds.robot import positions
 from morlax_torch.evaluate import evaluate
 from morlax_torch.export import export
 from morlax_torch.exports.manifest import manifest

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from morlax_torch import MORLAX, MorlaxError, envs
 from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.envs.physics.batch import Batch, PythonBatch
+from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs.training import make_worlds
 

@@ -15,10 +15,10 @@ from rich.console import Console
 from morlax_torch import MorlaxError, load, save
 from morlax_torch.commands import record
 from morlax_torch.runs import loading
-from morlax_torch.terminal import bar
-from morlax_torch.viewers.filming import panels, recording, video
+from morlax_torch.terminal import cli
+from morlax_torch.viewers.filming import panels, recording
 from morlax_torch.viewers.filming.film import Film
-from morlax_torch.viewers.filming.video import write_video
+from morlax_torch.viewers.filming.recording import write_video
 from morlax_torch.viewers.player import Player
 
 GAP = 4  # pixels between panels
@@ -49,7 +49,7 @@ def refused(monkeypatch, capsys, *arguments: str) -> str:
 
 def decoded(path: Path) -> tuple[str, np.ndarray]:
     """Return ffmpeg's description of a video and its frames (T, H, W, 3)."""
-    command = [video.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    command = [recording.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(command, capture_output=True, check=True)
     about = re.search(r"Stream.*Video: (.*)", done.stderr.decode())[1]
     width, height = map(int, re.search(r" (\d\d+)x(\d+)", about).groups())
@@ -107,7 +107,7 @@ def test_a_gif_suffix_writes_an_animated_gif(saved, monkeypatch):
 def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
     strip = ("--output", "strip.png", "--pictures", "5")
-    monkeypatch.setattr(video, "find_ffmpeg", None)  # a PNG needs no ffmpeg
+    monkeypatch.setattr(recording, "find_ffmpeg", None)  # a PNG needs no ffmpeg
     run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, *strip)
     with Image.open("strip.png") as image:
         pixels = np.asarray(image)
@@ -149,7 +149,7 @@ def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
 @pytest.mark.usefixtures("opengl")
 def test_gifs_are_small(tmp_path):
     film = Film(load("cheetah"), [(1.0, 0.0)], 320, 240)
-    every, fps = film.pace(1.0, video.FASTEST[".gif"])
+    every, fps = film.pace(1.0, recording.FASTEST[".gif"])
     frames = list(film.frames(1.0, every))
     write_video(tmp_path / "film.gif", iter(frames), fps)
     assert fps == 20 and len(frames) == 21
@@ -164,8 +164,8 @@ def test_a_progress_bar_is_shown_on_terminals_only(monkeypatch):
     for terminal in (True, False):
         output = io.StringIO()
         console = Console(file=output, force_terminal=terminal, width=80, legacy_windows=False)
-        monkeypatch.setattr(bar, "console", console)
-        with bar.bar("filming") as watch:
+        monkeypatch.setattr(cli, "console", console)
+        with cli.bar("filming") as watch:
             for share in (0.25, 1.0):
                 watch(share)
         assert ("filming" in output.getvalue()) == terminal

@@ -140,7 +140,7 @@ def test_a_run_moves_between_simulators_whose_state_differs(tmp_path):
 
 
 def test_a_generators_state_of_another_device_becomes_its_seed():
-    from morlax_torch.envs.random import restore_generator
+    from morlax_torch.envs.devices import restore_generator
 
     cuda_state = torch.arange(16, dtype=torch.uint8)
     draws = []

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.robots.hopper import Hopper
+from morlax_torch.envs.robots.planar import Hopper
 
 pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
 

@@ -12,16 +12,21 @@ from morlax_torch.algorithms.expected_returns import expected_returns
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.configuration.config import SCALARIZATIONS
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
-from morlax_torch.envs.trust import _TRUSTED
+from morlax_torch.envs.naming import _TRUSTED
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
-from morlax_torch.scalarizations.chebyshev import AUGMENTATION, SMOOTHNESS, SmoothChebyshev
+from morlax_torch.scalarizations.chebyshev import (
+    AUGMENTATION,
+    FORGETTING,
+    SMOOTHNESS,
+    Range,
+    SmoothChebyshev,
+)
 from morlax_torch.scalarizations.constrained import LEVELS, MOST, RATE, Constrained
-from morlax_torch.scalarizations.range import FORGETTING, Range
 from morlax_torch.scalarizations.registry import make_scalarization
 from morlax_torch.train import train
 

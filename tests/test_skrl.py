@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.robots.hopper import Hopper
+from morlax_torch.envs.robots.planar import Hopper
 
 pytest.importorskip("skrl", reason="skrl is not installed")
 

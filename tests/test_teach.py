@@ -24,8 +24,8 @@ from morlax_torch.preferences.clips import SECONDS, Clips, record
 from morlax_torch.preferences.comparisons import Comparisons
 from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.loading import start_from
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.starting import start_from
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player

@@ -20,7 +20,7 @@ from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS
 from morlax_torch.configuration.config import config_class
 from morlax_torch.terminal import arguments, tune_arguments
-from morlax_torch.terminal.help import text_of
+from morlax_torch.terminal.task_arguments import text_of
 from morlax_torch.train import train
 
 COLUMNS = 80

@@ -11,7 +11,7 @@ from morlax_torch.networks.mlp import mlp
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from morlax_torch.gpu import adam_kernels, affine_kernels, copy_kernels, mlp_kernels
+from morlax_torch.gpu import adam_kernels, affine_kernels, mlp_kernels
 
 DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
 TF32_ERROR = 1e-5 if mlp_kernels.INTERPRETED else 2e-3  # TF32 has 10 bits
@@ -114,5 +114,5 @@ def test_copies_of_several_dtypes_and_sizes_are_exact():
     targets = [
         torch.zeros_like(source, memory_format=torch.contiguous_format) for source in sources
     ]
-    copy_kernels.copy(targets, sources)
+    adam_kernels.copy(targets, sources)
     assert all(map(torch.equal, targets, sources))

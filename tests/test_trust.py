@@ -10,11 +10,11 @@ import pytest
 
 from morlax_torch import MorlaxError, envs, load, save
 from morlax_torch.configuration.config import Config
-from morlax_torch.runs.trust import NAMES_CODE
+from morlax_torch.runs.references import NAMES_CODE
 
 PAYLOAD = """
 from pathlib import Path
-from morlax_torch.envs.robots.hopper import Hopper
+from morlax_torch.envs.robots.planar import Hopper
 Path({sprung!r}).touch()
 class Robot(Hopper):
     model_file = {model!r}

@@ -29,12 +29,11 @@ from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
 from morlax_torch.terminal import tune_arguments
 from morlax_torch.tuning import trial as trial_module
-from morlax_torch.tuning.importance import importances
-from morlax_torch.tuning.library import optuna
 from morlax_torch.tuning.plan import Indicator, Plan
-from morlax_torch.tuning.results import write_results
+from morlax_torch.tuning.results import importances, write_results
 from morlax_torch.tuning.searching import tune as search
 from morlax_torch.tuning.space import Space
+from morlax_torch.tuning.storage import optuna
 from morlax_torch.tuning.study import Claim, Study
 from morlax_torch.tuning.workers import places
 

@@ -17,9 +17,8 @@ from morlax_torch.envs.registry import get
 from morlax_torch.viewers.web import libraries, writing
 from morlax_torch.viewers.web.checking import TOLERANCE, check
 from morlax_torch.viewers.web.model import compiled
-from morlax_torch.viewers.web.physics import PagePhysics
 from morlax_torch.viewers.web.robot import build, write_robot
-from morlax_torch.viewers.web.tracing import trace
+from morlax_torch.viewers.web.tracing import PagePhysics, trace
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("cheetah3", "humanoid")]

@@ -23,7 +23,7 @@ from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.runs.writer import Writer
-from morlax_torch.terminal.clock import command_began
+from morlax_torch.terminal.startup import command_began
 from morlax_torch.train import train
 
 IMPORTED = time.perf_counter()

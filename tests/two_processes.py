@@ -13,8 +13,8 @@ from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.configuration.config import Config
 from morlax_torch.gpu.group import ALONE, Group, join
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.loading import start_from
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.starting import start_from
 
 WORLDS, HORIZON, CLUSTERS = 32, 4, 4
 

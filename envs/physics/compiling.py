@@ -31,12 +31,11 @@ _one_at_a_time = threading.Lock()  # two threads may build worlds
 
 
 def start(run: Callable[[], object]) -> None:
-    """Start to compile every kernel that `run` launches and that is not in Warp's cache yet.
+    """Start compiling, in background processes, the kernels of `run` that Warp's cache lacks.
 
-    `run` is called once without launching anything, and the arrays that it writes hold garbage
-    afterwards. A kernel that is missed or fails to compile is left to its first launch, so results
-    never depend on this. Call `finish` before the first launch. Linux only: elsewhere it does
-    nothing.
+    Calls `run` once without launching anything; afterwards the arrays that it writes hold garbage.
+    A kernel that is missed or fails to compile is compiled at its first launch, so results never
+    depend on this. Call `finish` before the first launch. Does nothing outside Linux.
     """
     if sys.platform != "linux":
         return
@@ -59,7 +58,7 @@ def start(run: Callable[[], object]) -> None:
 
 
 def finish() -> None:
-    """Wait for all processes that `start` has started."""
+    """Wait for the background processes."""
     with _one_at_a_time:
         deadline = time.monotonic() + MOST_SECONDS
         try:
@@ -107,7 +106,7 @@ def _is_missing(variant: Variant) -> bool:
 
 
 def _compile(variants: list[Variant], todo: int) -> None:
-    """Compile in this forked process what is left to do, then end it.
+    """Compile remaining variants in this forked process, then exit.
 
     The parent's files are closed: a lock or a GPU must not be held after the parent's end. CUDA
     does not work in a forked process, and compiling does not need it.
@@ -131,7 +130,7 @@ def _compile(variants: list[Variant], todo: int) -> None:
 
 @contextmanager
 def _no_launches(needed: dict[Variant, None]) -> Iterator[None]:
-    """Make launches of this thread do nothing but list in `needed` what they would load."""
+    """List in `needed` the kernels that this thread would load, instead of launching them."""
 
     def load(module: wp.Module, device: Any, block_dim: int | None = None) -> None:
         block = module.options["block_dim"] if block_dim is None else block_dim

@@ -1,6 +1,7 @@
 """The interface of a simulator."""
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -59,8 +60,11 @@ class Physics(ABC):
         Raises:
             MorlaxError: the model has no such sensor.
         """
-        known = [self.model.sensor(index).name for index in range(self.model.nsensor)]
-        if name not in known:
-            raise unknown("sensor", name, known)
-        sensor = self.model.sensor(name)
-        return self.sensors[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
+        if name not in self._readings_of:
+            raise unknown("sensor", name, self._readings_of)
+        return self._readings_of[name]
+
+    @cached_property
+    def _readings_of(self) -> dict[str, Tensor]:
+        found = [self.model.sensor(index) for index in range(self.model.nsensor)]
+        return {x.name: self.sensors[:, x.adr[0] : x.adr[0] + x.dim[0]] for x in found}

@@ -1,13 +1,96 @@
-"""Physics on C MuJoCo: many worlds on a thread pool, in float64."""
+"""Physics on C MuJoCo: many worlds on a thread pool, in float64, and models that differ."""
+
+import copy
+from typing import Any
 
 import mujoco
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from . import variation
-from .batch import Batch
+from ..errors import MorlaxError
 from .interface import Physics
+
+
+class PythonBatch:
+    """N worlds, stepped one after the other, with what we use of `mujoco.batch.Batch`."""
+
+    def __init__(self, model: mujoco.MjModel, nsim: int):
+        self._model, self._size = model, nsim
+        self._datas = [mujoco.MjData(model) for _ in range(nsim)]
+        self._models = [model] * nsim
+        self._bound: dict[str, NDArray[Any]] = {}
+        self._expanded: dict[str, NDArray[Any]] = {}
+
+    def bind(self, name: str) -> NDArray[Any]:
+        """Return the array `name` of MjData for all worlds, (N, ...), kept up to date."""
+        self._bound[name] = np.stack([getattr(data, name) for data in self._datas])
+        return self._bound[name]
+
+    def step(self, nstep: int) -> None:
+        """Advance every world by `nstep` time steps."""
+        for world, (model, data) in enumerate(zip(self._models, self._datas, strict=True)):
+            for name, values in self._bound.items():
+                getattr(data, name)[:] = values[world]
+            mujoco.mj_step(model, data, nstep)
+            for name, values in self._bound.items():
+                values[world] = getattr(data, name)
+
+    def expand(self, name: str) -> NDArray[Any]:
+        """Return the array `name` of MjModel for all worlds, (N, ...), to write to."""
+        if self._models[0] is self._model:
+            self._models = [copy.copy(self._model) for _ in range(self._size)]
+        self._expanded[name] = np.stack([getattr(model, name) for model in self._models])
+        return self._expanded[name]
+
+    def expanded(self, name: str) -> NDArray[Any]:
+        """Return the array `name` of MjModel of all worlds, (N, ...)."""
+        return np.stack([getattr(model, name) for model in self._models])
+
+    def set_const(self) -> None:
+        """Put what was written into the models and update the constants that follow."""
+        for world, (model, data) in enumerate(zip(self._models, self._datas, strict=True)):
+            for name, values in self._expanded.items():
+                getattr(model, name)[:] = values[world]
+            mujoco.mj_setConst(model, data)
+
+
+try:
+    from mujoco.batch import MODEL_FIELDS, Batch
+except ModuleNotFoundError:
+    _ONE = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    MODEL_FIELDS = tuple(n for n in dir(_ONE) if isinstance(getattr(_ONE, n, None), np.ndarray))
+    Batch = PythonBatch  # pyright: ignore[reportAssignmentType]
+
+
+def vary(batch: Batch, fields: dict[str, np.ndarray]) -> None:
+    """Write `fields` (N, ...) into the models of `batch` and update the derived constants."""
+    for name, values in fields.items():
+        batch.expand(name)[:] = values
+    batch.set_const()
+
+
+def varying(
+    model: mujoco.MjModel, num_worlds: int, fields: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Return `fields` and every derived constant that they change in some world, (N, ...)."""
+    batch = Batch(model, nsim=num_worlds)
+    vary(batch, fields)
+    found = {name: batch.expanded(name) for name in MODEL_FIELDS}
+    return {
+        name: values.copy()
+        for name, values in found.items()
+        if values is not None and (name in fields or (values != getattr(model, name)).any())
+    }
+
+
+def cannot_vary(simulator: str, field: str) -> MorlaxError:
+    """Return the error for a field that a simulator shares between worlds."""
+    return MorlaxError(
+        f"task.randomization.fields: {simulator} cannot vary {field!r} between worlds: name an "
+        "array of numbers of mujoco.MjModel that this robot has, such as dof_damping."
+    )
 
 
 class MujocoPhysics(Physics):
@@ -48,7 +131,7 @@ class MujocoPhysics(Physics):
             self.sensors.numpy()[:] = self._readings
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
-        variation.apply(self._batch, fields)
+        vary(self._batch, fields)
 
     def overflow(self) -> Tensor:
         return self._no_overflow  # C MuJoCo grows its buffers as needed

@@ -12,8 +12,9 @@ from mujoco_warp._src.types import OverflowType  # public since 4.0
 from torch import Tensor
 
 from ..errors import MorlaxError
-from . import compiling, variation
+from . import compiling
 from .interface import Physics
+from .mujoco import cannot_vary, varying
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
 
@@ -105,11 +106,11 @@ class WarpPhysics(Physics):
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
         shapes = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
-        found = variation.varying(self.model, self.num_worlds, fields)
+        found = varying(self.model, self.num_worlds, fields)
         for name, values in found.items():
             if shapes.get(name, ())[:1] != ("*",):
                 if name in fields:
-                    raise variation.cannot(self.name, name)
+                    raise cannot_vary(self.name, name)
                 continue  # a constant that this simulator does not use
             shared = getattr(self._model, name)
             if len(shared) == self.num_worlds:  # in place: a recorded graph keeps its address

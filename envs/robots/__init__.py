@@ -1,15 +1,32 @@
 """The built-in tasks, by name, each as the module and the class that define it."""
 
-from . import mo_gymnasium, pgmorl
-
+MO_GYMNASIUM = {
+    "mo-gymnasium/ant": "mo_gymnasium:Ant",
+    "mo-gymnasium/ant-2obj": "mo_gymnasium:Ant2",
+    "mo-gymnasium/halfcheetah": "mo_gymnasium:HalfCheetah",
+    "mo-gymnasium/hopper": "mo_gymnasium:Hopper",
+    "mo-gymnasium/hopper-2obj": "mo_gymnasium:Hopper2",
+    "mo-gymnasium/humanoid": "mo_gymnasium:Humanoid",
+    "mo-gymnasium/swimmer": "mo_gymnasium:Swimmer",
+    "mo-gymnasium/walker2d": "mo_gymnasium:Walker2d",
+}
+PGMORL = {
+    "pgmorl/ant": "pgmorl:Ant",
+    "pgmorl/halfcheetah": "pgmorl:HalfCheetah",
+    "pgmorl/hopper": "pgmorl:Hopper",
+    "pgmorl/hopper3": "pgmorl:Hopper3",
+    "pgmorl/humanoid": "pgmorl:Humanoid",
+    "pgmorl/swimmer": "pgmorl:Swimmer",
+    "pgmorl/walker2d": "pgmorl:Walker2d",
+}
 TASKS = {
     "ant": "ant:Ant",
     "bruce": "bruce:Bruce",
     "cheetah": "cheetah:Cheetah",
     "cheetah3": "cheetah:Cheetah3",
-    "hopper": "hopper:Hopper",
+    "hopper": "planar:Hopper",
     "humanoid": "humanoid:Humanoid",
-    "walker": "walker:Walker",
-    **pgmorl.TASKS,
-    **mo_gymnasium.TASKS,
+    "walker": "planar:Walker",
+    **PGMORL,
+    **MO_GYMNASIUM,
 }

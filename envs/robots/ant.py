@@ -1,14 +1,12 @@
 """Quadruped ant: move along x, move along y."""
 
-from functools import cached_property
-
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
-from ..worlds.layout import Part, positions, velocities
 from ..worlds.options import TaskOptions
+from ..worlds.robot import Part, positions, velocities
 
 MIN_UPRIGHT = 0.45  # world-z of the torso's up axis, a tilt of 63 degrees
 
@@ -22,10 +20,6 @@ class Ant(Environment):
         shared: dict[str, float] = {"alive": 1.0, "energy": 0.5}
         nconmax: int = 8
         njmax: int = 40
-
-    @cached_property
-    def up(self) -> Tensor:
-        return self.physics.sensor("up")
 
     def initial_qpos(self) -> np.ndarray:
         height, upright = 1.0, [1, 0, 0, 0]
@@ -53,4 +47,4 @@ class Ant(Environment):
         }
 
     def failed(self) -> Tensor:
-        return self.up[:, 2] < MIN_UPRIGHT
+        return self.physics.sensor("up")[:, 2] < MIN_UPRIGHT

@@ -59,15 +59,16 @@ class Bodies:
 
     def __init__(self, physics: Physics):
         self.physics = physics
+        self._views: dict[str, Tensor] = {}
 
-    @cached_property
+    @property
     def center(self) -> Tensor:
         """Return the robot's center of mass (N, 3) in m, as a view."""
         return self._sensors(CENTER)[:, 0]
 
     def contact_forces(self) -> Tensor:
         """Return cfrc_ext (N, B, 6): torque (N m) and force (N) of all contacts on each body."""
-        force, torque, place = self._contact
+        force, torque, place = self._sensors(CONTACT).split(3, -1)
         arm = place - self.center[:, None]
         return -torch.cat([torque + torch.linalg.cross(arm, force), force], -1)
 
@@ -77,8 +78,8 @@ class Bodies:
         The numbers are the moments xx, yy, zz, xy, xz, yz (kg m^2), mass times position (kg m), and
         mass (kg).
         """
-        arm = self._position - self.center[:, None]
-        axes = _rotation(self._orientation)
+        arm = self._sensors(POSITION) - self.center[:, None]
+        axes = _rotation(self._sensors(ORIENTATION))
         square = arm.square().sum(-1)[..., None, None]
         parallel = square * self._identity - arm[..., :, None] * arm[..., None, :]
         moments = axes @ (self._principal * axes.mT) + self._mass[..., None] * parallel
@@ -92,34 +93,15 @@ class Bodies:
 
         The linear velocity is that of the body's point at the robot's center of mass.
         """
-        angular = self._angular
-        arm = self.center[:, None] - self._position
-        return torch.cat([angular, self._linear + torch.linalg.cross(angular, arm)], -1)
+        angular = self._sensors(ANGULAR)
+        arm = self.center[:, None] - self._sensors(POSITION)
+        linear = self._sensors(LINEAR) + torch.linalg.cross(angular, arm)
+        return torch.cat([angular, linear], -1)
 
-    @cached_property
+    @property
     def joint_forces(self) -> Tensor:
         """Return qfrc_actuator (N, J): the motor torque on each hinge in N m, as a view."""
         return self._sensors(JOINT_FORCE)[..., 0]
-
-    @cached_property
-    def _contact(self) -> tuple[Tensor, ...]:
-        return self._sensors(CONTACT).split(3, -1)
-
-    @cached_property
-    def _position(self) -> Tensor:
-        return self._sensors(POSITION)
-
-    @cached_property
-    def _orientation(self) -> Tensor:
-        return self._sensors(ORIENTATION)
-
-    @cached_property
-    def _linear(self) -> Tensor:
-        return self._sensors(LINEAR)
-
-    @cached_property
-    def _angular(self) -> Tensor:
-        return self._sensors(ANGULAR)
 
     @cached_property
     def _mass(self) -> Tensor:
@@ -135,11 +117,13 @@ class Bodies:
 
     def _sensors(self, name: str) -> Tensor:
         """Return the readings (N, objects, dim) of the sensors added as `name`, as a view."""
-        model = self.physics.model
-        mine = [i for i in range(model.nsensor) if model.sensor(i).name.startswith(f"{name}/")]
-        begin = model.sensor_adr[mine[0]]
-        end = model.sensor_adr[mine[-1]] + model.sensor_dim[mine[-1]]
-        return self.physics.sensors[:, begin:end].unflatten(1, (len(mine), -1))
+        if name not in self._views:
+            model = self.physics.model
+            mine = [i for i in range(model.nsensor) if model.sensor(i).name.startswith(f"{name}/")]
+            begin = model.sensor_adr[mine[0]]
+            end = model.sensor_adr[mine[-1]] + model.sensor_dim[mine[-1]]
+            self._views[name] = self.physics.sensors[:, begin:end].unflatten(1, (len(mine), -1))
+        return self._views[name]
 
 
 def _bodies(spec: mujoco.MjSpec) -> list[str]:

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
-from ..worlds.layout import Part, positions, velocities
 from ..worlds.options import TaskOptions
+from ..worlds.robot import Part, positions, velocities
 
 ACTION_SCALE = 3.0  # the motors clip control to [-1, 1]; the energy term uses the unclipped action
 EXTREMITIES = ("right_hand", "left_hand", "right_foot", "left_foot")
@@ -34,26 +34,10 @@ class Humanoid(Environment):
         """Observe positions of hands and feet (12 numbers) instead of the paper's three zeros."""
 
     @cached_property
-    def head(self) -> Tensor:
-        return self.physics.sensor("head")
-
-    @cached_property
-    def axes(self) -> list[Tensor]:
-        return [self.physics.sensor(f"torso_{axis}") for axis in "xyz"]
-
-    @cached_property
-    def center(self) -> Tensor:
-        return self.physics.sensor("center")
-
-    @cached_property
-    def velocity(self) -> Tensor:
-        return self.physics.sensor("velocity")
-
-    @cached_property
     def extremities(self) -> list[Tensor]:
         if self.options.extremities:
             return [self.physics.sensor(name) for name in EXTREMITIES]
-        return [torch.zeros_like(self.center)]
+        return [torch.zeros_like(self.physics.sensor("center"))]
 
     def initial_qpos(self) -> np.ndarray:
         qpos = np.zeros(self.physics.model.nq)
@@ -62,13 +46,14 @@ class Humanoid(Environment):
 
     def observe(self) -> Tensor:
         joints, joint_velocities = self.physics.qpos[:, 7:], self.physics.qvel[:, 6:]
+        sensor = self.physics.sensor
         return torch.cat(
             [
                 joints,
-                self.head[:, 2:],
+                sensor("head")[:, 2:],
                 *self.extremities,
-                *(axis[:, 2:] for axis in self.axes),
-                self.velocity,
+                *(sensor(f"torso_{axis}")[:, 2:] for axis in "xyz"),
+                sensor("velocity"),
                 self.physics.qvel[:, :6],
                 joint_velocities,
             ],
@@ -94,10 +79,10 @@ class Humanoid(Environment):
         self.physics.ctrl.copy_(ACTION_SCALE * action)
 
     def remember(self) -> dict[str, Tensor]:
-        return {"x": self.center[:, 0]}
+        return {"x": self.physics.sensor("center")[:, 0]}
 
     def terms(self) -> dict[str, Tensor]:
-        x = self.center[:, 0]
+        x = self.physics.sensor("center")[:, 0]
         action = self.physics.ctrl / ACTION_SCALE
         return {
             "alive": torch.ones_like(x),

@@ -1,12 +1,17 @@
-"""Base class for robots that move in the x-z plane."""
+"""Robots that move in the x-z plane: their base class, the hopper and the walker."""
 
+import math
+
+import numpy as np
 import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
-from ..worlds.layout import Part, positions, velocities
+from ..worlds.options import TaskOptions
+from ..worlds.robot import Part, positions, velocities
 
 MAX_VELOCITY = 10.0  # m/s, rad/s; clipping limit of observed velocities
+ACTION_SCALE = 3.0
 
 
 class Planar(Environment):
@@ -29,3 +34,73 @@ class Planar(Environment):
     def speed(self) -> Tensor:
         """Return the mean velocity (N,) along x over the control step in m/s."""
         return (self.physics.qpos[:, 0] - self.memory["x"]) / self.dt
+
+
+class Hopper(Planar):
+    """One leg: run, and jump high. Neither actions nor motors clip its control."""
+
+    model_file = "assets/hopper.xml"
+    substeps = 2
+    paper_reset_terms = {"alive": 1.0, "run": 1.0}
+
+    class Options(TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.5}, "jump": {"jump": 12.0}}
+        shared: dict[str, float] = {"alive": 1.0, "ctrl_cost": -0.0002}
+        nconmax: int = 2
+        njmax: int = 12
+
+    def initial_qpos(self) -> np.ndarray:
+        qpos = np.zeros(self.physics.model.nq)
+        qpos[1] = 1.0  # m; the foot is 0.06 m above the floor
+        return qpos
+
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.copy_(ACTION_SCALE * action)
+
+    def terms(self) -> dict[str, Tensor]:
+        z = self.physics.qpos[:, 1]
+        return {
+            "alive": torch.ones_like(z),
+            "ctrl_cost": self.physics.ctrl.square().sum(-1),
+            "run": self.speed(),
+            "jump": (z - 1.0 + 0.2).clamp(min=0.0),
+            "upright": (z - 0.4).clamp(-0.2, 0.0),
+        }
+
+    def failed(self) -> Tensor:
+        height, pitch = self.physics.qpos[:, 1], self.physics.qpos[:, 2]
+        return (height < 0.2) | (pitch.abs() > math.radians(270))
+
+
+class Walker(Planar):
+    """Two legs: run as fast as possible, use little energy."""
+
+    model_file = "assets/walker.xml"
+    substeps = 2
+    paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0}
+
+    class Options(TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+        shared: dict[str, float] = {"alive": 1.0}
+        nconmax: int = 4
+        njmax: int = 22
+
+    def initial_qpos(self) -> np.ndarray:
+        qpos = np.zeros(self.physics.model.nq)
+        qpos[1] = 1.5  # m; the feet are 0.2 m above the floor
+        return qpos
+
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.copy_((ACTION_SCALE * action).clamp(-1, 1))
+
+    def terms(self) -> dict[str, Tensor]:
+        speed = self.speed()
+        return {
+            "alive": torch.ones_like(speed),
+            "run": speed,
+            "energy": 4.0 - self.physics.ctrl.square().sum(-1),
+        }
+
+    def failed(self) -> Tensor:
+        height, pitch = self.physics.qpos[:, 1], self.physics.qpos[:, 2]
+        return ~((height > 0.8) & (height < 2.0) & (pitch.abs() < 1.0))

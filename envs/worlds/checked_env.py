@@ -1,4 +1,4 @@
-"""One Gymnasium environment, checked in what it returns."""
+"""One Gymnasium environment whose return values are checked."""
 
 import sys
 from collections.abc import Callable

@@ -1,28 +1,26 @@
-"""What all MuJoCo tasks share: stepping, episode ends, automatic resets and rewards."""
+"""Base class of MuJoCo tasks: stepping, episode ends, automatic resets and rewards."""
 
 import sys
 from abc import abstractmethod
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
+from ..devices import Draws, restore_generator
 from ..errors import MorlaxError
-from ..physics import build_physics
 from ..physics.interface import Physics
-from ..random import Draws, restore_generator
 from . import checks, episodes, randomization
-from .disturbances import Delay, Noise, Pushes
+from .episodes import Starts, around
 from .interface import TimeStep
-from .layout import Part
 from .learned import TERM, LearnedReward
 from .options import TaskOptions
-from .robot import Robot
-from .starts import Starts, around
+from .randomization import Delay, Noise, Pushes
+from .robot import Part, Robot
 
 BEFORE = "learned.before"  # name of the remembered observation
 OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have
@@ -82,27 +80,20 @@ class Environment(Robot):
         self.define_objectives(physics.qpos.dtype)
 
     @classmethod
-    def build(
-        cls,
-        options: Any,
-        num_worlds: int,
-        device: torch.device,
-        backend: str | None,
-        seed: int,
-        *,
-        auto_reset: bool,
-        deterministic: bool,
-    ) -> Self:
-        physics = build_physics(
-            cls.compile_model(options),
-            num_worlds,
-            device,
-            backend,
-            cls.substeps,
-            nconmax=options.nconmax,
-            njmax=options.njmax,
-            deterministic=deterministic,
-        )
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
+        backend = backend or ("warp" if device.type == "cuda" else "mujoco")
+        if backend == "mujoco" and device.type != "cpu":
+            raise MorlaxError(f"C MuJoCo runs on the CPU: on {device}, use backend 'warp'.")
+        model = cls.compile_model(options)
+        if backend == "mujoco":
+            from ..physics.mujoco import MujocoPhysics  # each simulator is imported only when used
+
+            physics = MujocoPhysics(model, num_worlds, cls.substeps)
+        else:
+            from ..physics.warp import WarpPhysics
+
+            buffers = options.nconmax, options.njmax
+            physics = WarpPhysics(model, num_worlds, device, cls.substeps, *buffers, deterministic)
         return cls(physics, options, seed, auto_reset)
 
     @classmethod

@@ -2,13 +2,16 @@
 
 from abc import abstractmethod
 from importlib import import_module
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, words
 from .interface import TimeStep, Worlds
+
+ACTORS = ("actor", "policy")  # names of the group that a policy sees
+CRITIC = "critic"  # what only critics see
 
 
 def imported(name: str) -> str:
@@ -27,7 +30,7 @@ def imported(name: str) -> str:
 
 
 class Outcome(NamedTuple):
-    """What a step of N worlds leads to."""
+    """The outcome of one step of N worlds."""
 
     seen: Tensor  # (N, O + P) after restarts, if there were any
     final: Tensor  # (N, O + P) after the step, before any restart
@@ -38,14 +41,14 @@ class Outcome(NamedTuple):
 
 
 class ForeignWorlds(Worlds):
-    """N worlds of another library, whose state is not saved: they start anew in a resumed run.
+    """N worlds of another library. Their state is not saved: they restart in a resumed run.
 
     Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
     world that is not finite terminates with zero reward.
     """
 
     simulator: str
-    """Whose simulator it is, in messages."""
+    """Name of the simulator, in messages."""
 
     def __init__(
         self,
@@ -64,17 +67,7 @@ class ForeignWorlds(Worlds):
         self.reset()
 
     @classmethod
-    def build(
-        cls,
-        options: Any,
-        num_worlds: int,
-        device: torch.device,
-        backend: str | None,
-        seed: int,
-        *,
-        auto_reset: bool,
-        deterministic: bool,
-    ) -> Self:
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
         if backend is not None or deterministic:
             wish = "--deterministic" if deterministic else f"--backend {backend}"
             raise MorlaxError(
@@ -142,3 +135,30 @@ class ForeignWorlds(Worlds):
 
     def _policy(self, seen: Tensor) -> Tensor:
         return seen[:, : self.observation_size]
+
+
+def actor_group(groups: Any, owner: str) -> str:
+    """Return the name of the group that a policy sees.
+
+    Raises:
+        MorlaxError: `owner` has no such group, or a group that is not one vector.
+    """
+    known = list(groups.keys())
+    actor = next((name for name in ACTORS if name in known), None)
+    if actor is None:
+        raise MorlaxError(
+            f"{owner} has no observations called actor or policy, but {', '.join(known)}."
+        )
+    for name in {actor, CRITIC} & set(known):
+        if not isinstance(groups[name], Tensor) or groups[name].ndim != 2:
+            raise MorlaxError(
+                f"the observations {name} of {owner} are not one vector for each world: policies "
+                "cannot take images or parts that are not concatenated."
+            )
+    return actor
+
+
+def joined(groups: Any, actor: str) -> Tensor:
+    """Return what a policy sees, then what only critics see, (N, O + P)."""
+    parts = [groups[actor], *([groups[CRITIC]] if CRITIC in list(groups.keys()) else [])]
+    return torch.cat(parts, 1).float()

@@ -3,7 +3,7 @@
 import importlib
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
@@ -16,8 +16,7 @@ from ..errors import MorlaxError, words
 from ..naming import GYMNASIUM
 from .checked_env import CheckedEnv, observation_size
 from .interface import TimeStep, Worlds
-from .options import ObjectiveOptions
-from .section import Count
+from .options import Count, ObjectiveOptions
 
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
 
@@ -140,17 +139,7 @@ class GymnasiumWorlds(Worlds):
         self._truncated = np.zeros(num_worlds, np.bool_)
 
     @classmethod
-    def build(
-        cls,
-        options: Any,
-        num_worlds: int,
-        device: torch.device,
-        backend: str | None,
-        seed: int,
-        *,
-        auto_reset: bool,
-        deterministic: bool,
-    ) -> Self:
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
         if device.type != "cpu" or backend == "warp":
             raise MorlaxError(f"{cls.name} runs only on the CPU: use --device cpu and no backend.")
         return cls(options, num_worlds, seed, auto_reset)

@@ -1,17 +1,23 @@
 """Bridge to mjlab: N worlds of any of its tasks, with its reward terms by name."""
 
+import contextlib
+import io
+from collections.abc import Callable
 from functools import cache, partial
+from importlib import import_module
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from ..random import drawing_from
-from .foreign import ForeignWorlds, Outcome
-from .groups import actor_group, joined
-from .mjlab_building import build
-from .mjlab_endings import BLOWN_UP, remembers, take_ending, watch_endings
+from ..devices import drawing_from
+from ..physics import compiling
+from .foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, joined
 from .mjlab_tasks import MjlabOptions, changed, options_class
+
+_rehearsed: set[str] = set()
+ENDINGS = "endings"  # mjlab's name of the recorder
+BLOWN_UP = "blown_up"  # of the termination
 
 
 @cache
@@ -100,3 +106,78 @@ class MjlabWorlds(ForeignWorlds):
         terms = self.env.reward_manager._step_reward * self._time_step
         blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
         return Outcome(seen, final, terms, failed.clone(), timed_out, blown_up)
+
+
+def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
+    """Return mjlab's environment. It draws from torch's global generators.
+
+    Args:
+        name: the task, whose kernels are compiled once in a process.
+        config: returns mjlab's config, which each environment changes.
+        device: where to simulate.
+    """
+    environment = import_module("mjlab.envs").ManagerBasedRlEnv
+
+    def rehearse() -> None:
+        env = environment(config(), device=str(device))
+        env.reset()
+        env.step(torch.zeros(env.num_envs, env.action_manager.total_action_dim))
+
+    with contextlib.redirect_stdout(io.StringIO()):  # tables of all terms
+        # on a GPU, torch could stop the process at an index that no kernel has written
+        if device.type == "cpu" and name not in _rehearsed:
+            _rehearsed.add(name)
+            compiling.start(rehearse)
+            compiling.finish()
+        return environment(config(), device=str(device))
+
+
+def watch_endings(cfg: Any) -> None:
+    """Let worlds of this config show how episodes end, and terminate if they are not finite."""
+    termination = import_module("mjlab.managers").TerminationTermCfg
+    cfg.terminations[BLOWN_UP] = termination(func=_not_finite)
+    if cfg.auto_reset:
+        recorders = import_module("mjlab.managers.recorder_manager")
+        cfg.recorders[ENDINGS] = recorders.RecorderTermCfg(func=_recorder())
+
+
+def remembers(cfg: Any) -> bool:
+    """Return whether an observation holds earlier or late ones, so that it is made only once."""
+    return any(
+        group.history_length
+        or any(term.history_length or term.delay_max_lag for term in group.terms.values() if term)
+        for group in cfg.observations.values()
+        if group is not None
+    )
+
+
+def take_ending(env: Any) -> dict[str, Tensor] | None:
+    """Return the observations before the restarts of the last step, if there were any."""
+    recorder = env.recorder_manager.get_term(ENDINGS)
+    groups, recorder.groups = recorder.groups, None
+    return groups
+
+
+def _not_finite(env: Any) -> Tensor:
+    found: Tensor = import_module("mjlab.envs.mdp").nan_detection(env)
+    return found | ~env.action_manager.action.isfinite().all(1)
+
+
+@cache
+def _recorder() -> type:
+    """Return mjlab's kind of recorder, which sees all worlds just before some restart.
+
+    At that moment, velocities and tilt of bodies are one physics step old, as in mjlab's rewards,
+    and rays and commands one control step.
+    """
+    base = import_module("mjlab.managers.recorder_manager").RecorderTerm
+
+    class Endings(base):
+        groups: dict[str, Tensor] | None = None
+
+        def record_pre_reset(self, env_ids: Tensor) -> None:
+            manager = self._env.observation_manager
+            used = {*ACTORS, CRITIC} & set(manager.active_terms)
+            self.groups = {name: manager.compute_group(name) for name in used}
+
+    return Endings

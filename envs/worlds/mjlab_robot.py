@@ -7,10 +7,9 @@ import mujoco
 import torch
 from torch import Tensor
 
-from .layout import Part
 from .mjlab import MjlabWorlds, from_task
 from .mjlab_tasks import MjlabOptions
-from .robot import Robot
+from .robot import Part, Robot
 
 
 @cache

@@ -13,8 +13,7 @@ from pydantic import PositiveFloat
 
 from ..errors import MorlaxError, installation, unknown
 from .foreign import imported
-from .options import ObjectiveOptions
-from .section import Count
+from .options import Count, ObjectiveOptions
 
 OLDEST = 1, 6
 EFFORT = ("joint_torques_l2", "electrical_power_cost")  # mjlab's, for every robot

@@ -1,14 +1,30 @@
 """Bridge to MuJoCo Playground: N worlds of any of its tasks, which JAX steps."""
 
+import json
+import subprocess
+import warnings
+from collections.abc import Mapping
 from functools import cache
+from importlib import import_module
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
+from ..errors import MorlaxError
 from .foreign import ForeignWorlds, Outcome
-from .playground_functions import functions_of
-from .playground_tasks import PlaygroundOptions, options_class
+from .playground_tasks import (
+    EFFORT,
+    PlaygroundOptions,
+    changed,
+    default_config,
+    options_class,
+    registry,
+)
+
+POLICY, CRITIC = "state", "privileged_state"  # Playground's names of groups of observations
+TERM = "reward/"  # before the names of reward terms in Playground's metrics
+LIMITS = 1 << 9 | 1 << 10  # MuJoCo Warp's warnings of solvers and line searches at their limits
 
 
 @cache
@@ -56,7 +72,7 @@ class PlaygroundWorlds(ForeignWorlds):
         return self._first.clone()  # JAX's memory is constant
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
-        """Let worlds begin where the next start is prepared for them.
+        """Restart worlds at starts that were prepared in advance.
 
         A reset of one world costs as much as one of all, and in some tasks as much as 200 steps. So
         all worlds get a start in advance, and all get another when one world needs its second.
@@ -94,3 +110,129 @@ class PlaygroundWorlds(ForeignWorlds):
 
     def _to_jax(self, tensor: Tensor) -> Any:
         return self._jax.dlpack.from_dlpack(tensor.detach().contiguous())
+
+
+def functions_of(name: str, options: PlaygroundOptions, device: torch.device) -> "Functions":
+    """Return a task under `options`, on a device.
+
+    Raises:
+        MorlaxError: JAX runs on another device, the task's config has no such key, or Playground
+            cannot make the task.
+    """
+    known = default_config(name)
+    ours: dict[str, Any] = {"episode_length": options.episode_length}
+    if device.type == "cpu":
+        ours["impl"] = "jax"  # on a CPU, small tasks are ten times as fast as with MJX's Warp
+    place = import_module("jax").devices()[0]
+    kind = "cuda" if place.platform == "gpu" else place.platform
+    if (kind, place.id) != (device.type, device.index or 0):
+        raise MorlaxError(
+            f"JAX runs on {kind}:{place.id}, and these worlds should run on {device}: set "
+            "JAX_PLATFORMS=cpu for the CPU; a GPU needs pip install 'jax[cuda12]', and one that is "
+            "not the first CUDA_VISIBLE_DEVICES."
+        )
+    overrides = {key: ours[key] for key in ours if key in known} | options.overrides
+    return _shared(name, json.dumps(overrides))
+
+
+@cache
+def _shared(name: str, overrides: str) -> "Functions":
+    """Share what JAX compiles between worlds of one task: it can take a minute for each N."""
+    return Functions(name, changed(name, json.loads(overrides)))
+
+
+class Functions:
+    """The environment of a task, without Playground's own restarts and time limit.
+
+    A state is Playground's, of N worlds; every array is JAX's. `reset`, `step` and `replace` are
+    compiled when they first meet a number of worlds.
+
+    Raises:
+        MorlaxError: Playground cannot make the task, or its observations are not one vector.
+    """
+
+    def __init__(self, name: str, cfg: Any):
+        self.jax = jax = import_module("jax")
+        start = self._make(name, cfg)
+        groups = _groups(start.obs)
+        sizes = [groups[key].shape for key in (POLICY, CRITIC) if key in groups]
+        if POLICY not in groups or any(len(size) != 1 for size in sizes):
+            raise MorlaxError(
+                f"{name} shows {', '.join(groups)}, where policies need one vector, {POLICY}: they "
+                "cannot take images."
+            )
+        self.observation_size = sizes[0][0]
+        self.privileged_size = sum(size[0] for size in sizes[1:])
+        self.action_size = int(self._env.action_size)
+        metrics = list(start.metrics)
+        self._metrics = [key for key in metrics if key.startswith(TERM)] or metrics
+        named = [key.removeprefix(TERM) for key in self._metrics]
+        self.reward_terms = (*named, "reward", EFFORT)
+        self.reset = jax.jit(self._reset, static_argnums=0)
+        self.step = jax.jit(self._step)
+        self.replace = jax.jit(self._replace)
+
+    def _make(self, name: str, cfg: Any) -> Any:
+        """Make the environment; returns the shapes of the state of one world."""
+        jax = self.jax
+        try:
+            with warnings.catch_warnings(action="ignore"):
+                self._env = env = registry().load(name.rpartition(":")[2], config=cfg)
+                _quiet(env)
+                start = jax.eval_shape(env.reset, jax.random.PRNGKey(0))
+                jax.eval_shape(env.step, start, jax.numpy.zeros(env.action_size))
+                return start
+        except subprocess.CalledProcessError:
+            raise MorlaxError(
+                f"{name} needs a robot of MuJoCo Menagerie, which git could not fetch from GitHub."
+            ) from None
+        except Exception as error:  # a task may run any code
+            reason = " ".join(str(error).split())
+            raise MorlaxError(f"Playground cannot make {name}: {reason}") from error
+
+    def _reset(self, worlds: int, key: Any) -> tuple[Any, Any]:
+        """Return a new state of N worlds, and its features (N, O + P)."""
+        state = self._typed(self.jax.vmap(self._env.reset)(self.jax.random.split(key, worlds)))
+        return state, self._features(state)
+
+    def _step(self, state: Any, action: Any) -> tuple[Any, Any, Any, Any]:
+        """Return the state after actions (N, A), its features, terms (N, terms) and failures."""
+        jnp = self.jax.numpy
+        state = self._typed(self.jax.vmap(self._env.step)(state, action))
+        terms = [*(state.metrics[key] for key in self._metrics), state.reward, (action**2).mean(1)]
+        columns = [term.astype(jnp.float32) for term in terms]
+        return state, self._features(state), jnp.stack(columns, 1), state.done.astype(bool)
+
+    def _replace(self, which: Any, fresh: Any, state: Any) -> Any:
+        """Return a state with the worlds of a mask (N,) from `fresh`."""
+
+        def chosen(new: Any, old: Any) -> Any:
+            if old.shape[:1] != which.shape:
+                return old  # MJX's Warp keeps the contacts of all worlds in one list
+            return self.jax.numpy.where(which.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+
+        return self.jax.tree.map(chosen, fresh, state)
+
+    def _typed(self, state: Any) -> Any:
+        """Give arrays made of Python's numbers a type, or `step` is compiled a second time."""
+        typed = self.jax.lax.convert_element_type
+        return self.jax.tree.map(lambda part: typed(part, part.dtype), state)
+
+    def _features(self, state: Any) -> Any:
+        groups, jnp = _groups(state.obs), self.jax.numpy
+        parts = [groups[key].astype(jnp.float32) for key in (POLICY, CRITIC) if key in groups]
+        return jnp.concatenate(parts, 1)
+
+
+def _quiet(env: Any) -> None:
+    """Let Warp print no line for every solver at its limit: tasks choose low limits."""
+    try:
+        warnings_of = env._mjx_model.opt._impl.warn_overflow
+    except AttributeError:
+        return  # MJX's JAX prints nothing
+    quiet = {"opt._impl.warn_overflow": warnings_of & ~LIMITS}
+    env._mjx_model = env._mjx_model.tree_replace(quiet)
+
+
+def _groups(obs: Any) -> Mapping[str, Any]:
+    return obs if isinstance(obs, Mapping) else {POLICY: obs}

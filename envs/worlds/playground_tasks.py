@@ -9,8 +9,7 @@ from typing import Any
 
 from ..errors import MorlaxError, installation, shortened, unknown
 from .foreign import imported
-from .options import ObjectiveOptions
-from .section import Count
+from .options import Count, ObjectiveOptions
 
 EFFORT = "action_l2"  # our own reward term, beside those of the task
 UNLIMITED = 1000  # steps per episode of a task without a limit of its own
@@ -101,9 +100,7 @@ def changed(name: str, overrides: dict[str, Any]) -> Any:
             cfg.update_from_flattened_dict({key: value})
         except (TypeError, ValueError):
             kind = type(cfg[key]).__name__
-            raise MorlaxError(
-                f"{key} of {name} is of type {kind}, which {shortened(value)} is not."
-            ) from None
+            raise MorlaxError(f"{key} of {name} must be {kind}, not {shortened(value)}.") from None
     return cfg
 
 

@@ -1,13 +1,17 @@
-"""Domain randomization: draw how the models of N worlds differ."""
+"""Domain randomization: models, observation noise, action delay and pushes."""
 
 import mujoco
 import numpy as np
+import torch
 from mujoco import mjtBias, mjtGain
+from torch import Tensor
 
-from ..errors import MorlaxError
-from ..physics.batch import MODEL_FIELDS
-from ..physics.variation import cannot
+from ..devices import Draws
+from ..errors import MorlaxError, unknown
+from ..physics.interface import Physics
+from ..physics.mujoco import MODEL_FIELDS, cannot_vary
 from .options import Randomization
+from .robot import Part
 
 LINEAR = [int(kind) for kind in (mjtGain.mjGAIN_FIXED, mjtGain.mjGAIN_AFFINE)]
 LINEAR_BIAS = [int(kind) for kind in (mjtBias.mjBIAS_NONE, mjtBias.mjBIAS_AFFINE)]
@@ -47,7 +51,129 @@ def draw(
     for name, limits in options.fields.items():
         field = getattr(model, name, None) if name in MODEL_FIELDS else None
         if not isinstance(field, np.ndarray) or field.dtype.kind != "f" or not field.size:
-            raise cannot("MuJoCo", name)
+            raise cannot_vary("MuJoCo", name)
         factors[name] = drawn(limits, *field.shape) * factors.get(name, 1.0)
     products = {name: getattr(model, name) * factor for name, factor in factors.items()}
     return {name: values for name, values in products.items() if values.size}
+
+
+class Noise:
+    """Gaussian observation noise, drawn once per control step.
+
+    Args:
+        deviations: standard deviations in the units of the observation, by the name of a part
+            ("position.knee") or a prefix of several ("position"). The longest match applies.
+        parts: the parts of the observation, O numbers in total.
+        physics: the simulation of the N worlds.
+        draws: draws the noise.
+
+    Raises:
+        MorlaxError: the observation has no part of a given name.
+    """
+
+    def __init__(
+        self,
+        deviations: dict[str, float],
+        parts: list[Part],
+        physics: Physics,
+        draws: Draws,
+    ):
+        words = [part.name.split(".") for part in parts]
+        names = {".".join(some[: n + 1]) for some in words for n in range(len(some))}
+        for name in deviations:
+            if name not in names:
+                raise unknown("part of the observation", name, names)
+        found = []
+        for name, size, _ in parts:
+            near = [key for key in deviations if f"{name}.".startswith(f"{key}.")]
+            found += [deviations[max(near, key=len)] if near else 0.0] * size
+        self._draws, self._deviations = draws, torch.tensor(found, device=physics.device)
+        self.now = torch.zeros(physics.num_worlds, len(found), device=physics.device)  # (N, O)
+        self.state = {"noise": self.now}
+
+    def draw(self) -> None:
+        """Draw the noise of a new control step into `now` (N, O)."""
+        self._draws.normal_(self.now).mul_(self._deviations)
+
+
+class Delay:
+    """Delays actions by some control steps; zero actions apply until the first one arrives.
+
+    Args:
+        steps: smallest and largest delay in control steps, drawn per world at the start of each
+            episode.
+        action_size: A.
+        physics: the simulation of the N worlds.
+        draws: draws the delays.
+    """
+
+    def __init__(self, steps: tuple[int, int], action_size: int, physics: Physics, draws: Draws):
+        self.steps, self._draws = steps, draws
+        N, A, device = physics.num_worlds, action_size, physics.device
+        self._past = torch.zeros(steps[1] + 1, N, A, device=device)  # newest first
+        self._late = torch.full((N,), steps[0], device=device)
+        self._worlds = torch.arange(N, device=device)
+        self.state = {"late": self._late, "past_actions": self._past}
+
+    def __call__(self, action: Tensor) -> Tensor:
+        """Store `action` (N, A) and return the delayed actions (N, A) to apply now."""
+        self._past.copy_(self._past.roll(1, 0))
+        self._past[0] = action
+        return self._past[self._late, self._worlds]
+
+    def begin(self, over: Tensor) -> None:
+        """Start new episodes in the worlds `over` (N,) bool."""
+        self._past.masked_fill_(over[:, None], 0.0)
+        fewest, most = self.steps
+        if most > fewest:
+            drawn = self._draws.integers_(torch.empty_like(self._late), fewest, most + 1)
+            self._late.copy_(torch.where(over, drawn, self._late))
+
+
+class Pushes:
+    """Sudden changes of the robot's horizontal velocity, each in a random direction.
+
+    Args:
+        speed: size of the change in m/s.
+        every: mean number of control steps between pushes; every step has the same probability.
+        physics: the simulation of the N worlds.
+        draws: draws directions and times.
+
+    Raises:
+        MorlaxError: the robot cannot move along the floor.
+    """
+
+    def __init__(self, speed: float, every: int, physics: Physics, draws: Draws):
+        self.speed, self.chance = speed, 1 / every
+        self.physics, self._draws = physics, draws
+        dofs = horizontal(physics.model)
+        if not dofs:
+            raise MorlaxError(
+                "task.randomization.push: this robot cannot be pushed, because its first body has "
+                "neither a free joint nor a slide joint along the floor: remove the option."
+            )
+        self._dofs = torch.tensor(dofs, device=physics.device)
+
+    def __call__(self) -> None:
+        """Push a random subset of the worlds."""
+        shape = self.physics.num_worlds, len(self._dofs)
+        direction = self._draws.normal_(self.physics.qvel.new_empty(shape))
+        direction /= direction.norm(dim=-1, keepdim=True)
+        chances = self._draws.uniform_(direction.new_empty(shape[0], 1))
+        push = torch.where(chances < self.chance, self.speed * direction, 0.0)
+        self.physics.qvel.index_add_(1, self._dofs, push)
+
+
+def horizontal(model: mujoco.MjModel) -> list[int]:
+    """Return the degrees of freedom that move the first jointed body along the floor."""
+    data, found = mujoco.MjData(model), []
+    mujoco.mj_forward(model, data)
+    for joint in range(model.njnt):
+        if model.jnt_bodyid[joint] != model.jnt_bodyid[0]:
+            break
+        kind, dof = model.jnt_type[joint], int(model.jnt_dofadr[joint])
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            return [dof, dof + 1]
+        if kind == mujoco.mjtJoint.mjJNT_SLIDE and abs(data.xaxis[joint, 2]) < 1e-6:
+            found.append(dof)
+    return found

@@ -1,13 +1,57 @@
-"""The interface between a MuJoCo robot and viewers, films and exports."""
+"""A MuJoCo robot for viewers, films and exports, and the names of what it observes."""
 
 from abc import abstractmethod
-from typing import Protocol
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
 
 import mujoco
+from mujoco import mjtJoint
 from torch import Tensor
 
 from .interface import Worlds
-from .layout import Part
+
+
+class Part(NamedTuple):
+    """Consecutive numbers of an observation."""
+
+    name: str
+    size: int
+    unit: str
+
+
+def positions(model: mujoco.MjModel) -> list[Part]:
+    """Name the parts of `qpos`, joint by joint."""
+    parts = []
+    for joint, kind in _joints(model):
+        name = f"position.{joint}"
+        if kind == mjtJoint.mjJNT_FREE:
+            parts += [Part(f"{name}.{axis}", 1, "m") for axis in "xyz"]
+        if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
+            parts.append(Part(f"{name}.quaternion", 4, "w, x, y, z"))
+        else:
+            parts.append(Part(name, 1, "m" if kind == mjtJoint.mjJNT_SLIDE else "rad"))
+    return parts
+
+
+def velocities(model: mujoco.MjModel, limit: float | None = None) -> list[Part]:
+    """Name the parts of `qvel`, clipped to [-limit, limit] if there is a limit."""
+    clipped = "" if limit is None else f", clipped to [{-limit:g}, {limit:g}]"
+    parts = []
+    for joint, kind in _joints(model):
+        name = f"velocity.{joint}"
+        if kind == mjtJoint.mjJNT_FREE:
+            parts.append(Part(f"{name}.linear", 3, "m/s, in the world" + clipped))
+        if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
+            parts.append(Part(f"{name}.angular", 3, "rad/s, in the body" + clipped))
+        else:
+            unit = "m/s" if kind == mjtJoint.mjJNT_SLIDE else "rad/s"
+            parts.append(Part(name, 1, unit + clipped))
+    return parts
+
+
+def _joints(model: mujoco.MjModel) -> Iterator[tuple[str, int]]:
+    for index, kind in enumerate(model.jnt_type):
+        yield model.joint(index).name, int(kind)
 
 
 class State(Protocol):

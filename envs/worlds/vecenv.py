@@ -9,12 +9,10 @@ from pydantic import PositiveFloat
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..devices import drawing_from
 from ..errors import MorlaxError, words
-from ..random import drawing_from
-from .foreign import ForeignWorlds, Outcome
-from .groups import actor_group, joined
-from .options import ObjectiveOptions
-from .section import Count
+from .foreign import ForeignWorlds, Outcome, actor_group, joined
+from .options import Count, ObjectiveOptions
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)

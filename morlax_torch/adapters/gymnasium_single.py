@@ -13,11 +13,9 @@ from .. import envs
 from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import unknown
-from .options import check_options
-from .pictures import Pictures
-from .resetting import prepare
-from .specs import WithSpec
-from .window import Window
+from ..gymnasium_ids import WithSpec
+from .checking import check_options, prepare
+from .pictures import Pictures, Window
 
 
 class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):

@@ -17,12 +17,10 @@ from ..configuration.tradeoffs import one_tradeoff
 from ..envs import Environment, MorlaxError, TimeStep
 from ..envs.errors import unknown
 from ..gpu.graph import Graph
-from ..gpu.threads import one_thread
-from .actions import checked_actions
-from .options import check_options
+from ..gpu.resources import one_thread
+from ..gymnasium_ids import WithSpec
+from .checking import check_options, checked_actions, one_seed, prepare
 from .pictures import Pictures
-from .resetting import one_seed, prepare
-from .specs import WithSpec
 
 
 class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):

@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from ..envs import Environment, MorlaxError
+from .checking import require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium_vector import GymnasiumVectorEnv
-from .host import require
 
 require("rsl_rl", "rsl-rl-lib", "3.0", "rsl-rl")
 

@@ -8,21 +8,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .checking import require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium_vector import GymnasiumVectorEnv
-from .host import require
 
 require("skrl", "skrl", "2.0", "skrl")
 
-from skrl.envs.wrappers.torch import Wrapper
+from skrl.envs.wrappers.torch.gymnasium_envs import GymnasiumWrapper
 
 
-class SkrlEnv(Wrapper):
+class SkrlEnv(GymnasiumWrapper):
     """N worlds of a task, whose reward (N, 1) is the objectives weighted by `tradeoff`.
 
     Actions are clipped to [-1, 1]. If the task has privileged features, the state is (N, O + P).
     `info` holds "vector_reward" (N, m), the reward of each objective, and, if episodes ended,
-    "episode", their mean return per objective, which skrl's trainers log.
+    "episode", their mean return per objective, which skrl's trainers log. `reset` returns the
+    current observation (N, O) and resets no world: each resets itself when its episode ends.
 
     `vector` is the underlying Gymnasium vector environment.
 
@@ -54,17 +55,9 @@ class SkrlEnv(Wrapper):
         )
         super().__init__(self.vector)
         self._statistics = EpisodeStatistics(self.vector)
-        self._observation, _ = self._statistics.reset(seed=seed)
-
-    @property
-    def observation_space(self) -> gymnasium.Space:
-        """The observation space of one world."""
-        return self.vector.single_observation_space
-
-    @property
-    def action_space(self) -> gymnasium.Space:
-        """The action space of one world."""
-        return self.vector.single_action_space
+        # what skrl's wrapper returns from `reset`; its own first reset would take skrl's seed
+        self._observation, self._info = self._statistics.reset(seed=seed)
+        self._reset_once = False
 
     @property
     def state_space(self) -> gymnasium.Space | None:
@@ -75,15 +68,8 @@ class SkrlEnv(Wrapper):
         size = worlds.observation_size + worlds.privileged_size
         return gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
 
-    def reset(self) -> tuple[Tensor, dict[str, Any]]:
-        """Return the current observation (N, O) and an empty info, without resetting any world.
-
-        Each world resets itself when its episode ends.
-        """
-        return self._observation, {}
-
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """Advance every world by one control step under actions (N, A).
+        """Advance every world by one control step under actions (N, A), without leaving the device.
 
         Returns:
             The observation (N, O), reward (N, 1), terminated (N, 1), truncated (N, 1) and info.
@@ -108,7 +94,3 @@ class SkrlEnv(Wrapper):
 
     def render(self, *_: Any, **__: Any) -> None:
         """Do nothing: rendering is not supported."""
-
-    def close(self) -> None:
-        """Close the underlying environment."""
-        self.vector.close()

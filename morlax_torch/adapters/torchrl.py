@@ -8,9 +8,8 @@ import torch
 from .. import envs
 from ..envs import MorlaxError, TimeStep
 from ..gpu.graph import Graph
-from ..gpu.threads import one_thread
-from .actions import checked_actions
-from .host import require
+from ..gpu.resources import one_thread
+from .checking import checked_actions, require
 
 require("TorchRL", "torchrl", "0.14", "torchrl")
 

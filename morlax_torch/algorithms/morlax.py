@@ -9,11 +9,11 @@ from torch import Tensor, nn
 from ..configuration.config import Config
 from ..configuration.tradeoffs import sample_tradeoffs
 from ..envs import MorlaxError, Worlds
-from ..envs.random import restore_generator, seed_of
+from ..envs.devices import restore_generator, seed_of
 from ..gpu import fused
 from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
-from ..gpu.threads import one_thread
+from ..gpu.resources import one_thread
 from ..networks import gaussian
 from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization

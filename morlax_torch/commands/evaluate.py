@@ -10,8 +10,8 @@ import tyro
 
 from ..envs import MorlaxError
 from ..terminal import cli
-from ..terminal.help import call
 from ..terminal.startup import program
+from ..terminal.task_arguments import call
 
 PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 

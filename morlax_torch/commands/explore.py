@@ -6,9 +6,9 @@ from typing import Annotated
 import tyro
 
 from ..terminal import cli
-from ..terminal.help import call
 from ..terminal.interrupt import interruptible
 from ..terminal.startup import program
+from ..terminal.task_arguments import call
 from ..viewers.explorer.opening import check_free, importing_viser
 
 
@@ -32,7 +32,7 @@ def explore(run: str, host: str, port: int) -> None:
         from ..viewers.explorer.page import Page
     import torch
 
-    from ..gpu.threads import one_thread
+    from ..gpu.resources import one_thread
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         page = Page(run, host, port)

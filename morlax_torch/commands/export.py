@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import tyro
 
 from ..terminal import cli
-from ..terminal.help import call
 from ..terminal.startup import program
+from ..terminal.task_arguments import call
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -9,8 +9,8 @@ import tyro
 
 from ..envs import MorlaxError
 from ..terminal import cli
-from ..terminal.help import call
 from ..terminal.startup import program
+from ..terminal.task_arguments import call
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -7,8 +7,8 @@ from typing import Annotated
 import tyro
 
 from ..terminal import cli
-from ..terminal.help import call
 from ..terminal.startup import program
+from ..terminal.task_arguments import call
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -50,7 +50,7 @@ def command(arguments: Sequence[str]) -> None:
         """
         from ..configuration.tradeoffs import parse_tradeoff
         from ..runs.loading import load  # imports torch
-        from ..terminal.bar import bar
+        from ..terminal.cli import bar
         from ..viewers.filming.recording import record
 
         policy = load(run, trust=trust)

@@ -9,9 +9,9 @@ import tyro
 
 from ..envs import MorlaxError
 from ..terminal import cli
-from ..terminal.help import call
 from ..terminal.interrupt import interruptible
 from ..terminal.startup import program
+from ..terminal.task_arguments import call
 from ..viewers.explorer.opening import check_free, importing_viser
 
 if TYPE_CHECKING:

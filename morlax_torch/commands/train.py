@@ -6,9 +6,8 @@ from contextlib import closing
 
 from ..terminal import cli
 from ..terminal.arguments import read
-from ..terminal.clock import command_began
 from ..terminal.interrupt import interruptible
-from ..terminal.startup import announce_training
+from ..terminal.startup import announce_training, command_began
 
 
 def command(arguments: Sequence[str]) -> None:

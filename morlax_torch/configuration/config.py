@@ -17,7 +17,7 @@ from .. import envs
 from ..envs import MorlaxError, ObjectiveOptions
 from ..envs.errors import explained, unknown
 from ..envs.naming import absolute, is_file
-from ..envs.worlds.section import Count, Section
+from ..envs.worlds.options import Count, Section
 from ..files import exists
 from .files import algorithm_of, merged, nested, renamed, task_values
 from .sections import (

@@ -129,7 +129,7 @@ def write_yaml(config: BaseModel) -> str:
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
-    """Apply the section `cpu` where there is no GPU, and of `gpus` what so many GPUs change."""
+    """Apply the section `cpu` without a GPU, and the changes in `gpus` for this number of GPUs."""
     values = dict(values)
     cpu, gpus = _section(values.pop("cpu", None), "cpu", "keys and values for the CPU"), {}
     for number, changes in _section(values.pop("gpus", None), "gpus", "numbers of GPUs").items():
@@ -164,7 +164,7 @@ def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 
 def changes(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Return what `merged` must put over `below` to give `above`, which has the same keys."""
+    """Return the values that turn `below` into `above`, of the same keys, through `merged`."""
     return {
         key: changes(below[key], value) if _by_section(key, value, below) else value
         for key, value in above.items()

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 
-from ..envs.worlds.section import Count, Section
+from ..envs.worlds.options import Count, Section
 
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 

@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from ..envs import MorlaxError, Worlds
-from ..envs.random import EVALUATION_SEEDS
+from ..envs.devices import EVALUATION_SEEDS
 from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
-from ..gpu.threads import one_thread
+from ..gpu.resources import one_thread
 from ..networks.agent import Agent
 from .front import Front
 

@@ -4,7 +4,7 @@ from .. import envs
 from ..configuration.config import Config
 from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from ..envs import MorlaxError, Worlds
-from ..envs.random import EVALUATION_SEEDS
+from ..envs.devices import EVALUATION_SEEDS
 from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
 from .evaluator import Evaluator, Protocol

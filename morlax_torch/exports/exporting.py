@@ -10,7 +10,7 @@ from torch.export import ExportedProgram
 from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import MorlaxError
 from ..envs.errors import unknown
-from ..files import AnyPath, replacing
+from ..files import AnyPath, write_file
 from ..networks.agent import normalizer_for
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
@@ -78,8 +78,7 @@ def export(
             f"as {format}, actions differ from the policy's by up to {largest:.1e}, more than "
             f"{TOLERANCE:.0e}: this format cannot represent the network, try another --format."
         )
-    with replacing(output) as file:
-        file.write(data)
+    write_file(output, data)
     return largest
 
 

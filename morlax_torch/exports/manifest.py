@@ -1,4 +1,4 @@
-"""What is needed to run an exported policy on a robot, as plain values for JSON."""
+"""Metadata for running an exported policy on a robot, as plain values for JSON."""
 
 import hashlib
 from collections.abc import Sequence

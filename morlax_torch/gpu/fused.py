@@ -94,9 +94,9 @@ def copy(*pairs: tuple[Tensor, Tensor]) -> None:
     targets = [target for target, _ in pairs]
     sources = [source.view_as(target) for target, source in pairs]
     if available(targets[0].device):
-        from . import copy_kernels
+        from . import adam_kernels
 
-        copy_kernels.copy(targets, sources)
+        adam_kernels.copy(targets, sources)
     else:
         for target, source in zip(targets, sources, strict=True):
             target.copy_(source)

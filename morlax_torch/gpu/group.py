@@ -1,24 +1,27 @@
 """Several processes that train one agent together, one per GPU."""
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from functools import cache
 from typing import Any, TypeVar
+from uuid import uuid4
 
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
+from torch.distributed import Store
 from torch.distributed.rendezvous import rendezvous
 
 from ..envs import MorlaxError, resolve_device
 from ..torchrun import LOCAL_RANK, PROCESSES, SEVERAL
-from .meeting import meet
 
 T = TypeVar("T")
 
 PATIENCE = timedelta(seconds=60)  # to meet, and between collectives of iterations
 BUSY = timedelta(minutes=30)  # for one that films or writes an evaluation, while others wait
+PAUSE = 0.02  # s
 
 
 class Group:
@@ -190,3 +193,39 @@ def _processes(backend: str) -> Processes:
         dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
     objects = dist.new_group(backend="gloo", timeout=BUSY)
     return Processes(dist.group.WORLD, objects)
+
+
+def meet(store: Store, rank: int, size: int, seconds: float) -> str:
+    """Wait for all processes, and return a name that no other meeting in this store has.
+
+    torchrun keeps its store over restarts, with the addresses of processes that have ended, and
+    its launchers on several hosts do not count each other's restarts. So each process shows a new
+    word, which the first one answers.
+
+    Args:
+        store: the store of all processes.
+        rank: the number of this process.
+        size: the number of processes.
+        seconds: for how long the first process waits; others wait for the store's timeout.
+
+    Raises:
+        RuntimeError: the first process did not come.
+        TimeoutError: another process did not come.
+    """
+    own = uuid4().hex
+    store.set(f"word/{rank}", own)
+    if rank > 0:
+        name = store.get(f"answer/{own}").decode()
+        store.set(f"met/{name}/{rank}", "")
+        return name
+    missing, end = set(range(1, size)), time.monotonic() + seconds
+    while missing:
+        for other in tuple(missing):
+            if store.check([f"word/{other}"]):  # perhaps of a process that has ended
+                store.set(f"answer/{store.get(f'word/{other}').decode()}", own)
+            if store.check([f"met/{own}/{other}"]):
+                missing.remove(other)
+        if time.monotonic() >= end:
+            raise TimeoutError(f"process {min(missing)} did not come within {seconds:g} s")
+        time.sleep(PAUSE)
+    return own

@@ -65,7 +65,7 @@ class ClippedAdam:
         self.steps.copy_(steps.flatten()[0])  # version 0.1 stored several equal counts
 
     def forget(self) -> None:
-        """Start anew from the current parameters: without moments, at step 0."""
+        """Reset moments and step count; keep the current parameters."""
         for value in (self.mean, self.square, self.steps):
             value.zero_()
 

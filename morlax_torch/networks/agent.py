@@ -13,8 +13,8 @@ from ..configuration.tradeoffs import even_tradeoffs
 from .conditioned import Conditioned
 from .family import Family
 from .gaussian import TanhNormal, limited, spread_of
+from .generated import Independent, InOrder
 from .hypernetwork import Hypernetwork
-from .independent import Independent, InOrder
 from .mlp import check_network, mlp
 from .normalizer import Normalizer
 

@@ -27,7 +27,7 @@ class Conditioned(nn.Module):
         self._mlp = mlp_sizes(network)
 
     def forward(self, tradeoffs: Tensor) -> dict[str, Tensor]:
-        """Return what tells K networks apart: {"tradeoff": (K, m)}, scaled to sum to one.
+        """Return the parameters of K networks: {"tradeoff": (K, m)}, scaled to sum to one.
 
         Raises:
             MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).

@@ -74,7 +74,7 @@ class Normalizer(nn.Module):
         self.scale.copy_((self.variance + 1e-8).rsqrt())
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *others: Any) -> None:
-        """Give every row what a checkpoint of an earlier version has in common for all of them."""
+        """Copy the shared statistics of an earlier version's checkpoint to every row."""
         for name, own in self.named_buffers():
             stored = state_dict.get(prefix + name)
             if self.rows and isinstance(stored, Tensor) and stored.dim() < own.dim():

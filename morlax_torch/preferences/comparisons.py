@@ -65,7 +65,7 @@ class Comparisons:
         self.clips = Clips(*(np.concatenate(parts) for parts in joined))
 
     def judge(self, term: str, number: int, random: np.random.Generator) -> None:
-        """Answer `number` comparisons in place of a user, who wants more of a reward term.
+        """Answer `number` comparisons as a simulated user who prefers more of a reward term.
 
         Raises:
             MorlaxError: the task has no such reward term.

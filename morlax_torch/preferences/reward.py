@@ -11,7 +11,7 @@ from torch.nn.functional import softplus
 
 from ..envs import MorlaxError
 from ..envs.worlds.learned import LearnedReward
-from ..files import replacing
+from ..files import write_file
 from .comparisons import Comparisons
 
 FEWEST = 10  # answers to learn from
@@ -78,8 +78,7 @@ def save(reward: LearnedReward, path: Path) -> None:
     """
     whole = io.BytesIO()
     torch.save(reward.contents(), whole)
-    with replacing(path) as file:
-        file.write(whole.getbuffer())
+    write_file(path, whole.getbuffer())
 
 
 def steps_of(comparisons: Comparisons) -> tuple[Tensor, Tensor, Tensor]:

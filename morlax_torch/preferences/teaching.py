@@ -11,7 +11,7 @@ from ..envs import MorlaxError, TaskOptions
 from ..envs.making import check_seed
 from ..envs.worlds.learned import TERM
 from ..envs.worlds.options import check_objectives
-from ..files import exists, make_folder, replacing
+from ..files import exists, make_folder, write_file
 from ..runs.loading import find_checkpoint, load
 from . import reward
 from .clips import record
@@ -101,7 +101,7 @@ class Lesson:
         return self.comparisons.pair(self._random)
 
     def judge(self, term: str, answers: int) -> None:
-        """Answer in place of a user, who wants more of a reward term.
+        """Simulate a user who prefers more of a reward term.
 
         Raises:
             MorlaxError: the task has no such reward term.
@@ -118,8 +118,7 @@ class Lesson:
         self.save()
         fitted = reward.fit(self.comparisons, self._seed)
         reward.save(fitted.reward, self.folder / "learned.pt")
-        with replacing(self.folder / "config.yaml") as file:
-            file.write(write_yaml(self.config()).encode())
+        write_file(self.folder / "config.yaml", write_yaml(self.config()))
         return fitted
 
     def config(self) -> Config:

@@ -16,17 +16,16 @@ from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, explained, shortened
-from ..files import AnyPath, exists, is_folder, read, replacing
+from ..files import AnyPath, exists, is_folder, read, write_file
 from .contents import FORMAT, POLICY, Contents, Task, check_state
 from .progress import Progress
-from .rewards import localized
-from .trust import check_code, trust_code
+from .references import check_code, localized, trust_code
 
 RUNS, LATEST = Path("runs"), "latest"
 
 
 def describe(env: Worlds) -> Task:
-    """Return what a checkpoint and an environment must agree on."""
+    """Return the properties that a checkpoint and an environment must share."""
     return Task(
         objectives=env.objectives,
         observation_size=env.observation_size,
@@ -77,8 +76,7 @@ def write(path: AnyPath, contents: dict[str, Any]) -> None:
     """Write a file that `load` reads, atomically."""
     whole = io.BytesIO()  # on a full disk torch.save would fail in its own words
     torch.save({"format": FORMAT, **contents}, whole)
-    with replacing(path) as file:
-        file.write(whole.getbuffer())
+    write_file(path, whole.getbuffer())
 
 
 def load(path: Path) -> Contents:

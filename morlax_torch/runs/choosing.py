@@ -1,4 +1,4 @@
-"""Choose a trade-off by what its policy must reach in simulation."""
+"""Choose a trade-off whose policy reaches required returns in simulation."""
 
 from collections.abc import Mapping
 

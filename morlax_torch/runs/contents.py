@@ -48,7 +48,7 @@ def _plain(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Task(BaseModel):
-    """What a checkpoint and an environment must agree on."""
+    """Properties that a checkpoint and an environment must share."""
 
     objectives: Annotated[tuple[str, ...], AfterValidator(_plain)]
     observation_size: Size
@@ -92,7 +92,7 @@ class Contents(BaseModel):
 
 
 def check_state(stored: object, own: object, name: str = "state", listed: bool = False) -> None:
-    """Check what a learner is about to load.
+    """Check a state that a learner is about to load.
 
     Keys that only one of both has are left to the learner, which knows what it can do without.
 

@@ -12,7 +12,7 @@ from ..algorithms.learner import Learner
 from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import explained
-from ..files import replacing
+from ..files import write_file
 
 FILE = "hardware.yaml"
 CPUS = Path("/proc/cpuinfo")
@@ -83,8 +83,7 @@ def read_machines(folder: Path) -> list[Machine]:
 
 def write_machines(folder: Path, machines: list[Machine]) -> None:
     """Write hardware.yaml."""
-    with replacing(folder / FILE) as file:
-        file.write(write_yaml(Machines(machines=machines)).encode())
+    write_file(folder / FILE, write_yaml(Machines(machines=machines)))
 
 
 def resumed(machines: list[Machine], now: Machine) -> list[Machine]:

@@ -1,4 +1,4 @@
-"""Copy what is needed to use a run into a small folder, to share or to ship."""
+"""Copy the policies of a run into a small folder, to share or to ship."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from .evaluating import evaluate
 from .hardware import read_machines, write_machines
 from .history import read_rows
 from .loading import find_run, load, save
-from .rewards import copy_reward
+from .references import copy_reward
 
 
 def pack(run: str | Path, output: Path, device: str | None = None) -> Front:

@@ -1,4 +1,4 @@
-"""What a run has reached: counters, and the evaluations along the way."""
+"""Progress of a run: counters and evaluations."""
 
 from typing import Any, NamedTuple
 

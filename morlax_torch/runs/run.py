@@ -6,11 +6,12 @@ import math
 import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import chain
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
+
+from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
 from ..configuration.config import MAY_CHANGE, Config, differences, load_config
@@ -18,17 +19,55 @@ from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import title
-from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, replacing, unused
+from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, unused, write_file
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .history import read_rows
-from .lock import RunLock
 from .progress import Evaluation, Progress
-from .rewards import copy_reward, localized
+from .references import copy_reward, localized
 
 if TYPE_CHECKING:
     from .tensorboard import Events
+
+
+class RunLock:
+    """The lock of a run's folder.
+
+    The operating system releases it when its process ends, however it ends, so no lock is ever
+    stale. `train.pid` names the process for error messages.
+    """
+
+    def __init__(self, folder: Path):
+        self._folder, self._owner = folder, folder / "train.pid"
+        self._lock = FileLock(folder / "train.lock", timeout=0)
+
+    def acquire(self) -> None:
+        """Take the lock.
+
+        Raises:
+            MorlaxError: another process, or another run object of this one, holds it, or the folder
+                cannot be written.
+        """
+        try:
+            self._lock.acquire()
+            self._owner.write_text(str(os.getpid()))
+        except Timeout:
+            owner = "another process"
+            with suppress(OSError):
+                owner = f"process {self._owner.read_text()}"
+            raise MorlaxError(
+                f"{self._folder} is being trained by {owner}: wait until it ends, or stop it."
+            ) from None
+        except OSError as error:
+            raise MorlaxError(f"cannot lock {self._folder}: {error.strerror or error}.") from None
+
+    def release(self) -> None:
+        """Give the lock back, if it is held."""
+        if self._lock.is_locked:
+            with suppress(OSError):
+                self._owner.unlink()
+            self._lock.release()
 
 
 def taken(folder: Path) -> MorlaxError:
@@ -43,7 +82,7 @@ def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
     """Write the files of a new run."""
     (folder / "checkpoints").mkdir()
     checkpoint.write_snapshot(folder / "checkpoints" / "latest.pt", contents, Progress())
-    _write(folder / "config.yaml", write_yaml(learner.config))
+    write_file(folder / "config.yaml", write_yaml(learner.config))
     write_machines(folder, [this_machine(learner)])
     copy_reward(learner.config, folder)
 
@@ -120,7 +159,7 @@ class Run:
     def config(self, trust: bool = False) -> Config:
         """Return the config to resume the run with.
 
-        It is that of the latest checkpoint, with what MAY_CHANGE as config.yaml has it.
+        It is that of the latest checkpoint, with the fields of MAY_CHANGE from config.yaml.
 
         Args:
             trust: allow the code that the config names.
@@ -173,7 +212,7 @@ class Run:
         return next((k for k, (now, end) in limits.items() if end is not None and now >= end), None)
 
     def restore(self, learner: Learner) -> Progress:
-        """Load the latest checkpoint into `learner` and drop what was logged after it.
+        """Load the latest checkpoint into `learner` and drop later log entries.
 
         All processes of the learner's group must call it.
 
@@ -194,7 +233,7 @@ class Run:
                 rows = read_rows(metrics)
                 self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
             machines = resumed(read_machines(self.folder), this_machine(learner))
-            _write(self.folder / "config.yaml", write_yaml(learner.config))
+            write_file(self.folder / "config.yaml", write_yaml(learner.config))
             write_machines(self.folder, machines)
             for folder in (self.folder, self.checkpoints):
                 remove_drafts(folder)
@@ -250,7 +289,7 @@ class Run:
         writer = csv.DictWriter(table, dict.fromkeys(chain(row, *self._rows)))
         writer.writeheader()
         writer.writerows(self._rows)
-        _write(self.folder / "metrics.csv", table.getvalue())
+        write_file(self.folder / "metrics.csv", table.getvalue())
 
     @contextmanager
     def _written(self) -> "Iterator[Events]":
@@ -276,12 +315,7 @@ class Run:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             self.close()
         except MorlaxError:
@@ -314,8 +348,3 @@ def _shows_pictures(evaluation: int) -> bool:
         return True
     steps = [int(math.log(number, 1.1)) for number in (evaluation - 1, evaluation)]
     return steps[0] < steps[1]
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as file:
-        file.write(text.encode())

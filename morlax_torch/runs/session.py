@@ -13,9 +13,9 @@ from ..envs import MorlaxError
 from ..evaluation.evaluator import Evaluator
 from ..files import AnyPath
 from ..gpu.group import Group, join
+from .loading import start_from
 from .progress import Evaluation, Progress
 from .run import Run
-from .starting import start_from
 from .training import make_evaluator, make_worlds, training
 
 

@@ -70,7 +70,7 @@ class Events:
             self._writer.file_writer.add_summary(summary)
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining events."""
         self._writer.close()
 
 

@@ -10,7 +10,7 @@ from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
-from ..envs.random import seed_of
+from ..envs.devices import seed_of
 from ..evaluation import making
 from ..evaluation.evaluator import SETS, Evaluator, Protocol
 from ..evaluation.front import Front

@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from types import TracebackType
 from typing import Self
 
 from .progress import Evaluation
@@ -14,9 +13,8 @@ Job = Callable[[], Evaluation | None]
 class Writer:
     """Runs jobs one after the other in a thread of its own.
 
-    The first error of a job is raised by `results`, and jobs after it are dropped. As a context
-    manager it waits for every job before it ends, also when training fails, and then raises an
-    error that `results` has not raised, unless another error came first.
+    `results` raises the first error of a job, and later jobs are dropped. On exit, wait for all
+    jobs, then raise the first unreported job error unless the block itself failed.
 
     Args:
         most_waiting: jobs that may be unfinished when `put` returns.
@@ -60,12 +58,7 @@ class Writer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._thread.shutdown()
         if kind is None or issubclass(kind, GeneratorExit):
             for _ in self.results():

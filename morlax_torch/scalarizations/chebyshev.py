@@ -1,4 +1,4 @@
-"""Chebyshev scalarizations, which reach the concave parts of a front too."""
+"""Chebyshev scalarizations, which reach the concave parts of a front too, and their range."""
 
 from collections.abc import Sequence
 
@@ -6,32 +6,68 @@ import torch
 from torch import Tensor
 
 from ..gpu.group import ALONE, Group
-from .range import Range
+from .interface import Scalarization
 
+FORGETTING = 0.01  # share by which the range shrinks towards today's returns, per iteration
 SMOOTHNESS = 0.05  # mu, in units of the range between nadir and ideal
 AUGMENTATION = 0.05  # rho
 
 
-class AugmentedChebyshev:
-    """u = -max_i w_i d_i - rho sum_i w_i d_i, with d_i the distance to the ideal point.
+class Range:
+    """A running ideal and nadir point: the best and worst expected return in each objective.
 
-    (Steuer and Choo, 1983. `Range` defines the distance.) The gradient is that of the objective
-    that lies furthest behind, and a little of all.
+    A return beyond the range widens it at once. Otherwise both points move slowly towards today's
+    best and worst returns, so that those of the first policies are forgotten.
+
+    Args:
+        num_objectives: m.
+        device: of the points.
     """
+
+    def __init__(self, num_objectives: int, device: torch.device):
+        most = torch.finfo(torch.float32).max  # the first returns replace it
+        self.ideal = torch.full((num_objectives,), -most, device=device)
+        self.nadir = torch.full((num_objectives,), most, device=device)
+
+    def observe(self, returns: Tensor, group: Group) -> None:
+        """Take note of the expected returns (K, m) of all trade-offs."""
+        best = group.largest_(torch.cat([returns.amax(0), -returns.amin(0)]))
+        high, low = best[: len(self.ideal)], -best[len(self.ideal) :]
+        slow_high = self.ideal + FORGETTING * (high - self.ideal)
+        slow_low = self.nadir + FORGETTING * (low - self.nadir)
+        seen = self.nadir <= self.ideal
+        self.ideal.copy_(torch.where(seen, torch.maximum(slow_high, high), high))
+        self.nadir.copy_(torch.where(seen, torch.minimum(slow_low, low), low))
+
+    def scale(self) -> Tensor:
+        """Return the width of the range (m,), above zero."""
+        width = self.ideal - self.nadir
+        return width.clamp(min=1e-6 * self.ideal.abs().clamp(min=1.0))
+
+    def distances(self, returns: Tensor) -> Tensor:
+        """Return how far returns (K, m) lie below the ideal point, in units of the range."""
+        return (self.ideal - returns) / self.scale()
+
+    def state(self) -> list[Tensor]:
+        return [self.ideal, self.nadir]
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        """Return both points () each, by name."""
+        points = {"best_return": self.ideal, "worst_return": self.nadir}
+        return {
+            f"{kind}/{name}": value
+            for kind, point in points.items()
+            for name, value in zip(objectives, point, strict=True)
+        }
+
+
+class Ranged(Scalarization):
+    """A scalarization that measures returns in units of their `Range`."""
 
     uses_returns = True
 
     def __init__(self, num_objectives: int, device: torch.device):
         self.range = Range(num_objectives, device)
-
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.range.distances(returns)
-        return -behind.amax(-1) - AUGMENTATION * behind.sum(-1)
-
-    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.range.distances(returns)
-        furthest = torch.zeros_like(behind).scatter_(-1, behind.argmax(-1, keepdim=True), 1.0)
-        return tradeoffs / self.range.scale() * (furthest + AUGMENTATION)
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         self.range.observe(returns, group)
@@ -41,6 +77,23 @@ class AugmentedChebyshev:
 
     def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
         return self.range.metrics(objectives)
+
+
+class AugmentedChebyshev(Ranged):
+    """u = -max_i w_i d_i - rho sum_i w_i d_i, with d_i the distance to the ideal point.
+
+    (Steuer and Choo, 1983. `Range` defines the distance.) The gradient is that of the objective
+    that lies furthest behind, and a little of all.
+    """
+
+    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        behind = tradeoffs * self.range.distances(returns)
+        return -behind.amax(-1) - AUGMENTATION * behind.sum(-1)
+
+    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        behind = tradeoffs * self.range.distances(returns)
+        furthest = torch.zeros_like(behind).scatter_(-1, behind.argmax(-1, keepdim=True), 1.0)
+        return tradeoffs / self.range.scale() * (furthest + AUGMENTATION)
 
 
 class SmoothChebyshev(AugmentedChebyshev):

@@ -6,14 +6,14 @@ import torch
 from torch import Tensor
 
 from ..gpu.group import ALONE, Group
-from .range import Range
+from .chebyshev import Ranged
 
 LEVELS = 33  # for which multipliers are kept, evenly from the nadir to the ideal point
 RATE = 0.3  # of the multipliers, per iteration
 MOST = 100.0  # of a multiplier
 
 
-class Constrained:
+class Constrained(Ranged):
     """Maximize the other objectives subject to r_c >= level, for all levels at once.
 
     The weight w_c of the constrained objective c is the required level: 0 is its worst return among
@@ -32,10 +32,9 @@ class Constrained:
         device: of the returns.
     """
 
-    uses_returns = True
-
     def __init__(self, constrained: int, num_objectives: int, device: torch.device):
-        self.range, self._c = Range(num_objectives, device), constrained
+        super().__init__(num_objectives, device)
+        self._c = constrained
         self.multipliers = torch.ones(LEVELS, device=device)
         self._others = torch.ones(num_objectives, device=device)
         self._others[constrained] = 0.0
@@ -52,7 +51,7 @@ class Constrained:
         return self._weights_of_others(tradeoffs) + own
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
-        self.range.observe(returns, group)
+        super().observe(tradeoffs, returns, group)
         missing = tradeoffs[:, self._c] - self._reached(returns)
         near = self._near(tradeoffs)  # (K, LEVELS)
         sums = group.mean_(torch.stack([(near * missing[:, None]).sum(0), near.sum(0)]))
@@ -60,12 +59,12 @@ class Constrained:
         self.multipliers.add_(RATE * mean).clamp_(0.0, MOST)
 
     def state(self) -> list[Tensor]:
-        return [*self.range.state(), self.multipliers]
+        return [*super().state(), self.multipliers]
 
     def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
         quarters = range(0, LEVELS, (LEVELS - 1) // 4)
         multipliers = {f"multiplier/{i / (LEVELS - 1):g}": self.multipliers[i] for i in quarters}
-        return {**self.range.metrics(objectives), **multipliers}
+        return {**super().metrics(objectives), **multipliers}
 
     def _reached(self, returns: Tensor) -> Tensor:
         """Return the constrained objective's returns as levels (K,)."""

@@ -1,4 +1,4 @@
-"""What a scalarization is."""
+"""The interface of a scalarization, and the weighted sum."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -29,12 +29,23 @@ class Scalarization(Protocol):
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         """Take note of expected returns (K, m) under trade-offs (K, m), before their `weights`."""
-        ...
 
     def state(self) -> list[Tensor]:
         """Return the tensors that `observe` updates, in a fixed order."""
-        ...
+        return []
 
     def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
         """Return numbers () to log by name, of objectives with these names."""
-        ...
+        return {}
+
+
+class Linear(Scalarization):
+    """The weighted sum u(w, r) = w . r, whose best policies lie on the convex part of a front."""
+
+    uses_returns = False
+
+    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        return (tradeoffs * returns).sum(-1)
+
+    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        return tradeoffs

@@ -1,18 +1,18 @@
 """A user's own utility."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
 from ..envs import MorlaxError
 from ..envs.errors import located
-from ..gpu.group import ALONE, Group
+from .interface import Scalarization
 
 Utility = Callable[[Tensor, Tensor], Tensor]
 
 
-class OwnUtility:
+class OwnUtility(Scalarization):
     """A differentiable function u(w, r) of trade-offs (K, m) and returns (K, m), to (K,).
 
     Args:
@@ -62,15 +62,6 @@ class OwnUtility:
                     "operations, without detach(), item() or comparisons alone."
                 ) from None
         return slope
-
-    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
-        pass
-
-    def state(self) -> list[Tensor]:
-        return []
-
-    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
-        return {}
 
     def _check(self, m: int, device: torch.device) -> None:
         corners = torch.eye(m, device=device)

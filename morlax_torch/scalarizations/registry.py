@@ -10,8 +10,7 @@ from ..envs.errors import unknown
 from ..envs.external import import_file
 from .chebyshev import AugmentedChebyshev, SmoothChebyshev
 from .constrained import Constrained
-from .interface import Scalarization
-from .linear import Linear
+from .interface import Linear, Scalarization
 from .own import OwnUtility
 
 

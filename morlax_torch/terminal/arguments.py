@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from .. import envs
 from ..configuration.config import MAY_CHANGE, Config, differences, load_config
 from ..envs import MorlaxError
-from ..envs.worlds.section import Section
+from ..envs.worlds.options import Section
 from ..torchrun import FIRST, MAY_RESTART, launch
 from .startup import program
 from .task_arguments import CommandLine, asks_for_help, base_values, placed

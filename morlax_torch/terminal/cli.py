@@ -1,4 +1,4 @@
-"""What the commands share: the console, signals and error messages."""
+"""Console, signals and error messages of the commands."""
 
 import errno
 import os
@@ -6,15 +6,16 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import NoReturn
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from ..envs import MorlaxError
 from ..envs.errors import words
-from ..gpu.memory import shortage_of_memory
+from ..gpu.resources import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from ..version import __version__
 from .interrupt import exiting_on_signals, exiting_when_stuck
@@ -122,7 +123,7 @@ def _is_named(path: object, arguments: Sequence[str]) -> bool:
 
 
 def _silence_output() -> None:
-    """Drop what is still to be printed, which Python would complain about at its end."""
+    """Drop unprinted output, which Python would report as an error on exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -134,3 +135,23 @@ def fail(sentence: str) -> NoReturn:
     if SEVERAL:
         skip_teardown(2)
     sys.exit(2)
+
+
+@contextmanager
+def bar(label: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal, and nothing on a file or pipe.
+
+    Yields a function to be called with the share that is done, in [0, 1].
+    """
+    shown = Progress(
+        TextColumn(label),
+        BarColumn(bar_width=24),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+    task = shown.add_task(label, total=1.0)
+    with shown:
+        yield lambda share: shown.update(task, completed=share)

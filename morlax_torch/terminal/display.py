@@ -95,7 +95,7 @@ class Display:
             console.print(f"{'':8}  blow-ups: {', '.join(found)}")
 
     def finished(self, interrupted: bool) -> None:
-        """Print what was reached and what to do next."""
+        """Print the results and the next steps."""
         progress = self._progress
         console.print(
             f"{'interrupted' if interrupted else 'done'}: {_count(self._learner.env_steps)} steps "

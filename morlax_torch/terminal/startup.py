@@ -5,6 +5,7 @@ import os
 import shlex
 import shutil
 import sys
+import time
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +14,7 @@ from types import TracebackType
 from ..torchrun import FIRST
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
+START = 19  # position of a process's start in /proc/PID/stat, after its name in brackets
 
 
 def command_words() -> list[str] | None:
@@ -49,7 +51,7 @@ def collect_garbage_rarely() -> None:
 
 
 def announce_training() -> None:
-    """Print what `train` starts with, since importing torch takes seconds."""
+    """Print the command of `train` at once, since importing torch takes seconds."""
     words = command_words() or []
     if FIRST and words[:1] == ["train"] and not {"-h", "--help", "--version"} & set(words):
         with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8
@@ -73,3 +75,19 @@ def report_interrupts_in_one_line() -> None:
         os._exit(INTERRUPTED)
 
     sys.excepthook = report
+
+
+def command_began() -> float:
+    """Return the value that `time.perf_counter()` had when this command's process began.
+
+    It is now if Python called the command, or if the system does not tell: only Linux does.
+    """
+    now = time.perf_counter()
+    if not runs_a_command():
+        return now
+    try:
+        ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[START])
+        age = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    except (AttributeError, IndexError, OSError, ValueError):
+        return now
+    return now - max(0.0, age)

@@ -1,27 +1,98 @@
 """The command line of commands that train: options over a file or a task's config."""
 
 import argparse
+import inspect
+import re
+import shutil
 import sys
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import tyro
 from pydantic import BaseModel, Field, create_model
+from pydantic_core import PydanticUndefined
+from tyro.constructors import (
+    ConstructorRegistry,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
 
 from .. import envs
 from ..configuration.config import Config, config_class, load_config
 from ..configuration.files import algorithm_of, default_values, file_values, task_values
 from ..envs import MorlaxError
-from ..envs.worlds.options import TaskOptions
-from ..envs.worlds.section import Section
-from .help import parse
+from ..envs.worlds.options import Section, TaskOptions
 
+FIRST = (  # options that the help lists first
+    *("env", "resume", "output", "config", "trials", "seconds", "minutes", "workers", "seed"),
+    *("device", "worlds", "max_env_steps", "max_seconds"),
+)
+SHORT = len("morlax evaluate")  # of a command's name, to have its arguments on the same line
+_registry = ConstructorRegistry()
 PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
 RENAMED = {  # options of version 1.0
     "--ppo.anneal": "--ppo.decay-fraction=1",
     "--ppo.no-anneal": "--ppo.decay-fraction=0",
 }
+
+
+@_registry.struct_rule
+def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Make tyro read a pydantic model as plain values, which `load_config` then checks."""
+    if not (isinstance(info.type, type) and issubclass(info.type, BaseModel)):
+        return None
+    fields = []
+    for name, field in info.type.model_fields.items():
+        default = getattr(info.default, name, field.default)
+        if default is PydanticUndefined:
+            default = tyro.MISSING
+        kind: Any = field.annotation
+        fields.append(StructFieldSpec(name, kind, default, text_of(info.type, name)))
+    fields.sort(key=lambda field: FIRST.index(field.name) if field.name in FIRST else len(FIRST))
+    return StructConstructorSpec(dict, tuple(fields))
+
+
+def text_of(model: type[BaseModel], option: str) -> str:
+    """Return an option's help text, inherited if only its default changed."""
+    for ancestor in model.__mro__:
+        field = ancestor.model_fields.get(option) if issubclass(ancestor, BaseModel) else None
+        if field is not None and field.description:
+            return " ".join(field.description.split())
+    return ""
+
+
+def parse(default: BaseModel, arguments: Sequence[str], prog: str, about: str) -> Any:
+    """Parse the command line over `default`, into nested plain values."""
+    return tyro.cli(
+        type(default),
+        prog=prog,
+        default=default,
+        args=arguments,
+        description=_wrapped(about),
+        registry=_registry,
+    )
+
+
+def call(function: Callable[..., None], arguments: Sequence[str], prog: str) -> None:
+    """Call a function with the arguments of a command line; its docstring is the help."""
+    about, _, options = inspect.cleandoc(function.__doc__ or "").partition("\nArgs:\n")
+    about = "\n\n".join(map(_wrapped, about.split("\n\n")))
+    options = re.sub(r"\n {8,}", " ", options)  # tyro would keep these line breaks
+    function.__doc__ = f"{about}\n\nArgs:\n{options}"
+    config = (tyro.conf.FlagCreatePairsOff,)
+    if len(prog) > SHORT:
+        prog += "\n  "
+    tyro.cli(function, args=arguments, prog=prog, description=about, config=config)
+
+
+def _wrapped(paragraph: str) -> str:
+    # tyro joins lines unless they begin with a space
+    width = shutil.get_terminal_size().columns
+    words = " ".join(paragraph.split())
+    return textwrap.fill(words, width, initial_indent="  ", subsequent_indent="  ")
 
 
 class AnyTask(TaskOptions):

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, PositiveFloat, ValidationError
 
-from ..configuration.config import Config, load_config
+from ..configuration.config import Config, flat, load_config
 from ..envs import MorlaxError
 from ..envs.errors import explained
-from ..envs.worlds.section import Count, Section
+from ..envs.worlds.options import Count, Section
 from .startup import program
 from .task_arguments import CommandLine, asks_for_help, base_values, placed
 
@@ -69,15 +69,9 @@ def read(arguments: Sequence[str]) -> Request:
         raise explained(error, TuneOptions) from None
     one_gpu = ":" in (values["device"] or "")
     config = placed(values)
+    own, usual = flat(config.model_dump()), flat(below.model_dump())
     for name, instead in OURS.items():
-        if _value(config, name) != _value(below, name):
+        if own[name] != usual[name]:
             option = name.replace("_", "-")
             raise MorlaxError(f"the search sets {name} by {instead}: leave out --{option}.")
     return Request(config, options, one_gpu)
-
-
-def _value(config: Config, name: str) -> Any:
-    value: Any = config
-    for part in name.split("."):
-        value = getattr(value, part)
-    return value

@@ -1,4 +1,4 @@
-"""What `tune` prints: a line per trial, and a table of the best ones."""
+"""Terminal output of `tune`: a line per trial, and a table of the best ones."""
 
 import json
 import shlex
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..envs.naming import title
-from ..tuning.importance import FEWEST, importances
+from ..tuning.results import FEWEST, importances
 from ..tuning.study import Result, Study
 from .cli import console, print_command
 from .startup import program

@@ -1,4 +1,4 @@
-"""The files of a study: trials.csv and best.yaml."""
+"""The results of a study: trials.csv, best.yaml, and which options matter."""
 
 import csv
 import io
@@ -12,8 +12,11 @@ from filelock import FileLock
 from ..configuration.config import Config, load_config
 from ..configuration.files import changes, task_values
 from ..envs import MorlaxError, resolve_device
-from ..files import make_folder, replacing
+from ..files import make_folder, write_file
+from .storage import optuna, quiet
 from .study import Result, Study
+
+FEWEST = 10  # trials
 
 
 def write_results(study: Study, folder: Path) -> None:
@@ -25,17 +28,12 @@ def write_results(study: Study, folder: Path) -> None:
     make_folder(folder)
     try:
         with FileLock(folder / ".lock"):  # processes must not replace newer files by older ones
-            _write(folder / "trials.csv", _table(study))
+            write_file(folder / "trials.csv", _table(study))
             best = study.ranked()[:1]
             if best:
-                _write(folder / "best.yaml", _best(study, best[0]))
+                write_file(folder / "best.yaml", _best(study, best[0]))
     except OSError as error:
         raise MorlaxError(f"cannot write to {folder}: {error.strerror or error}.") from None
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as file:
-        file.write(text.encode())
 
 
 def _table(study: Study) -> str:
@@ -49,7 +47,7 @@ def _table(study: Study) -> str:
             "train_seconds": round(result.train_seconds, 3),
             "env_steps": result.env_steps,
             "seeds": result.seeds,
-            **{name: _text(value) for name, value in result.options.items()},
+            **{k: v if isinstance(v, str) else json.dumps(v) for k, v in result.options.items()},
             "reason": result.reason,
         }
         for result in study.results()
@@ -60,10 +58,6 @@ def _table(study: Study) -> str:
         writer.writeheader()
         writer.writerows(rows)
     return table.getvalue()
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _best(study: Study, result: Result) -> str:
@@ -85,3 +79,28 @@ def _changes(config: Config, device_type: str) -> dict[str, Any]:
     values = config.model_dump(mode="json", exclude={"device", "backend"})
     found = changes(tuned.model_dump(mode="json"), values)
     return {**(own if config.algorithm != "morlax" else {"env": config.env}), **found}
+
+
+def importances(study: Study) -> dict[str, float]:
+    """Return the share of each option in what makes good trials differ, the largest first.
+
+    PED-ANOVA compares the options of the best trials with those of all. Only ranks count, so pruned
+    trials count too, with what they had reached. Of several indicators, hypervolume counts. Empty
+    if there are fewer than FEWEST trials.
+    """
+    trials = study.trials_with_options()
+    if len(trials) < FEWEST:
+        return {}
+    main = study.plan.main
+    with quiet():
+        copy = optuna.create_study(direction="maximize" if study.plan.sign > 0 else "minimize")
+        for trial in trials:
+            copy.add_trial(
+                optuna.trial.create_trial(
+                    params=trial.params,
+                    distributions=trial.distributions,
+                    value=trial.user_attrs["indicators"][main],
+                )
+            )
+        evaluator = optuna.importance.PedAnovaImportanceEvaluator()
+        return optuna.importance.get_param_importances(copy, evaluator=evaluator)

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
-from ..envs.random import seed_of
-from .library import optuna
+from ..envs.devices import seed_of
+from .storage import optuna
 
 ATTEMPTS = 1000  # draws of values that fit together
 GUIDED = 20  # of them; the others are random
@@ -17,7 +17,7 @@ CHANGED = 0.1  # share of the options that a trial changes, beside one
 class Sampler(optuna.samplers.BaseSampler):
     """Draws values that make a valid config; trial 0 is the base config.
 
-    Few of the random values of many options train at all, and a search has few trials. So trials
+    Most random combinations of many options do not train, and a search has few trials. So trials
     change one or a few options of the best trial so far; later, TPE draws every second trial.
 
     Each trial has a seed of its own, so that processes with the same command draw different ones.

@@ -9,10 +9,9 @@ from ..configuration.files import space_values
 from ..envs import resolve_device
 from ..envs.naming import title
 from ..files import AnyPath
-from .library import optuna
 from .plan import Indicator, Plan
 from .results import write_results
-from .storage import unusable
+from .storage import optuna, unusable
 from .study import Result, Study
 from .trial import run_trial
 

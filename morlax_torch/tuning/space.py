@@ -12,7 +12,7 @@ from ..configuration.config import Config, config_class, flat, load_config
 from ..configuration.files import merged, nested
 from ..envs import MorlaxError
 from ..envs.errors import explained, shortened, unknown
-from .library import optuna
+from .storage import optuna
 
 Distribution = optuna.distributions.BaseDistribution
 
@@ -24,7 +24,7 @@ FIXED = (  # sections and options that all trials share
 )
 
 
-class Choice(NamedTuple):
+class OneOf(NamedTuple):
     """One of several values."""
 
     values: tuple[Any, ...]
@@ -88,7 +88,7 @@ class Range(NamedTuple):
 class Space(NamedTuple):
     """Options by dotted name, with the values that trials may give them."""
 
-    parameters: Mapping[str, Choice | Range]
+    parameters: Mapping[str, OneOf | Range]
 
     @classmethod
     def of(cls, values: Mapping[str, Any], base: Config, source: str) -> Self:
@@ -164,7 +164,7 @@ def _number(value: Any) -> Any:
         return value
 
 
-def _parameter(given: Any, base: Any) -> Choice | Range:
+def _parameter(given: Any, base: Any) -> OneOf | Range:
     """Parse the values of one option; raises ValueError with the rest of a sentence."""
     if isinstance(given, list):
         return _choice([_number(value) for value in given])
@@ -188,16 +188,16 @@ def _parameter(given: Any, base: Any) -> Choice | Range:
     return _range(**numbers, log=given.get("log", False))
 
 
-def _choice(values: list[Any]) -> Choice:
+def _choice(values: list[Any]) -> OneOf:
     if not values:
         raise ValueError("has an empty list: name at least one value")
     for index, value in enumerate(values):
         if value in values[:index]:
             raise ValueError(f"lists {shortened(value)} twice")
-    return Choice(tuple(values))
+    return OneOf(tuple(values))
 
 
-def _multiples(given: dict, base: Any) -> Choice:
+def _multiples(given: dict, base: Any) -> OneOf:
     factors = [_number(x) for x in given["times"]] if isinstance(given["times"], list) else []
     numbers = all(isinstance(x, int | float) and 0 < x < math.inf for x in factors)
     if len(given) > 1 or not factors or not numbers:
@@ -207,7 +207,7 @@ def _multiples(given: dict, base: Any) -> Choice:
     values = [base * x for x in factors]
     if isinstance(base, int):
         values = [max(1, round(value)) for value in values]
-    return Choice(tuple(dict.fromkeys(values)))
+    return OneOf(tuple(dict.fromkeys(values)))
 
 
 def _range(low: float, high: float, log: bool, step: float | None = None) -> Range:

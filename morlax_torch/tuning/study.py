@@ -8,11 +8,9 @@ from ..configuration.config import Config, flat
 from ..envs import MorlaxError
 from ..envs.naming import title
 from ..files import runs
-from .library import optuna
-from .plan import Plan
-from .pruning import make_pruner, step
+from .plan import Plan, make_pruner, step
 from .sampling import ATTEMPTS, Sampler
-from .storage import open_storage, quiet
+from .storage import open_storage, optuna, quiet
 
 RUNNING, WAITING, FAIL, PRUNED, COMPLETE = (
     getattr(optuna.trial.TrialState, name)
@@ -83,7 +81,7 @@ class Study:
                 raise MorlaxError(f"cannot use the storage {storage}: {error}.") from None
 
     def _try_space(self, sampler: Sampler) -> None:
-        """Raise MorlaxError unless values of the space fit together, before anything trains."""
+        """Raise MorlaxError before training if almost no draw from the space is a valid config."""
         attempt = optuna.create_study(sampler=sampler)
         attempt.ask()  # the base config
         drawn = attempt.ask(self._space.distributions).params
@@ -124,7 +122,7 @@ class Study:
         """Start a trial, unless `most` have been started.
 
         Raises:
-            MorlaxError: values of the space hardly ever fit together.
+            MorlaxError: almost no draw from the space is a valid config.
         """
         with quiet():
             self._revive()
@@ -160,7 +158,7 @@ class Study:
             return claim.trial.should_prune() and not claim.base
 
     def looks_best(self, claim: Claim, indicators: dict[str, float]) -> bool:
-        """Return whether a trial is the base config, or above all complete trials."""
+        """Return whether a trial is the base config, or better than all complete trials."""
         if len(self.plan.indicators) > 1:
             return False
         best, score = self.ranked()[:1], self.plan.sign * indicators[self.plan.main]
@@ -256,7 +254,7 @@ class Study:
         return sorted(found, key=self.score, reverse=True)
 
     def score(self, result: Result) -> float:
-        """Return the main indicator of a trial that has not failed, as more of it is better."""
+        """Return the main indicator of a trial that has not failed, negated if lower is better."""
         return self.plan.sign * result.indicators[self.plan.main]
 
     def base_result(self) -> Result | None:

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 from ..configuration.config import Config
 from ..envs import MorlaxError
-from ..gpu.memory import release_memory, shortage_of_memory
+from ..gpu.resources import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
 from ..runs.session import Session
-from .journal import StorageError
-from .pruning import EVALUATED
+from .plan import EVALUATED
+from .storage import StorageError
 from .study import MOST_DEATHS, Claim, Result, Study
 
 SEEDS = 3  # of the base config, and of a trial that stays the best with each of them

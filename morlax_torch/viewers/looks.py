@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from .following import corners, robot_geoms, shown_geoms
+from .camera import corners, robot_geoms, shown_geoms
 
 Color = tuple[float, float, float]  # red, green, blue in [0, 1]
 
@@ -20,7 +20,7 @@ FLOOR: Color = (0.87, 0.90, 0.94)  # of a floor that has no color
 SUN = np.array([0.25, 0.35, -1.0]) / np.linalg.norm([0.25, 0.35, -1.0])  # direction of its rays
 DIFFUSE = 0.5  # brightness of the added light
 AMBIENT = 0.4  # of all lights together
-DIM = 0.8  # a headlight whose ambient and diffuse light add up to less does not light a scene
+DIM = 0.8  # ambient plus diffuse; headlights dimmer than this do not light a scene
 LEVEL = 0.95  # cosine of the steepest floor
 POSES = 64  # random poses that say how low a robot reaches
 MUJOCO_GRAY = (0.5, 0.5, 0.5, 1.0)  # of a geom that has no color

@@ -8,9 +8,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...worlds.starts import Start
+from ...worlds.episodes import Start
 from . import model as bruce
-from .library import Library
+from .gaits import Library
 from .reference import JOINTS, POSITION, Reference
 
 FASTEST = (0.2, 0.1)  # largest commands, m/s, forward and sideways
@@ -18,7 +18,7 @@ COMMANDS = 2048  # number of commands that episodes draw from
 
 
 class TaskState(NamedTuple):
-    """What episodes begin with besides the physics; one row per initial condition or world."""
+    """Initial task state besides the physics; one row per initial condition or world."""
 
     command: Tensor  # (B, 2) m/s, forward and to the left
     leg: Tensor  # (B,) first swing leg: 0 left, 1 right

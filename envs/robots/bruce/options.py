@@ -4,8 +4,7 @@ from typing import Self
 
 from pydantic import Field, NonNegativeFloat, field_validator
 
-from ...worlds.options import TaskOptions
-from ...worlds.section import Count
+from ...worlds.options import Count, TaskOptions
 from . import model as bruce
 from .beginnings import FASTEST
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from . import rotations
-from .library import Library
+from .gaits import Library
 from .planner import DEGREE
 
 JOINTS, POSITION, ANGLES = slice(16), slice(16, 19), slice(19, 22)  # of control points and rates

@@ -7,18 +7,18 @@ from torch import Tensor
 
 from ...physics.interface import Physics
 from ...worlds.environment import Environment
-from ...worlds.layout import Part
-from ...worlds.starts import Starts
+from ...worlds.episodes import Starts
+from ...worlds.robot import Part
 from . import model as bruce
 from .anchor import Anchor
 from .beginnings import FASTEST, Beginnings
+from .gaits import Library
 from .history import Histories
-from .library import Library
+from .model import randomized
 from .options import BruceOptions
-from .pair_sums import PairSums
-from .randomization import randomized
 from .reference import BASE, JOINTS, Reference
 from .rewards import Closeness, SwingingArms, roughness
+from .rotations import PairSums
 
 SEEN = 5  # values of each history in the observation
 HISTORIES = {

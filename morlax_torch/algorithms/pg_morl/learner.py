@@ -14,10 +14,10 @@ from ...configuration.config import Config
 from ...configuration.sections import PGMORLOptions
 from ...configuration.tradeoffs import even_tradeoffs
 from ...envs import Worlds, make
-from ...envs.random import EVALUATION_SEEDS
+from ...envs.devices import EVALUATION_SEEDS
 from ...evaluation.evaluator import Evaluator
 from ...networks.agent import Agent
-from ...networks.independent import Independent, InOrder
+from ...networks.generated import Independent, InOrder
 from ..morlax import MORLAX
 from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict

@@ -3,10 +3,9 @@
 `save` writes it to files, `pixels` renders it to an array.
 """
 
-from .front import front_figure, fronts_figure, parallel_figure
+from .front import front_figure, fronts_figure, parallel_figure, spaces_figure
 from .hypervolume import hypervolume_figure
 from .returns import returns_figure
-from .space import spaces_figure
 from .style import pixels, save
 
 __all__ = [

@@ -8,7 +8,7 @@ import trimesh
 import viser
 from numpy.typing import NDArray
 
-from ..following import followed_body, geom_colors, shown_geoms
+from ..camera import followed_body, geom_colors, shown_geoms
 
 JUMP = 0.45  # times the robot's size; a robot that goes further up or down is followed
 _numbers = itertools.count()  # unique names: viser gives a reused name the old pose

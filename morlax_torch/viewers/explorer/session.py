@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...envs import MorlaxError
-from ...envs.worlds.disturbances import horizontal
+from ...envs.worlds.randomization import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.fronts import load_front

@@ -13,7 +13,7 @@ from ...networks.policy import Policy
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for
 from ..player import Player
 from . import panels
-from .gait import joint_positions, moments
+from .panels import joint_positions, moments
 from .rendering import Scene, check_size
 
 LONGEST = 3600.0  # simulated seconds of a film

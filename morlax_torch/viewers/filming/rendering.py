@@ -6,7 +6,6 @@ import subprocess
 import sys
 from copy import copy
 from functools import cache
-from types import TracebackType
 from typing import Self
 
 import mujoco
@@ -58,12 +57,7 @@ class Scene:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

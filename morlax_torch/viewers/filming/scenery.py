@@ -13,7 +13,7 @@ SHADE = 0.91  # brightness of the darker squares of a floor
 
 
 class Scenery:
-    """What a model lacks, in the OpenGL context of a renderer.
+    """Light, floor and sky that a model lacks, in the OpenGL context of a renderer.
 
     Args:
         renderer: whose pictures get the scenery.
@@ -67,7 +67,7 @@ class Scenery:
         self._new_light().ambient[:] = self._looks.ambient  # a light's own is dark in its shadows
 
     def _new_light(self) -> Any:
-        """Add a light that shines everywhere, and is dark so far."""
+        """Add a directional light without attenuation, at zero intensity."""
         light = self._lights[self._scene.nlight]
         self._scene.nlight += 1
         light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL

@@ -1,7 +1,7 @@
 """Compare traced graphs with the task that they were traced from."""
 
 from collections.abc import Mapping
-from typing import Any
+from functools import partial
 from unittest.mock import patch
 
 import numpy as np
@@ -11,7 +11,7 @@ from torch import Tensor
 from ...envs import Environment
 from ...exports.formats import onnxruntime
 from .recording import Draws
-from .tracing import RESULTS, Graph, Traced, cannot
+from .tracing import RESULTS, OnnxGraph, Traced, cannot
 
 STEPS, EPISODES = 60, 3  # of the comparison
 TOLERANCE = 1e-4  # of numbers below 1; relative above
@@ -27,14 +27,15 @@ class Replica:
     def __init__(self, traced: Traced):
         self.traced = traced
         self.values: dict[str, np.ndarray] = {}  # of all inputs and outputs, by name
-        self._sessions = {id(graph): _session(graph) for graph in (traced.before, traced.after)}
+        start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
+        self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
 
     def copy(self) -> None:
         """Copy the task's state."""
         for name, values in self.traced.state.items():
             self.values[name] = values.numpy().copy()
 
-    def run(self, graph: Graph, draws: list[Tensor]) -> None:
+    def run(self, graph: OnnxGraph, draws: list[Tensor]) -> None:
         """Run one of the two graphs on `values`, with the task's draws, and note its outputs."""
         for name, drawn in zip(graph.draws, draws, strict=True):
             self.values[name] = drawn.numpy()
@@ -42,7 +43,7 @@ class Replica:
         results = self._sessions[id(graph)].run(None, given)
         self.values |= dict(zip(graph.outputs, results, strict=True))
 
-    def state(self, graph: Graph) -> dict[str, np.ndarray]:
+    def state(self, graph: OnnxGraph) -> dict[str, np.ndarray]:
         """Return the task's own state that `graph` changes, by name."""
         own = self.traced.state
         return {name: values.numpy() for name, values in own.items() if name in graph.outputs}
@@ -105,7 +106,3 @@ def _gap(env: Environment, name: str, exact: np.ndarray, found: np.ndarray) -> f
             "in place, and compute with torch only",
         )
     return gap
-
-
-def _session(graph: Graph) -> Any:
-    return onnxruntime().InferenceSession(graph.onnx, providers=["CPUExecutionProvider"])

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...envs import MorlaxError
-from ...files import replacing
+from ...files import write_file
 
 REGISTRY = "https://registry.npmjs.org"
 PATIENCE = 60  # s without an answer
@@ -82,7 +82,7 @@ def files() -> dict[str, bytes]:
                 found[name] = _member(archive, path)
             text = (
                 _member(archive, library.license)
-                if library.license in _names(archive)
+                if f"package/{library.license}" in archive.getnames()
                 else (resources.files(str(__package__)) / "licenses" / library.license).read_bytes()
             )
         found[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
@@ -119,17 +119,12 @@ def _archive(library: Library) -> bytes:
         raise MorlaxError(
             f"cannot make the cache {kept.parent} ({error.strerror}): set XDG_CACHE_HOME."
         ) from None
-    with replacing(kept) as file:
-        file.write(data)
+    write_file(kept, data)
     return data
 
 
 def _is_intact(data: bytes, library: Library) -> bool:
     return base64.b64encode(hashlib.sha512(data).digest()).decode() == library.sha512
-
-
-def _names(archive: tarfile.TarFile) -> list[str]:
-    return [name.removeprefix("package/") for name in archive.getnames()]
 
 
 def _member(archive: tarfile.TarFile, path: str) -> bytes:

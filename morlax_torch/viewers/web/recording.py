@@ -111,7 +111,7 @@ class Recorder(TorchDispatchMode):
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         kwargs = kwargs or {}
         if func is aten._local_scalar_dense.default:
-            if self._is_dynamic(args[0]):
+            if self._node(args[0]) in self._dynamic:
                 raise MorlaxError("it reads a tensor's number into Python (.item(), or if)")
             return func(*args)
         if torch.Tag.nondeterministic_seeded in func.tags:
@@ -142,7 +142,8 @@ class Recorder(TorchDispatchMode):
         return fx.GraphModule(self.root, self.graph)
 
     def _draw(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> Tensor:
-        known = RANDOM.get(func._schema.name + _overload(func))
+        schema = func._schema
+        known = RANDOM.get(f"{schema.name}.{schema.overload_name}".rstrip("."))
         if known is None:
             raise MorlaxError(f"it draws random numbers with torch's {func._schema.name[6:]}")
         kind, parameters = known
@@ -176,9 +177,6 @@ class Recorder(TorchDispatchMode):
                 if isinstance(part, Tensor):
                     picked = self._call(operator.getitem, (node, index), {})
                     self._nodes[id(part)] = picked, part
-
-    def _is_dynamic(self, tensor: Tensor) -> bool:
-        return self._node(tensor) in self._dynamic
 
     def _node_or_value(self, value: Any) -> Any:
         if isinstance(value, torch.Generator):
@@ -232,7 +230,3 @@ class Recorder(TorchDispatchMode):
             name = self._state.get(storage(tensor))
             if name is not None:
                 self._changed[name] = None
-
-
-def _overload(func: Any) -> str:
-    return f".{func._schema.overload_name}" if func._schema.overload_name else ""

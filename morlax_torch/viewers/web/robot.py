@@ -11,7 +11,7 @@ from torch import Tensor
 from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
-from ...envs.worlds.disturbances import horizontal
+from ...envs.worlds.randomization import horizontal
 from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
@@ -19,12 +19,11 @@ from ...runs.checkpoint import front_path
 from ...runs.evaluating import evaluate
 from ...runs.fronts import load_front
 from ...runs.loading import find_checkpoint, load
-from ..following import followed_body
+from ..camera import followed_body
 from .checking import check
 from .model import WebModel, compiled
-from .physics import ARRAYS, PagePhysics
 from .recording import storage
-from .tracing import Graph, Traced, trace
+from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, trace
 
 STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
@@ -32,7 +31,7 @@ PUSH = 1.5  # m/s added to the robot's velocity by a push
 
 
 def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, Any]:
-    """Write what the page needs of one run into a new folder.
+    """Write the files that the page needs of one run into a new folder.
 
     Args:
         run: a run's folder, a checkpoint, or a shipped name.
@@ -123,7 +122,7 @@ def _flags(env: Environment) -> dict[str, int]:
     return {"disableflags": int(env.physics.model.opt.disableflags)}
 
 
-def _graph(graph: Graph) -> dict[str, Any]:
+def _graph(graph: OnnxGraph) -> dict[str, Any]:
     return {
         "inputs": {
             name: {"shape": list(values.shape), "type": str(values.dtype)[6:]}

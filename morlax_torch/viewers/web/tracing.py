@@ -4,19 +4,67 @@ from contextlib import ExitStack
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
+import mujoco
+import numpy as np
 import torch
 from torch import Tensor
 
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
+from ...envs.physics.interface import Physics
 from ...exports.formats import onnx_model, quiet
-from .physics import PagePhysics
 from .recording import Recorder, Writes, flat, storage
 
+ARRAYS = {  # of `Physics`, and their names in mjData
+    "qpos": "qpos",
+    "qvel": "qvel",
+    "act": "act",
+    "ctrl": "ctrl",
+    "warmstart": "qacc_warmstart",
+    "sensors": "sensordata",
+}
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
 
 
-class Graph(NamedTuple):
+class PagePhysics(Physics):
+    """One world whose tensors are float32, as in training, while MuJoCo computes in float64.
+
+    Browsers run every operation in float32, but not all of them in float64. `vary` is ignored,
+    because the page shows the robot of the MJCF.
+    """
+
+    name = "C MuJoCo"
+
+    def __init__(self, model: mujoco.MjModel, substeps: int):
+        self.model, self.num_worlds, self.device = model, 1, torch.device("cpu")
+        self.substeps, self._data = substeps, mujoco.MjData(model)
+        self._no_overflow = torch.zeros(1, dtype=torch.int32)
+        for name, field in ARRAYS.items():
+            setattr(self, name, torch.zeros(1, len(getattr(self._data, field))))
+
+    @property
+    def arrays(self) -> dict[str, Tensor]:
+        """All tensors (1, ...), by name."""
+        return {name: getattr(self, name) for name in ARRAYS}
+
+    def step(self) -> None:
+        for name, field in ARRAYS.items():
+            getattr(self._data, field)[:] = getattr(self, name)[0].numpy()
+        mujoco.mj_step(self.model, self._data, self.substeps)
+        for name, field in ARRAYS.items():
+            getattr(self, name)[0] = torch.from_numpy(getattr(self._data, field))
+
+    def vary(self, fields: dict[str, np.ndarray]) -> None:
+        pass
+
+    def overflow(self) -> Tensor:
+        return self._no_overflow
+
+    def remedy(self, bits: int) -> str:
+        return ""
+
+
+class OnnxGraph(NamedTuple):
     """An ONNX model, and the order of its inputs and outputs."""
 
     onnx: bytes
@@ -32,8 +80,8 @@ class Traced(NamedTuple):
     observation, rewards and the end of the episode.
     """
 
-    before: Graph
-    after: Graph
+    before: OnnxGraph
+    after: OnnxGraph
     state: dict[str, Tensor]  # (size,) physics and task state: views of the environment's own
     terms: tuple[str, ...]  # names of the reward terms
 
@@ -100,7 +148,7 @@ def _traced(env: Environment) -> Traced:
     return Traced(_graph(before), _graph(after), state, tuple(step.terms))
 
 
-def _graph(recorder: Recorder) -> Graph:
+def _graph(recorder: Recorder) -> OnnxGraph:
     module = recorder.module()
     inputs, outputs = recorder.inputs, tuple(recorder.outputs)
     with quiet(), torch.no_grad():
@@ -116,4 +164,4 @@ def _graph(recorder: Recorder) -> Graph:
         del node.metadata_props[:]  # where in Python each operation comes from
         node.doc_string = ""
     del model.graph.value_info[:]
-    return Graph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))
+    return OnnxGraph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))

@@ -1,10 +1,17 @@
-"""Task ids in Gymnasium's registry."""
+"""The tasks in Gymnasium's registry: their ids and specs."""
 
 import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import gymnasium
+from gymnasium.envs.registration import EnvSpec
 
-from .errors import MorlaxError
+from .envs import MorlaxError
+from .envs.registry import announce_to
+
+if TYPE_CHECKING:
+    from .envs import Worlds
 
 NAMESPACE = "morlax_torch"
 
@@ -35,9 +42,32 @@ def announce(name: str) -> None:
         )
     gymnasium.register(
         gymnasium_id(name),
-        entry_point="morlax_torch.adapters.gymnasium_single:GymnasiumEnv",
-        vector_entry_point="morlax_torch.adapters.gymnasium_vector:GymnasiumVectorEnv",
+        entry_point=f"{__package__}.adapters.gymnasium_single:GymnasiumEnv",
+        vector_entry_point=f"{__package__}.adapters.gymnasium_vector:GymnasiumVectorEnv",
         order_enforce=False,
         disable_env_checker=True,
         kwargs={"task": name},
     )
+
+
+class WithSpec:
+    """Adds `max_episode_steps` to the spec that `gymnasium.make` sets.
+
+    The registered spec cannot have it, because Gymnasium would wrap the environment in a second
+    time limit.
+    """
+
+    worlds: "Worlds"
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How to make this environment again; None if Gymnasium did not make it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec and replace(spec, max_episode_steps=self.worlds.episode_length)
+
+
+announce_to(announce)

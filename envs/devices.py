@@ -1,4 +1,4 @@
-"""Random generators that can be saved and restored, and the draws of worlds."""
+"""Compute devices, and random generators on them that can be saved, restored and shared."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -7,6 +7,34 @@ from contextlib import contextmanager
 import numpy as np
 import torch
 from torch import Tensor
+
+from .errors import MorlaxError
+
+
+def resolve_device(device: str | torch.device | None) -> torch.device:
+    """Return the requested device; None selects CUDA if there is a GPU, else the CPU.
+
+    Raises:
+        MorlaxError: the name is not a CPU or CUDA device, or there is no such GPU.
+    """
+    if device is None:
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        found = torch.device(device)
+    except RuntimeError:
+        raise MorlaxError(f"{device!r} is not a device: use 'cuda', 'cuda:1' or 'cpu'.") from None
+    if found.type not in ("cpu", "cuda"):
+        raise MorlaxError(f"device {found} is not supported: use 'cuda' or 'cpu'.")
+    if found.type == "cuda":
+        if not torch.cuda.is_available():
+            raise MorlaxError("no CUDA device was found: use --device cpu, or check the driver.")
+        found = torch.device("cuda", found.index or 0)
+        if found.index >= torch.cuda.device_count():
+            raise MorlaxError(
+                f"{found} does not exist: this machine has {torch.cuda.device_count()} GPUs."
+            )
+    return found
+
 
 EVALUATION_SEEDS = 2**63  # training seeds are smaller, so evaluation never repeats their draws
 

@@ -1,6 +1,28 @@
-"""Memory of the GPU: a lack of it, and giving it back."""
+"""CPU threads of torch, and memory: a lack of it, and giving it back."""
 
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import torch  # which takes seconds; commands import this module before it
+
+
+@contextmanager
+def one_thread(device: "torch.device") -> Iterator[None]:
+    """Limit torch to one thread on the CPU, so that its others leave the cores to physics."""
+    if device.type != "cpu":
+        yield
+        return
+    import torch
+
+    usual = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(usual)
 
 
 def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
@@ -19,7 +41,7 @@ def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
 
 
 def release_memory() -> None:
-    """Give back what a learner that is no longer needed holds: its worlds, graphs and networks."""
+    """Free the memory of learners that are no longer referenced: worlds, graphs and networks."""
     import torch
 
     gc.collect()  # a learner refers to itself
