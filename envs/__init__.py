@@ -41,7 +41,7 @@ __getattr__, __dir__ = handed_on(
         "names": "registry",
         "positions": "worlds.robot",
         "register": "registry",
-        "resolve_device": "device",
+        "resolve_device": "devices",
         "velocities": "worlds.robot",
     },
 )
