@@ -64,7 +64,7 @@ except ModuleNotFoundError:
     Batch = PythonBatch  # pyright: ignore[reportAssignmentType]
 
 
-def vary(batch: Batch, fields: dict[str, np.ndarray]) -> None:
+def vary(batch: Any, fields: dict[str, np.ndarray]) -> None:
     """Write `fields` (N, ...) into the models of `batch` and update the derived constants."""
     for name, values in fields.items():
         batch.expand(name)[:] = values

@@ -97,9 +97,7 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     scales = env.scales()
     if scales is not None:
         scale, offset = (torch.tensor(values) for values in scales)
-        low, high = offset - scale.abs(), offset + scale.abs()
-        named = {"scale": scale, "offset": offset, "low": low, "high": high}
-        return {name: values.tolist() for name, values in named.items()}
+        return _plain(scale, offset, offset - scale.abs(), offset + scale.abs())
     if not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
         return None
 
@@ -113,5 +111,9 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     for action in 2 * torch.rand(64, env.action_size, generator=torch.Generator()) - 1:
         if not torch.allclose(made(action), (offset + scale * action).clamp(low, high), atol=1e-5):
             return None
-    named = {"scale": scale, "offset": offset, "low": low, "high": high}
-    return {name: values.tolist() for name, values in named.items()}
+    return _plain(scale, offset, low, high)
+
+
+def _plain(*values: torch.Tensor) -> dict[str, list[float]]:
+    names = ("scale", "offset", "low", "high")
+    return {name: value.tolist() for name, value in zip(names, values, strict=True)}

@@ -9,6 +9,7 @@ from typing import Any
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
+from ..configuration.config import flat
 from ..configuration.files import read_yaml
 from ..envs.naming import title
 from .hardware import FILE as HARDWARE
@@ -62,7 +63,8 @@ class Events:
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:
         """Fill the HPARAMS tab, which shows the latest value of each of the `tags`."""
-        config = flat(read_yaml(self._folder / "config.yaml"))
+        values = flat(read_yaml(self._folder / "config.yaml"))
+        config = {name: _shown(value) for name, value in values.items() if value != {}}
         # `add_hparams` would write to a folder of its own, which TensorBoard shows as another run
         experiment, session, _ = hparams(config, dict.fromkeys(tags, 0.0))
         assert self._writer.file_writer is not None
@@ -74,14 +76,7 @@ class Events:
         self._writer.close()
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str | float]:
-    """Flatten nested values to numbers and, as JSON, all others, by dotted name."""
-    found: dict[str, str | float] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            found |= flat(value, f"{prefix}{name}.")
-        elif isinstance(value, str) or (type(value) in (int, float) and math.isfinite(value)):
-            found[f"{prefix}{name}"] = value
-        else:
-            found[f"{prefix}{name}"] = json.dumps(value)
-    return found
+def _shown(value: Any) -> str | float:
+    """Return a finite number or text as it is, other values as JSON."""
+    plain = isinstance(value, str) or (type(value) in (int, float) and math.isfinite(value))
+    return value if plain else json.dumps(value)
