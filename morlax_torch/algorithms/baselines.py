@@ -1,8 +1,9 @@
-"""HYPER-MORL: first one balanced policy, then a hypernetwork around it."""
+"""Baselines that train one agent: AMOR, HYPER-MORL and independent policies."""
 
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ..configuration.config import Config
 from ..configuration.sections import HyperMORLOptions
@@ -10,10 +11,67 @@ from ..configuration.tradeoffs import even_tradeoffs, sample_cells
 from ..envs import Worlds
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
-from .morlax import MORLAX
+from .method import Method
+from .trainer import draw_tradeoffs
 
 
-class HyperMORL(MORLAX):
+class AMOR(Method):
+    """Trains one conditioned actor and one conditioned critic with MORLAX's updates.
+
+    (Alegre et al., 2025, "AMOR: Adaptive Character Control through Multi-Objective Reinforcement
+    Learning".) With dense sampling every world keeps its trade-off until its episode ends; it draws
+    the next one at the start of the following rollout. docs/algorithms.md says what differs.
+
+    Args:
+        env: the worlds.
+        config: with `network.type: conditioned`.
+        others: as of `MORLAX`.
+    """
+
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, self._draw, **others)
+        self.per_process = (*self.per_process, "tradeoffs", "ended")
+        self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
+
+    def iterate(self, done: float = 0.0) -> None:
+        super().iterate(done)
+        ended = self.rollout.terminated | self.rollout.truncated
+        self._ended.copy_(ended.any(0).any(1, keepdim=True))
+
+    def state_dict(self) -> dict[str, Any]:
+        own = {"tradeoffs": self.tradeoffs.clone(), "ended": self._ended.clone()}
+        return {**super().state_dict(), **own}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        super().load_state_dict(state)
+        self.tradeoffs.copy_(state["tradeoffs"])
+        self._ended.copy_(state["ended"])
+
+    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+        kept = tradeoffs.clone()
+        draw_tradeoffs(self.config, tradeoffs, generator)
+        if self.config.sampling.mode == "dense":
+            tradeoffs.copy_(torch.where(self._ended, tradeoffs, kept))
+
+
+class IndependentPPO(Method):
+    """Trains K policies that share no parameters, each for one of K evenly spread trade-offs.
+
+    Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
+    norm and moments of Adam; only the normalizers of observations and values see all worlds. With
+    enough steps it is the reference that fronts are measured against.
+
+    Args:
+        env: the worlds.
+        config: with `network.type: independent` and sparse sampling.
+        others: as of `MORLAX`.
+    """
+
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, draw=None, **others)
+
+
+class HyperMORL(Method):
     """Trains a single hypernetwork for actor and critic in two stages.
 
     (Shu et al., 2024, "Learning Pareto Set for Multi-Objective Continuous Robot Control".) A
@@ -29,15 +87,10 @@ class HyperMORL(MORLAX):
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, **others)
+        super().__init__(env, config, self._draw, **others)
         self._centers = even_tradeoffs(*self.tradeoffs.shape).to(env.device)
         self.warming_up = True
         self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs
-
-    def draw_tradeoffs(self) -> None:
-        sample_cells(self.tradeoffs, self._centers, self.generator)
-        balanced = torch.full_like(self.tradeoffs, 1 / self.tradeoffs.shape[1])
-        self.tradeoffs.copy_(torch.where(self._warming_up, balanced, self.tradeoffs))
 
     def iterate(self, done: float = 0.0) -> None:
         if self.warming_up and done >= self.warmup:
@@ -65,13 +118,19 @@ class HyperMORL(MORLAX):
         self.warming_up = state["warming_up"]
         self._warming_up.fill_(self.warming_up)
 
+    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+        sample_cells(tradeoffs, self._centers, generator)
+        balanced = torch.full_like(tradeoffs, 1 / tradeoffs.shape[1])
+        tradeoffs.copy_(torch.where(self._warming_up, balanced, tradeoffs))
+
     def _start_hypernetwork(self) -> None:
         balanced = torch.full_like(self.tradeoffs[0], 1 / self.tradeoffs.shape[1])
         for family in (self.agent.actor, self.agent.critic):
             assert isinstance(family, Hypernetwork)
             family.collapse(balanced)
         self._reset_exploration()
-        for optimizer, rate in zip(self.ppo.optimizers, self.ppo.rates, strict=False):
+        ppo = self.trainer.ppo
+        for optimizer, rate in zip(ppo.optimizers, ppo.rates, strict=False):
             optimizer.forget()
             optimizer.rate.fill_(rate)
 
