@@ -1,8 +1,16 @@
-"""The compute device that worlds and networks live on."""
+"""The compute device that worlds and networks live on, and the choice of kernels on it."""
+
+from collections.abc import Callable
+from functools import wraps
+from importlib import import_module
+from typing import ParamSpec, TypeVar
 
 import torch
 
 from .errors import MorlaxError
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def resolve_device(device: str | torch.device | None) -> torch.device:
@@ -28,3 +36,23 @@ def resolve_device(device: str | torch.device | None) -> torch.device:
                 f"{found} does not exist: this machine has {torch.cuda.device_count()} GPUs."
             )
     return found
+
+
+def kernel(twin: str, suits: Callable[..., bool]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a GPU kernel replace the torch definition that is decorated, where it suits.
+
+    Args:
+        twin: "package.module.function", of the same parameters; imported when first used.
+        suits: tells from the positional arguments whether the twin runs.
+    """
+    module, _, name = twin.rpartition(".")
+
+    def replaceable(definition: Callable[P, R]) -> Callable[P, R]:
+        @wraps(definition)
+        def either(*args: P.args, **kwargs: P.kwargs) -> R:
+            run = getattr(import_module(module), name) if suits(*args) else definition
+            return run(*args, **kwargs)
+
+        return either
+
+    return replaceable

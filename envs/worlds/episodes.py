@@ -1,13 +1,11 @@
-"""The end of episodes and the start of new ones, as torch definitions.
-
-They serve the CPU; on CUDA `episode_kernels` does the same in one kernel each.
-"""
+"""The end of episodes and the start of new ones, as torch definitions."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from torch import Tensor
 
+from ..device import kernel
 from ..physics.interface import Physics
 
 MAX_POSITION = 1e5  # m, rad
@@ -23,6 +21,11 @@ class Ends(NamedTuple):
     blown_up: Tensor  # (N,) bool: no longer within sane bounds
 
 
+def on_cuda(physics: Physics, *_: object) -> bool:
+    return physics.device.type == "cuda"
+
+
+@kernel(f"{__package__}.episode_kernels.end", on_cuda)
 def end(
     physics: Physics,
     action: Tensor,
@@ -64,6 +67,7 @@ def end(
     return Ends(terminated, timed_out & ~terminated, terminated | timed_out, blown_up)
 
 
+@kernel(f"{__package__}.episode_kernels.restart", on_cuda)
 def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
     """Put the worlds that are `over` (N,) bool into the states of `Starts.draw`, at age zero."""
     done = over.nonzero().squeeze(-1)

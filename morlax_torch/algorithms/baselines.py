@@ -64,11 +64,9 @@ class IndependentPPO(Method):
     Args:
         env: the worlds.
         config: with `network.type: independent` and sparse sampling.
-        others: as of `MORLAX`.
+        group: as of `MORLAX`.
+        networks: actor and critic, as of `MORLAX`.
     """
-
-    def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, draw=None, **others)
 
 
 class HyperMORL(Method):
@@ -93,22 +91,15 @@ class HyperMORL(Method):
         self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs
 
     def iterate(self, done: float = 0.0) -> None:
-        if self.warming_up and done >= self.warmup:
+        assert isinstance(self.config.method, HyperMORLOptions)
+        warmup = self.config.method.warmup
+        if self.warming_up and done >= warmup:
             self.warming_up = False
             self._warming_up.fill_(False)
             self._start_hypernetwork()
-        super().iterate(self.stage_done(done))
-
-    @property
-    def warmup(self) -> float:
-        """The share of the run that the warm-up takes."""
-        assert isinstance(self.config.method, HyperMORLOptions)
-        return self.config.method.warmup
-
-    def stage_done(self, done: float) -> float:
-        """Return the share of the current stage that is over, given that of the run."""
-        start, end = (0.0, self.warmup) if self.warming_up else (self.warmup, 1.0)
-        return (done - start) / (end - start) if end > start else 1.0
+        start, end = (0.0, warmup) if self.warming_up else (warmup, 1.0)
+        stage_done = (done - start) / (end - start) if end > start else 1.0
+        super().iterate(stage_done)
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "warming_up": self.warming_up}

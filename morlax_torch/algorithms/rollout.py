@@ -1,6 +1,5 @@
 """Collect rollouts, count their episodes and estimate advantages."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -9,9 +8,7 @@ from torch import Tensor
 from ..envs import Worlds
 from ..gpu import fused
 from ..networks.agent import Actors
-
-# the actors' output and standard normal noise to samples and log-probabilities
-Sampler = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+from ..networks.gaussian import sample
 
 
 class Rollout(NamedTuple):
@@ -54,7 +51,6 @@ def collect(
     actors: Actors,
     observation: Tensor,
     rollout: Rollout,
-    sample: Sampler,
     generator: torch.Generator,
 ) -> None:
     """Fill `rollout`: each of the K actors acts in its own cluster of worlds.
@@ -64,7 +60,6 @@ def collect(
         actors: the K policies; they see the first O features.
         observation: (N, O + P) what critics see now, updated in place to the end of the rollout.
         rollout: written in place.
-        sample: draws actions before the tanh.
         generator: draws the noise.
     """
     rollout.observation[0].copy_(observation.view_as(rollout.observation[0]))
@@ -75,7 +70,7 @@ def collect(
         action, log_prob = sample(actors.distribution(seen).output, noise[t])
         step = env.step(action.tanh().flatten(0, 1))
         following = observation if t == last else rollout.observation[t + 1]
-        fused.copy(
+        pairs = (
             (following, step.critic_observation),
             (rollout.action[t], action),
             (rollout.log_prob[t], log_prob),
@@ -84,6 +79,7 @@ def collect(
             (rollout.truncated[t], step.truncated),
             (rollout.final_observation[t], step.final_critic_observation),
         )
+        fused.copy(*zip(*pairs, strict=True))
 
 
 def advantages(

@@ -11,15 +11,13 @@ from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs, sample_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.random import restore_generator, seed_of
-from ..gpu import fused
 from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
 from ..gpu.threads import one_thread
-from ..networks import gaussian
 from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization
 from .batch import Table, expected_returns, make_batch
-from .ppo import PPO, Losses
+from .ppo import PPO
 from .rollout import Episodes, Rollout, collect
 
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
@@ -72,12 +70,7 @@ class Trainer:
     per_process: tuple[str, ...] = ("generator", "environment", "observation", "episodes")
 
     def __init__(
-        self,
-        env: Worlds,
-        config: Config,
-        agent: Agent,
-        draw: Draw | None = None,
-        group: Group = ALONE,
+        self, env: Worlds, config: Config, agent: Agent, draw: Draw | None, group: Group = ALONE
     ):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
@@ -90,22 +83,13 @@ class Trainer:
             )
         self.env, self.config, self.agent, self.group = env, config, agent, group
         group.share(agent)  # a user's networks may start differently in every process
-        self._sample, losses = gaussian.sample, Losses()
         if env.device.type == "cuda":
             torch.set_float32_matmul_precision("high")  # TF32
-        if fused.available(env.device):
-            from ..gpu import gaussian_kernels, loss_kernels
-
-            self._sample = gaussian_kernels.sample
-            losses = Losses(loss_kernels.policy_loss, loss_kernels.value_loss)
-        self.ppo = PPO(agent, config.ppo, losses, group)
+        self.ppo = PPO(agent, config.ppo, group)
         self.generator = torch.Generator(env.device).manual_seed(seed_of(config.seed, group.rank))
         clusters, m = config.num_clusters, len(env.objectives)
-        self._draw = draw
-        if draw is None:
-            self.tradeoffs = even_tradeoffs(clusters, m).to(env.device)
-        else:
-            self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
+        first = even_tradeoffs(clusters, m) if draw is None else torch.full((clusters, m), 1 / m)
+        self.tradeoffs, self._draw = first.to(env.device), draw
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         env.reset()
@@ -156,15 +140,15 @@ class Trainer:
             done: share of the run that is over, from 0 to 1, for `ppo.decay_fraction`.
         """
         if self.env.interrupted:
-            self._start_episodes()
+            self.env.reset()
+            self._start_here()
         self._done.fill_(done)
         self.explore()
         self.learn()
         self._iterations += 1
 
-    def _start_episodes(self) -> None:
-        """Start new episodes in all worlds."""
-        self.env.reset()
+    def _start_here(self) -> None:
+        """Explore from what the worlds show now, with no episode under way."""
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
 
@@ -178,7 +162,6 @@ class Trainer:
                 self.agent.actors(self.tradeoffs),
                 self.observation,
                 self.rollout.first(steps or self.config.horizon),
-                self._sample,
                 self.generator,
             )
 
@@ -186,14 +169,9 @@ class Trainer:
         """Return the weight (K, m) of each objective's advantage."""
         if not self.scalarization.uses_returns:
             return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
-        ppo = self.config.ppo
+        ppo, length = self.config.ppo, self.env.episode_length
         returns = expected_returns(
-            self.agent,
-            self.tradeoffs,
-            self._starts,
-            ppo.discount,
-            self.env.episode_length,
-            ppo.normalize_values,
+            self.agent, self.tradeoffs, self._starts, ppo.discount, length, ppo.normalize_values
         )
         self.scalarization.observe(self.tradeoffs, returns, self.group)
         weights = self.scalarization.weights(self.tradeoffs, returns)
@@ -218,15 +196,9 @@ class Trainer:
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
         self.agent.observation_normalizer.update(self.rollout.observation, decay, self.group)
         self._episodes.observe(self.rollout)
-        reward, terminated = self.rollout.reward, self.rollout.terminated
-        self._metrics += torch.cat(
-            [
-                losses / config.epochs,
-                explained,
-                reward.mean((0, 1, 2)),
-                terminated.float().mean()[None],
-            ]
-        )
+        reward = self.rollout.reward.mean((0, 1, 2))
+        terminated = self.rollout.terminated.float().mean()[None]
+        self._metrics += torch.cat([losses / config.epochs, explained, reward, terminated])
 
     def metrics(self) -> dict[str, float]:
         """Return means over the iterations since the last call, and over all processes.
@@ -236,11 +208,11 @@ class Trainer:
         """
         iterations = max(1, self._iterations)
         updates = iterations * self.config.ppo.epochs * self.config.ppo.minibatches
-        optimizers = self.ppo.optimizers
+        optimizers = dict(zip(self.ppo.optimizer_names, self.ppo.optimizers, strict=True))
         parts = {
             **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
-            **self._by_optimizer("learning_rate", [each.rate for each in optimizers]),
-            **self._by_optimizer("gradient_norm", [each.norms / updates for each in optimizers]),
+            **{f"learning_rate/{name}": own.rate for name, own in optimizers.items()},
+            **{f"gradient_norm/{name}": own.norms / updates for name, own in optimizers.items()},
             **dict(zip(self._episode_names, self._episodes.totals, strict=True)),
             **self.scalarization.metrics(self.env.objectives),
             "blowups": self.env.blowups.float(),
@@ -257,10 +229,6 @@ class Trainer:
             if episodes:
                 metrics[name] = total / episodes
         return metrics
-
-    def _by_optimizer(self, name: str, values: list[Tensor]) -> dict[str, Tensor]:
-        names = (f"{name}/{optimizer}" for optimizer in self.ppo.optimizer_names)
-        return dict(zip(names, values, strict=True))
 
     def _restart_metrics(self) -> None:
         self._iterations = 0
@@ -301,6 +269,5 @@ class Trainer:
             if "episodes" in state:  # checkpoints of version 0.1 lack it
                 self._episodes.running.copy_(state["episodes"])
         else:
-            self.observation.copy_(self.env.critic_observation())
-            self._episodes.running.zero_()
+            self._start_here()
         self._iterations = 0

@@ -25,7 +25,7 @@ def _copy(targets, sources, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.con
 
 
 def copy(targets: Sequence[Tensor], sources: Sequence[Tensor]) -> None:
-    """Copy each source into the contiguous target of the same shape and dtype, in place."""
+    """`fused.copy`."""
     sources = tuple(source.contiguous() for source in sources)
     sizes = tuple(source.numel() for source in sources)
     firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))
