@@ -32,10 +32,10 @@ def samples() -> tuple[torch.Tensor, Batch, torch.Tensor]:
 
 def test_a_fused_action_is_the_sample_and_its_log_probability(samples):
     output, _, noise = samples
-    expected, density = gaussian.sample(output.detach(), noise)
+    expected, density = gaussian.sample(output.detach().cpu(), noise.cpu())
     action, log_prob = gaussian_kernels.sample(output.detach(), noise)
-    torch.testing.assert_close(action, expected)
-    torch.testing.assert_close(log_prob, density, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(action.cpu(), expected)
+    torch.testing.assert_close(log_prob.cpu(), density, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("clip", [0.1, 0.3])
@@ -77,8 +77,8 @@ def test_a_steeper_loss_has_a_steeper_gradient(samples):
 def test_the_fused_value_loss_and_its_gradient_are_those_of_the_definition(samples):
     target = samples[1].target
     value = torch.randn_like(target, requires_grad=True)
-    expected = value_loss(value, target, 0.25)
+    expected = value_loss(value.cpu(), target.cpu(), 0.25)
     loss = loss_kernels.value_loss(value, target, 0.25)
-    torch.testing.assert_close(loss, expected)
+    torch.testing.assert_close(loss.cpu(), expected)
     (slope,), (exact,) = (torch.autograd.grad(each, value) for each in (loss, expected))
     torch.testing.assert_close(slope, exact)

@@ -11,6 +11,7 @@ from morlax_torch import MorlaxError, Policy, config_for, load
 from morlax_torch.algorithms.pg_morl import learner as pg_morl
 from morlax_torch.algorithms.pg_morl import population, prediction, selection
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
+from morlax_torch.algorithms.trainer import make_agent
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
@@ -564,27 +565,25 @@ def tiny(**changes: Any) -> Config:
 
 def simulated_again(learner: PGMORL, number: int) -> np.ndarray:
     """Return what the policies of the archive return in episodes of their own, (number, m)."""
-    again = learner._make_agent(number)
+    again = make_agent(learner.env, learner.config, number)
     for own, archived in zip(
         pg_morl.belongings(again), pg_morl.belongings(learner.agent), strict=True
     ):
         own.copy_(archived[:number])
-    learner._measured = again
-    return learner._make_evaluator(number).evaluate().returns
+    return pg_morl.measuring(again, learner.config, 2).evaluate().returns
 
 
 def test_the_whole_archive_returns_what_was_stored_at_five_times_of_a_run(monkeypatch):
     monkeypatch.setattr(pg_morl, "intervals", lambda *_: (4, 2))
     config = tiny()
     learner = PGMORL(make_worlds(config, config.worlds), config)
-    evaluator, measured, sizes = make_evaluator(learner), learner._measured, []
+    evaluator, sizes = make_evaluator(learner), []
     for _ in range(5):
         for _ in range(4):
             learner.iterate()
         state = learner.state_dict()["population"]
         stored = state["archived"][: state["archive_size"]].numpy()
         assert simulated_again(learner, len(stored)) == pytest.approx(stored, rel=1e-3)
-        learner._measured = measured
         front = evaluator.evaluate()
         best = stored[(front.tradeoffs @ stored.T).argmax(1)]
         assert front.returns == pytest.approx(best, rel=1e-3)
@@ -600,8 +599,8 @@ def test_policies_that_return_to_training_are_what_was_stored():
     start = learner.state_dict()["population"]["start"]
     learner._keep_snapshot(0)
     assert learner._measure()[-4:].numpy() == pytest.approx(start.numpy(), rel=1e-3)
-    counts = learner.trained.observation_normalizer.count.flatten()
-    assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
+    counts = learner.trainer.agent.observation_normalizer.count.flatten()
+    assert (counts > 0).all() and (learner.trainer.agent.value_normalizer.count > 0).all()
     means = learner.agent.observation_normalizer.mean[: learner._archived]
     assert len(means.unique(dim=0)) > 1
 
@@ -615,7 +614,7 @@ def test_snapshots_within_a_generation_are_measured_at_its_end(monkeypatch):
         before = learner._state["archived"].clone()
         learner.iterate()
         if iteration in (1, 3, 5):
-            rows.append(learner.trained.actor.rows.detach().clone())
+            rows.append(learner.trainer.agent.actor.rows.detach().clone())
         assert iteration == 5 or torch.equal(learner._state["archived"], before)
     assert torch.equal(learner._snapshots[0], torch.cat(rows))
     state = learner.state_dict()["population"]

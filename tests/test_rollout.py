@@ -8,7 +8,6 @@ import torch
 
 from morlax_torch import envs
 from morlax_torch.algorithms.rollout import Rollout, advantages, collect
-from morlax_torch.networks.gaussian import sample
 
 GAMMA, LAMBDA = 0.9, 0.8
 
@@ -132,7 +131,7 @@ def collected(make_agent, generator):
     first = env.reset()
     observation = first.clone()
     rollout = Rollout.empty(HORIZON, CLUSTERS, env)
-    collect(env, agent.actors(TRADEOFFS), observation, rollout, sample, generator)
+    collect(env, agent.actors(TRADEOFFS), observation, rollout, generator)
     return rollout, agent, first, observation
 
 

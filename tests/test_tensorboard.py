@@ -13,8 +13,7 @@ from tiny import tiny
 from torch import Tensor
 
 from morlax_torch import MORLAX
-from morlax_torch.algorithms.episodes import Episodes
-from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.algorithms.rollout import Episodes, Rollout
 from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.runs import Run
 from morlax_torch.runs.training import make_worlds
@@ -108,7 +107,7 @@ def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
         if iteration == 3:
             other = MORLAX(make_worlds(config, config.worlds), config)
             other.load_state_dict(learner.state_dict())
-            other._episodes.totals.copy_(learner._episodes.totals)
+            other.trainer._episodes.totals.copy_(learner.trainer._episodes.totals)
             learner = other
         learner.iterate()
         rollout = learner.rollout
@@ -117,7 +116,7 @@ def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
             over = (rollout.terminated | rollout.truncated)[t].flatten()
             rewards += sums[over].tolist()
             sums[over] = 0
-    totals = learner._episodes.totals
+    totals = learner.trainer._episodes.totals
     assert len(rewards) == totals[-1] == 32
     torch.testing.assert_close(totals[:2], torch.tensor(rewards).sum(0))
     assert totals[2] / totals[3] == 5

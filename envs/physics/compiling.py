@@ -14,9 +14,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import warp as wp
+
+from ..replacing import replaced
 
 MOST_PROCESSES = 8  # a compiler takes up to 1 GB of memory
 MOST_VARIANTS = 256  # so that a byte can name one
@@ -165,7 +166,7 @@ def _no_launches(needed: dict[Variant, None]) -> Iterator[None]:
             (wp, "get_suggested_block_size", block_size),
             *((wp.utils, name, nothing) for name in _SORTS),
         ):
-            stack.enter_context(patch.object(owner, name, _here(getattr(owner, name), substitute)))
+            stack.enter_context(replaced(owner, name, _here(getattr(owner, name), substitute)))
         yield
 
 

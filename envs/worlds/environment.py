@@ -3,7 +3,6 @@
 import sys
 from abc import abstractmethod
 from pathlib import Path
-from types import ModuleType
 from typing import Any, ClassVar
 
 import mujoco
@@ -57,7 +56,6 @@ class Environment(Robot):
         self.dt = physics.model.opt.timestep * self.substeps
         self.generator = torch.Generator(self.device).manual_seed(seed)
         self.draws, self._seed = Draws(self.generator, self.num_worlds), seed
-        self._episodes = _episodes_on(self.device)
         self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
@@ -261,7 +259,7 @@ class Environment(Robot):
         terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
-        terminated, truncated, over, blown_up = self._episodes.end(
+        terminated, truncated, over, blown_up = episodes.end(
             self.physics,
             action,
             final_seen,
@@ -302,7 +300,7 @@ class Environment(Robot):
 
     def _restart(self, over: Tensor) -> None:
         starts = self.starts.draw(self.draws)
-        self._episodes.restart(self.physics, over, starts, self.age)
+        episodes.restart(self.physics, over, starts, self.age)
         for leftover in self.physics.leftovers:
             leftover.masked_fill_(over[:, None, None], 0.0)
         if self._delay:
@@ -369,12 +367,3 @@ class Environment(Robot):
     def paper_reset_reward(self) -> Tensor:
         terms = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
         return (torch.tensor(terms).to(self._weights)[:, None] * self._weights).sum(0).float()
-
-
-def _episodes_on(device: torch.device) -> ModuleType:
-    """Return the module that ends and restarts episodes on a device."""
-    if device.type != "cuda":
-        return episodes
-    from . import episode_kernels  # Warp takes a second to import
-
-    return episode_kernels

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..devices import Draws
 from ..physics.interface import Physics
+from ..replacing import kernel
 
 NOISY_STARTS = 1024
 MAX_POSITION = 1e5  # m, rad
@@ -83,6 +84,11 @@ class Ends(NamedTuple):
     blown_up: Tensor  # (N,) bool: no longer within sane bounds
 
 
+def on_cuda(physics: Physics, *_: object) -> bool:
+    return physics.device.type == "cuda"
+
+
+@kernel(f"{__package__}.episode_kernels.end", on_cuda)
 def end(
     physics: Physics,
     action: Tensor,
@@ -124,6 +130,7 @@ def end(
     return Ends(terminated, timed_out & ~terminated, terminated | timed_out, blown_up)
 
 
+@kernel(f"{__package__}.episode_kernels.restart", on_cuda)
 def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
     """Put the worlds that are `over` (N,) bool into the states of `Starts.draw`, at age zero."""
     done = over.nonzero().squeeze(-1)

@@ -1,38 +1,22 @@
-"""MORLAX: explore with the policies of K trade-offs, learn one hypernetwork from all of them."""
+"""MORLAX: one hypernetwork, which learns from the policies of K random trade-offs at a time."""
 
 from functools import partial
-from typing import Any
 
-import torch
-from torch import Tensor, nn
+from torch import nn
 
 from ..configuration.config import Config
-from ..configuration.tradeoffs import sample_tradeoffs
-from ..envs import MorlaxError, Worlds
-from ..envs.devices import restore_generator, seed_of
-from ..gpu import fused
-from ..gpu.graph import Graph
+from ..envs import Worlds
 from ..gpu.group import ALONE, Group
-from ..gpu.resources import one_thread
-from ..networks import gaussian
-from ..networks.agent import Agent
-from ..scalarizations.registry import make_scalarization
-from .batch import Table, make_batch
-from .episodes import Episodes
-from .expected_returns import expected_returns
-from .ppo import PPO, Losses
-from .rollout import Rollout, collect
-
-STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
+from .method import Method
+from .trainer import draw_tradeoffs
 
 
-class MORLAX:
+class MORLAX(Method):
     """Trains an `Agent` in worlds, one `iterate` at a time.
 
-    One generator draws everything; all state lives in tensors updated in place. `state_dict`
-    copies it, and `load_state_dict` continues from a copy: bit for bit on the CPU, on CUDA up to
-    the order of floating-point sums. On CUDA, call `compile` once, and an iteration becomes two
-    recorded graphs.
+    `state_dict` copies all state, and `load_state_dict` continues from a copy: bit for bit on the
+    CPU, on CUDA up to the order of floating-point sums. `explore` and `learn` are the two halves
+    of an iteration. On CUDA, call `compile` once, and they become recorded graphs.
 
     Building one on CUDA enables TF32 for matrix products in this process.
 
@@ -50,8 +34,6 @@ class MORLAX:
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
 
-    per_process: tuple[str, ...] = ("generator", "environment", "observation", "episodes")
-
     def __init__(
         self,
         env: Worlds,
@@ -61,250 +43,5 @@ class MORLAX:
         *,
         group: Group = ALONE,
     ):
-        if env.num_worlds != config.worlds:
-            raise MorlaxError(
-                f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
-            )
-        if config.ppo.truncation == "bootstrap" and not env.shows_endings:
-            raise MorlaxError(
-                "these worlds do not show how an episode ended, so there is no value to bootstrap "
-                "from: set ppo.truncation to mask."
-            )
-        self.env, self.config, self.group = env, config, group
-        self.agent = Agent.of(
-            config,
-            env.observation_size,
-            env.action_size,
-            len(env.objectives),
-            torch.Generator().manual_seed(config.seed),
-            privileged_size=env.privileged_size,
-            actor=actor,
-            critic=critic,
-        ).to(env.device)
-        self.trained = self.make_trained()
-        # a user's networks may start differently in every process
-        group.share(nn.ModuleList([self.agent, self.trained]))
-        self._sample, losses = gaussian.sample, Losses()
-        if env.device.type == "cuda":
-            torch.set_float32_matmul_precision("high")  # TF32
-        if fused.available(env.device):
-            from ..gpu import gaussian_kernels, loss_kernels
-
-            self._sample = gaussian_kernels.sample
-            losses = Losses(loss_kernels.policy_loss, loss_kernels.value_loss)
-        self.ppo = PPO(self.trained, config.ppo, losses, group)
-        self.generator = torch.Generator(env.device).manual_seed(seed_of(config.seed, group.rank))
-        clusters, m = config.num_clusters, len(env.objectives)
-        self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
-        self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
-        self.rollout = Rollout.empty(config.horizon, clusters, env)
-        env.reset()
-        self.observation = env.critic_observation().clone()  # (N, O + P)
-        if self.scalarization.uses_returns:
-            starts = self.observation.view(clusters, -1, self.observation.shape[1])
-            self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
-            self.per_process = (*self.per_process, "starts")
-        self.iteration = self.env_steps = 0
-        self._done = torch.zeros((), device=env.device)  # of `iterate`, readable by graphs
-        self.steps_per_iteration = config.worlds * config.horizon * group.size
-        values = env.objectives if config.ppo.critic == "vector" else ("utility",)
-        self.metric_names = (
-            *PPO.metrics,
-            *(f"explained_variance/{name}" for name in values),
-            *(f"mean_reward/{name}" for name in env.objectives),
-            "terminated",
-        )
-        self._metrics = torch.zeros(len(self.metric_names), device=env.device)
-        self._metrics_since = 0
-        self._episode_names = (
-            *(f"episode_return/{name}" for name in env.objectives),
-            "episode_length",
-            "episodes",
-        )
-        self._episodes = Episodes(config.worlds, len(env.objectives), env.device)
-        generators = (self.generator, env.generator)
-        self.explore = Graph(self._explore, env.device, generators, partial(self._explore, 1))
-        self.learn = Graph(self._learn, env.device, [self.generator], partial(self._learn, 1))
-
-    def compile(self) -> None:
-        """Compile kernels and record the graphs; the learner's state is unchanged.
-
-        Worlds that cannot be recorded are explored eagerly.
-        """
-        if self.env.device.type != "cuda":
-            return
-        state = self.state_dict()
-        self.learn.record()  # first, while other processes still compile the simulator's kernels
-        if self.env.recordable:
-            self.explore.record()
-        self.load_state_dict(state)
-        self._restart_metrics()
-
-    def iterate(self, done: float = 0.0) -> None:
-        """Run one iteration of MORLAX.
-
-        Args:
-            done: share of the run that is over, from 0 to 1, for `ppo.decay_fraction`.
-        """
-        if self.env.interrupted:
-            self._start_episodes()
-        self._done.fill_(done)
-        self.explore()
-        self.learn()
-        self.iteration += 1
-        self.env_steps += self.steps_per_iteration
-
-    def _start_episodes(self) -> None:
-        """Start new episodes in all worlds."""
-        self.env.reset()
-        self.observation.copy_(self.env.critic_observation())
-        self._episodes.running.zero_()
-
-    def _explore(self, steps: int | None = None) -> None:
-        """Collect a rollout, or only its first `steps`."""
-        self.draw_tradeoffs()
-        with torch.no_grad(), one_thread(self.env.device):
-            collect(
-                self.env,
-                self.trained.actors(self.tradeoffs),
-                self.observation,
-                self.rollout.first(steps or self.config.horizon),
-                self._sample,
-                self.generator,
-            )
-
-    def make_trained(self) -> Agent:
-        """Return the agent that explores and learns: the one that is evaluated, or others."""
-        return self.agent
-
-    def draw_tradeoffs(self) -> None:
-        """Choose the trade-offs (K, m) of an iteration, in place. Runs inside a recorded graph."""
-        corners = self.config.num_corners(self.tradeoffs.shape[1])
-        sample_tradeoffs(self.tradeoffs, corners, self.config.sampling.alpha, self.generator)
-
-    def _weights(self) -> Tensor:
-        """Return the weight (K, m) of each objective's advantage."""
-        if not self.scalarization.uses_returns:
-            return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
-        ppo = self.config.ppo
-        returns = expected_returns(
-            self.trained,
-            self.tradeoffs,
-            self._starts,
-            ppo.discount,
-            self.env.episode_length,
-            ppo.normalize_values,
-        )
-        self.scalarization.observe(self.tradeoffs, returns, self.group)
-        weights = self.scalarization.weights(self.tradeoffs, returns)
-        # only the direction counts, so that no trade-off learns faster than another
-        return weights / weights.abs().sum(-1, keepdim=True).clamp(min=1e-12)
-
-    def _learn(self, epochs: int | None = None) -> None:
-        """Learn from the rollout for `epochs` (None: the config's)."""
-        config, decay = self.config.ppo, torch.ones_like(self._done)
-        if config.decay_fraction:
-            decay = ((1 - self._done) / config.decay_fraction).clamp(max=1.0)
-            self.ppo.decay(decay)
-        batch, explained = make_batch(
-            self.trained, self.tradeoffs, self.rollout, config, self._weights(), self.group
-        )
-        losses = torch.zeros(len(PPO.metrics), device=self.env.device)
-        table = Table(batch)
-        for _ in range(epochs or config.epochs):
-            parts = table.minibatches(self.tradeoffs, config.minibatches, self.generator)
-            losses += self.ppo.improve(parts, self.generator)
-        # Only now: during the update the policies must see the inputs that they acted on. Decayed
-        # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)
-        self._episodes.observe(self.rollout)
-        reward, terminated = self.rollout.reward, self.rollout.terminated
-        self._metrics += torch.cat(
-            [
-                losses / config.epochs,
-                explained,
-                reward.mean((0, 1, 2)),
-                terminated.float().mean()[None],
-            ]
-        )
-
-    def metrics(self) -> dict[str, float]:
-        """Return means over the iterations since the last call, and over all processes.
-
-        Episode returns and lengths are those of episodes that ended since then, if any did. Waits
-        for the GPU, and for the other processes, which must call it too.
-        """
-        iterations = max(1, self.iteration - self._metrics_since)
-        self._metrics_since = self.iteration
-        updates = iterations * self.config.ppo.epochs * self.config.ppo.minibatches
-        optimizers = self.ppo.optimizers
-        parts = {
-            **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
-            **self._by_optimizer("learning_rate", [each.rate for each in optimizers]),
-            **self._by_optimizer("gradient_norm", [each.norms / updates for each in optimizers]),
-            **dict(zip(self._episode_names, self._episodes.totals, strict=True)),
-            **self.scalarization.metrics(self.env.objectives),
-            "blowups": self.env.blowups.float(),
-        }
-        means = self.group.mean_(torch.stack(list(parts.values())))
-        overflow = self.group.largest_(self.env.overflow().max().float()[None])
-        values = torch.cat([means, overflow]).tolist()
-        self._restart_metrics()
-        metrics = dict(zip((*parts, "overflow"), values, strict=True))
-        metrics["blowups"] *= self.group.size
-        episodes = metrics.pop("episodes")
-        for name in self._episode_names[:-1]:
-            total = metrics.pop(name)
-            if episodes:
-                metrics[name] = total / episodes
-        return metrics
-
-    def _by_optimizer(self, name: str, values: list[Tensor]) -> dict[str, Tensor]:
-        names = (f"{name}/{optimizer}" for optimizer in self.ppo.optimizer_names)
-        return dict(zip(names, values, strict=True))
-
-    def _restart_metrics(self) -> None:
-        sums = self._metrics, self._episodes.totals, *(each.norms for each in self.ppo.optimizers)
-        for value in sums:
-            value.zero_()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Copy everything that future iterations depend on.
-
-        Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
-        """
-        starts = {"starts": self._starts.clone()} if self.scalarization.uses_returns else {}
-        return {
-            **starts,
-            "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
-            "optimizers": [value.clone() for value in self.ppo.state()],
-            "scalarization": [value.clone() for value in self.scalarization.state()],
-            "generator": self.generator.get_state(),
-            "environment": self.env.state_dict() if self.env.resumable else {},
-            "observation": self.observation.clone(),
-            "episodes": self._episodes.running.clone(),
-            "iteration": self.iteration,
-            "env_steps": self.env_steps,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state in place, so that recorded graphs stay valid."""
-        self.agent.load_state_dict(state["agent"])
-        self.ppo.restore(state["optimizers"])
-        stored = state.get("scalarization", [])
-        for mine, value in zip(self.scalarization.state(), stored, strict=True):
-            mine.copy_(value)
-        if self.scalarization.uses_returns:
-            self._starts.copy_(state["starts"])
-        restore_generator(self.generator, state["generator"])
-        if self.env.resumable:
-            self.env.load_state_dict(state["environment"])
-            self.observation.copy_(state["observation"])
-            if "episodes" in state:  # checkpoints of version 0.1 lack it
-                self._episodes.running.copy_(state["episodes"])
-        else:
-            self.observation.copy_(self.env.critic_observation())
-            self._episodes.running.zero_()
-        self.iteration = self._metrics_since = state["iteration"]
-        # before several processes could train, every iteration had as many
-        self.env_steps = state.get("env_steps", self.iteration * self.steps_per_iteration)
+        draw = partial(draw_tradeoffs, config)
+        super().__init__(env, config, draw, actor=actor, critic=critic, group=group)

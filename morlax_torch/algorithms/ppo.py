@@ -1,12 +1,12 @@
 """The clipped policy objective and the value loss, for a whole family at once."""
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
 from ..configuration.sections import PPOConfig
+from ..gpu.fused import kernel
 from ..gpu.graph import Branch
 from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
@@ -17,6 +17,7 @@ from .batch import Batch
 RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learning rate
 
 
+@kernel("loss_kernels.policy_loss")
 def policy_loss(
     output: Tensor,
     action: Tensor,
@@ -30,8 +31,7 @@ def policy_loss(
     """Compute PPO's clipped surrogate minus the entropy bonus plus the penalty on large means.
 
     (Schulman et al., 2017, eq. 7 and 9. The KL from the policy that acted to the current one uses
-    the estimator E[r - 1 - log r].) On CUDA, `gpu.loss_kernels.policy_loss` does the same in two
-    kernels.
+    the estimator E[r - 1 - log r].)
 
     Args:
         output: of the actors, (K, S, 2A).
@@ -63,10 +63,9 @@ def policy_loss(
     return loss, found
 
 
+@kernel("loss_kernels.value_loss")
 def value_loss(value: Tensor, target: Tensor, coefficient: float) -> Tensor:
     """Compute the squared error of the vector value, summed over objectives: ().
-
-    On CUDA, `gpu.loss_kernels.value_loss` does the same in two kernels.
 
     Args:
         value: (K, S, m)
@@ -74,13 +73,6 @@ def value_loss(value: Tensor, target: Tensor, coefficient: float) -> Tensor:
         coefficient: of the loss.
     """
     return coefficient * (value - target).square().sum(-1).mean()
-
-
-class Losses(NamedTuple):
-    """The losses, or fused kernels for them."""
-
-    policy: Callable[..., tuple[Tensor, Tensor]] = policy_loss
-    value: Callable[[Tensor, Tensor, float], Tensor] = value_loss
 
 
 class PPO:
@@ -93,21 +85,13 @@ class PPO:
     Args:
         agent: updated in place.
         config: of the updates.
-        losses: of policy and value (None: their torch definitions).
         group: processes that update equal agents together.
     """
 
     metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction", "action_std")
 
-    def __init__(
-        self,
-        agent: Agent,
-        config: PPOConfig,
-        losses: Losses | None = None,
-        group: Group = ALONE,
-    ):
-        self.agent, self.config, self._losses = agent, config, losses or Losses()
-        self._group = group
+    def __init__(self, agent: Agent, config: PPOConfig, group: Group = ALONE):
+        self.agent, self.config, self._group = agent, config, group
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
         self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
         norm = config.max_grad_norm
@@ -174,7 +158,7 @@ class PPO:
     def policy_loss(self, tradeoffs: Tensor, batch: Batch, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Compute `policy_loss` of the current actors on a minibatch with noise (K, S, A)."""
         policy = self.agent.policies(tradeoffs)(batch.observation)
-        return self._losses.policy(
+        return policy_loss(
             policy.output,
             batch.action,
             noise,
@@ -188,7 +172,7 @@ class PPO:
     def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
         """Compute `value_loss` of the current critics on a minibatch."""
         value = self.agent.values(tradeoffs)(batch.observation)
-        return self._losses.value(value, batch.target, self.config.value_coefficient)
+        return value_loss(value, batch.target, self.config.value_coefficient)
 
     def _adapt(self, found: Tensor) -> None:
         """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule."""

@@ -5,14 +5,13 @@ from torch import nn
 from ..configuration.config import Config
 from ..envs import Worlds
 from ..gpu.group import ALONE, Group
-from .amor import AMOR
-from .hyper_morl import HyperMORL
-from .independent import IndependentPPO
+from .baselines import AMOR, HyperMORL, IndependentPPO
 from .learner import Learner
+from .method import Method
 from .morlax import MORLAX
 from .pg_morl.learner import PGMORL
 
-LEARNERS: dict[str, type[MORLAX]] = {
+LEARNERS: dict[str, type[Method]] = {
     "morlax": MORLAX,
     "amor": AMOR,
     "hyper-morl": HyperMORL,

@@ -1,6 +1,5 @@
-"""Collect rollouts and estimate advantages."""
+"""Collect rollouts, count their episodes and estimate advantages."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -9,9 +8,7 @@ from torch import Tensor
 from ..envs import Worlds
 from ..gpu import fused
 from ..networks.agent import Actors
-
-# the actors' output and standard normal noise to samples and log-probabilities
-Sampler = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+from ..networks.gaussian import sample
 
 
 class Rollout(NamedTuple):
@@ -54,7 +51,6 @@ def collect(
     actors: Actors,
     observation: Tensor,
     rollout: Rollout,
-    sample: Sampler,
     generator: torch.Generator,
 ) -> None:
     """Fill `rollout`: each of the K actors acts in its own cluster of worlds.
@@ -64,7 +60,6 @@ def collect(
         actors: the K policies; they see the first O features.
         observation: (N, O + P) what critics see now, updated in place to the end of the rollout.
         rollout: written in place.
-        sample: draws actions before the tanh.
         generator: draws the noise.
     """
     rollout.observation[0].copy_(observation.view_as(rollout.observation[0]))
@@ -75,7 +70,7 @@ def collect(
         action, log_prob = sample(actors.distribution(seen).output, noise[t])
         step = env.step(action.tanh().flatten(0, 1))
         following = observation if t == last else rollout.observation[t + 1]
-        fused.copy(
+        pairs = (
             (following, step.critic_observation),
             (rollout.action[t], action),
             (rollout.log_prob[t], log_prob),
@@ -84,6 +79,7 @@ def collect(
             (rollout.truncated[t], step.truncated),
             (rollout.final_observation[t], step.final_critic_observation),
         )
+        fused.copy(*zip(*pairs, strict=True))
 
 
 def advantages(
@@ -122,3 +118,33 @@ def advantages(
         running = torch.addcmul(surprise[t], carry[t], running)
         advantage[t] = running
     return advantage
+
+
+class Episodes:
+    """Sums the rewards and steps of N worlds until their episodes end.
+
+    Episodes are longer than rollouts, so `running` carries every world's sums to the next rollout.
+
+    Args:
+        num_worlds: N.
+        num_objectives: m.
+        device: that holds the rollouts.
+    """
+
+    def __init__(self, num_worlds: int, num_objectives: int, device: torch.device):
+        self.running = torch.zeros(num_worlds, num_objectives + 1, device=device)
+        self.totals = torch.zeros(num_objectives + 2, device=device)
+        """Summed over completed episodes: returns (m), steps, and their number."""
+
+    def observe(self, rollout: Rollout) -> None:
+        """Add a rollout, in place. Runs inside a recorded graph."""
+        over = (rollout.terminated | rollout.truncated).flatten(1)  # (T, N)
+        ahead = over.int().flip(0).cumsum(0).flip(0) > 0  # an episode ends at this step or later
+        reward = rollout.reward.flatten(1, 2)
+        steps = torch.cat([reward, torch.ones_like(reward[..., :1])], -1)  # (T, N, m + 1)
+        completed = torch.where(ahead[..., None], steps, 0.0).sum(0)
+        any_over = ahead[:1].mT  # (N, 1)
+        completed += torch.where(any_over, self.running, 0.0)
+        self.totals += torch.cat([completed.sum(0), over.sum()[None]])
+        begun = torch.where(ahead[..., None], 0.0, steps).sum(0)
+        self.running.copy_(torch.where(any_over, begun, self.running + begun))

@@ -1,8 +1,8 @@
 """Clipping and Adam as two Triton kernels, and copies of many small tensors as one, for CUDA.
 
-`gpu.optimizer.ClippedAdam` has the definition. `torch._foreach_copy_` gives each tensor only a
-block per 65,536 numbers, and takes one dtype. This module needs Triton, so import it only where
-there is CUDA.
+`gpu.optimizer.step` and `gpu.fused.copy` are their definitions. `torch._foreach_copy_` gives each
+tensor only a block per 65,536 numbers, and takes one dtype. This module needs Triton, so import it
+only where there is CUDA.
 """
 
 import math
@@ -109,20 +109,7 @@ def step(
     epsilon: float,
     norms: Tensor | None = None,
 ) -> None:
-    """Scale gradients down to a joint norm of `max_norm` and take a step of Adam, in place.
-
-    Args:
-        vector: the parameters (P,).
-        gradients: of consecutive parts of the vector, of any shapes.
-        means: the first moments (P,).
-        squares: the second moments (P,).
-        steps: the number of steps taken ().
-        rate: the learning rate ().
-        max_norm: largest norm of the gradients.
-        decays: of the first and second moments, per step.
-        epsilon: keeps the step finite.
-        norms: () increased by the norm of the gradients before scaling, in place, if given.
-    """
+    """`optimizer.step`."""
     gradients = tuple(gradient.contiguous() for gradient in gradients)
     sizes = tuple(gradient.numel() for gradient in gradients)
     firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))

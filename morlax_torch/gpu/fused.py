@@ -1,11 +1,14 @@
-"""Where Triton's kernels may take the place of their torch definitions."""
+"""Choose Triton kernels or their torch definitions."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+
+from ..envs.replacing import P, R
+from ..envs.replacing import kernel as choice
 
 FEWEST_ROWS = 16  # samples per network, below which a batched product is as fast
 MOST_NETWORKS = 64  # above it, the affine map is a product large enough for cuBLAS
@@ -34,8 +37,24 @@ def available(device: torch.device) -> bool:
     return False
 
 
-def mlps(sizes: tuple[int, ...], parameters: Sequence[Tensor], x: Tensor) -> Tensor | None:
-    """Run K MLPs on x (K, S, O) with `mlp_kernels.run`; None where that cannot or should not be."""
+def kernel(
+    twin: str, when: Callable[..., bool] = lambda *_: True
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a Triton kernel replace the torch definition that is decorated.
+
+    Args:
+        twin: "module.function" of this package, of the same parameters.
+        when: tells from the arguments whether the kernel can and should run where Triton does.
+    """
+
+    def suits(*arguments) -> bool:
+        first = arguments[0] if isinstance(arguments[0], Tensor) else arguments[0][0]
+        return when(*arguments) and available(first.device)
+
+    return choice(f"{__package__}.{twin}", suits)
+
+
+def _suits_mlps(x: Tensor, sizes: tuple[int, ...], parameters: Sequence[Tensor], *_) -> bool:
     if not (
         x.is_cuda
         and x.dim() == 3
@@ -48,13 +67,48 @@ def mlps(sizes: tuple[int, ...], parameters: Sequence[Tensor], x: Tensor) -> Ten
         and _alone()
         and available(x.device)
     ):
-        return None
+        return False
     from . import mlp_kernels
 
-    if not mlp_kernels.fits(sizes, x.device):
-        return None
+    return mlp_kernels.fits(sizes, x.device)
+
+
+@kernel("fused.run_mlps", _suits_mlps)
+def mlps(
+    x: Tensor,
+    sizes: tuple[int, ...],
+    parameters: Sequence[Tensor],
+    definition: Callable[[], Tensor],
+) -> Tensor:
+    """Run K MLPs with these parameters (K, ...) on x (K, S, O), as `definition` does."""
+    return definition()
+
+
+def run_mlps(x: Tensor, sizes: tuple[int, ...], parameters: Sequence[Tensor], *_) -> Tensor:
+    """`mlps` with Triton."""
+    from . import mlp_kernels
+
     whole = _whole(parameters)
     return mlp_kernels.run(sizes, parameters if whole is None else [whole], x)
+
+
+def _suits_mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> bool:
+    return sizes is not None and _suits_mlps(x[None], sizes, _as_family(network))
+
+
+@kernel("fused.run_mlp", _suits_mlp)
+def mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> Tensor:
+    """Run a network on x (S, O); `sizes` are None if it is no MLP."""
+    return network(x)
+
+
+def run_mlp(x: Tensor, sizes: tuple[int, ...], network: nn.Module) -> Tensor:
+    """`mlp` with Triton."""
+    return run_mlps(x[None], sizes, _as_family(network)).squeeze(0)
+
+
+def _as_family(network: nn.Module) -> list[Tensor]:
+    return [value[None] for value in network.parameters()]
 
 
 def _whole(parameters: Sequence[Tensor]) -> Tensor | None:
@@ -74,32 +128,22 @@ def _whole(parameters: Sequence[Tensor]) -> Tensor | None:
     return whole if start == whole.storage_offset() + whole.shape[1] else None
 
 
+def _suits_affine(features: Tensor, weight: Tensor, _: Tensor) -> bool:
+    few = features.is_cuda and len(features) <= MOST_NETWORKS
+    return few and features.dtype == weight.dtype == torch.float32 and _alone()
+
+
+@kernel("affine_kernels.affine", _suits_affine)
 def affine(features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """Return features (K, F) @ weight (P, F).T + bias (P,)."""
-    if (
-        features.is_cuda
-        and len(features) <= MOST_NETWORKS
-        and features.dtype == weight.dtype == torch.float32
-        and _alone()
-        and available(features.device)
-    ):
-        from . import affine_kernels
-
-        return affine_kernels.affine(features, weight, bias)
     return torch.addmm(bias, features, weight.t())
 
 
-def copy(*pairs: tuple[Tensor, Tensor]) -> None:
-    """Copy into the first of each pair, which is contiguous, from the second, of the same dtype."""
-    targets = [target for target, _ in pairs]
-    sources = [source.view_as(target) for target, source in pairs]
-    if available(targets[0].device):
-        from . import adam_kernels
-
-        adam_kernels.copy(targets, sources)
-    else:
-        for target, source in zip(targets, sources, strict=True):
-            target.copy_(source)
+@kernel("adam_kernels.copy")
+def copy(targets: Sequence[Tensor], sources: Sequence[Tensor]) -> None:
+    """Copy into each target, which is contiguous, a source of as many numbers of its dtype."""
+    for target, source in zip(targets, sources, strict=True):
+        target.copy_(source.view_as(target))
 
 
 def _alone() -> bool:

@@ -7,10 +7,60 @@ import torch
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
-from . import fused
+from .fused import kernel
 from .group import ALONE, Group
 
 DECAYS, EPSILON = (0.9, 0.999), 1e-8
+
+
+@kernel("adam_kernels.step")
+def step(
+    vector: Tensor,
+    gradients: Sequence[Tensor],
+    means: Tensor,
+    squares: Tensor,
+    steps: Tensor,
+    rate: Tensor,
+    max_norm: float,
+    decays: tuple[float, float],
+    epsilon: float,
+    norms: Tensor | None = None,
+) -> None:
+    """Scale gradients down to a joint norm of `max_norm` and take a step of Adam, in place.
+
+    Args:
+        vector: the parameters (P,).
+        gradients: of consecutive parts of the vector, of any shapes.
+        means: the first moments (P,).
+        squares: the second moments (P,).
+        steps: the number of steps taken ().
+        rate: the learning rate ().
+        max_norm: largest norm of the gradients.
+        decays: of the first and second moments, per step.
+        epsilon: keeps the step finite.
+        norms: () increased by the norm of the gradients before scaling, in place, if given.
+    """
+    gradient = torch.cat([g.flatten() for g in gradients])
+    norm = gradient.norm()
+    if norms is not None:
+        norms += norm
+    adam(
+        [vector],
+        [gradient],
+        [means],
+        [squares],
+        max_exp_avg_sqs=[],
+        state_steps=[steps],
+        fused=True,
+        grad_scale=(norm / max_norm).clamp(min=1.0),
+        amsgrad=False,
+        beta1=decays[0],
+        beta2=decays[1],
+        lr=rate,
+        weight_decay=0.0,
+        eps=epsilon,
+        maximize=False,
+    )
 
 
 class ClippedAdam:
@@ -76,33 +126,8 @@ class ClippedAdam:
         max_norm, norms = self.max_norm, self.norms
         if self.networks > 1:
             gradients, max_norm, norms = self._clipped(gradients), math.inf, None
-        if fused.available(self.vector.device):
-            from . import adam_kernels
-
-            state = self.mean, self.square, self.steps, self.rate
-            adam_kernels.step(self.vector, gradients, *state, max_norm, DECAYS, EPSILON, norms)
-            return
-        gradient = torch.cat([g.flatten() for g in gradients])
-        norm = gradient.norm()
-        if norms is not None:
-            norms += norm
-        adam(
-            [self.vector],
-            [gradient],
-            [self.mean],
-            [self.square],
-            max_exp_avg_sqs=[],
-            state_steps=[self.steps],
-            fused=True,
-            grad_scale=(norm / max_norm).clamp(min=1.0),
-            amsgrad=False,
-            beta1=DECAYS[0],
-            beta2=DECAYS[1],
-            lr=self.rate,
-            weight_decay=0.0,
-            eps=EPSILON,
-            maximize=False,
-        )
+        state = self.mean, self.square, self.steps, self.rate
+        step(self.vector, gradients, *state, max_norm, DECAYS, EPSILON, norms)
 
     def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
         """Average gradients over the processes, in one collective."""

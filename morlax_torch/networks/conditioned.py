@@ -38,12 +38,7 @@ class Conditioned(nn.Module):
         """Run the network under K trade-offs, each on its own inputs (K, B, ...)."""
         (x,) = inputs
         rows = _beside(x, parameters["tradeoff"][:, None]).flatten(0, 1)
-        outputs = None
-        if self._mlp:
-            own = [value[None] for value in self.network.parameters()]
-            outputs = fused.mlps(self._mlp, own, rows[None])
-        outputs = self.network(rows) if outputs is None else outputs.squeeze(0)
-        return outputs.unflatten(0, x.shape[:2])
+        return fused.mlp(rows, self._mlp, self.network).unflatten(0, x.shape[:2])
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
         """Run the network under one trade-off, {"tradeoff": (m,)}, on its inputs (B, ...)."""

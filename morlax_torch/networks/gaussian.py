@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.nn.functional import softplus
 
 from ..configuration.sections import MIN_STD
+from ..gpu.fused import kernel
 
 
 class TanhNormal:
@@ -64,10 +65,9 @@ def limited(output: Tensor, max_std: float) -> Tensor:
     return torch.cat([mean, most - softplus(most - spread)], -1)
 
 
+@kernel("gaussian_kernels.sample")
 def sample(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
     """Sample actions before the tanh, with their log-probabilities.
-
-    On CUDA, `gpu.gaussian_kernels.sample` does the same in one kernel.
 
     Args:
         output: of the actors, (K, G, 2A).

@@ -2,6 +2,7 @@
 
 import copy
 from abc import ABC, abstractmethod
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -57,12 +58,11 @@ class Generated(nn.Module, ABC):
         MLPs run in fused kernels where there are some; the result is that of `torch.vmap`, up to
         rounding.
         """
-        if self._mlp and len(inputs) == 1:
-            generated = [parameters[name] for name in self.shapes]
-            outputs = fused.mlps(self._mlp, generated, inputs[0])
-            if outputs is not None:
-                return outputs
-        return vmap(self.run_one, randomness="different")(parameters, *inputs)
+        definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
+        if not self._mlp or len(inputs) != 1:
+            return definition()
+        generated = [parameters[name] for name in self.shapes]
+        return fused.mlps(inputs[0], self._mlp, generated, definition)
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """Run one network, with parameters of the target's own shapes, on the target's inputs."""

@@ -55,12 +55,7 @@ class Hypernetwork(Generated):
 
     def _featurize(self, tradeoffs: Tensor) -> Tensor:
         """f: trade-offs (K, m) on the simplex to features (K, F)."""
-        if self._features_mlp:
-            parameters = [value[None] for value in self.features.parameters()]
-            features = fused.mlps(self._features_mlp, parameters, tradeoffs[None])
-            if features is not None:
-                return features.squeeze(0)
-        return self.features(tradeoffs)
+        return fused.mlp(tradeoffs, self._features_mlp, self.features)
 
     @torch.no_grad()
     def collapse(self, tradeoff: Tensor) -> None:

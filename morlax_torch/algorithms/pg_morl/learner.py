@@ -12,13 +12,14 @@ from torch import Tensor
 
 from ...configuration.config import Config
 from ...configuration.sections import PGMORLOptions
-from ...configuration.tradeoffs import even_tradeoffs
-from ...envs import Worlds, make
-from ...envs.devices import EVALUATION_SEEDS
+from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator
+from ...evaluation.making import evaluation_worlds
+from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
 from ...networks.generated import Independent, InOrder
-from ..morlax import MORLAX
+from ..method import Method
+from ..trainer import make_agent
 from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict
 from .selection import select
@@ -32,7 +33,7 @@ SPACING = 20  # iterations, at least, between two snapshots of a policy
 LATENCY = {"cpu": 1, "cuda": 3900}
 
 
-class PGMORL(MORLAX):
+class PGMORL(Method):
     """Trains K policies at a time, and every generation chooses which, and with what trade-offs.
 
     (Xu et al., 2020, "Prediction-Guided Multi-Objective Reinforcement Learning for Continuous
@@ -48,21 +49,22 @@ class PGMORL(MORLAX):
     Args:
         env: the worlds.
         config: with `network.type: independent` and sparse sampling.
-        others: as of `MORLAX`.
+        group: as of `MORLAX`.
+        networks: actor and critic, as of `MORLAX`.
     """
 
-    def __init__(self, env: Worlds, config: Config, **others: Any):
-        self._networks = {name: others.get(name) for name in ("actor", "critic")}
-        super().__init__(env, config, **others)
+    def __init__(self, env: Worlds, config: Config, group: Group = ALONE, **networks: Any):
+        super().__init__(env, config, None, config.num_clusters, group, **networks)
+        self.agent = make_agent(env, config, **networks)  # the archive
+        group.share(self.agent)
         assert isinstance(config.method, PGMORLOptions)
         self.options = config.method
         K, m = self.tradeoffs.shape
-        self.tradeoffs.copy_(even_tradeoffs(K, m))
         self._directions = directions(self.options.bins, m)
         self.generation, self._spacing = intervals(config, env.episode_length, env.device.type)
         number = K * math.ceil(self.generation / self._spacing)  # of snapshots
-        self._measured = self._make_agent(number)
-        self._evaluator = self._make_evaluator(number)
+        self._measured = make_agent(env, config, number, **networks)
+        self._evaluator = measuring(self._measured, config, m)
         moments = [x.new_zeros(number, x.shape[1]) for x in self._moments()]
         self._snapshots = [*belongings(self._measured), *moments]
         capacity = config.num_networks
@@ -79,12 +81,6 @@ class PGMORL(MORLAX):
         self._members = [x.new_zeros(capacity, *x.shape[1:]) for x in self._snapshots]
         self._size = self._archived = self._stretches = 0
 
-    def make_trained(self) -> Agent:
-        return self._make_agent(self.config.num_clusters)
-
-    def draw_tradeoffs(self) -> None:
-        """Keep those of the generation."""
-
     def compile(self) -> None:
         super().compile()
         self._evaluator.compile()
@@ -99,35 +95,6 @@ class PGMORL(MORLAX):
             self._keep_snapshot(left // self._spacing)
         if left == 0:
             self._end_generation()
-
-    def _make_agent(self, number: int) -> Agent:
-        """Return a number of policies, one for each trade-off in a row."""
-        config, env = self.config, self.env
-        return Agent.of(
-            config,
-            env.observation_size,
-            env.action_size,
-            len(env.objectives),
-            torch.Generator().manual_seed(config.seed),
-            privileged_size=env.privileged_size,
-            in_order=number,
-            **self._networks,
-        ).to(env.device)
-
-    def _make_evaluator(self, number: int) -> Evaluator:
-        config, m = self.config, self.tradeoffs.shape[1]
-        worlds = make(
-            config.env,
-            number,
-            self.env.device,
-            config.backend,
-            EVALUATION_SEEDS + MEASURING,
-            auto_reset=False,
-            deterministic=config.deterministic,
-            **config.task.for_evaluation().model_dump(),
-        )
-        unused = torch.full((number, m), 1 / m)  # policies come in a row
-        return Evaluator(self._measured, worlds, unused, seed=MEASURING)
 
     def _keep_snapshot(self, place: int) -> None:
         """Copy the policies in training to a place counted from the last one, which is 0."""
@@ -214,42 +181,37 @@ class PGMORL(MORLAX):
 
     def _belongings(self) -> list[Tensor]:
         """Return views (K, ...) of all that belongs to each policy in training."""
-        return [*belongings(self.trained), *self._moments()]
+        return [*belongings(self.trainer.agent), *self._moments()]
 
     def _moments(self) -> list[Tensor]:
         """Return views (K, n) of the moments of Adam."""
-        moments = [x for adam in self.ppo.optimizers for x in (adam.mean, adam.square)]
+        moments = [x for adam in self.trainer.ppo.optimizers for x in (adam.mean, adam.square)]
         return [x.view(self.config.num_clusters, -1) for x in moments]
 
     def state_dict(self) -> dict[str, Any]:
-        own = {name: value.clone() for name, value in self._state.items()}
-        trained = {name: value.clone() for name, value in self.trained.state_dict().items()}
-        counts = {
+        state = super().state_dict()
+        population = {
+            **{name: value.clone() for name, value in self._state.items()},
             "size": self._size,
             "archive_size": self._archived,
             "stretches": self._stretches,
+            "members": [value.clone() for value in self._members],
+            "snapshots": [value.clone() for value in self._snapshots],
+            "trained": state["agent"],
+            "tradeoffs": self.tradeoffs.clone(),
         }
-        return {
-            **super().state_dict(),
-            "population": {
-                **own,
-                **counts,
-                "members": [value.clone() for value in self._members],
-                "snapshots": [value.clone() for value in self._snapshots],
-                "trained": trained,
-                "tradeoffs": self.tradeoffs.clone(),
-            },
-        }
+        archive = {name: value.clone() for name, value in self.agent.state_dict().items()}
+        return {**state, "agent": archive, "population": population}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
         stored = state["population"]
+        super().load_state_dict({**state, "agent": stored["trained"]})
+        self.agent.load_state_dict(state["agent"])
         for name, value in self._state.items():
             value.copy_(stored[name])
         for mine, name in ((self._members, "members"), (self._snapshots, "snapshots")):
             for value, other in zip(mine, stored[name], strict=True):
                 value.copy_(other)
-        self.trained.load_state_dict(stored["trained"])
         self.tradeoffs.copy_(stored["tradeoffs"])
         self._size, self._archived = stored["size"], stored["archive_size"]
         self._stretches = stored["stretches"]
@@ -269,6 +231,13 @@ def intervals(config: Config, episode_length: int, device_type: str) -> tuple[in
     if config.method.generation is not None:
         return config.method.generation, spacing
     return max(spacing, math.ceil(LATENCY[device_type] * episode_length / allowed)), spacing
+
+
+def measuring(agent: Agent, config: Config, num_objectives: int) -> Evaluator:
+    """Return the evaluator of an agent's policies, which come in a row."""
+    worlds = evaluation_worlds(config, agent.num_networks, seeds=1, seed=MEASURING)
+    unused = torch.full((agent.num_networks, num_objectives), 1 / num_objectives)
+    return Evaluator(agent, worlds, unused, seed=MEASURING)
 
 
 def belongings(agent: Agent) -> list[Tensor]:

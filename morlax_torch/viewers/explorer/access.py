@@ -15,13 +15,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from http import HTTPStatus
 from typing import Any
-from unittest.mock import patch
 
 import viser
+import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
 from ...envs import MorlaxError
+from ...envs.replacing import replaced
 from .dressing import dressed
 from .messages import accepted
 
@@ -47,7 +48,7 @@ def start(host: str, port: int) -> tuple[viser.ViserServer, str]:
     door = Door(host)
     logging.getLogger("websockets.server").addFilter(_one_line)
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a browser has left
-    with patch("websockets.asyncio.server.serve", door.serve):  # viser has no hook
+    with replaced(websockets.asyncio.server, "serve", door.serve):  # viser has no hook
         server = viser.ViserServer(host, port, verbose=False)
     widgets = getattr(server.gui, "_gui_input_handle_from_uuid", None)
     if widgets is None or not door.closed:

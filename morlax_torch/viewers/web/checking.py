@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from functools import partial
-from unittest.mock import patch
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ...envs import Environment
+from ...envs.replacing import replaced
 from ...exports.formats import onnxruntime
 from .recording import Draws
 from .tracing import RESULTS, OnnxGraph, Traced, cannot
@@ -83,7 +83,7 @@ def _step(env: Environment, replica: Replica, action: Tensor) -> float:
         for name in env.physics.arrays:  # type: ignore[attr-defined]
             replica.values[name] = replica.traced.state[name].numpy().copy()
 
-    with Draws() as draws, torch.no_grad(), patch.object(env.physics, "step", switch):
+    with Draws() as draws, torch.no_grad(), replaced(env.physics, "step", switch):
         step = env.step(action)
     replica.run(after, draws.values)
     results = {name: getattr(step, name).numpy() for name in RESULTS}

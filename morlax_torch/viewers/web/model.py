@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
-from unittest.mock import patch
 
 import mujoco
 import numpy as np
 
 from ...envs import MorlaxError
+from ...envs.replacing import replaced
 
 # Arrays of mjModel that the physics depends on, and the names that their versions share.
 PHYSICAL = re.compile(
@@ -112,7 +112,7 @@ def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
             (mujoco.MjModel, "from_xml_path", loading),
             (mujoco.MjModel, "from_xml_string", reading),
         ):
-            stack.enter_context(patch.object(owner, name, substitute))
+            stack.enter_context(replaced(owner, name, substitute))
         yield made
 
 

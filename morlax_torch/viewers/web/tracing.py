@@ -2,7 +2,6 @@
 
 from contextlib import ExitStack
 from typing import Any, NamedTuple
-from unittest.mock import patch
 
 import mujoco
 import numpy as np
@@ -12,6 +11,7 @@ from torch import Tensor
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
 from ...envs.physics.interface import Physics
+from ...envs.replacing import replaced
 from ...exports.formats import onnx_model, quiet
 from .recording import Recorder, Writes, flat, storage
 
@@ -136,7 +136,7 @@ def _traced(env: Environment) -> Traced:
         simulate()
         recording.enter_context(after)
 
-    with ExitStack() as recording, torch.no_grad(), patch.object(env.physics, "step", switch):
+    with ExitStack() as recording, torch.no_grad(), replaced(env.physics, "step", switch):
         recording.enter_context(before)
         step = env.step(action)
         terms = torch.stack(list(step.terms.values()), -1)

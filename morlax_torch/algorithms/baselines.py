@@ -1,0 +1,139 @@
+"""Baselines that train one agent: AMOR, HYPER-MORL and independent policies."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..configuration.config import Config
+from ..configuration.sections import HyperMORLOptions
+from ..configuration.tradeoffs import even_tradeoffs, sample_cells
+from ..envs import Worlds
+from ..networks.gaussian import spread_of
+from ..networks.hypernetwork import Hypernetwork
+from .method import Method
+from .trainer import draw_tradeoffs
+
+
+class AMOR(Method):
+    """Trains one conditioned actor and one conditioned critic with MORLAX's updates.
+
+    (Alegre et al., 2025, "AMOR: Adaptive Character Control through Multi-Objective Reinforcement
+    Learning".) With dense sampling every world keeps its trade-off until its episode ends; it draws
+    the next one at the start of the following rollout. docs/algorithms.md says what differs.
+
+    Args:
+        env: the worlds.
+        config: with `network.type: conditioned`.
+        others: as of `MORLAX`.
+    """
+
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, self._draw, **others)
+        self.per_process = (*self.per_process, "tradeoffs", "ended")
+        self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
+
+    def iterate(self, done: float = 0.0) -> None:
+        super().iterate(done)
+        ended = self.rollout.terminated | self.rollout.truncated
+        self._ended.copy_(ended.any(0).any(1, keepdim=True))
+
+    def state_dict(self) -> dict[str, Any]:
+        own = {"tradeoffs": self.tradeoffs.clone(), "ended": self._ended.clone()}
+        return {**super().state_dict(), **own}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        super().load_state_dict(state)
+        self.tradeoffs.copy_(state["tradeoffs"])
+        self._ended.copy_(state["ended"])
+
+    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+        kept = tradeoffs.clone()
+        draw_tradeoffs(self.config, tradeoffs, generator)
+        if self.config.sampling.mode == "dense":
+            tradeoffs.copy_(torch.where(self._ended, tradeoffs, kept))
+
+
+class IndependentPPO(Method):
+    """Trains K policies that share no parameters, each for one of K evenly spread trade-offs.
+
+    Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
+    norm and moments of Adam; only the normalizers of observations and values see all worlds. With
+    enough steps it is the reference that fronts are measured against.
+
+    Args:
+        env: the worlds.
+        config: with `network.type: independent` and sparse sampling.
+        group: as of `MORLAX`.
+        networks: actor and critic, as of `MORLAX`.
+    """
+
+
+class HyperMORL(Method):
+    """Trains a single hypernetwork for actor and critic in two stages.
+
+    (Shu et al., 2024, "Learning Pareto Set for Multi-Objective Continuous Robot Control".) A
+    warm-up trains the balanced trade-off alone. Then its policy becomes the bias of the
+    hypernetwork, explores as at the start, Adam and the learning rate start anew, and every
+    iteration explores one random trade-off from each of K even cells of the simplex.
+    docs/algorithms.md says what differs.
+
+    Args:
+        env: the worlds.
+        config: with `network.type: single` and sparse sampling.
+        others: as of `MORLAX`.
+    """
+
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, self._draw, **others)
+        self._centers = even_tradeoffs(*self.tradeoffs.shape).to(env.device)
+        self.warming_up = True
+        self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs
+
+    def iterate(self, done: float = 0.0) -> None:
+        assert isinstance(self.config.method, HyperMORLOptions)
+        warmup = self.config.method.warmup
+        if self.warming_up and done >= warmup:
+            self.warming_up = False
+            self._warming_up.fill_(False)
+            self._start_hypernetwork()
+        start, end = (0.0, warmup) if self.warming_up else (warmup, 1.0)
+        stage_done = (done - start) / (end - start) if end > start else 1.0
+        super().iterate(stage_done)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {**super().state_dict(), "warming_up": self.warming_up}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        super().load_state_dict(state)
+        self.warming_up = state["warming_up"]
+        self._warming_up.fill_(self.warming_up)
+
+    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+        sample_cells(tradeoffs, self._centers, generator)
+        balanced = torch.full_like(tradeoffs, 1 / tradeoffs.shape[1])
+        tradeoffs.copy_(torch.where(self._warming_up, balanced, tradeoffs))
+
+    def _start_hypernetwork(self) -> None:
+        balanced = torch.full_like(self.tradeoffs[0], 1 / self.tradeoffs.shape[1])
+        for family in (self.agent.actor, self.agent.critic):
+            assert isinstance(family, Hypernetwork)
+            family.collapse(balanced)
+        self._reset_exploration()
+        ppo = self.trainer.ppo
+        for optimizer, rate in zip(ppo.optimizers, ppo.rates, strict=False):
+            optimizer.forget()
+            optimizer.rate.fill_(rate)
+
+    def _reset_exploration(self) -> None:
+        """Give all actions their first standard deviation, `network.initial_std`, again.
+
+        A user's own actor may make standard deviations in any way: it keeps those of the warm-up.
+        """
+        family = self.agent.actor
+        assert isinstance(family, Hypernetwork)
+        if "actor" in self.agent.own_networks():
+            return
+        weight, bias = list(family.split(family.bias.detach()).values())[-2:]
+        weight[self.env.action_size :] = 0.0
+        bias[self.env.action_size :] = spread_of(self.config.network.initial_std)
