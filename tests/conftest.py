@@ -1,5 +1,6 @@
 """Shared fixtures: generators, random agents and rollouts, untrained policies and runs."""
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -48,6 +49,16 @@ def global_seeds() -> None:
     """Draw the same numbers whichever tests ran before."""
     torch.manual_seed(0)
     np.random.seed(0)
+
+
+def pytest_collection_finish() -> None:
+    """Keep what was imported out of garbage collections, of which every training starts some."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_unconfigure() -> None:
+    gc.unfreeze()
 
 
 class Drawing:
