@@ -1,10 +1,12 @@
 """Shared fixtures: generators, random agents and rollouts, untrained policies and runs."""
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,6 +49,54 @@ def global_seeds() -> None:
     """Draw the same numbers whichever tests ran before."""
     torch.manual_seed(0)
     np.random.seed(0)
+
+
+def pytest_collection_finish() -> None:
+    """Keep what was imported out of garbage collections, of which every training starts some."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_unconfigure() -> None:
+    gc.unfreeze()
+
+
+class Drawing:
+    """Whether figures are drawn: that takes most of the time of a short training or evaluation."""
+
+    wanted = False
+
+
+@pytest.fixture
+def rendered(monkeypatch) -> None:
+    """Draw figures and robots in this test, which others leave empty."""
+    monkeypatch.setattr(Drawing, "wanted", True)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def undrawn() -> Iterator[None]:
+    """Write figures without drawing them, except in tests that are `rendered`."""
+    from matplotlib.figure import Figure
+
+    from morlax_torch.commands import evaluate
+    from morlax_torch.evaluation import figures
+
+    savefig, pixels, portrait = Figure.savefig, figures.pixels, evaluate._portrait
+    empty = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<svg></svg>"}
+
+    def save(figure: Figure, file: Any, *args: Any, **options: Any) -> None:
+        kind = options.get("format")
+        if Drawing.wanted or kind not in empty:
+            savefig(figure, file, *args, **options)
+        else:
+            file.write(empty[kind] if "b" in getattr(file, "mode", "b") else empty[kind].decode())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", save)
+        nothing = np.zeros((2, 2, 3), np.uint8)
+        patch.setattr(figures, "pixels", lambda x: pixels(x) if Drawing.wanted else nothing)
+        patch.setattr(evaluate, "_portrait", lambda x: portrait(x) if Drawing.wanted else None)
+        yield
 
 
 @pytest.fixture

@@ -86,32 +86,6 @@ def test_a_config_file_can_regroup_objectives(workplace):
     assert read("--env", "hopper", "--task.shared.alive", "2").task.shared["alive"] == 2
 
 
-@pytest.mark.parametrize("module", [train, evaluate])
-def test_help_is_complete(module, monkeypatch, capsys):
-    with pytest.raises(SystemExit) as exit:
-        run(monkeypatch, module, "--help")
-    assert exit.value.code == 0
-    text = sentence(capsys)
-    names = ["--env", "--config", "--resume", "--output", "--seed", "--max-seconds"]
-    for name in names if module is train else ["RUN", "--tradeoffs", "--protocol", "--output"]:
-        assert name in text
-
-
-@pytest.mark.parametrize(
-    ("module", "words"),
-    [
-        (evaluate, "an even grid for two objectives; the corners and fixed random draws for more"),
-        (train, "on CUDA they differ as two runs of one seed do"),
-    ],
-)
-def test_help_claims_no_more_than_holds(module, words, monkeypatch, capsys):
-    with pytest.raises(SystemExit):
-        run(monkeypatch, module, "--help")
-    text = sentence(capsys)
-    assert words in text
-    assert "spread evenly" not in text
-
-
 MISTAKES = {
     "no task": ((), "name a task: --env NAME, one of ant, bruce"),
     "unknown task": (("--env", "chetah"), "did you mean 'cheetah'?"),

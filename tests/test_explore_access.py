@@ -1,7 +1,6 @@
 """The explorer's server: who may use it, and what it does with input that no page would send."""
 
 import math
-import re
 import signal
 import subprocess
 import sys
@@ -221,27 +220,6 @@ def test_only_values_that_the_page_offers_are_accepted(served):
     client.set("velocity", True)
     other.until(partial(has, other, "velocity", True), "the checkbox has no effect")
     assert ended(process) == ""
-
-
-def test_thresholds_find_a_tradeoff_or_say_why_there_is_none(workplace):
-    with exploring("cheetah") as (address, process):
-        client = Client(address)
-        most = client.widgets[client.uuid("run ≥")]["max"]
-        client.set("maximize", "energy")
-        client.set("run ≥", 2000.0)
-        client.until(lambda: "data-expected" in client.html(), "there is no trade-off")
-        client.until(lambda: 'data-level="2000.00"' in client.html(), "there is no line")
-        client.until(lambda: client.value("run") not in (0.5, 0, 1), "the sliders do not follow")
-        found = client.value("trade-off")
-        client.set("run ≥", most)
-        client.set("energy ≥", client.widgets[client.uuid("energy ≥")]["max"])
-        client.until(lambda: "data-infeasible" in client.html(), "there is no reason")
-        assert re.search("no simulated policy keeps every requirement", client.html())
-        assert client.notifications == []
-        client.set("", "thresholds off")
-        client.until(lambda: "data-level" not in client.html(), "the lines stay")
-        assert len(found.split(",")) == 2
-        assert ended(process) == ""
 
 
 def test_robots_are_added_named_and_removed(served):

@@ -21,6 +21,8 @@ from morlax_torch.runs.history import History
 
 NAMES = ("run", "energy", "height", "jump")
 
+pytestmark = pytest.mark.usefixtures("rendered")
+
 
 def front(m: int, seed: int = 0) -> Front:
     """Return a front on a sphere, with some dominated policies."""

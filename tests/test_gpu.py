@@ -312,7 +312,7 @@ def test_recorded_steps_treat_a_huge_velocity_as_a_blow_up():
     assert morlax.agent.value_normalizer.variance.max() < 1e6
 
 
-def test_a_report_shows_a_robot_whose_policy_is_on_the_gpu(make_policy):
+def test_a_report_shows_a_robot_whose_policy_is_on_the_gpu(make_policy, rendered):
     from morlax_torch.commands.evaluate import _portrait
 
     policy = make_policy("cheetah").to("cuda")

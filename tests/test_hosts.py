@@ -15,12 +15,6 @@ HOSTS = {  # adapter: (its extra, an unsupported version, the oldest supported v
     "rsl_rl": ("rsl-rl", "2.3.3", "3.0"),
     "skrl": ("skrl", "1.4.3", "2.0"),
 }
-TRAIN_AND_LIST_MODULES = """
-import sys
-from morlax_torch.commands import train
-train.command(sys.argv[1:])
-print("modules:", *{name.split(".")[0] for name in sys.modules})
-"""
 TRAIN_TRACKED = """
 import sys
 import wandb
@@ -58,20 +52,6 @@ def test_an_outdated_library_error_names_the_required_version(name, monkeypatch)
     expected = rf"{old} is too old, {least} or later is needed: pip .*\[{extra}\]"
     with pytest.raises(MorlaxError, match=expected):
         import_adapter(name, monkeypatch)
-
-
-def test_training_imports_no_optional_library(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", TRAIN_AND_LIST_MODULES, *TINY],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
-    modules = set(done.stdout.split("modules:")[-1].split())
-    assert "morlax_torch" in modules and (tmp_path / "run" / "front.npz").exists()
-    others = {"mo_gymnasium", "morl_baselines", "tensordict", "wandb", "array_api_compat"}
-    assert not modules & {*HOSTS, *others}
 
 
 @pytest.mark.slow

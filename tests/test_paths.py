@@ -94,9 +94,8 @@ def test_a_folder_that_cannot_be_entered(refused, name, tmp_path):
         (tmp_path / "closed").chmod(0o700)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_an_argument_that_is_not_text(refused, name):
-    assert r"'\udcff" in refused(name, os.fsdecode(b"\xff\xfe"))
+def test_an_argument_that_is_not_text(refused):
+    assert r"'\udcff" in refused("evaluate", os.fsdecode(b"\xff\xfe"))
 
 
 def test_a_home_of_nobody(refused):
@@ -121,7 +120,7 @@ PYTHON: dict[str, Callable[[str], object]] = {
 }
 
 
-@pytest.mark.parametrize("path", ["a\0b", "a" * 300, "a/" * 2500], ids=["NUL", "long", "deep"])
+@pytest.mark.parametrize("path", ["a\0b", "a" * 300], ids=["NUL", "long"])
 @pytest.mark.parametrize("name", PYTHON)
 def test_python_gets_one_sentence_for_an_impossible_path(name, path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

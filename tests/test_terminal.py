@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from tiny import tiny
 
 from morlax_torch import envs
-from morlax_torch.__main__ import COMMANDS
+from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.configuration.config import config_class
 from morlax_torch.terminal import arguments, tune_arguments
 from morlax_torch.terminal.task_arguments import text_of
@@ -31,6 +31,11 @@ SMALL = (
     *("--sampling.clusters", "16", "--ppo.minibatches", "1", "--evaluation.tradeoffs", "6"),
     *("--max-env-steps", "128", "--evaluation.every", "64", "--task.episode-length", "4"),
 )
+SHOWN = {
+    "train": ("--env", "--config", "--resume", "--output", "--seed", "--max-seconds"),
+    "evaluate": ("RUN", "--tradeoffs", "--protocol", "--output"),
+    "export": ("RUN", "--tradeoff", "--format", "--output", "torch-export"),
+}
 
 
 def shown(*typed: str, folder: Path) -> list[str]:
@@ -74,11 +79,25 @@ def assert_fits(lines: list[str]) -> None:
         assert "…" not in line, line
 
 
-@pytest.mark.parametrize("command", (*COMMANDS, ""))
-def test_the_help_of_every_command_fits(command, tmp_path):
-    lines = shown(*filter(None, (command, "--help")), folder=tmp_path)
-    assert_fits(lines)
-    assert lines[0].startswith("usage: python -m morlax_torch ")
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_every_command_fits_and_names_the_command(name, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(COLUMNS))
+    monkeypatch.setattr(sys, "orig_argv", ["python", "/venv/bin/morlax", name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        command([name, "--help"])
+    assert ended.value.code == 0
+    text = capsys.readouterr().out
+    assert_fits(text.splitlines())
+    assert text.startswith(f"usage: morlax {name} ")
+    for option in SHOWN.get(name, ()):
+        assert option in text
+    if name == "train":
+        order = [re.search(rf"--{word}\b", text) for word in ("env", "resume", "output", "config")]
+        places = [found.start() for found in order if found]
+        assert len(places) == 4 and places == sorted(places)
+        assert places[-1] < text.index("--algorithm") < text.index("--ppo.clip")
+        words = text.replace("│", " ").split()
+        assert all(f"{task}," in words for task in envs.names())
 
 
 @pytest.mark.slow
@@ -104,30 +123,18 @@ def test_the_output_of_a_search_fits(tmp_path):
     assert any("of 2 trials done" in line for line in lines)
 
 
-def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path):
+def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     run = train(tiny(), output=tmp_path / "run")
     before = (run.folder / "metrics.csv").read_bytes()
-    lines = shown("train", "--resume", "run", folder=tmp_path)
-    assert [*filter(None, lines)] == [
-        "starting: train --resume run",
-        "run has reached its limit: raise --max-env-steps to train it further.",
-    ]
+    command(["train", "--resume", "run"])
+    said = "run has reached its limit: raise --max-env-steps to train it further.\n"
+    assert capsys.readouterr().out == said
     assert (run.folder / "metrics.csv").read_bytes() == before
     assert run.limit_reached(tiny(max_env_steps=65)) is None
     assert run.limit_reached(tiny(max_env_steps=None, max_seconds=1e-9)) == "max-seconds"
     (run.folder / "metrics.csv").write_text("".join(before.decode().splitlines(True)[:-1]))
     assert run.limit_reached(tiny()) is None  # the last evaluation is missing
-
-
-def test_help_lists_common_options_first_and_all_tasks(tmp_path):
-    text = "\n".join(shown("train", "--help", folder=tmp_path))
-    order = [re.search(rf"--{name}\b", text) for name in ("env", "resume", "output", "config")]
-    places = [found.start() for found in order if found]
-    assert len(places) == 4 and places == sorted(places)
-    assert places[-1] < text.index("--algorithm") < text.index("--ppo.clip")
-    words = text.replace("│", " ").split()
-    for name in envs.names():
-        assert f"{name}," in words
 
 
 def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
@@ -150,8 +157,10 @@ def test_every_option_has_a_text(env):
         assert not undescribed(model)
 
 
-def test_names_in_brackets_are_printed_as_they_are(tmp_path):
+def test_names_in_brackets_are_printed_as_they_are(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     name = "hopper[lr=1e-3][/b] x"
-    lines = shown("train", "--env", "hopper", *SMALL[2:], "--output", name, folder=tmp_path)
+    command(["train", "--env", "hopper", *SMALL[2:], "--output", name])
+    lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith(name) for line in lines)
-    assert f"next: python -m morlax_torch.evaluate '{name}'" in lines
+    assert lines[-1].startswith("next: ") and lines[-1].endswith(f"evaluate '{name}'")

@@ -20,9 +20,8 @@ NETWORKS = [  # sizes, K, S
     ((27, 128, 128, 16), 2, 256 if mlp_kernels.INTERPRETED else 640),
     ((17, 128, 64, 12), 3, 97),
     ((5, 1, 2), 1, 1),
-    ((3, 20, 2), 64, 17),
+    ((3, 20, 2), 4 if mlp_kernels.INTERPRETED else 64, 17),
     ((9, 64, 33, 256, 7), 2, 40),
-    ((4, 16, 32, 16, 8, 3), 5, 33),
 ]
 
 
@@ -73,7 +72,9 @@ def test_mlps_and_their_gradients_equal_vmap_and_repeat(sizes, K, S):
 
 
 @pytest.mark.parametrize(
-    ("K", "F", "P"), [(8, 16, 1000), (64, 3, 131), (1, 1, 1), (2, 40, 64), (3, 16, 22160)]
+    ("K", "F", "P"),
+    [(8, 16, 1000), (16, 3, 131), (1, 1, 1), (2, 40, 64)]
+    + ([] if mlp_kernels.INTERPRETED else [(64, 3, 131), (3, 16, 22160)]),
 )
 def test_the_affine_map_and_its_gradients_equal_addmm(K, F, P):
     inputs = [torch.randn(*shape, device=DEVICE) for shape in ((K, F), (P, F), (P,))]
@@ -87,7 +88,7 @@ def test_the_affine_map_and_its_gradients_equal_addmm(K, F, P):
         assert relative_error(mine, value) < 1e-5
 
 
-def test_thirty_steps_of_adam_equal_torch(monkeypatch):
+def test_steps_of_adam_equal_torch(monkeypatch):
     monkeypatch.setattr(fused, "available", lambda device: False)
     shapes = [(2, adam_kernels.BLOCK), (100,), (3, 7), (adam_kernels.BLOCK + 1,)]
     parameters = [nn.Parameter(torch.randn(shape, device=DEVICE)) for shape in shapes]
@@ -95,7 +96,7 @@ def test_thirty_steps_of_adam_equal_torch(monkeypatch):
     vector = optimizer.vector.clone()
     means, squares, steps = torch.zeros_like(vector), torch.zeros_like(vector), vector.new_zeros(())
     state, norms = (means, squares, steps, optimizer.rate), vector.new_zeros(())
-    for index in range(30):
+    for index in range(8):
         scale = 1e-3 if index % 2 else 1  # some clipped
         gradients = [scale * torch.randn(shape, device=DEVICE) for shape in shapes]
         optimizer.step(sum((p * g).sum() for p, g in zip(parameters, gradients, strict=True)))
@@ -104,7 +105,7 @@ def test_thirty_steps_of_adam_equal_torch(monkeypatch):
     torch.testing.assert_close(means, optimizer.mean, rtol=1e-5, atol=1e-8)
     torch.testing.assert_close(squares, optimizer.square, rtol=1e-5, atol=1e-10)
     torch.testing.assert_close(norms, optimizer.norms)
-    assert steps.item() == 30
+    assert steps.item() == 8
 
 
 def test_copies_of_several_dtypes_and_sizes_are_exact():
