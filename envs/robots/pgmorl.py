@@ -23,17 +23,22 @@ STANDING = 1.25  # m, of the hopper
 MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))
 
 
+class RunEnergy(TaskOptions):
+    """The options of the half-cheetah and the walker."""
+
+    objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+    shared: dict[str, float] = {"alive": 1.0}
+    nconmax: int = 16
+    njmax: int = 64
+
+
 class HalfCheetah(GymnasiumRobot):
     """MO-HalfCheetah-v2: run fast, use little energy."""
 
     model_file = "half_cheetah.xml"
     substeps = 5
 
-    class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
-        shared: dict[str, float] = {"alive": 1.0}
-        nconmax: int = 16
-        njmax: int = 64
+    Options = RunEnergy
 
     def terms(self) -> dict[str, Tensor]:
         speed = self.velocity()[:, 0]
@@ -101,11 +106,7 @@ class Walker2d(GymnasiumRobot):
     substeps = 4
     fastest_seen = 10.0
 
-    class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
-        shared: dict[str, float] = {"alive": 1.0}
-        nconmax: int = 16
-        njmax: int = 64
+    Options = RunEnergy
 
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
