@@ -14,11 +14,11 @@ from evox.algorithms import NSGA2 as Evolution
 from torch import Tensor
 
 from morlax_torch import envs
+from morlax_torch.algorithms.trainer import make_agent
 from morlax_torch.configuration.config import Config
 from morlax_torch.envs import Worlds
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
-from morlax_torch.networks.agent import Agent
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
@@ -40,10 +40,9 @@ class NSGA2:
 
     def __init__(self, env: Worlds, config: Config):
         self.env, self.config = env, config
-        sizes = env.observation_size, env.action_size, len(env.objectives)
-        generator = torch.Generator().manual_seed(config.seed)
-        self.agent = Agent.of(config, *sizes, generator).to(env.device)
-        self._tried = Agent.of(config, *sizes, generator, in_order=config.worlds).to(env.device)
+        m = len(env.objectives)
+        self.agent = make_agent(env, config)
+        self._tried = make_agent(env, config, in_order=config.worlds)
         self._tried.observation_normalizer = self.agent.observation_normalizer
         self._evaluator = Evaluator(
             self._tried,
@@ -56,7 +55,7 @@ class NSGA2:
                 auto_reset=False,
                 **config.task.for_evaluation().model_dump(),
             ),
-            torch.full((config.worlds, sizes[2]), 1 / sizes[2]),  # policies come in order
+            torch.full((config.worlds, m), 1 / m),  # policies come in order
             seed=SEED,
         )
         self.iteration = self.env_steps = 0
@@ -65,7 +64,7 @@ class NSGA2:
         torch.manual_seed(config.seed)  # EvoX draws from the default generator
         bounds = torch.ones(self.agent.actor.rows.shape[1], device=env.device)
         self._evolution = Evolution(
-            config.worlds, sizes[2], SMALLEST * bounds, LARGEST * bounds, device=env.device
+            config.worlds, m, SMALLEST * bounds, LARGEST * bounds, device=env.device
         )
         self._evolution.evaluate = self._costs
 
