@@ -1,7 +1,6 @@
 """The explorer's server: who may use it, and what it does with input that no page would send."""
 
 import math
-import re
 import signal
 import subprocess
 import sys
