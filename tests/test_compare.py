@@ -2,9 +2,8 @@
 
 import csv
 import math
-import subprocess
-import sys
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
 
 import compare
@@ -23,7 +22,6 @@ from tiny import tiny
 from morlax_torch import MorlaxError, pareto
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Evaluation
 
 SCRIPT = Path(compare.__file__)
@@ -36,17 +34,13 @@ SPHERE = np.array([[4.0, 1.0], [3.0, 3.0], [1.0, 4.0]])  # hypervolume 11 over t
 
 def test_a_curve_is_the_best_value_so_far():
     random = np.random.default_rng(0)
-    for size in (1, 2, 9):
+    for size in (0, 1, 2, 9):
         x, y = np.sort(random.integers(0, 12, size)), random.normal(5, 1, size)
         grid = np.linspace(-1, 14, 31)
         expected = [
             max([0.0, *(b for a, b in zip(x, y, strict=True) if a <= point)]) for point in grid
         ]
         np.testing.assert_array_equal(compare_statistics.best_so_far(x, y, grid), expected)
-
-
-def test_a_curve_without_evaluations_is_zero():
-    np.testing.assert_array_equal(compare_statistics.best_so_far([], [], [0, 1]), [0, 0])
 
 
 def test_a_band_has_the_quartiles_of_all_runs_at_all_evaluations():
@@ -57,7 +51,7 @@ def test_a_band_has_the_quartiles_of_all_runs_at_all_evaluations():
     np.testing.assert_allclose(quartiles.T, [columns[0], columns[0], columns[1], columns[1]])
 
 
-@pytest.mark.parametrize("n", range(1, 14))
+@pytest.mark.parametrize("n", (1, 3, 4, 7, 13))
 def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
     scores = np.random.default_rng(n).normal(size=(3, n))
     for row, mean in zip(scores, compare_statistics.interquartile_mean(scores), strict=True):
@@ -65,10 +59,6 @@ def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
         for _ in range(int(0.25 * n)):
             left = left[1:-1]
         assert mean == pytest.approx(sum(left) / len(left))
-
-
-def test_the_interquartile_mean_ignores_outliers():
-    assert compare_statistics.interquartile_mean([-1e9, 1, 2, 3, 4, 5, 6, 1e9]) == 3.5
 
 
 def test_a_profile_is_the_share_of_runs_above_each_threshold():
@@ -83,47 +73,10 @@ def test_a_profile_is_the_share_of_runs_above_each_threshold():
     )
 
 
-def test_bootstrap_samples_take_runs_of_their_own_task():
-    tasks = [[1.0, 2.0, 3.0], [10.0], [20.0, 30.0]]
-    drawn = compare_statistics.resampled(tasks, 3000)
-    assert drawn.shape == (3000, 6)
-    parts = np.split(drawn, [3, 4], axis=1)
-    for runs, part in zip(tasks, parts, strict=True):
-        shares = [(part == run).mean() for run in runs]
-        np.testing.assert_allclose(shares, 1 / len(runs), atol=0.02)
-    assert len({tuple(row) for row in parts[0]}) == 27  # with replacement, and independently
-
-
-def test_the_bootstrap_is_deterministic():
-    tasks = [[1.0, 2.0, 3.0], [4.0, 5.0]]
-    np.testing.assert_array_equal(
-        compare_statistics.resampled(tasks), compare_statistics.resampled(tasks)
-    )
-    assert (
-        compare_statistics.resampled(tasks) != compare_statistics.resampled(tasks, seed=1)
-    ).any()
-
-
 def test_differences_between_tasks_do_not_widen_the_interval():
     drawn = compare_statistics.resampled([[0.0] * 4, [1.0] * 4, [5.0] * 4])
     low, high = compare_statistics.interval(compare_statistics.interquartile_mean(drawn))
     assert low == high == compare_statistics.interquartile_mean([0.0] * 4 + [1.0] * 4 + [5.0] * 4)
-
-
-def test_the_interval_cuts_equal_tails():
-    values = np.random.default_rng(0).permutation(1001)
-    np.testing.assert_allclose(compare_statistics.interval(values, 0.9), (50, 950))
-
-
-def test_intervals_cover_the_true_value_as_often_as_they_say():
-    random, covered, trials = np.random.default_rng(0), 0, 400
-    for trial in range(trials):
-        tasks = [random.normal(mean, 1, 20) for mean in (0.0, 10.0)]
-        low, high = compare_statistics.interval(
-            compare_statistics.resampled(tasks, 400, trial).mean(-1)
-        )
-        covered += low <= 5.0 <= high
-    assert 0.90 < covered / trials < 0.97  # the percentile bootstrap is a little too narrow
 
 
 def test_igd_plus_is_scaled_by_the_range_of_the_reference():
@@ -139,10 +92,6 @@ def test_igd_plus_is_scaled_by_the_range_of_the_reference():
         found = compare_statistics.scaled_igd_plus(points * scale, reference * scale)
         assert found == pytest.approx(total / len(reference))
     assert compare_statistics.scaled_igd_plus(reference + 0.1, reference) == 0
-
-
-def test_igd_plus_to_a_single_point_is_in_its_units():
-    assert compare_statistics.scaled_igd_plus([[1.0, 1.0]], [[4.0, 5.0]]) == pytest.approx(5.0)
 
 
 def test_scores_are_of_the_reference_or_else_of_the_best_median():
@@ -194,13 +143,6 @@ def test_a_method_can_have_changes_of_one_task(tmp_path):
     assert other.settings["changes"] == {"ppo": {"clip": 0.1}}
 
 
-def test_a_method_can_have_its_own_trainer(tmp_path):
-    (method,) = compare_jobs.read_methods(written(tmp_path, {"N": {"trainer": "nsga2"}}), 1.0)
-    assert method.trainer == "nsga2"
-    with pytest.raises(MorlaxError, match="must be a module of this folder"):
-        compare_jobs.read_methods(written(tmp_path, {"N": {"trainer": "sac"}}), 1.0)
-
-
 def test_a_method_can_have_its_own_time_and_be_the_reference(tmp_path):
     changes = {"seconds": 600, "reference": True, "ppo.clip": 0.1}
     _, best = compare_jobs.read_methods(written(tmp_path, {"a b": None, "best": changes}), 5.0)
@@ -213,15 +155,13 @@ def test_a_method_can_have_its_own_time_and_be_the_reference(tmp_path):
         ({}, "no method"),
         ({"a": {"reference": True}, "b": {"reference": True}}, "a and b are the reference"),
         ({"a/b": {}}, "cannot name a folder"),
-        ({"..": {}}, "cannot name a folder"),
-        ({3: {}}, "cannot name a folder"),
         ({"a": [1]}, "must hold changes"),
         ({"a": {"seconds": 0}}, "positive number"),
-        ({"a": {"seconds": True}}, "positive number"),
         ({"a": {"reference": "yes please"}}, "true or false"),
         ({"a": {"seed": 1}}, "cannot change seed"),
         ({"a": {"tasks": {"ant": 3}}}, "must hold changes by task"),
         ({"a": {"tasks": {"ant": {"seed": 3}}}}, "cannot change seed"),
+        ({"a": {"trainer": "sac"}}, "must be a module of this folder"),
     ],
 )
 def test_a_method_that_is_not_valid_is_refused(tmp_path, methods, message):
@@ -236,14 +176,14 @@ def test_every_run_is_planned_once():
     assert jobs[-1].folder(Path("out")) == Path("out/pgmorl/hopper/b/5")
 
 
-@pytest.mark.parametrize("number", (1, 2, 3, 7, 20))
+@pytest.mark.parametrize("number", (1, 3, 20))
 def test_shares_are_disjoint_and_complete(number):
     shares = [compare_jobs.shared(range(13), f"{k}/{number}") for k in range(number)]
     assert Counter(item for share in shares for item in share) == Counter(range(13))
     assert max(map(len, shares)) - min(map(len, shares)) <= 1
 
 
-@pytest.mark.parametrize("share", ("", "1", "4/4", "-1/4", "0/0", "a/b", "1/2/3"))
+@pytest.mark.parametrize("share", ("1", "4/4", "-1/4", "a/b"))
 def test_a_share_that_is_not_valid_is_refused(share):
     with pytest.raises(MorlaxError, match="K/N"):
         compare_jobs.shared([], share)
@@ -295,7 +235,7 @@ class Trainer:
 @pytest.fixture
 def trainer(monkeypatch) -> Trainer:
     stand_in = Trainer()
-    monkeypatch.setattr("morlax_torch.train.train", stand_in)
+    monkeypatch.setattr(import_module("morlax_torch.train"), "train", stand_in)
     monkeypatch.setattr(compare, "fresh_front", stand_in.fresh_front)
     return stand_in
 
@@ -343,18 +283,6 @@ def test_what_counts_is_a_fresh_evaluation_of_the_chosen_checkpoint(start, train
     assert "| two | 1" in (output / "results.md").read_text()
 
 
-def test_tables_without_fresh_evaluations_count_the_best_one(start, trainer):
-    path = start() / "rows.csv"
-    rows = [row for row in table(path) if row["fresh"] != "1"]
-    with path.open("w", newline="") as file:
-        names = [name for name in rows[0] if name != "fresh"]
-        writer = csv.DictWriter(file, names, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    best = [run.best for run in compare_report.read_runs(path)]
-    assert best == [11.0, pytest.approx(best[1]), 44.0, pytest.approx(best[3])]
-
-
 def test_complete_runs_are_not_trained_again(start, trainer):
     output = start()
     assert trainer.seeds == [0, 1, 0, 1]
@@ -388,13 +316,6 @@ def test_a_run_that_another_process_trains_is_left_to_it(start, trainer, tmp_pat
     assert len(table(output / "rows.csv")) == 12
     start()
     assert trainer.seeds == [0, 0, 1, 1]
-
-
-def test_a_run_that_another_process_has_completed_since_is_not_trained_again(trainer, tmp_path):
-    job = compare_jobs.Job("hopper", compare_jobs.Method("one", {}, 1.0, False), 5)
-    for _ in range(2):
-        compare.train_once(job, tmp_path, "cpu")
-    assert trainer.seeds == [5]
 
 
 def test_processes_with_shares_train_every_run_once(start, trainer):
@@ -471,6 +392,10 @@ def test_runs_are_compared_with_the_union_of_the_reference_s_fronts(start):
         expected = compare_statistics.scaled_igd_plus(returns, 4.0 * SPHERE + 1)
         assert run.measures()["IGD+"] == pytest.approx(expected)
     assert runs[-1].measures()["IGD+"] == 0
+    lines = (output / "results.md").read_text().splitlines()
+    two = next(line for line in lines if line.startswith("| two | 5"))
+    assert two.startswith("| two | 52.5 (48.25 - 56.75) | ")  # of 44 and 61
+    assert two.endswith("| 50 (50 - 50) | 2 | 0 |")
     assert len([row for row in table(output / "rows.csv") if row["igd_plus"]]) == len(runs)
 
 
@@ -489,29 +414,12 @@ def test_scores_leave_out_the_reference_and_tasks_without_all_methods(start):
     assert compare_report.scores(alone) == {}
 
 
-def test_scores_without_a_reference_are_of_the_best_median(start):
-    runs = compare_report.read_runs(start() / "rows.csv")
-    found = compare_report.scores(runs)
-    assert np.median(found["two"]["hopper"]) == pytest.approx(1.0)
-
-
 def test_a_task_in_which_no_method_has_volume_has_no_scores(start, trainer):
     trainer.crashes = {0: 0, 1: 0}
     output = start()
     assert compare_report.scores(compare_report.read_runs(output / "rows.csv")) == {}
     assert "All tasks" not in (output / "results.md").read_text()
     assert {path.name for path in output.glob("*.png")} == {"hypervolume.png"}
-
-
-def test_the_tables_hold_medians_and_quartiles(start):
-    lines = (start(REFERENCE) / "results.md").read_text().splitlines()
-    two = next(line for line in lines if line.startswith("| two | 5"))
-    assert two.startswith("| two | 52.5 (48.25 - 56.75) | ")  # of 44 and 61
-    assert two.endswith("| 50 (50 - 50) | 2 | 0 |")
-    scores = [line for line in lines if line.startswith(("| one | 0.", "| two | 0."))]
-    assert [line.count("|") for line in scores] == [5, 5]
-    heads = [line for line in lines if line.startswith("| method")]
-    assert "| hypervolume | % of the reference | IGD+ | expected utility | sparsity |" in heads[1]
 
 
 def test_fronts_with_different_reference_points_are_not_compared(start):
@@ -540,59 +448,21 @@ def test_figures_show_every_method(start):
     assert [label.get_text() for label in means.get_yticklabels()] == ["one", "two"]
 
 
-def test_two_methods_from_training_to_the_report(tmp_path, capsys):
-    ours = {"env", *compare_jobs.OURS}
-    small = tiny().model_dump(mode="json", exclude=ours)
+def test_two_methods_from_training_to_the_report(tmp_path, capsys, rendered):
+    small = tiny().model_dump(mode="json", exclude={"env", *compare_jobs.OURS})
     dense = {**small, "sampling": {"mode": "dense", "corners": 0}}
-    written(tmp_path, {"two words": small, "dense": dense})
-    options = ("--tasks", "hopper", "--seeds", "0", "1", "--device", "cpu", "--output", "out")
-    done = subprocess.run(
-        [sys.executable, SCRIPT, *options, "--methods", "methods.yaml", "--seconds", "60"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
-    output = tmp_path / "out"
+    methods, output = written(tmp_path, {"two words": small, "dense": dense}), tmp_path / "out"
+    compare.main(output, ("hopper",), methods, (0, 1), seconds=60.0, device="cpu")
     text = (output / "results.md").read_text()
-    assert text in done.stdout
+    assert text in capsys.readouterr().out
     rows = table(output / "rows.csv")
     # 4 runs with an evaluation after 0, 32 and 64 steps, and of the chosen checkpoint
-    assert len(rows) == 16
     assert [row["fresh"] for row in rows] == ["0", "0", "0", "1"] * 4
     config = yaml.safe_load((output / "hopper" / "dense" / "1" / "config.yaml").read_text())
     assert (config["seed"], config["max_seconds"]) == (1, 60.0)
     assert config["sampling"]["mode"] == "dense"
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    (output / "rows.csv").rename(alone / "rows.csv")
-    compare.main(alone, only_report=True)
-    assert (alone / "results.md").read_text() == text
-    assert text in capsys.readouterr().out
     for name in ("hypervolume", "profile", "interquartile_mean"):
-        assert (alone / f"{name}.png").stat().st_size > 1000
-
-
-def test_processes_of_one_launch_train_every_run_together(tmp_path):
-    small = tiny().model_dump(mode="json", exclude={"env", "max_env_steps", *compare_jobs.OURS})
-    written(tmp_path, {"MORLAX": small})
-    launch = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")
-    options = ("--tasks", "hopper", "--seeds", "0", "1", "--device", "cpu", "--output", "out")
-    limit = ("--methods", "methods.yaml", "--env-steps", "128")
-    done = subprocess.run(
-        [sys.executable, *launch, SCRIPT, *options, *limit],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        timeout=200,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("# Results") == 1
-    rows = table(tmp_path / "out" / "rows.csv")
-    assert [row["seed"] for row in rows if row["env_steps"] == "128"] == ["0", "1"]
-    for seed in "01":
-        run = tmp_path / "out" / "hopper" / "MORLAX" / seed
-        assert checkpoint.load(run / "checkpoints" / "latest.pt").progress.processes == 2
+        assert (output / f"{name}.png").stat().st_size > 1000
 
 
 def test_a_report_needs_rows(tmp_path):

@@ -1,12 +1,8 @@
 """skrl trains in the package's worlds."""
 
 import gymnasium
-import numpy as np
 import pytest
 import torch
-
-from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.robots.planar import Hopper
 
 pytest.importorskip("skrl", reason="skrl is not installed")
 
@@ -102,44 +98,6 @@ def test_skrl_ppo_learns_to_run_and_logs_each_objective(tmp_path):
     assert len(logged.Scalars(tags["jump"])) == len(run)
 
 
-def test_a_step_matches_the_package_s_worlds():
-    env, reference = worlds(episode_length=100), envs.make("walker", 4, "cpu", episode_length=100)
-    assert torch.equal(env.reset()[0], reference.reset())
-    for _ in range(110):
-        observation, reward, terminated, truncated, info = env.step(falling())
-        step = reference.step(falling())
-        assert torch.equal(observation, step.observation)
-        assert torch.equal(info["vector_reward"], step.reward)
-        weighted = (step.reward @ torch.tensor(TRADEOFF))[:, None]
-        np.testing.assert_allclose(reward, weighted, rtol=1e-5)
-        assert torch.equal(terminated, step.terminated[:, None])
-        assert torch.equal(truncated, step.truncated[:, None])
-        assert ("episode" in info) == (terminated | truncated).any()
-    assert torch.equal(env.reset()[0], observation)
-
-
-def test_critics_see_privileged_observations(monkeypatch, tmp_path):
-    class Blind(Hopper):
-        """A hopper whose policy sees only positions; its critic also sees velocities."""
-
-        def observe(self):
-            return self.physics.qpos[:, 1:]
-
-        def privileged(self):
-            return self.physics.qvel
-
-        def layout(self):
-            return [envs.Part("joints", 6, "rad")]
-
-    monkeypatch.setattr(envs.registry, "_REGISTRY", {**envs.registry._REGISTRY, "blind": Blind})
-    env = worlds("blind")
-    assert env.state_space is not None and env.state_space.shape == (13,)
-    train(env, 100, str(tmp_path))
-    state = env.state()
-    assert state is not None and torch.equal(state[:, :6], env.reset()[0])
-    assert worlds().state() is None
-
-
 @pytest.mark.filterwarnings("ignore:.*copy construct from a tensor:UserWarning")
 def test_wrap_env_accepts_the_gymnasium_environments():
     options = {"tradeoff": TRADEOFF, "episode_length": 5}
@@ -159,18 +117,3 @@ def test_wrap_env_accepts_the_gymnasium_environments():
         assert torch.equal(over, truncated[:1])
         assert single.render() is None and vector.render() is None
     assert truncated.all()
-
-
-MISTAKES = {
-    "option": (lambda: worlds(episode_lenght=3), "did you mean 'episode_length'"),
-    "trade-off": (lambda: SkrlEnv("ant", (1.0,)), "needs 2 numbers"),
-    "shape": (lambda: worlds().step(falling(5)), "the shape (4, 6)"),
-}
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_raises_a_clear_error(name):
-    mistake, expected = MISTAKES[name]
-    with pytest.raises(MorlaxError) as error:
-        mistake()
-    assert expected in str(error.value)

@@ -21,6 +21,7 @@ import yaml
 pytest.importorskip("optuna", reason="needs the extra tune")
 
 from morlax_torch import MorlaxError, config_for, train
+from morlax_torch.commands import train as train_command
 from morlax_torch.commands import tune
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.files import space_values
@@ -115,7 +116,7 @@ def test_a_search_writes_trials_and_a_config_that_trains(workplace, monkeypatch,
             *("--max-seconds", "0.1", "--output", "run"),
         ],
     )
-    train.main()
+    train_command.main()
     config = Run.open(Path("run")).config()
     assert config.ppo.learning_rate == float(best["ppo.learning_rate"])
     assert (config.worlds, config.task.episode_length) == (32, 20)
@@ -139,7 +140,7 @@ def test_best_yaml_of_an_own_robot_trains_with_the_same_config(workplace):
     write_results(study, workplace)
     text = (workplace / "best.yaml").read_text()
     assert yaml.safe_load(text)["env"] == f"{workplace}/mine.py:Mine"
-    config = train.read(["--config", "best.yaml", "--device", "cpu"])[0]
+    config = train_command.read(["--config", "best.yaml", "--device", "cpu"])[0]
     left_out = {"device", "backend"}
     assert config.model_dump(exclude=left_out) == second.config.model_dump(exclude=left_out)
     assert config.task.objectives == objectives and config.ppo.clip == 0.3
@@ -175,7 +176,7 @@ def test_workers_share_a_study_and_a_signal_ends_all_of_them(workplace):
     told = process.communicate(timeout=100)[0]
     assert process.returncode == 130, told
     assert "Traceback" not in told and told.count("starting") == 0
-    assert told.count("continue: python -m morlax_torch.tune --env hopper") == 1
+    assert told.count("continue: python -m morlax_torch tune --env hopper") == 1
     assert told.count("of 500 trials done") == 1 and Path("tuning/hopper/best.yaml").exists()
 
 
@@ -239,16 +240,16 @@ def test_a_dead_trial_that_another_process_has_queued_meanwhile_is_left_to_it(
 
 
 def test_a_trial_that_fails_does_not_end_the_study(workplace, monkeypatch, capsys):
-    make_worlds = trial_module.make_worlds
+    usual = trial_module.evaluations
     errors = iter([MorlaxError("the loss became nan."), MemoryError()])
 
-    def failing(config: Config, number: int) -> Any:
+    def failing(config: Config, stopped: Any) -> Any:
         error = next(errors, None)
         if error is not None:
             raise error
-        return make_worlds(config, number)
+        return usual(config, stopped)
 
-    monkeypatch.setattr(trial_module, "make_worlds", failing)
+    monkeypatch.setattr(trial_module, "evaluations", failing)
     run(monkeypatch, "--trials", "3")
     states = [(row["state"], row["reason"]) for row in rows()]
     assert states[0] == ("failed", "the loss became nan.")
@@ -258,10 +259,10 @@ def test_a_trial_that_fails_does_not_end_the_study(workplace, monkeypatch, capsy
 
 
 def test_a_study_whose_trials_all_fail_says_so(workplace, monkeypatch, capsys):
-    def failing(config: Config, number: int) -> Any:
+    def failing(config: Config, stopped: Any) -> Any:
         raise MorlaxError("it is broken.")
 
-    monkeypatch.setattr(trial_module, "make_worlds", failing)
+    monkeypatch.setattr(trial_module, "evaluations", failing)
     with pytest.raises(SystemExit) as ended:
         run(monkeypatch, "--trials", "2")
     assert ended.value.code == 2
@@ -270,10 +271,10 @@ def test_a_study_whose_trials_all_fail_says_so(workplace, monkeypatch, capsys):
 
 
 def test_other_errors_are_not_hidden_and_lose_no_trial(workplace, monkeypatch):
-    def failing(config: Config, number: int) -> Any:
+    def failing(config: Config, stopped: Any) -> Any:
         raise ValueError("a bug of the task")
 
-    monkeypatch.setattr(trial_module, "make_worlds", failing)
+    monkeypatch.setattr(trial_module, "evaluations", failing)
     with pytest.raises(ValueError, match="a bug"):
         search(tiny(), VALUES, trials=1, seconds=0.05)
     monkeypatch.undo()
