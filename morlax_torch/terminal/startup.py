@@ -1,4 +1,4 @@
-"""The first moments of a command: how it was typed, its first line, garbage collection, Ctrl-C."""
+"""Start of a command: when and how it was typed, its first line, garbage collection, Ctrl-C."""
 
 import gc
 import os

@@ -1,4 +1,4 @@
-"""The command line of commands that train: options over a file or a task's config."""
+"""The command line of commands that train: options over a file or a config, and their help."""
 
 import argparse
 import inspect

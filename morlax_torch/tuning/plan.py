@@ -1,4 +1,4 @@
-"""The settings that all trials of a study share, so that they can be compared."""
+"""The settings that all trials of a study share, so that they can be compared, and pruning."""
 
 import json
 from collections.abc import Mapping

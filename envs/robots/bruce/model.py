@@ -1,4 +1,4 @@
-"""BRUCE's model and its joint coordinates.
+"""BRUCE's model, its joint coordinates and its domain randomization.
 
 Crank coordinates (16) are the main ones; actions, observations, gaits and rewards use them. Their
 order is hip yaw, hip pitch, hip roll, knee and ankle crank for the right and the left leg, then

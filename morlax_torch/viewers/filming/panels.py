@@ -1,4 +1,4 @@
-"""Captions and layout of the pictures of a film."""
+"""Captions and layout of the pictures of a film, and the moments of a gait that they show."""
 
 import math
 from collections.abc import Sequence
