@@ -10,7 +10,7 @@ from toppling import falling
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.robots.hopper import Hopper
+from morlax_torch.envs.robots.planar import Hopper
 
 TRADEOFF = (0.7, 0.3)
 
