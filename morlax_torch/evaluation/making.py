@@ -46,7 +46,9 @@ def make_evaluator(
     if tradeoffs is None:
         tradeoffs = PAPER_TRADEOFFS if paper else config.evaluation.tradeoffs
     seeds = config.evaluation.seeds if seeds is None else seeds
-    points = (dirichlet_tradeoffs if paper else evaluation_tradeoffs)(tradeoffs, num_objectives)
+    points = evaluation_tradeoffs(tradeoffs, num_objectives)  # refuses too few
+    if paper:
+        points = dirichlet_tradeoffs(tradeoffs, num_objectives)
     env = evaluation_worlds(config, tradeoffs, seeds, seed, sets, group)
     return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)
 
