@@ -46,22 +46,15 @@ def test_the_wheel_contains_only_its_own_package_and_all_assets(wheel):
     assert {name.split("/")[0].split("-")[0] for name in names} == {"morlax_torch"}
     assert "morlax_torch/envs/robots/assets/ant.xml" in names
     assert "morlax_torch/configs/ant.yaml" in names
-
-
-def test_the_wheel_is_small_and_named_after_the_version(wheel):
     assert wheel.name == f"morlax_torch-{__version__}-py3-none-any.whl"
     assert wheel.stat().st_size < LARGEST
 
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory) -> Path:
-    """Return a folder that holds the installed wheel, and nothing of the checkout."""
+    """Return a folder that holds the wheel's contents, and nothing of the checkout."""
     folder = tmp_path_factory.mktemp("installed")
-    subprocess.run(
-        [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", folder, wheel],
-        check=True,
-        capture_output=True,
-    )
+    zipfile.ZipFile(wheel).extractall(folder)
     return folder
 
 

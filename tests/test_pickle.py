@@ -10,7 +10,7 @@ import pytest
 import torch
 from tiny import tiny
 
-from morlax_torch import Policy, config_for, envs, load
+from morlax_torch import Policy, config_for, load
 from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import task_values
@@ -26,8 +26,8 @@ class Leaping(envs.get("hopper")):
 """
 
 
-@pytest.mark.parametrize("env", envs.names())
-def test_configs_of_all_tasks_survive_pickling(env):
+@pytest.mark.parametrize("env", ["bruce", "mo-gymnasium/hopper"])
+def test_configs_of_tasks_survive_pickling(env):
     config = load_config(task_values(env, "cpu"))
     again = pickle.loads(pickle.dumps(config))
     assert again == config

@@ -8,7 +8,6 @@ from urllib.parse import unquote
 import build_site
 import pages as site
 import pytest
-from browsing import chromium
 
 from morlax_torch.__main__ import COMMANDS
 
@@ -97,51 +96,3 @@ def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):
     monkeypatch.setattr(site, "ROOT", tmp_path)
     with pytest.raises(FileNotFoundError, match="links to none"):
         site.relinked("[text](none.md)", tmp_path / "page.md", None)
-
-
-CODE = "[the robots](../envs/robots)"
-
-
-@pytest.mark.parametrize(
-    ("text", "repository", "expected"),
-    [
-        (CODE, None, "the robots"),
-        (CODE, "https://host/me", "[the robots](https://host/me/tree/main/envs/robots)"),
-        ("[a](tasks.md#b)", None, "[a](tasks.md#b)"),
-        ("[log](../CHANGELOG.md)", None, "[log](changelog.md)"),
-        ("![film](media/cheetah.gif)", None, "![film](media/cheetah.gif)"),
-        ("[x](https://host)", None, "[x](https://host)"),
-    ],
-)
-def test_links_lead_to_pages_or_the_repository(text, repository, expected):
-    assert site.relinked(text, DOCS / "index.md", repository) == expected
-
-
-def test_links_of_top_level_pages_lead_to_the_same_pages():
-    text = "[a](docs/tasks.md) [b](CHANGELOG.md)"
-    relinked = site.relinked(text, DOCS.parent / "CONTRIBUTING.md", None)
-    assert relinked == "[a](tasks.md) [b](changelog.md)"
-
-
-def test_code_keeps_its_brackets():
-    text = "[a](none.md)\n```python\nf[a](none.md)\n```\n[a](none.md)\n"
-    changed = site.outside_code(text, lambda part: part.replace("[a](none.md)", "a"))
-    assert changed == "a\n```python\nf[a](none.md)\n```\na\n"
-
-
-def test_without_a_player_there_is_no_frame(tmp_path, monkeypatch):
-    monkeypatch.setattr(site, "PLAYER", tmp_path / "player")
-    assert site.player(None) == ""
-
-
-@pytest.mark.parametrize("size", [(1440, 900), (1280, 800), (390, 844)])
-def test_the_player_s_frame_fits_the_window(size, tmp_path, player):
-    (tmp_path / "page.html").write_text(site.player(None))
-    with chromium() as browser:
-        page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
-        page.goto((tmp_path / "page.html").as_uri())
-        frame = page.locator("iframe").bounding_box()
-        assert page.frames[1].url.endswith("player/index.html?embed")
-        assert page.frames[1].title() == "stand-in"
-        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
-    assert 420 <= frame["height"] <= 0.8 * size[1]

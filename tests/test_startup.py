@@ -108,6 +108,7 @@ def test_training_on_c_mujoco_imports_no_warp_no_viewer_and_no_optional_library(
     assert not modules & {"warp", "mujoco_warp", "viser", "onnx", "pandas", "torchvision", "triton"}
     assert not modules & {"stable_baselines3", "torchrl", "rsl_rl", "skrl", "tensordict", "wandb"}
     assert not modules & {"mo_gymnasium", "morl_baselines", "array_api_compat"}
+    assert "matplotlib" in modules and "matplotlib.pyplot" not in done.stderr
     assert (tmp_path / "run" / "front.npz").is_file()
 
 

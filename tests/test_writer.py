@@ -3,7 +3,6 @@
 import csv
 import os
 import shutil
-import subprocess
 import sys
 import threading
 import time
@@ -295,26 +294,3 @@ def test_a_command_s_clock_starts_before_its_imports(monkeypatch):
     assert command_began() > IMPORTED
     monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "morlax_torch.train"])
     assert 0 < command_began() < IMPORTED
-
-
-LAZY = """
-import sys
-import morlax_torch.train
-assert not {"matplotlib", "tensorboard"} & set(sys.modules)
-from pathlib import Path
-from tiny import tiny
-morlax_torch.train.train(tiny(), output=Path("run"))
-assert "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules
-"""
-
-
-def test_training_draws_without_pyplot_and_only_then_loads_matplotlib(tmp_path):
-    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
-    done = subprocess.run(
-        [sys.executable, "-c", LAZY],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
