@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from .envs import MorlaxError
 from .envs.errors import unknown
 from .terminal import cli
-from .terminal.startup import announce_training, program
+from .terminal.startup import program
 
 COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",
@@ -34,10 +34,7 @@ def command(arguments: Sequence[str]) -> None:
     name, *rest = arguments
     if name not in COMMANDS:
         raise unknown("command", name, COMMANDS)
-    module = importlib.import_module(f"{__package__}.commands.{name}")
-    if name == "train":
-        announce_training()
-    module.command(rest)
+    importlib.import_module(f"{__package__}.commands.{name}").command(rest)
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ python tests/faults.py ppo.py envs/   # those of files whose names contain a wor
 
 import compileall
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import time
 from pathlib import Path
 from py_compile import PycInvalidationMode
 
+import pytest
 import yaml
 
 TESTS = Path(__file__).parent
@@ -40,10 +42,6 @@ def outcome(fault: dict[str, str], checkout: Path) -> str:
 
 def run(tests: str, checkout: Path) -> None:
     """Run a selection in this process, which ends with pytest's status."""
-    import shlex
-
-    import pytest
-
     os.chdir(checkout)
     sys.path.insert(0, str(checkout))
     os.environ["PYTHONPATH"] = str(checkout)
@@ -55,13 +53,10 @@ def run(tests: str, checkout: Path) -> None:
 
 def main(words: list[str]) -> int:
     faults = yaml.safe_load((TESTS / "faults.yaml").read_text())
-    chosen = [
-        f
-        for f in faults[int(os.environ.get("FROM", 0)) :]
-        if not words or any(word in f["file"] for word in words)
-    ]
+    chosen = [f for f in faults if not words or any(word in f["file"] for word in words)]
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("TRITON_INTERPRET", "1")
+    # the slow imports of tests, once for all forked processes
     import gymnasium  # noqa: F401
     import moocore  # noqa: F401
     import mujoco_warp  # noqa: F401

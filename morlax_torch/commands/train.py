@@ -11,6 +11,7 @@ from ..terminal.startup import announce_training, command_began
 
 
 def command(arguments: Sequence[str]) -> None:
+    announce_training()
     began = command_began()
     config, run, output = read(arguments)
     if run is not None and (limit := run.limit_reached(config)):
@@ -43,5 +44,4 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def main() -> None:
-    announce_training()
     cli.run(command)

@@ -1,6 +1,5 @@
 """Everything that training needs, from a config."""
 
-import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Self
 
@@ -86,7 +85,6 @@ class Session:
         evaluate_at: Sequence[float] | None = None,
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the config, and yield each evaluation; see `training`."""
-        began = time.perf_counter() if began is None else began
         run = self.run if self.learner.group.rank == 0 else None
         return training(
             self.learner,
