@@ -6,10 +6,7 @@ python benchmarks/throughput.py --env cheetah --worlds 1024 4096 16384
 import csv
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
-from typing import Literal
-from unittest import mock
 
 import torch
 import tyro
@@ -17,18 +14,14 @@ from rich.table import Table
 
 from morlax_torch import MORLAX, config_for
 from morlax_torch.envs import resolve_device
-from morlax_torch.gpu import fused
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.terminal.cli import console
-
-Kernels = Literal["fused", "torch"]
 
 
 def main(
     env: tuple[str, ...] = ("cheetah", "walker", "hopper", "ant", "humanoid"),
     worlds: tuple[int, ...] = (),
-    kernels: tuple[Kernels, ...] = ("fused",),
     device: str | None = None,
     seconds: float = 1.5,
     output: Path | None = None,
@@ -38,7 +31,6 @@ def main(
     Args:
         env: Tasks to measure.
         worlds: Numbers of worlds to try (none: from the task's config).
-        kernels: With Triton's kernels (on CUDA), without, or both side by side.
         device: cuda or cpu (None: CUDA if available).
         seconds: Approximate duration of each measurement, in seconds.
         output: CSV file to write.
@@ -47,10 +39,7 @@ def main(
     rows = []
     for task in env:
         for number in worlds or (config_for(task, device=str(place)).worlds,):
-            for kind in kernels:
-                without = mock.patch.object(fused, "available", lambda device: False)
-                with without if kind == "torch" else nullcontext():
-                    rows.append({"kernels": kind, **measure(task, number, place, seconds)})
+            rows.append(measure(task, number, place, seconds))
     table = Table(title=str(place))
     for column in rows[0]:
         table.add_column(column.replace("_", " "), justify="right")
@@ -85,12 +74,12 @@ def measure(
             env.physics.ctrl.uniform_(-1, 1, generator=env.generator)
             env.physics.step()
 
-    learn = _milliseconds(morlax.learn, seconds)
-    explore = _milliseconds(morlax.explore, seconds)
-    both = _milliseconds(morlax.iterate, seconds)
+    learn = milliseconds(morlax.learn, seconds)
+    explore = milliseconds(morlax.explore, seconds)
+    both = milliseconds(morlax.iterate, seconds)
     physics = Graph(act, device, [env.generator])
     physics.record()
-    raw = _milliseconds(physics, seconds)
+    raw = milliseconds(physics, seconds)
     steps = worlds * config.horizon
     return {
         "task": task,
@@ -105,7 +94,7 @@ def measure(
     }
 
 
-def _milliseconds(run: Callable[[], None], seconds: float) -> float:
+def milliseconds(run: Callable[[], None], seconds: float) -> float:
     """Return the mean milliseconds per call, repeating calls for about `seconds`."""
     synchronize = torch.cuda.synchronize if torch.cuda.is_available() else lambda: None
     for _ in range(2):

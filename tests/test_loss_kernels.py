@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from morlax_torch.algorithms.batch import Batch
-from morlax_torch.algorithms.ppo import policy_loss, value_loss
+from morlax_torch.algorithms.ppo import policy_loss
 from morlax_torch.networks import gaussian
 from morlax_torch.networks.gaussian import TanhNormal
 
@@ -71,13 +71,3 @@ def test_a_steeper_loss_has_a_steeper_gradient(samples):
     twice, _ = loss_kernels.policy_loss(output, *arguments)
     (double,) = torch.autograd.grad(2 * twice, output)
     torch.testing.assert_close(double, 2 * slope)
-
-
-def test_the_fused_value_loss_and_its_gradient_are_those_of_the_definition(samples):
-    target = samples[1].target
-    value = torch.randn_like(target, requires_grad=True)
-    expected = value_loss(value.cpu(), target.cpu(), 0.25)
-    loss = loss_kernels.value_loss(value, target, 0.25)
-    torch.testing.assert_close(loss.cpu(), expected)
-    (slope,), (exact,) = (torch.autograd.grad(each, value) for each in (loss, expected))
-    torch.testing.assert_close(slope, exact)

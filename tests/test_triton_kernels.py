@@ -106,14 +106,3 @@ def test_steps_of_adam_equal_torch(monkeypatch):
     torch.testing.assert_close(squares, optimizer.square, rtol=1e-5, atol=1e-10)
     torch.testing.assert_close(norms, optimizer.norms)
     assert steps.item() == 8
-
-
-def test_copies_of_several_dtypes_and_sizes_are_exact():
-    shapes = [(3, 700), (5,), (2, 3, 4)]
-    sources = [torch.randn(shape, device=DEVICE) for shape in shapes]
-    sources += [sources[0] > 0, sources[1].double(), sources[0].t().int()]
-    targets = [
-        torch.zeros_like(source, memory_format=torch.contiguous_format) for source in sources
-    ]
-    adam_kernels.copy(targets, sources)
-    assert all(map(torch.equal, targets, sources))

@@ -63,18 +63,6 @@ def policy_loss(
     return loss, found
 
 
-@kernel("loss_kernels.value_loss")
-def value_loss(value: Tensor, target: Tensor, coefficient: float) -> Tensor:
-    """Compute the squared error of the vector value, summed over objectives: ().
-
-    Args:
-        value: (K, S, m)
-        target: (K, S, m)
-        coefficient: of the loss.
-    """
-    return coefficient * (value - target).square().sum(-1).mean()
-
-
 class PPO:
     """Updates an agent's families; actor and critic have separate losses and optimizers.
 
@@ -170,9 +158,10 @@ class PPO:
         )
 
     def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
-        """Compute `value_loss` of the current critics on a minibatch."""
+        """Compute the squared error of the current critics, summed over objectives."""
         value = self.agent.values(tradeoffs)(batch.observation)
-        return value_loss(value, batch.target, self.config.value_coefficient)
+        error = (value - batch.target).square().sum(-1).mean()
+        return self.config.value_coefficient * error
 
     def _adapt(self, found: Tensor) -> None:
         """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule."""

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from ..envs import Worlds
-from ..gpu import fused
 from ..networks.agent import Actors
 from ..networks.gaussian import sample
 
@@ -79,7 +78,8 @@ def collect(
             (rollout.truncated[t], step.truncated),
             (rollout.final_observation[t], step.final_critic_observation),
         )
-        fused.copy(*zip(*pairs, strict=True))
+        for target, source in pairs:
+            target.copy_(source.view_as(target))
 
 
 def advantages(

@@ -1,8 +1,7 @@
-"""Clipping and Adam as two Triton kernels, and copies of many small tensors as one, for CUDA.
+"""Clipping and Adam as two Triton kernels, for CUDA.
 
-`gpu.optimizer.step` and `gpu.fused.copy` are their definitions. `torch._foreach_copy_` gives each
-tensor only a block per 65,536 numbers, and takes one dtype. This module needs Triton, so import it
-only where there is CUDA.
+`gpu.optimizer.step` is their definition. This module needs Triton, so import it only where there is
+CUDA.
 """
 
 import math
@@ -146,21 +145,3 @@ def step(
             B=BLOCK,
             PROGRAMS=triton.next_power_of_2(programs),
         )
-
-
-@triton.jit
-def _copy(targets, sources, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.constexpr):
-    program = tl.program_id(0)
-    for j in tl.static_range(len(SIZES)):
-        if (program >= FIRSTS[j]) & (program < FIRSTS[j + 1]):
-            i = (program - FIRSTS[j]) * B + tl.arange(0, B)
-            tl.store(targets[j] + i, tl.load(sources[j] + i, mask=i < SIZES[j]), mask=i < SIZES[j])
-
-
-def copy(targets: Sequence[Tensor], sources: Sequence[Tensor]) -> None:
-    """Copy each source into the contiguous target of the same shape and dtype, in place."""
-    sources = tuple(source.contiguous() for source in sources)
-    sizes = tuple(source.numel() for source in sources)
-    firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))
-    with torch.cuda.device_of(sources[0]):
-        _copy[(firsts[-1],)](tuple(targets), sources, FIRSTS=firsts, SIZES=sizes, B=BLOCK)

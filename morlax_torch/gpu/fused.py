@@ -139,13 +139,6 @@ def affine(features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     return torch.addmm(bias, features, weight.t())
 
 
-@kernel("adam_kernels.copy")
-def copy(targets: Sequence[Tensor], sources: Sequence[Tensor]) -> None:
-    """Copy into each target, which is contiguous, a source of as many numbers of its dtype."""
-    for target, source in zip(targets, sources, strict=True):
-        target.copy_(source.view_as(target))
-
-
 def _alone() -> bool:
     """Return whether no tracer, compiler or transform of torch.func is at work."""
     return not (

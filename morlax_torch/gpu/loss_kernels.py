@@ -1,7 +1,7 @@
-"""The losses of policy and value, with their gradients, in Triton, for CUDA.
+"""The policy loss with its gradient, in Triton, for CUDA.
 
-`algorithms.ppo` has the definitions. This module needs Triton, so import it only where there is
-CUDA.
+`algorithms.ppo.policy_loss` is the definition. This module needs Triton, so import it only where
+there is CUDA.
 """
 
 import torch
@@ -109,33 +109,6 @@ def _policy_means(
     tl.store(loss, total)
 
 
-@triton.jit(do_not_specialize=("S",))
-def _value(
-    value,  # (K, S, m)
-    target,  # (K, S, m)
-    target_k,  # strides
-    target_s,
-    slope,  # (K, S, m), of the loss by the value
-    found,  # (programs,)
-    rows,
-    S,
-    coefficient,
-    M: tl.constexpr,
-    PADDED: tl.constexpr,
-    ROWS: tl.constexpr,
-):
-    row, j = tl.program_id(0) * ROWS + tl.arange(0, ROWS), tl.arange(0, PADDED)
-    inside = (row < rows)[:, None] & (j < M)[None, :]
-    k, s = (row // S).to(tl.int64), row % S
-    place = row[:, None] * M + j[None, :]
-    goal = target + (k * target_k + s * target_s)[:, None] + j[None, :]
-    error = tl.load(value + place, mask=inside, other=0.0)
-    error -= tl.load(goal, mask=inside, other=0.0)
-    tl.store(slope + place, 2.0 * coefficient / rows * error, mask=inside)
-    square = tl.sum(tl.sum(error * error, 1), 0)
-    tl.store(found + tl.program_id(0), coefficient / rows * square)
-
-
 def policy_loss(
     output: Tensor,
     action: Tensor,
@@ -150,11 +123,6 @@ def policy_loss(
     return _PolicyLoss.apply(
         output, action, noise, old_log_prob, advantage, clip, mean_penalty, entropy_weight
     )
-
-
-def value_loss(value: Tensor, target: Tensor, coefficient: float) -> Tensor:
-    """`algorithms.ppo.value_loss`, differentiable with respect to `value` alone."""
-    return _ValueLoss.apply(value, target, coefficient)
 
 
 class _PolicyLoss(torch.autograd.Function):
@@ -206,31 +174,3 @@ class _PolicyLoss(torch.autograd.Function):
     @staticmethod
     def backward(ctx, gradient, _):
         return ctx.slope * gradient, *(None,) * 7
-
-
-class _ValueLoss(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, value, target, coefficient):
-        K, S, M = value.shape
-        programs = triton.cdiv(K * S, ROWS)
-        value = value.contiguous()
-        ctx.slope, found = torch.empty_like(value), value.new_empty(programs)
-        with torch.cuda.device_of(value):
-            _value[(programs,)](
-                value,
-                target,
-                *target.stride()[:2],
-                ctx.slope,
-                found,
-                K * S,
-                S,
-                coefficient,
-                M=M,
-                PADDED=triton.next_power_of_2(M),
-                ROWS=ROWS,
-            )
-        return found.sum()
-
-    @staticmethod
-    def backward(ctx, gradient):
-        return ctx.slope * gradient, None, None

@@ -1,0 +1,82 @@
+"""Measure what each Triton kernel saves, against its torch definition and torch.compile.
+
+python benchmarks/kernels.py --env cheetah ant --output kernels.csv
+"""
+
+import csv
+import time
+from importlib import import_module
+from pathlib import Path
+
+import torch
+import tyro
+from throughput import milliseconds
+
+from morlax_torch import MORLAX, config_for
+from morlax_torch.envs import resolve_device
+from morlax_torch.envs.replacing import replaced
+from morlax_torch.runs.training import make_worlds
+from morlax_torch.terminal.cli import console
+
+KERNELS = {  # name of the kernel: where its definition stands
+    "mlps": ("gpu.fused", "mlps"),
+    "mlp": ("gpu.fused", "mlp"),
+    "affine": ("gpu.fused", "affine"),
+    "Adam": ("gpu.optimizer", "step"),
+    "sample": ("algorithms.rollout", "sample"),
+    "policy loss": ("algorithms.ppo", "policy_loss"),
+}
+
+
+def main(
+    env: tuple[str, ...] = ("cheetah", "walker", "hopper", "ant", "humanoid"),
+    kernels: tuple[str, ...] = tuple(KERNELS),
+    compiled: bool = True,
+    device: str | None = None,
+    seconds: float = 0.5,
+    output: Path | None = None,
+) -> None:
+    """Measure training iterations with all kernels, without each, and with torch.compile instead.
+
+    Args:
+        env: Tasks to measure.
+        kernels: Kernels to leave out, one at a time.
+        compiled: Measure torch.compile as well.
+        device: cuda or cpu (None: CUDA if available).
+        seconds: Approximate duration of each measurement, in seconds.
+        output: CSV file to write.
+    """
+    place, rows = resolve_device(device), []
+    for task in env:
+        config = config_for(task, device=str(place))
+        worlds = make_worlds(config, config.worlds)
+
+        def measure(kernel: str, instead: str, task=task, config=config, worlds=worlds) -> None:
+            start = time.perf_counter()
+            learner = MORLAX(worlds, config)
+            learner.compile()
+            ready = time.perf_counter() - start
+            taken = milliseconds(learner.iterate, seconds)
+            rows.append([task, kernel, instead, f"{taken:.3f}", f"{ready:.2f}"])
+            console.print(*rows[-1])
+
+        measure("all", "")
+        for kernel in kernels:
+            module, name = KERNELS[kernel]
+            owner = import_module(f"morlax_torch.{module}")
+            definition = getattr(owner, name).__wrapped__
+            with replaced(owner, name, definition):
+                measure(kernel, "definition")
+            if compiled:
+                with replaced(owner, name, torch.compile(definition)):
+                    measure(kernel, "torch.compile")
+        measure("all", "")
+    if output:
+        with output.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["task", "kernel", "instead", "iteration_ms", "ready_s"])
+            writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
