@@ -100,8 +100,8 @@ def examples() -> None:
 
 
 def seeds(task: str) -> list[History]:
-    """Return MORLAX's training curves of the comparison, one per seed."""
-    with (DOCS / "comparison" / "more-seeds" / "rows.csv").open(newline="") as file:
+    """Return MORLAX's training curves of version 1.0's comparison, one per seed."""
+    with (DOCS / "comparison" / "version-1.0" / "more-seeds.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
     rows = [row for row in found if (row["task"], row["method"]) == (task, "MORLAX")]
     names = ("env_steps", "train_seconds", "hypervolume")
