@@ -1,12 +1,14 @@
 """`torchrun` starts one training in several processes."""
 
+import csv
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,8 @@ from morlax_torch.runs import checkpoint
 from morlax_torch.terminal import arguments
 
 TORCHRUN = (sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2")
+RESTARTING = ("--max-restarts=1", "--monitor-interval=0.2")
+STEPS = 8000
 SMALL = (
     *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
     *("--sampling.clusters", "8", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "7"),
@@ -27,50 +31,66 @@ SMALL = (
 )
 
 
-def launch(*arguments: str, launcher: tuple[str, ...] = TORCHRUN) -> subprocess.CompletedProcess:
-    command = [*launcher, "-m", "morlax_torch.train", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=200)
+def start(rank: int, port: int, *arguments: str, patience: int = 100) -> subprocess.Popen:
+    """Start one of two processes as `torchrun` does; they wait `patience` s for each other."""
+    places = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
+    patient = (
+        "from datetime import timedelta; from morlax_torch.gpu import group; "
+        f"group.PATIENCE = timedelta(seconds={patience}); "
+        "from morlax_torch.commands.train import main; main()"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", patient, *arguments],
+        env={**os.environ, **places, "RANK": str(rank), "LOCAL_RANK": str(rank)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def start_both(*arguments: str) -> list[subprocess.Popen]:
+    port = free_port()
+    return [start(rank, port, *arguments) for rank in range(2)]
+
+
+def ended(processes: Sequence[subprocess.Popen]) -> tuple[str, str]:
+    """Wait for processes; return all that they wrote to stdout, and to stderr."""
+    first, second = zip(*(process.communicate(timeout=100) for process in processes), strict=True)
+    return "".join(first), "".join(second)
+
+
+def free_port() -> int:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> Path:
-    """Return a folder with a whole run, and with one that was resumed halfway."""
-    folder = tmp_path_factory.mktemp("runs")
-    for done in (
-        launch(*SMALL, "--max-env-steps", "4800", "--output", str(folder / "whole")),
-        launch(*SMALL, "--max-env-steps", "1600", "--output", str(folder / "halves")),
-        launch("--resume", str(folder / "halves"), "--max-env-steps", "4800"),
-    ):
-        assert done.returncode == 0, done.stderr
-        assert done.stdout.count("hypervolume  front") == 1  # only one process prints
-    return folder
+def whole(tmp_path_factory) -> Path:
+    """Return a run of two processes."""
+    run = tmp_path_factory.mktemp("runs") / "whole"
+    both = start_both(*SMALL, "--max-env-steps", str(STEPS), "--output", str(run))
+    output, errors = ended(both)
+    assert [process.returncode for process in both] == [0, 0], errors
+    assert output.count("hypervolume  front") == 1  # only one process prints
+    return run
 
 
 def state(run: Path) -> checkpoint.Contents:
     return checkpoint.load(run / "checkpoints" / "latest.pt")
 
 
-def test_a_resumed_run_of_two_processes_continues_exactly(runs):
-    whole, halves = state(runs / "whole"), state(runs / "halves")
-    assert_same(whole.learner, halves.learner)
-    assert whole.progress.env_steps == 4800 and whole.progress.processes == 2
-    steps = [
-        [line.split(",")[1] for line in (runs / name / "metrics.csv").read_text().splitlines()]
-        for name in ("whole", "halves")
-    ]
-    assert steps[0] == steps[1] == ["env_steps", "0", "1600", "3200", "4800"]
-
-
-def test_each_process_has_worlds_of_its_own(runs):
-    learner = state(runs / "whole").learner
+def test_each_process_has_worlds_of_its_own(whole):
+    learner = state(whole).learner
     assert learner is not None and len(learner["processes"]) == 1
     assert not torch.equal(learner["observation"], learner["processes"][0]["observation"])
 
 
-def test_a_run_goes_on_in_one_process_with_new_worlds(runs, capsys):
-    train.command(["--resume", str(runs / "halves"), "--max-env-steps", "6400"])
+def test_a_run_goes_on_in_one_process_with_new_worlds(whole, tmp_path, capsys):
+    run = shutil.copytree(whole, tmp_path / "run")
+    train.command(["--resume", str(run), "--max-env-steps", str(STEPS + 1600)])
     assert "number of processes: 1 instead of 2, so worlds start anew" in capsys.readouterr().out
-    assert state(runs / "halves").progress.env_steps == 6400
+    assert state(run).progress.env_steps == STEPS + 1600
 
 
 BROKEN = """
@@ -83,21 +103,6 @@ class Broken(envs.get("hopper")):
         broken = os.environ.get("RANK") == "1" and self.steps > 30
         return {name: x / 0 if broken else x for name, x in super().terms().items()}
 """
-
-
-@pytest.fixture
-def training(tmp_path, request) -> Iterator[tuple[subprocess.Popen, Path]]:
-    """Start two processes that train for ever, and wait for their second evaluation."""
-    run = tmp_path / "run"
-    command = [*TORCHRUN, *request.param, "-m", "morlax_torch.train", *SMALL, "--output", str(run)]
-    started = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    wait_for_lines(run, 3, [started])
-    yield started, run
-    if started.poll() is None:
-        os.killpg(started.pid, signal.SIGKILL)
-        started.communicate()
 
 
 def ranks(launcher: int) -> dict[int, int]:
@@ -113,21 +118,23 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="there i
 
 
 @needs_proc
-@pytest.mark.parametrize(
-    "training", [("--max-restarts=1", "--monitor-interval=0.2")], indirect=True
-)
-def test_training_goes_on_after_a_process_was_killed(training, runs):
-    launcher, run = training
-    os.kill(ranks(launcher.pid)[1], signal.SIGKILL)
-    wait_for_lines(run, len((run / "metrics.csv").read_text().splitlines()) + 2, [launcher])
-    os.kill(ranks(launcher.pid)[0], signal.SIGTERM)
-    launcher.communicate(timeout=100)
-    table = (run / "metrics.csv").read_text()
-    steps = [int(line.split(",")[1]) for line in table.splitlines()[1:]]
-    assert steps == list(range(0, 1600 * len(steps), 1600))
-    whole = (runs / "whole" / "metrics.csv").read_text().splitlines()[:4]
-    # as if no process had been killed
-    assert hypervolumes(table.splitlines()[:4]) == hypervolumes(whole)
+def test_a_run_goes_on_exactly_after_a_process_was_killed(whole, tmp_path):
+    run, limit = tmp_path / "run", ("--max-env-steps", str(STEPS))
+    command = [*TORCHRUN, *RESTARTING, "-m", "morlax_torch.train", *SMALL, *limit]
+    command += ["--output", str(run)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as launcher:
+        wait_for_lines(run, 3, [launcher])
+        os.kill(ranks(launcher.pid)[1], signal.SIGKILL)
+        _, errors = launcher.communicate(timeout=100)
+    assert launcher.returncode == 0 and "failed (exitcode" in errors, errors
+    assert_same(state(whole).learner, state(run).learner)
+    assert state(whole).progress.env_steps == STEPS and state(whole).progress.processes == 2
+    columns = [
+        [(row["env_steps"], row["hypervolume"]) for row in csv.DictReader(table.splitlines())]
+        for table in ((folder / "metrics.csv").read_text() for folder in (whole, run))
+    ]
+    assert columns[0] == columns[1]
+    assert [int(steps) for steps, _ in columns[0]] == list(range(0, STEPS + 1, 1600))
 
 
 two_gpus = pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two GPUs")
@@ -149,7 +156,7 @@ def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, k
     command = [
         *(sys.executable, "-m", "torch.distributed.run", "--nnodes=2", "--nproc-per-node=1"),
         *("--rdzv-backend=c10d", f"--rdzv-endpoint={address}", "--rdzv-id=7"),
-        *("--max-restarts=1", "--monitor-interval=0.2", "-m", "morlax_torch.train"),
+        *(*RESTARTING, "-m", "morlax_torch.train"),
         *("--env", "hopper", "--device", device, *SMALL[4:], "--output", str(run)),
     ]
     launchers = [
@@ -181,28 +188,23 @@ def wait_for_lines(run: Path, number: int, launchers: Sequence[subprocess.Popen]
         time.sleep(0.05)
 
 
-def hypervolumes(lines: list[str]) -> list[str]:
-    column = lines[0].split(",").index("hypervolume")
-    return [line.split(",")[column] for line in lines]
-
-
-@needs_proc
-@pytest.mark.parametrize("training", [()], indirect=True)
-def test_a_signal_to_one_process_ends_all(training):
-    launcher, run = training
-    os.kill(ranks(launcher.pid)[1], signal.SIGTERM)
-    output, _ = launcher.communicate(timeout=100)
+def test_a_signal_to_one_process_ends_all(tmp_path):
+    both = start_both(*SMALL, "--output", str(tmp_path / "run"))
+    wait_for_lines(tmp_path / "run", 3, both)
+    both[1].send_signal(signal.SIGTERM)
+    output, _ = ended(both)
     assert output.count("interrupted: ") == 1
-    assert state(run).progress.env_steps > 1600
+    assert state(tmp_path / "run").progress.env_steps > 1600
 
 
 def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
     (tmp_path / "broken.py").write_text(BROKEN)
     task = ("--env", f"{tmp_path / 'broken.py'}:Broken", "--output", str(tmp_path / "run"))
-    done = launch(*task, *SMALL[2:])
-    assert done.returncode != 0
-    assert done.stderr.count("error: ") == 1
-    assert "every world blew up" in done.stderr or "not finite" in done.stderr
+    both = start_both(*task, *SMALL[2:])
+    _, errors = ended(both)
+    assert all(process.returncode for process in both)
+    assert "error: " in errors and "Traceback" not in errors
+    assert "every world blew up" in errors or "not finite" in errors
     assert all(value.isfinite().all() for value in state(tmp_path / "run").agent.values())
 
 
@@ -214,13 +216,13 @@ def test_restarts_need_a_folder(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_restarts_do_not_continue_a_run_of_another_launch(runs):
-    before = state(runs / "whole").progress
-    launcher = (*TORCHRUN, "--max-restarts=1", "--monitor-interval=0.2")
-    done = launch(*SMALL, "--output", str(runs / "whole"), launcher=launcher)
+def test_restarts_do_not_continue_a_run_of_another_launch(whole):
+    before = state(whole).progress
+    command = [*TORCHRUN, *RESTARTING, "-m", "morlax_torch.train", *SMALL, "--output", str(whole)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200)
     assert done.returncode != 0
     assert "whole exists already" in done.stderr
-    assert state(runs / "whole").progress == before
+    assert state(whole).progress == before
 
 
 WAITING = """
@@ -243,48 +245,25 @@ def test_a_process_that_waits_for_one_that_has_ended_heeds_a_signal():
         assert process.wait(timeout=80) == 143
 
 
-def by_hand(rank: int, port: int, *arguments: str) -> subprocess.Popen:
-    """Start one of two processes that train, which wait for each other for 3 s."""
-    places = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
-    impatient = (
-        "from datetime import timedelta; from morlax_torch.gpu import group; "
-        "group.PATIENCE = timedelta(seconds=3); "
-        "from morlax_torch.commands.train import main; main()"
-    )
-    return subprocess.Popen(
-        [sys.executable, "-c", impatient, *arguments],
-        env={**os.environ, **places, "RANK": str(rank), "LOCAL_RANK": str(rank)},
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-    )
-
-
-def free_port() -> int:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
-
-
 def test_a_missing_process_is_told():
-    first = by_hand(0, free_port(), *SMALL)
-    message = first.communicate(timeout=100)[1]
+    first = start(0, free_port(), *SMALL, patience=3)
+    _, message = ended([first])
     assert first.returncode == 2
     assert "the 2 processes of this run did not find each other" in message
 
 
 def test_processes_with_different_configs_do_not_train():
     port = free_port()
-    for process in [by_hand(rank, port, *SMALL, "--seed", str(rank)) for rank in range(2)]:
-        message = process.communicate(timeout=100)[1]
+    for process in [start(rank, port, *SMALL, "--seed", str(rank)) for rank in range(2)]:
+        _, message = ended([process])
         assert process.returncode == 2
         assert "process 1 has another config than process 0" in message
 
 
-def test_a_host_without_the_folder_of_a_resumed_run_is_told(runs):
-    port, longer = free_port(), ("--max-env-steps", "9600")
-    first = by_hand(0, port, "--resume", str(runs / "whole"), *longer)
-    message = by_hand(1, port, *SMALL, *longer).communicate(timeout=100)[1]
+def test_a_host_without_the_folder_of_a_resumed_run_is_told(whole):
+    port, longer = free_port(), ("--max-env-steps", str(2 * STEPS))
+    first = start(0, port, "--resume", str(whole), *longer)
+    _, message = ended([start(1, port, *SMALL, *longer)])
     assert "process 0 resumes a run whose folder process 1 cannot find" in message
     first.kill()
     first.communicate()
