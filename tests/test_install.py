@@ -41,6 +41,7 @@ def wheel(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_wheel_contains_only_its_own_package_and_all_assets(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0].split("-")[0] for name in names} == {"morlax_torch"}
@@ -68,6 +69,7 @@ def python(installed: Path, *words: str | Path, **variables: str) -> subprocess.
     )
 
 
+@pytest.mark.slow
 def test_an_installed_wheel_builds_every_task(installed):
     done = python(installed, "-c", BUILD_EVERY_TASK)
     assert done.returncode == 0, done.stderr

@@ -71,6 +71,7 @@ def player(tmp_path, monkeypatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_site_builds_strictly_and_all_its_links_work(tmp_path, player):
     pytest.importorskip("zensical", reason="needs the extra docs")
     pytest.importorskip("mkdocstrings_handlers.python", reason="needs the extra docs")

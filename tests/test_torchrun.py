@@ -118,6 +118,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="there i
 
 
 @needs_proc
+@pytest.mark.slow
 def test_a_run_goes_on_exactly_after_a_process_was_killed(whole, tmp_path):
     run, limit = tmp_path / "run", ("--max-env-steps", str(STEPS))
     command = [*TORCHRUN, *RESTARTING, "-m", "morlax_torch.train", *SMALL, *limit]
