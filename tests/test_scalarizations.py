@@ -255,7 +255,7 @@ def test_baselines_train_with_chebyshev_utilities(tasks, algorithm):
     changes = {**SMALL, "worlds": 128, "max_env_steps": 128 * 4 * 10}
     config = config_for("concave", algorithm=algorithm, scalarization="chebyshev", **changes)
     learner = make_learner(envs.make("concave", 128, "cpu"), config)
-    scalarization = learner.trainer.scalarization
+    scalarization = learner.scalarization
     assert isinstance(scalarization, SmoothChebyshev)
     before = {name: value.clone() for name, value in learner.agent.state_dict().items()}
     for _ in range(10):

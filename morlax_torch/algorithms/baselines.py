@@ -11,11 +11,10 @@ from ..configuration.tradeoffs import even_tradeoffs, sample_cells
 from ..envs import Worlds
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
-from .method import Method
-from .trainer import draw_tradeoffs
+from .trainer import Trainer
 
 
-class AMOR(Method):
+class AMOR(Trainer):
     """Trains one conditioned actor and one conditioned critic with MORLAX's updates.
 
     (Alegre et al., 2025, "AMOR: Adaptive Character Control through Multi-Objective Reinforcement
@@ -29,7 +28,7 @@ class AMOR(Method):
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, self._draw, **others)
+        super().__init__(env, config, **others)
         self.per_process = (*self.per_process, "tradeoffs", "ended")
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
 
@@ -49,12 +48,12 @@ class AMOR(Method):
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
         kept = tradeoffs.clone()
-        draw_tradeoffs(self.config, tradeoffs, generator)
+        super()._draw(tradeoffs, generator)
         if self.config.sampling.mode == "dense":
             tradeoffs.copy_(torch.where(self._ended, tradeoffs, kept))
 
 
-class IndependentPPO(Method):
+class IndependentPPO(Trainer):
     """Trains K policies that share no parameters, each for one of K evenly spread trade-offs.
 
     Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
@@ -64,12 +63,13 @@ class IndependentPPO(Method):
     Args:
         env: the worlds.
         config: with `network.type: independent` and sparse sampling.
-        group: as of `MORLAX`.
-        networks: actor and critic, as of `MORLAX`.
+        others: as of `MORLAX`.
     """
 
+    keeps_tradeoffs = True
 
-class HyperMORL(Method):
+
+class HyperMORL(Trainer):
     """Trains a single hypernetwork for actor and critic in two stages.
 
     (Shu et al., 2024, "Learning Pareto Set for Multi-Objective Continuous Robot Control".) A
@@ -85,7 +85,7 @@ class HyperMORL(Method):
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, self._draw, **others)
+        super().__init__(env, config, **others)
         self._centers = even_tradeoffs(*self.tradeoffs.shape).to(env.device)
         self.warming_up = True
         self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs
@@ -120,8 +120,7 @@ class HyperMORL(Method):
             assert isinstance(family, Hypernetwork)
             family.collapse(balanced)
         self._reset_exploration()
-        ppo = self.trainer.ppo
-        for optimizer, rate in zip(ppo.optimizers, ppo.rates, strict=False):
+        for optimizer, rate in zip(self.ppo.optimizers, self.ppo.rates, strict=False):
             optimizer.forget()
             optimizer.rate.fill_(rate)
 

@@ -1,17 +1,9 @@
 """MORLAX: one hypernetwork, which learns from the policies of K random trade-offs at a time."""
 
-from functools import partial
-
-from torch import nn
-
-from ..configuration.config import Config
-from ..envs import Worlds
-from ..gpu.group import ALONE, Group
-from .method import Method
-from .trainer import draw_tradeoffs
+from .trainer import Trainer
 
 
-class MORLAX(Method):
+class MORLAX(Trainer):
     """Trains an `Agent` in worlds, one `iterate` at a time.
 
     `state_dict` copies all state, and `load_state_dict` continues from a copy: bit for bit on the
@@ -33,15 +25,3 @@ class MORLAX(Method):
     Raises:
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
-
-    def __init__(
-        self,
-        env: Worlds,
-        config: Config,
-        actor: nn.Module | None = None,
-        critic: nn.Module | None = None,
-        *,
-        group: Group = ALONE,
-    ):
-        draw = partial(draw_tradeoffs, config)
-        super().__init__(env, config, draw, actor=actor, critic=critic, group=group)

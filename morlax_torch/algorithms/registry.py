@@ -7,11 +7,11 @@ from ..envs import Worlds
 from ..gpu.group import ALONE, Group
 from .baselines import AMOR, HyperMORL, IndependentPPO
 from .learner import Learner
-from .method import Method
 from .morlax import MORLAX
 from .pg_morl.learner import PGMORL
+from .trainer import Trainer
 
-LEARNERS: dict[str, type[Method]] = {
+LEARNERS: dict[str, type[Trainer]] = {
     "morlax": MORLAX,
     "amor": AMOR,
     "hyper-morl": HyperMORL,
