@@ -72,13 +72,8 @@ class MjlabWorlds(ForeignWorlds):
         with drawing_from(self.generator):
             seen = joined(self.env.reset()[0], self.actor_group)
         if self.auto_reset and self.options.stagger:
-            ages = torch.randint(
-                self.episode_length,
-                (self.num_worlds,),
-                generator=self.generator,
-                device=self.device,
-            )
-            self.env.episode_length_buf[:] = ages
+            ages = self.env.episode_length_buf
+            ages.random_(0, self.episode_length, generator=self.generator)
         return seen
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from torch import Size, Tensor
 
 from .. import envs
+from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import installation, shortened, unknown
+from ..gymnasium_ids import WithSpec
 
 
 def require(name: str, package: str, least: str, extra: str) -> None:
@@ -115,26 +117,30 @@ def one_seed(seeds: Sequence[int], number: int) -> int:
         raise MorlaxError(f"seeds must be integers from 0, not {shortened(seeds)}.") from None
 
 
-def prepare(
-    worlds: Worlds,
-    random: np.random.Generator,
-    options: dict[str, Any] | None,
-    draw: bool,
-) -> None:
-    """Reject options, and reseed the worlds if `draw`.
+class OneTask(WithSpec):
+    """Rewards and resets, which one world and N worlds as Gymnasium environments share."""
 
-    Args:
-        worlds: reseeded in place.
-        random: the environment's generator, which draws the seed of the worlds.
-        options: as passed to `reset`; none are supported.
-        draw: whether to reseed.
+    np_random: np.random.Generator  # Gymnasium's, which draws the seed of the worlds
+    _weights: Tensor | None = None  # (m,)
+    _was_reset = False
 
-    Raises:
-        MorlaxError: `options` is not empty.
-    """
-    if options:
-        raise MorlaxError(
-            f"reset takes no options, but got {', '.join(map(repr, options))}: leave them out."
-        )
-    if draw:
-        worlds.reseed(int(random.integers(2**63)))
+    def _show(self, worlds: Worlds, tradeoff: Sequence[float] | None) -> None:
+        self.objectives, self.reward_space = worlds.objectives, worlds.reward_space
+        if tradeoff is not None:
+            self.reward_space = None  # each reward is one number
+            self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
+
+    def _restart(self, seed: int | None, options: dict[str, Any] | None) -> Tensor:
+        """Reset the worlds after Gymnasium's own part; returns the observation (N, O)."""
+        if options:
+            raise MorlaxError(
+                f"reset takes no options, but got {', '.join(map(repr, options))}: leave them out."
+            )
+        if seed is not None or not self._was_reset:
+            self.worlds.reseed(int(self.np_random.integers(2**63)))
+        self._was_reset = True
+        return self.worlds.reset()
+
+    def _check_reset(self, call: str) -> None:
+        if not self._was_reset:
+            raise MorlaxError(f"{call} was called before reset: call reset first.")

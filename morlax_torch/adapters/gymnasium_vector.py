@@ -13,17 +13,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import envs
-from ..configuration.tradeoffs import one_tradeoff
 from ..envs import Environment, MorlaxError, TimeStep
 from ..envs.errors import unknown
 from ..gpu.graph import Graph
 from ..gpu.resources import one_thread
-from ..gymnasium_ids import WithSpec
-from .checking import check_options, checked_actions, one_seed, prepare
+from .checking import OneTask, check_options, checked_actions, one_seed
 from .pictures import Pictures
 
 
-class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
+class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
     """N worlds, as made by `gymnasium.make_vec("morlax_torch/Ant-v0", num_envs=4096)`.
 
     Everything is a torch tensor on `device`, and no method but `render` forces a GPU sync. A world
@@ -84,16 +82,12 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         self.worlds = worlds = envs.make(
             task, num_envs, device, backend, model_seed, **task_options
         )
-        self.num_envs, self.device, self.objectives = num_envs, worlds.device, worlds.objectives
+        self.num_envs, self.device = num_envs, worlds.device
         self.single_observation_space = worlds.observation_space
         self.single_action_space = worlds.action_space
         self.observation_space = batch_space(worlds.observation_space, num_envs)
         self.action_space = batch_space(worlds.action_space, num_envs)
-        self.reward_space = worlds.reward_space
-        self._weights = None
-        if tradeoff is not None:
-            self.reward_space = None  # each reward is one number
-            self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
+        self._show(worlds, tradeoff)
         self.render_mode = render_mode
         self._pictures: Pictures | None = None
         if render_mode is not None:
@@ -101,7 +95,6 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
                 raise MorlaxError(f"{task} has no MuJoCo robot to draw: leave render_mode out.")
             self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
             self._pictures = Pictures(worlds.physics.model, width, height)
-        self._was_reset = False
         self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
         self._time_step: TimeStep | None = None
         self._advance = Graph(self._one_step, worlds.device, [worlds.generator])
@@ -128,9 +121,7 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         if isinstance(seed, Sequence | np.ndarray):
             seed = one_seed(seed, self.num_envs)
         super().reset(seed=seed)
-        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._was_reset)
-        self._was_reset = True
-        return self.worlds.reset().clone(), {}  # it may be the memory of the simulator
+        return self._restart(seed, options).clone(), {}  # it may be the memory of the simulator
 
     @torch.no_grad()
     def step(
@@ -187,7 +178,3 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
 
     def _one_step(self) -> None:
         self._time_step = self.worlds.step(self._action)
-
-    def _check_reset(self, call: str) -> None:
-        if not self._was_reset:
-            raise MorlaxError(f"{call} was called before reset: call reset first.")

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Callable
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -108,12 +108,10 @@ class Agent(nn.Module):
         num_objectives: int,
         generator: torch.Generator | None = None,
         *,
-        privileged_size: int = 0,
-        actor: nn.Module | None = None,
-        critic: nn.Module | None = None,
         in_order: int = 0,
+        **others: Any,
     ) -> Self:
-        """Build the agent that a run's config describes.
+        """Build the agent that a run's config describes; others are as of `Agent`.
 
         With `in_order`, it has that many independent networks, one for each trade-off in a row.
         """
@@ -123,13 +121,11 @@ class Agent(nn.Module):
             num_objectives,
             config.network,
             generator,
-            privileged_size=privileged_size,
-            actor=actor,
-            critic=critic,
             num_values=config.num_values(num_objectives),
             num_networks=in_order or config.num_networks,
             in_order=in_order > 0,
             own_statistics=config.own_statistics,
+            **others,
         )
 
     def __init__(
