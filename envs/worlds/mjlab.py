@@ -106,10 +106,8 @@ class MjlabWorlds(ForeignWorlds):
 def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
     """Return mjlab's environment. It draws from torch's global generators.
 
-    Args:
-        name: the task, whose kernels are compiled once in a process.
-        config: returns mjlab's config, which each environment changes.
-        device: where to simulate.
+    `config` returns mjlab's config anew, which each environment changes. A task's kernels are
+    compiled once in a process.
     """
     environment = import_module("mjlab.envs").ManagerBasedRlEnv
 

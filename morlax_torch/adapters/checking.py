@@ -18,13 +18,7 @@ from ..gymnasium_ids import WithSpec
 
 
 def require(name: str, package: str, least: str, extra: str) -> None:
-    """Check that a library is installed and recent enough.
-
-    Args:
-        name: name of the library in messages.
-        package: name of its package on PyPI.
-        least: oldest supported version.
-        extra: extra of morlax-torch that installs it.
+    """Check that a library, PyPI's `package`, is installed by our `extra` and recent enough.
 
     Raises:
         MorlaxError: the library is missing, or older than `least`.
@@ -68,11 +62,6 @@ def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device)
     """Check the type, shape and device of actions; their values are not checked.
 
     Arrays are converted if the worlds are on the CPU. On a GPU, every step would copy them.
-
-    Args:
-        actions: as the user passed them.
-        shape: the required shape, (N, A).
-        place: the device of the worlds.
 
     Raises:
         MorlaxError: `actions` is not a tensor, or has another shape or device.

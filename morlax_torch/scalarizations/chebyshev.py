@@ -19,10 +19,6 @@ class Ranged(Scalarization):
     These are the best and worst expected return in each objective. A return beyond the range widens
     it at once. Otherwise both points move slowly towards today's best and worst returns, so that
     those of the first policies are forgotten.
-
-    Args:
-        num_objectives: m.
-        device: of the points.
     """
 
     uses_returns = True

@@ -16,20 +16,15 @@ MOST = 100.0  # of a multiplier
 class Constrained(Ranged):
     """Maximize the other objectives subject to r_c >= level, for all levels at once.
 
-    The weight w_c of the constrained objective c is the required level: 0 is its worst return among
-    all trade-offs, 1 its best (see `Ranged`). The other weights weigh the other objectives, in
-    units of their ranges. The Lagrangian is
+    The weight w_c of the constrained objective, with index c, is the required level: 0 is its worst
+    return among all trade-offs, 1 its best (see `Ranged`). The other weights weigh the other
+    objectives, in units of their ranges. The Lagrangian is
 
         u = sum_{i != c} w_i / (1 - w_c) r_i / range_i
             + lambda(w_c) ((r_c - nadir_c) / range_c - w_c)
 
     and gradient ascent on the policies takes turns with gradient descent on the multipliers
     lambda >= 0 (Arrow, Hurwicz and Uzawa, 1958), a piecewise linear function of the level.
-
-    Args:
-        constrained: index c of the objective.
-        num_objectives: m.
-        device: of the returns.
     """
 
     def __init__(self, constrained: int, num_objectives: int, device: torch.device):

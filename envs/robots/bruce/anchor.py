@@ -32,12 +32,10 @@ class Anchor:
             torch.where(fresh[:, None], anchors, pose, out=pose)
 
     def advance(self, changed: Tensor, target: Tensor, pose: Tensor) -> None:
-        """Advance one control step; move the reference to the robot where feet changed.
+        """Advance one control step; move the reference to the robot where feet `changed` (N,).
 
-        Args:
-            changed: (N,) bool, true where feet changed.
-            target: pose of the reference's base, in its own frame.
-            pose: of the robot's base, in the world.
+        `target` is the pose of the reference's base in its own frame, `pose` that of the robot's in
+        the world.
         """
         self.former.copy_(self.now)
         inverse = rotations.conjugate(target[:, 3:])

@@ -73,14 +73,7 @@ class Reference:
         return torch.lerp(sides[:, 0], sides[:, 1], left)
 
     def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor, points: Tensor) -> None:
-        """Restart the walk where `fresh` (N,) bool.
-
-        Args:
-            fresh: the worlds to restart.
-            velocity: (N, 2) in m/s.
-            leg: (N,) first swing leg.
-            points: `gaits(velocity, leg)`.
-        """
+        """Restart the walk where `fresh` (N,) bool; `points` are `gaits(velocity, leg)`."""
         torch.where(fresh[:, None], velocity, self.velocity, out=self.velocity)
         torch.where(fresh, leg, self.leg, out=self.leg)
         self._start_step(fresh, points, EARLY)
