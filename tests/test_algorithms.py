@@ -12,8 +12,8 @@ from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import MorlaxError, config_for, load, save
-from morlax_torch.algorithms.baselines import AMOR, HyperMORL, IndependentPPO
 from morlax_torch.algorithms.batch import make_batch
+from morlax_torch.algorithms.methods import AMOR, HyperMORL, IndependentPPO
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
