@@ -14,6 +14,8 @@ from .. import envs
 from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import installation, shortened, unknown
+from ..gpu.graph import Graph
+from ..gpu.resources import one_thread
 from ..gymnasium_ids import WithSpec
 
 
@@ -88,6 +90,29 @@ def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device)
             "actions.to(envs.device)."
         )
     return actions
+
+
+class Stepping:
+    """Steps worlds under a user's actions, on CUDA as a recorded graph."""
+
+    def __init__(self, worlds: Worlds):
+        self._worlds, self._device = worlds, worlds.device
+        self._action = torch.zeros(worlds.num_worlds, worlds.action_size, device=worlds.device)
+        self._graph = Graph(self._advance, worlds.device, [worlds.generator])
+        if worlds.recordable:
+            self._graph.record()
+
+    @torch.no_grad()
+    def __call__(self, actions: Tensor | NDArray) -> tuple[Tensor, ...]:
+        """Return the first five fields of a `TimeStep` under `checked_actions`."""
+        self._action.copy_(checked_actions(actions, self._action.shape, self._device))
+        with one_thread(self._device):
+            self._graph()
+        # a replayed graph overwrites the same memory in every step
+        return tuple(value.clone() for value in self._time_step[:5])
+
+    def _advance(self) -> None:
+        self._time_step = self._worlds.step(self._action)
 
 
 def one_seed(seeds: Sequence[int], number: int) -> int:

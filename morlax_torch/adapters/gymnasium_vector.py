@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import envs
-from ..envs import Environment, MorlaxError, TimeStep
+from ..envs import Environment, MorlaxError
 from ..envs.errors import unknown
-from ..gpu.graph import Graph
-from ..gpu.resources import one_thread
-from .checking import OneTask, check_options, checked_actions, one_seed
+from .checking import OneTask, Stepping, check_options, one_seed
 from .pictures import Pictures
 
 
@@ -95,11 +93,7 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
                 raise MorlaxError(f"{task} has no MuJoCo robot to draw: leave render_mode out.")
             self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
             self._pictures = Pictures(worlds.physics.model, width, height)
-        self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
-        self._time_step: TimeStep | None = None
-        self._advance = Graph(self._one_step, worlds.device, [worlds.generator])
-        if worlds.recordable:
-            self._advance.record()
+        self._stepping = Stepping(worlds)
 
     def reset(
         self,
@@ -123,7 +117,6 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         super().reset(seed=seed)
         return self._restart(seed, options).clone(), {}  # it may be the memory of the simulator
 
-    @torch.no_grad()
     def step(
         self, actions: Tensor | NDArray
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
@@ -140,12 +133,7 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
             MorlaxError: actions of another shape or device, or `reset` was never called.
         """
         self._check_reset("step")
-        self._action.copy_(checked_actions(actions, self._action.shape, self.device))
-        with one_thread(self.device):
-            self._advance()
-        assert self._time_step is not None
-        # a replayed graph overwrites the same memory in every step
-        observation, reward, terminated, truncated, final = (x.clone() for x in self._time_step[:5])
+        observation, reward, terminated, truncated, final = self._stepping(actions)
         done = terminated | truncated
         info: dict[str, Any] = {"final_obs": final, "_final_obs": done}
         info |= {"final_info": {}, "_final_info": done}
@@ -175,6 +163,3 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         """Free the renderer."""
         if self._pictures is not None:
             self._pictures.close()
-
-    def _one_step(self) -> None:
-        self._time_step = self.worlds.step(self._action)
