@@ -34,11 +34,6 @@ def observation_size(name: str, space: Any) -> int:
 class CheckedEnv:
     """An environment whose observations and rewards are flat arrays of the right sizes.
 
-    Args:
-        make: returns the environment.
-        name: for error messages.
-        num_rewards: size of the vector reward.
-
     Raises:
         MorlaxError: from every method, if the environment's code fails, ends the program, or
             returns values that do not fit its spaces.

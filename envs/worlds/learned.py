@@ -24,12 +24,7 @@ class LearnedReward(nn.Module):
     A step is the observation before it, its action, and the observation after it.
     `morlax_torch.preferences.reward.fit` trains one from comparisons (Christiano et al., 2017).
 
-    Args:
-        observation_size: O.
-        action_size: A.
-        members: E, the number of networks.
-        hidden: sizes of their hidden layers.
-        generator: draws the initial parameters.
+    There are E = `members` networks with layers of `hidden` sizes.
     """
 
     mean: Tensor

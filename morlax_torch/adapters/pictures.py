@@ -14,13 +14,7 @@ from ..viewers.filming.rendering import Scene
 
 
 class Pictures:
-    """Draws a robot. It opens OpenGL with the first picture.
-
-    Args:
-        model: the robot's model.
-        width: of a picture, in pixels.
-        height: of a picture, in pixels.
-    """
+    """Draws a robot. It opens OpenGL with the first picture."""
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int):
         self.data = mujoco.MjData(model)

@@ -45,10 +45,7 @@ class AMOR(Trainer):
     Learning".) With dense sampling every world keeps its trade-off until its episode ends; it draws
     the next one at the start of the following rollout. docs/algorithms.md says what differs.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: conditioned`.
-        others: as of `MORLAX`.
+    It needs `network.type: conditioned`, and takes the arguments of `MORLAX`.
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
@@ -84,10 +81,7 @@ class IndependentPPO(Trainer):
     norm and moments of Adam; only the normalizers of observations and values see all worlds. With
     enough steps it is the reference that fronts are measured against.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: independent` and sparse sampling.
-        others: as of `MORLAX`.
+    It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
     keeps_tradeoffs = True
@@ -102,10 +96,7 @@ class HyperMORL(Trainer):
     iteration explores one random trade-off from each of K even cells of the simplex.
     docs/algorithms.md says what differs.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: single` and sparse sampling.
-        others: as of `MORLAX`.
+    It needs `network.type: single` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):

@@ -31,10 +31,7 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
     Every second clip shows the policy with its exploration noise, so that clips also show what
     training may try.
 
-    Args:
-        policy: on the CPU.
-        number: how many episodes to cut a clip from. Those that end too early give none.
-        seed: random seed of trade-offs, times, noise and worlds.
+    Some of the `number` episodes may end too early for a clip. The policy is on the CPU.
 
     Returns:
         The clips, and the names of their reward terms.

@@ -15,11 +15,7 @@ Utility = Callable[[Tensor, Tensor], Tensor]
 class OwnUtility(Scalarization):
     """A differentiable function u(w, r) of trade-offs (K, m) and returns (K, m), to (K,).
 
-    Args:
-        function: of torch operations of fixed shape, so that a recorded graph can hold it.
-        name: for error messages.
-        num_objectives: m.
-        device: of the returns.
+    A recorded graph holds it: it consists of torch operations of fixed shape.
 
     Raises:
         MorlaxError: from every method, if the function fails, has another shape, or is not

@@ -12,10 +12,7 @@ class Anchor:
     `now` is the current pose, `former` that of the previous control step. Whenever feet change, the
     reference is moved to the robot, so drift in position and heading is not penalized.
 
-    Poses of a base, (N, 7), are its position (m) and quaternion.
-
-    Args:
-        like: (N, ...) tensor that sets the number of worlds, dtype and device.
+    Poses of a base, (N, 7), are its position (m) and quaternion. Tensors are (N, ...) like `like`.
     """
 
     def __init__(self, like: Tensor):
@@ -47,9 +44,7 @@ class Anchor:
     def seen_from(self, attitude: Tensor, tilt: Tensor) -> Tensor:
         """Return a world attitude (N, 4) relative to the reference's heading, then tilted.
 
-        Args:
-            attitude: (N, 4).
-            tilt: roll, pitch and yaw of another rotation on top, (N, 3) in rad.
+        `tilt` is roll, pitch and yaw of that other rotation, (N, 3) in rad.
         """
         yaw = tilt[:, 2:] - self.now[:, 2:]  # both turn about the same axis
         turn = rotations.from_angles(torch.cat([tilt[:, :2], yaw], -1))

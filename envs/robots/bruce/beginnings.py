@@ -49,10 +49,7 @@ class Beginnings(NamedTuple):
     def drawn(cls, fastest: tuple[float, float], standing: float, seed: int) -> Self:
         """Draw COMMANDS initial conditions.
 
-        Args:
-            fastest: limits of the commands in m/s, forward and sideways.
-            standing: probability of a zero command.
-            seed: random seed.
+        `fastest` limits the commands, in m/s; `standing` is the probability of a zero one.
         """
         random = np.random.default_rng(seed)
         commands = random.uniform(-1, 1, (COMMANDS, 2)) * fastest

@@ -45,11 +45,7 @@ class PGMORL(Trainer):
 
     Every policy has its own normalizers, which go with it, so that it stays what was measured.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: independent` and sparse sampling.
-        group: as of `MORLAX`.
-        networks: actor and critic, as of `MORLAX`.
+    It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
     keeps_tradeoffs = True
