@@ -26,8 +26,8 @@ STARTS = 16  # first observations of episodes per trade-off, to estimate returns
 def make_agent(
     env: Worlds, config: Config, in_order: int = 0, **networks: nn.Module | None
 ) -> Agent:
-    """Return a new agent for the worlds, on their device; `Agent.of` explains the arguments."""
-    return Agent.of(
+    """Return a new agent for the worlds, on their device; `Agent` explains the arguments."""
+    return Agent(
         config,
         env.observation_size,
         env.action_size,
@@ -49,7 +49,7 @@ class Trainer(Learner):
 
     Args:
         env, config, actor, critic, group: as of `MORLAX`, with its errors.
-        in_order: as of `Agent.of`.
+        in_order: as of `Agent`.
     """
 
     per_process: tuple[str, ...] = ("generator", "environment", "observation", "episodes")

@@ -13,6 +13,8 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from .optimizer import DECAYS, EPSILON
+
 BLOCK = 1024  # numbers per program
 
 
@@ -104,8 +106,6 @@ def step(
     steps: Tensor,
     rate: Tensor,
     max_norm: float,
-    decays: tuple[float, float],
-    epsilon: float,
     norms: Tensor | None = None,
 ) -> None:
     """`optimizer.step`."""
@@ -121,8 +121,8 @@ def step(
             sums,
             steps,
             corrections,
-            LOG1=math.log(decays[0]),
-            LOG2=math.log(decays[1]),
+            LOG1=math.log(DECAYS[0]),
+            LOG2=math.log(DECAYS[1]),
             FIRSTS=firsts,
             SIZES=sizes,
             B=BLOCK,
@@ -137,9 +137,9 @@ def step(
             sums,
             norms,
             max_norm,
-            DECAY1=decays[0],
-            DECAY2=decays[1],
-            EPSILON=epsilon,
+            DECAY1=DECAYS[0],
+            DECAY2=DECAYS[1],
+            EPSILON=EPSILON,
             FIRSTS=firsts,
             SIZES=sizes,
             B=BLOCK,
