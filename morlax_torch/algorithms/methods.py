@@ -50,22 +50,13 @@ class AMOR(Trainer):
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
-        self.per_process = (*self.per_process, "tradeoffs", "ended")
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
+        self._own_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
 
     def iterate(self, done: float = 0.0) -> None:
         super().iterate(done)
         ended = self.rollout.terminated | self.rollout.truncated
         self._ended.copy_(ended.any(0).any(1, keepdim=True))
-
-    def state_dict(self) -> dict[str, Any]:
-        own = {"tradeoffs": self.tradeoffs.clone(), "ended": self._ended.clone()}
-        return {**super().state_dict(), **own}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.tradeoffs.copy_(state["tradeoffs"])
-        self._ended.copy_(state["ended"])
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
         kept = tradeoffs.clone()

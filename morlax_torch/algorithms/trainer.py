@@ -52,7 +52,6 @@ class Trainer(Learner):
         in_order: as of `Agent`.
     """
 
-    per_process: tuple[str, ...] = ("generator", "environment", "observation", "episodes")
     keeps_tradeoffs = False  # trains K even trade-offs, instead of new ones in every iteration
 
     def __init__(
@@ -79,6 +78,7 @@ class Trainer(Learner):
         group.share(agent)  # a user's networks may start differently in every process
         self.agent = self.trained = agent
         self.iteration = self.env_steps = 0
+        self._own_state: dict[str, Tensor] = {}  # of this process, that not every method has
         self.steps_per_iteration = config.worlds * config.horizon * group.size
         if env.device.type == "cuda":
             torch.set_float32_matmul_precision("high")  # TF32
@@ -95,7 +95,7 @@ class Trainer(Learner):
         if self.scalarization.uses_returns:
             starts = self.observation.view(clusters, -1, self.observation.shape[1])
             self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
-            self.per_process = (*self.per_process, "starts")
+            self._own_state["starts"] = self._starts
         self._done = torch.zeros((), device=env.device)  # of `iterate`, readable by graphs
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
@@ -115,6 +115,10 @@ class Trainer(Learner):
         generators = (self.generator, env.generator)
         self.explore = Graph(self._explore, env.device, generators, partial(self._explore, 1))
         self.learn = Graph(self._learn, env.device, [self.generator], partial(self._learn, 1))
+
+    @property
+    def per_process(self) -> tuple[str, ...]:
+        return "generator", "environment", "observation", "episodes", *self._own_state
 
     def compile(self) -> None:
         """Compile kernels and record the graphs; all state is unchanged.
@@ -241,9 +245,8 @@ class Trainer(Learner):
 
         Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
         """
-        starts = {"starts": self._starts.clone()} if self.scalarization.uses_returns else {}
         return {
-            **starts,
+            **{name: value.clone() for name, value in self._own_state.items()},
             "agent": {name: value.clone() for name, value in self.trained.state_dict().items()},
             "optimizers": [value.clone() for value in self.ppo.state()],
             "scalarization": [value.clone() for value in self.scalarization.state()],
@@ -261,8 +264,8 @@ class Trainer(Learner):
         stored = state.get("scalarization", [])
         for mine, value in zip(self.scalarization.state(), stored, strict=True):
             mine.copy_(value)
-        if self.scalarization.uses_returns:
-            self._starts.copy_(state["starts"])
+        for name, value in self._own_state.items():
+            value.copy_(state[name])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])
