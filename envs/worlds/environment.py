@@ -210,7 +210,6 @@ class Environment(Robot):
         self._vary()
 
     def reset(self) -> Tensor:
-        """Start a new episode in every world; returns the observation (N, O)."""
         everywhere = torch.ones_like(self.age, dtype=torch.bool)
         self._restart(everywhere)
         if self.options.stagger:
@@ -225,7 +224,6 @@ class Environment(Robot):
         return self.critic_observation()[:, : self.observation_size]
 
     def step(self, action: Tensor) -> TimeStep:
-        """Advance every world by one control step under `action` (N, A)."""
         self.check_action(action)
         self.apply(self._delay(action) if self._delay else action)
         if self._pushes:
@@ -296,7 +294,6 @@ class Environment(Robot):
             self._judge.remember(self.observe())
 
     def state_dict(self) -> dict[str, Any]:
-        """Copy the state that the worlds' future depends on."""
         tensors = {name: value.clone() for name, value in self._state().items()}
         return {**tensors, "generator": self.generator.get_state()}
 

@@ -158,11 +158,7 @@ def _not_finite(env: Any) -> Tensor:
 
 @cache
 def _recorder() -> type:
-    """Return mjlab's kind of recorder, which sees all worlds just before some restart.
-
-    At that moment, velocities and tilt of bodies are one physics step old, as in mjlab's rewards,
-    and rays and commands one control step.
-    """
+    """Return mjlab's kind of recorder, which sees all worlds just before some restart."""
     base = import_module("mjlab.managers.recorder_manager").RecorderTerm
 
     class Endings(base):

@@ -26,7 +26,9 @@ class OwnUtility(Scalarization):
 
     def __init__(self, function: Utility, name: str, num_objectives: int, device: torch.device):
         self._function, self._name = function, name
-        self._check(num_objectives, device)
+        corners = torch.eye(num_objectives, device=device)
+        if not self.weights(corners, corners + 1.0).isfinite().all():
+            raise MorlaxError(f"the derivative of the utility {name} is not finite.")
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         try:
@@ -38,9 +40,10 @@ class OwnUtility(Scalarization):
             raise MorlaxError(f"the utility {self._name} fails: {reason}") from error
         if not isinstance(found, Tensor) or found.shape != returns.shape[:1]:
             K, m = returns.shape
+            given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
             raise MorlaxError(
                 f"{self._name} must return one utility per row, ({K},) of trade-offs and returns "
-                f"({K}, {m}), but returned {_kind(found)}."
+                f"({K}, {m}), but returned {given}."
             )
         return found
 
@@ -58,12 +61,3 @@ class OwnUtility(Scalarization):
                     "operations, without detach(), item() or comparisons alone."
                 ) from None
         return slope
-
-    def _check(self, m: int, device: torch.device) -> None:
-        corners = torch.eye(m, device=device)
-        if not self.weights(corners, corners + 1.0).isfinite().all():
-            raise MorlaxError(f"the derivative of the utility {self._name} is not finite.")
-
-
-def _kind(value: object) -> str:
-    return f"{tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
