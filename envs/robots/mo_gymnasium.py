@@ -7,8 +7,6 @@ objective, and for control minus the largest possible cost of an episode. mo-rea
 because its actions are discrete.
 """
 
-from functools import cached_property
-
 import mujoco
 import torch
 from pydantic import NonNegativeFloat
@@ -16,7 +14,7 @@ from torch import Tensor
 
 from ..worlds.options import Count, TaskOptions
 from ..worlds.robot import Part
-from .bodies import Bodies, sense_contacts
+from .bodies import sense_contacts
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 
 STANDING = 1.25  # m, of the hopper
@@ -161,10 +159,6 @@ class Ant(GymnasiumRobot):
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
         sense_contacts(spec)
-
-    @cached_property
-    def bodies(self) -> Bodies:
-        return Bodies(self.physics)
 
     def contact_forces(self) -> Tensor:
         """Return contact torques (N m) and forces (N), (N, 78), each clipped to [-1, 1]."""
