@@ -7,8 +7,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from .mjlab import MjlabWorlds, from_task
-from .mjlab_tasks import MjlabOptions
+from .mjlab import MjlabOptions, MjlabWorlds, from_task
 from .robot import Part, Robot
 
 
