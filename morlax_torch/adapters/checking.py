@@ -1,4 +1,4 @@
-"""Check what users pass to adapters, and the libraries that adapters need."""
+"""What adapters share: checks of libraries and of what users pass, resets and steps."""
 
 import re
 from collections.abc import Iterable, Sequence

@@ -47,12 +47,11 @@ class Trainer(Learner):
     `trained` is the agent that explores and learns; `agent`, the one that is evaluated, is the same
     unless a method keeps another.
 
-    Args:
-        env, config, actor, critic, group: as of `MORLAX`, with its errors.
-        in_order: as of `Agent`.
+    Arguments and errors are those of `MORLAX`.
     """
 
     keeps_tradeoffs = False  # trains K even trade-offs, instead of new ones in every iteration
+    in_order = False  # trains K independent networks, each with the trade-off in its place
 
     def __init__(
         self,
@@ -62,7 +61,6 @@ class Trainer(Learner):
         critic: nn.Module | None = None,
         *,
         group: Group = ALONE,
-        in_order: int = 0,
     ):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
@@ -74,7 +72,8 @@ class Trainer(Learner):
                 "from: set ppo.truncation to mask."
             )
         self.env, self.config, self.group = env, config, group
-        agent = make_agent(env, config, in_order, actor=actor, critic=critic)
+        number = config.num_clusters if self.in_order else 0
+        agent = make_agent(env, config, number, actor=actor, critic=critic)
         group.share(agent)  # a user's networks may start differently in every process
         self.agent = self.trained = agent
         self.iteration = self.env_steps = 0

@@ -48,10 +48,10 @@ class PGMORL(Trainer):
     It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
-    keeps_tradeoffs = True
+    keeps_tradeoffs = in_order = True
 
     def __init__(self, env: Worlds, config: Config, *, group: Group = ALONE, **networks: Any):
-        super().__init__(env, config, group=group, in_order=config.num_clusters, **networks)
+        super().__init__(env, config, group=group, **networks)
         self.agent = make_agent(env, config, **networks)  # the archive
         group.share(self.agent)
         assert isinstance(config.method, PGMORLOptions)
