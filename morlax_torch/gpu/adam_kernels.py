@@ -5,13 +5,11 @@ CUDA.
 """
 
 import math
-from collections.abc import Sequence
 from itertools import accumulate
 
 import torch
 import triton
 import triton.language as tl
-from torch import Tensor
 
 from .optimizer import DECAYS, EPSILON
 
@@ -98,16 +96,7 @@ def _step(
     tl.store(vector + i, p, mask=inside)
 
 
-def step(
-    vector: Tensor,
-    gradients: Sequence[Tensor],
-    means: Tensor,
-    squares: Tensor,
-    steps: Tensor,
-    rate: Tensor,
-    max_norm: float,
-    norms: Tensor | None = None,
-) -> None:
+def step(vector, gradients, means, squares, steps, rate, max_norm, norms=None) -> None:
     """`optimizer.step`."""
     gradients = tuple(gradient.contiguous() for gradient in gradients)
     sizes = tuple(gradient.numel() for gradient in gradients)

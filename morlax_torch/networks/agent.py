@@ -76,15 +76,9 @@ class Agent(nn.Module):
     """Everything that training changes: an actor and a critic for every trade-off, and normalizers.
 
     Critics see all O + P features of an observation, actors the first O: the last P are
-    privileged.
+    privileged. There are A actions and m objectives. The generator draws the initial parameters.
 
     Args:
-        config: of a run.
-        observation_size: O.
-        action_size: A.
-        num_objectives: m.
-        generator: draws the initial parameters.
-        privileged_size: P.
         actor: replaces the config's actor: a module from (B, O) to (B, 2A). One that is conditioned
             takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to the values.
