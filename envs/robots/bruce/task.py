@@ -10,13 +10,12 @@ from ...worlds.environment import Environment
 from ...worlds.episodes import Starts
 from ...worlds.robot import Part
 from . import model as bruce
-from .anchor import Anchor
 from .beginnings import FASTEST, Beginnings
 from .gaits import Library
 from .history import Histories
 from .model import randomized
 from .options import BruceOptions
-from .reference import BASE, JOINTS, Reference
+from .reference import BASE, JOINTS, Anchor, Reference
 from .rewards import Closeness, SwingingArms, roughness
 from .rotations import PairSums
 
