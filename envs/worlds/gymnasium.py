@@ -16,7 +16,7 @@ from torch import Tensor
 from ..errors import MorlaxError, located, words
 from ..naming import GYMNASIUM
 from .foreign import ForeignWorlds, Outcome
-from .options import Count, ObjectiveOptions
+from .options import Count, ObjectiveOptions, Objectives, Point
 
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
 STEP = ("observation", "reward", "terminated", "truncated", "info")  # of what a step returns
@@ -59,8 +59,8 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
     least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
 
     class Options(ObjectiveOptions):
-        objectives: dict[str, dict[str, float]] = {term: {term: 1.0} for term in terms}
-        reference_point: tuple[float, ...] | None = tuple(least.tolist())
+        objectives: Objectives = {term: {term: 1.0} for term in terms}
+        reference_point: Point = tuple(least.tolist())
         episode_length: Count = time
 
     one.close()

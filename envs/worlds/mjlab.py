@@ -18,7 +18,7 @@ from ..devices import drawing_from
 from ..errors import MorlaxError, installation, unknown
 from ..physics import compiling
 from .foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, imported, joined
-from .options import Count, ObjectiveOptions
+from .options import Count, ObjectiveOptions, Objectives, Point
 
 _rehearsed: set[str] = set()
 ENDINGS = "endings"  # mjlab's name of the recorder
@@ -225,8 +225,8 @@ def options_class(name: str) -> type[MjlabOptions]:
     steps = round(seconds / (cfg.sim.mujoco.timestep * cfg.decimation))
 
     class Options(MjlabOptions):
-        objectives: dict[str, dict[str, float]] = {"rewards": gains, "costs": costs}
-        reference_point: tuple[float, ...] | None = (0.0, -float(seconds))
+        objectives: Objectives = {"rewards": gains, "costs": costs}
+        reference_point: Point = (0.0, -float(seconds))
         episode_length: Count = steps
 
     return Options

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..errors import MorlaxError, installation, shortened, unknown
 from .foreign import ForeignWorlds, Outcome, imported
-from .options import Count, ObjectiveOptions
+from .options import Count, ObjectiveOptions, Objectives, Point
 
 POLICY, CRITIC = "state", "privileged_state"  # Playground's names of groups of observations
 TERM = "reward/"  # before the names of reward terms in Playground's metrics
@@ -294,11 +294,8 @@ def options_class(name: str) -> type[PlaygroundOptions]:
     steps = default_config(name).get("episode_length", UNLIMITED)
 
     class Options(PlaygroundOptions):
-        objectives: dict[str, dict[str, float]] = {
-            "reward": {"reward": 1.0},
-            "effort": {EFFORT: -1.0},
-        }
-        reference_point: tuple[float, ...] | None = (0.0, -float(steps))
+        objectives: Objectives = {"reward": {"reward": 1.0}, "effort": {EFFORT: -1.0}}
+        reference_point: Point = (0.0, -float(steps))
         episode_length: Count = steps
 
     return Options
