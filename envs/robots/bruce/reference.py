@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from . import rotations
-from .gaits import DEGREE, Library
+from .gaits import Library
+from .planner import DEGREE
 
 JOINTS, POSITION, ANGLES = slice(16), slice(16, 19), slice(19, 22)  # of control points and rates
 BASE = slice(16, 23)  # of targets: position and quaternion
