@@ -76,7 +76,7 @@ def parameters(
     values = task_values(task, "cuda", algorithm)
     config = load_config(merged(values, {"network": network or {}}))
     env = envs.make(task, 1, "cpu")
-    agent = Agent.of(
+    agent = Agent(
         config,
         env.observation_size,
         env.action_size,

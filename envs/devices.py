@@ -78,8 +78,7 @@ def seed_of(seed: int, rank: int) -> int:
     """Return the seed of the process `rank` of a run with `seed`; its first process has that."""
     if rank == 0:
         return seed
-    digest = hashlib.sha256(f"{seed} {rank}".encode()).digest()
-    return int.from_bytes(digest[:8], "little") >> 1
+    return _hashed(f"{seed} {rank}".encode())
 
 
 def restore_generator(generator: torch.Generator, state: Tensor) -> None:
@@ -92,8 +91,11 @@ def restore_generator(generator: torch.Generator, state: Tensor) -> None:
     if state.numel() == generator.get_state().numel():
         generator.set_state(state)
     else:
-        digest = hashlib.sha256(state.numpy().tobytes()).digest()
-        generator.manual_seed(int.from_bytes(digest[:8], "little") >> 1)
+        generator.manual_seed(_hashed(state.numpy().tobytes()))
+
+
+def _hashed(data: bytes) -> int:
+    return int.from_bytes(hashlib.sha256(data).digest()[:8], "little") >> 1
 
 
 @contextmanager

@@ -84,11 +84,7 @@ def checked(task: type[Worlds]) -> type[Worlds]:
 
 
 def import_file(file: str, what: str) -> ModuleType:
-    """Import a Python file once.
-
-    Args:
-        file: its absolute path.
-        what: the file should define, for the error message.
+    """Import a Python file once, which should define `what` (for messages).
 
     Raises:
         MorlaxError: the file does not exist, or its import fails.

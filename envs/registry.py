@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import MorlaxError, unknown
 from .naming import GYMNASIUM, MJLAB, PLAYGROUND, is_file, offered, trust
@@ -11,6 +11,11 @@ from .robots import TASKS
 if TYPE_CHECKING:
     from .worlds.interface import Worlds
 
+_LIBRARIES = {  # prefix of their names: what returns the class of a task
+    GYMNASIUM: "worlds.gymnasium:from_id",
+    MJLAB: "worlds.mjlab:from_task",
+    PLAYGROUND: "worlds.playground:from_task",
+}
 _REGISTRY: dict[str, "type[Worlds]"] = {}  # built-in tasks once they are used, and registered ones
 _LISTENERS: list[Callable[[str], None]] = []  # called with the name of each task
 
@@ -57,18 +62,9 @@ def get(name: str) -> "type[Worlds]":
         MorlaxError: there is no such task, or it cannot be loaded.
     """
     trust(name)
-    if name.startswith(GYMNASIUM):
-        from .worlds.gymnasium import from_id
-
-        return from_id(name)
-    if name.startswith(MJLAB):
-        from .worlds.mjlab import from_task
-
-        return from_task(name)
-    if name.startswith(PLAYGROUND):
-        from .worlds.playground import from_task
-
-        return from_task(name)
+    for prefix, home in _LIBRARIES.items():
+        if name.startswith(prefix):
+            return _imported(home)(name)
     if is_file(name):
         from .external import from_file
 
@@ -88,7 +84,11 @@ def get(name: str) -> "type[Worlds]":
 def _known(name: str) -> "type[Worlds] | None":
     """Return a registered class, or a built-in one, whose module is imported only now."""
     if name in TASKS and name not in _REGISTRY:
-        module, _, member = TASKS[name].partition(":")
-        robots = f"{__package__}.robots"
-        _REGISTRY[name] = getattr(import_module(f"{robots}.{module}"), member)
+        _REGISTRY[name] = _imported(f"robots.{TASKS[name]}")
     return _REGISTRY.get(name)
+
+
+def _imported(home: str) -> Any:
+    """Return the member of "MODULE:MEMBER", a module of this package."""
+    module, _, member = home.partition(":")
+    return getattr(import_module(f".{module}", __package__), member)

@@ -123,9 +123,10 @@ def make_agent() -> Callable[..., Agent]:
         **network: object,
     ) -> Agent:
         sizes = {"hidden": (8,), "features": 4, "scale": 0.3, "actor": (6, 5), "critic": (7,)}
-        config = NetworkConfig.model_validate({**sizes, **network})
+        changes = {"network": NetworkConfig.model_validate({**sizes, **network})}
+        config = load_config(task_values("hopper", "cpu")).model_copy(update=changes)
         generator = torch.Generator().manual_seed(seed)
-        return Agent(observation_size, action_size, num_objectives, config, generator)
+        return Agent(config, observation_size, action_size, num_objectives, generator)
 
     return make
 
@@ -168,7 +169,7 @@ def make_policy() -> Callable[..., Policy]:
         env = envs.make(name, 1, "cpu")
         generator = torch.Generator().manual_seed(0)
         sizes = env.observation_size, env.action_size, len(env.objectives)
-        agent = Agent(*sizes, config.network, generator)
+        agent = Agent(config, *sizes, generator)
         torch.nn.init.normal_(agent.actor.weight, std=0.2, generator=generator)
         return Policy(agent, config, env.objectives)
 

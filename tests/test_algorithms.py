@@ -12,8 +12,8 @@ from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import MorlaxError, config_for, load, save
-from morlax_torch.algorithms.baselines import AMOR, HyperMORL, IndependentPPO
 from morlax_torch.algorithms.batch import make_batch
+from morlax_torch.algorithms.methods import AMOR, HyperMORL, IndependentPPO
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
@@ -124,10 +124,10 @@ def test_resuming_continues_exactly(algorithm, changes):
 def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork():
     learner = trained(small("hyper-morl", 20, **{"method.warmup": 0.15}), 3)
     assert isinstance(learner, HyperMORL) and learner.warming_up
-    assert (learner.tradeoffs == 0.5).all() and learner.trainer.ppo.optimizers[0].mean.any()
+    assert (learner.tradeoffs == 0.5).all() and learner.ppo.optimizers[0].mean.any()
     learner._start_hypernetwork()  # as the next iteration does first
     assert not learner.agent.actor.weight.any() and not learner.agent.critic.weight.any()
-    assert not learner.trainer.ppo.optimizers[0].mean.any()
+    assert not learner.ppo.optimizers[0].mean.any()
     seen, tradeoffs = torch.ones(2, 1, 1), torch.tensor([[0.9, 0.1], [0.5, 0.5]])
     both = learner.agent.actors(tradeoffs).act(seen)
     assert torch.equal(both[0], both[1])
@@ -221,7 +221,7 @@ def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
     seen = torch.ones(CLUSTERS, 1, 1)
     for _ in range(40):
         iterate(learner, 1)
-        rates.append(learner.trainer.ppo.optimizers[0].rate.item())
+        rates.append(learner.ppo.optimizers[0].rate.item())
         spreads.append(learner.agent.actors(learner.tradeoffs).distribution(seen).std)
     assert rates[:10] == pytest.approx([3e-3 * (1 - i / 10) for i in range(10)])
     assert rates[10:] == pytest.approx([3e-3 * (1 - i / 30) for i in range(30)])
@@ -296,7 +296,7 @@ def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy():
 def test_pg_morl_measures_policies_like_evaluations_do():
     learner = trained(small("pg-morl", 60), 1)
     seen = torch.ones(CLUSTERS, 1, 1)
-    action = learner.trainer.agent.actors(learner.tradeoffs).act(seen)[:, 0]
+    action = learner.trained.actors(learner.tradeoffs).act(seen)[:, 0]
     wanted = 1 - (action[:, None] - PLACES).square().sum(-1)
     learner._keep_snapshot(0)
     assert_close(learner._measure().float(), wanted)
@@ -326,7 +326,7 @@ def test_an_independent_policy_is_that_of_plain_ppo():
         family.rows.data[:2].fill_(0.1)  # neighbours that are quite different
         family.rows.data[3:].fill_(-0.1)
     for one in (learner, alone):
-        one.trainer.generator.manual_seed(1)
+        one.generator.manual_seed(1)
         one.agent.value_normalizer.update = lambda *_, **__: None
         one.learn()
     assert_close(alone.agent.actor.rows[2], learner.agent.actor.rows[2])
@@ -341,9 +341,9 @@ def test_policies_with_one_world_each_learn_from_their_own(algorithm):
     for learner, change in ((one, 0.0), (other, 1.0)):
         learner.explore()
         learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 1, 2)
-        learner.trainer.agent.value_normalizer.update = lambda *_, **__: None
+        learner.trained.value_normalizer.update = lambda *_, **__: None
         learner.learn()
-    same = (one.trainer.agent.actor.rows == other.trainer.agent.actor.rows).all(1)
+    same = (one.trained.actor.rows == other.trained.actor.rows).all(1)
     assert same.tolist() == [True, True, False, *[True] * 5]
 
 

@@ -52,7 +52,7 @@ def separate(folder: Path, name: str, task: type[Quadratic], monkeypatch) -> Pat
     changes = {"network.type": "independent", "sampling.clusters": len(SHARES), "device": "cpu"}
     changes |= {"algorithm": "independent", "network.actor": (), "evaluation.tradeoffs": 11}
     config = config_for(name, **changes, worlds=4 * len(SHARES))
-    agent = Agent.of(config, 1, 2, 2)
+    agent = Agent(config, 1, 2, 2)
     actions = SHARES[:, None] * PLACES[0] + (1 - SHARES[:, None]) * PLACES[1]
     bias = torch.cat([actions.atanh(), torch.zeros(len(SHARES), 2)], 1)
     with torch.no_grad():

@@ -253,7 +253,7 @@ def learn_from(
     for own, value in zip((morlax.tradeoffs, *morlax.rollout), seen, strict=True):
         own.copy_(value)
     morlax.learn()
-    return [optimizer.mean.clone() for optimizer in morlax.trainer.ppo.optimizers]
+    return [optimizer.mean.clone() for optimizer in morlax.ppo.optimizers]
 
 
 @pytest.mark.parametrize("device", ["cuda", pytest.param("cuda:1", marks=two_gpus)])

@@ -599,8 +599,8 @@ def test_policies_that_return_to_training_are_what_was_stored():
     start = learner.state_dict()["population"]["start"]
     learner._keep_snapshot(0)
     assert learner._measure()[-4:].numpy() == pytest.approx(start.numpy(), rel=1e-3)
-    counts = learner.trainer.agent.observation_normalizer.count.flatten()
-    assert (counts > 0).all() and (learner.trainer.agent.value_normalizer.count > 0).all()
+    counts = learner.trained.observation_normalizer.count.flatten()
+    assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
     means = learner.agent.observation_normalizer.mean[: learner._archived]
     assert len(means.unique(dim=0)) > 1
 
@@ -614,7 +614,7 @@ def test_snapshots_within_a_generation_are_measured_at_its_end(monkeypatch):
         before = learner._state["archived"].clone()
         learner.iterate()
         if iteration in (1, 3, 5):
-            rows.append(learner.trainer.agent.actor.rows.detach().clone())
+            rows.append(learner.trained.actor.rows.detach().clone())
         assert iteration == 5 or torch.equal(learner._state["archived"], before)
     assert torch.equal(learner._snapshots[0], torch.cat(rows))
     state = learner.state_dict()["population"]

@@ -59,7 +59,7 @@ def saved_and_loaded(policy: Policy) -> Policy:
 )
 def test_copies_of_policies_give_the_same_actions(changes, copied):
     config = tiny(**changes)
-    agent = Agent.of(config, 13, 4, 2)
+    agent = Agent(config, 13, 4, 2)
     for parameter in agent.parameters():  # they start equal for all trade-offs
         torch.nn.init.normal_(parameter)
     policy, observation = Policy(agent, config, ("run", "jump")), torch.randn(5, 13)

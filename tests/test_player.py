@@ -27,7 +27,7 @@ def policy() -> Policy:
     config = load_config(task_values("hopper", "cpu"))
     generator = torch.Generator().manual_seed(3)
     env = envs.make("hopper", 1, "cpu")
-    agent = Agent(env.observation_size, env.action_size, 2, config.network, generator)
+    agent = Agent(config, env.observation_size, env.action_size, 2, generator)
     return Policy(agent, config, env.objectives)
 
 
@@ -111,7 +111,7 @@ class Cart(envs.Environment):
 def test_motor_forces_include_activations(monkeypatch):
     monkeypatch.setattr(envs.registry, "_REGISTRY", {"cart-with-lag": Cart})
     config = load_config(task_values("cart-with-lag", "cpu"))
-    player = Player(Policy(Agent(2, 1, 2, config.network), config, ("far", "near")), (0.5, 0.5))
+    player = Player(Policy(Agent(config, 2, 1, 2), config, ("far", "near")), (0.5, 0.5))
     for _ in range(50):
         player.step()
     activation = player.env.physics.act[0].item()

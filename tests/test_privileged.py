@@ -117,7 +117,7 @@ def test_a_rollout_stores_the_critics_observations():
         step = env.step(rollout.action[t].tanh().flatten(0, 1))
         assert torch.equal(rollout.final_observation[t].flatten(0, 1), step.final_observation)
         observation = step.observation
-    assert torch.equal(morlax.trainer.observation, observation)
+    assert torch.equal(morlax.observation, observation)
     assert rollout.truncated.any()
 
 

@@ -344,7 +344,7 @@ def test_training_with_randomization_resumes_exactly():
     second.load_state_dict(first.state_dict())
     for _ in range(2):
         second.iterate()
-    assert torch.equal(second.trainer.observation, whole.trainer.observation)
+    assert torch.equal(second.observation, whole.observation)
     for name, value in whole.agent.state_dict().items():
         assert torch.equal(second.agent.state_dict()[name], value), name
 

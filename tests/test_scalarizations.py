@@ -15,7 +15,6 @@ from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.envs.naming import _TRUSTED
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
-from morlax_torch.gpu.group import ALONE
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
@@ -23,7 +22,6 @@ from morlax_torch.scalarizations.chebyshev import (
     AUGMENTATION,
     FORGETTING,
     SMOOTHNESS,
-    Range,
     SmoothChebyshev,
 )
 from morlax_torch.scalarizations.constrained import LEVELS, MOST, RATE, Constrained
@@ -123,11 +121,11 @@ def test_chebyshev_utilities_equal_their_formulas():
 
 
 def test_the_range_takes_new_extremes_at_once_and_forgets_old_ones_slowly():
-    range_ = Range(2, CPU)
+    range_ = SmoothChebyshev(2, CPU)
     steps = torch.tensor([[[0.0, 5.0], [10.0, 1.0]], [[2.0, 9.0], [4.0, 3.0]]])
-    range_.observe(steps[0], ALONE)
+    range_.observe(steps[0], steps[0])
     assert range_.ideal.tolist() == [10, 5] and range_.nadir.tolist() == [0, 1]
-    range_.observe(steps[1], ALONE)
+    range_.observe(steps[1], steps[1])
     assert_allclose(range_.ideal, [10 - FORGETTING * 6, 9])
     assert_allclose(range_.nadir, [FORGETTING * 2, 1 + FORGETTING * 2])
 
@@ -195,7 +193,7 @@ def test_multipliers_follow_their_levels():
         required = torch.rand(50, generator=generator)
         returns = torch.rand(50, 2, generator=generator)
         constrained.observe(torch.stack([required, 1 - required], 1), returns)
-        low, high = constrained.range.nadir[0].item(), constrained.range.ideal[0].item()
+        low, high = constrained.nadir[0].item(), constrained.ideal[0].item()
         missing = required.numpy() - (returns[:, 0].numpy() - low) / (high - low)
         near = np.maximum(1 - abs(required.numpy()[:, None] - levels) * (LEVELS - 1), 0)
         expected += RATE * (missing @ near) / np.maximum(near.sum(0), 1e-6)
@@ -255,7 +253,7 @@ def test_baselines_train_with_chebyshev_utilities(tasks, algorithm):
     changes = {**SMALL, "worlds": 128, "max_env_steps": 128 * 4 * 10}
     config = config_for("concave", algorithm=algorithm, scalarization="chebyshev", **changes)
     learner = make_learner(envs.make("concave", 128, "cpu"), config)
-    scalarization = learner.trainer.scalarization
+    scalarization = learner.scalarization
     assert isinstance(scalarization, SmoothChebyshev)
     before = {name: value.clone() for name, value in learner.agent.state_dict().items()}
     for _ in range(10):
@@ -264,7 +262,7 @@ def test_baselines_train_with_chebyshev_utilities(tasks, algorithm):
     assert any(
         not torch.equal(before[name], value) for name, value in learner.agent.state_dict().items()
     )
-    assert (scalarization.range.ideal > scalarization.range.nadir).all()
+    assert (scalarization.ideal > scalarization.nadir).all()
 
 
 def test_resuming_runs_the_code_of_a_utility_only_if_it_is_trusted(tasks, own, tmp_path):

@@ -107,7 +107,7 @@ def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
         if iteration == 3:
             other = MORLAX(make_worlds(config, config.worlds), config)
             other.load_state_dict(learner.state_dict())
-            other.trainer._episodes.totals.copy_(learner.trainer._episodes.totals)
+            other._episodes.totals.copy_(learner._episodes.totals)
             learner = other
         learner.iterate()
         rollout = learner.rollout
@@ -116,7 +116,7 @@ def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
             over = (rollout.terminated | rollout.truncated)[t].flatten()
             rewards += sums[over].tolist()
             sums[over] = 0
-    totals = learner.trainer._episodes.totals
+    totals = learner._episodes.totals
     assert len(rewards) == totals[-1] == 32
     torch.testing.assert_close(totals[:2], torch.tensor(rewards).sum(0))
     assert totals[2] / totals[3] == 5

@@ -101,17 +101,17 @@ def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
 def test_learning_rates_and_entropy_decay_to_zero_at_the_end(fraction, factor):
     config = tiny(max_env_steps=10 * 160, ppo={"decay_fraction": fraction, "entropy": 0.02})
     morlax = trainer(config, 5)  # the fifth iteration begins after 40 % of the run
-    assert morlax.trainer.ppo.entropy.item() == pytest.approx(0.02 * factor)
-    assert morlax.trainer.ppo.optimizers[1].rate.item() == pytest.approx(3e-4 * factor)
+    assert morlax.ppo.entropy.item() == pytest.approx(0.02 * factor)
+    assert morlax.ppo.optimizers[1].rate.item() == pytest.approx(3e-4 * factor)
     iterate(morlax, 8)
-    assert morlax.trainer.ppo.optimizers[0].rate.item() == morlax.trainer.ppo.entropy.item() == 0.0
+    assert morlax.ppo.optimizers[0].rate.item() == morlax.ppo.entropy.item() == 0.0
 
 
 def test_the_desired_kl_decays_instead_of_a_rate_that_adapts_to_it():
     ppo = {"decay_fraction": 1.0, "desired_kl": 0.02}
     morlax = trainer(tiny(max_env_steps=10 * 160, ppo=ppo), 5)
-    assert morlax.trainer.ppo.desired_kl.item() == pytest.approx(0.02 * 0.6)
-    actor, critic = (optimizer.rate.item() for optimizer in morlax.trainer.ppo.optimizers)
+    assert morlax.ppo.desired_kl.item() == pytest.approx(0.02 * 0.6)
+    actor, critic = (optimizer.rate.item() for optimizer in morlax.ppo.optimizers)
     assert critic == pytest.approx(3e-4 * 0.6)
     assert actor / 3e-4 == pytest.approx(1.5 ** round(math.log(actor / 3e-4, 1.5)))
 
@@ -119,7 +119,7 @@ def test_the_desired_kl_decays_instead_of_a_rate_that_adapts_to_it():
 def test_policies_stop_changing_once_everything_has_decayed():
     morlax = trainer(tiny(max_env_steps=5 * 160, ppo={"decay_fraction": 0.3}), 5)
     policy = Policy(morlax.agent, morlax.config, morlax.env.objectives)
-    x = morlax.trainer.observation.clone()
+    x = morlax.observation.clone()
 
     def actions() -> torch.Tensor:
         return policy(x, (0.3, 0.7))

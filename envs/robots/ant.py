@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
-from ..worlds.options import TaskOptions
+from ..worlds.options import Objectives, TaskOptions
 from ..worlds.robot import Part, positions, velocities
 
 MIN_UPRIGHT = 0.45  # world-z of the torso's up axis, a tilt of 63 degrees
@@ -16,7 +16,7 @@ class Ant(Environment):
     paper_reset_terms = {"alive": 1.0, "energy": 8.0, "vx": 1.0, "vy": 1.0}
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
+        objectives: Objectives = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
         shared: dict[str, float] = {"alive": 1.0, "energy": 0.5}
         nconmax: int = 8
         njmax: int = 40

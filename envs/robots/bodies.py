@@ -1,7 +1,5 @@
 """Per-body quantities of mjData, rebuilt from sensors so that both simulators provide them."""
 
-from functools import cached_property
-
 import mujoco
 import torch
 from torch import Tensor
@@ -60,6 +58,10 @@ class Bodies:
     def __init__(self, physics: Physics):
         self.physics = physics
         self._views: dict[str, Tensor] = {}
+        mass, inertia = physics.model.body_mass, physics.model.body_inertia
+        self._mass = torch.from_numpy(mass[1:, None]).to(physics.qpos)
+        self._principal = torch.from_numpy(inertia[1:, :, None]).to(physics.qpos)
+        self._identity = torch.eye(3).to(physics.qpos)
 
     @property
     def center(self) -> Tensor:
@@ -102,18 +104,6 @@ class Bodies:
     def joint_forces(self) -> Tensor:
         """Return qfrc_actuator (N, J): the motor torque on each hinge in N m, as a view."""
         return self._sensors(JOINT_FORCE)[..., 0]
-
-    @cached_property
-    def _mass(self) -> Tensor:
-        return torch.from_numpy(self.physics.model.body_mass[1:, None]).to(self.physics.qpos)
-
-    @cached_property
-    def _principal(self) -> Tensor:
-        return torch.from_numpy(self.physics.model.body_inertia[1:, :, None]).to(self.physics.qpos)
-
-    @cached_property
-    def _identity(self) -> Tensor:
-        return torch.eye(3).to(self.physics.qpos)
 
     def _sensors(self, name: str) -> Tensor:
         """Return the readings (N, objects, dim) of the sensors added as `name`, as a view."""

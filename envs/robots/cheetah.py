@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..worlds.options import TaskOptions
+from ..worlds.options import Objectives, TaskOptions
 from .planar import Planar
 
 MAX_SPEED = 4.0  # m/s; higher speeds earn no more reward
@@ -18,7 +18,7 @@ class Cheetah(Planar):
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0, "height": 0.2}
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+        objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
         shared: dict[str, float] = {"alive": 1.0}
         nconmax: int = 16
         njmax: int = 72
@@ -44,7 +44,7 @@ class Cheetah(Planar):
 
 class Cheetah3(Cheetah):
     class Options(Cheetah.Options):
-        objectives: dict[str, dict[str, float]] = {
+        objectives: Objectives = {
             "run": {"run": 1.0},
             "energy": {"energy": 1.0},
             "height": {"height": 10.0},

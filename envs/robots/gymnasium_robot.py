@@ -57,6 +57,11 @@ class GymnasiumRobot(Environment):
         low, high = torch.from_numpy(self.physics.model.actuator_ctrlrange).to(self.physics.ctrl).T
         return (low + high) / 2, (high - low) / 2
 
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Return per-body quantities, of a robot with their sensors."""
+        return Bodies(self.physics)
+
     def initial_qpos(self) -> np.ndarray:
         return self.physics.model.qpos0.copy()
 
@@ -122,10 +127,6 @@ class GymnasiumHumanoid(GymnasiumRobot):
     def edit(cls, spec: mujoco.MjSpec) -> None:
         sense_contacts(spec)
         sense_motion(spec)
-
-    @cached_property
-    def bodies(self) -> Bodies:
-        return Bodies(self.physics)
 
     def place(self) -> Tensor:
         return self.bodies.center[:, :2]

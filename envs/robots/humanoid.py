@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
-from ..worlds.options import TaskOptions
+from ..worlds.options import Objectives, TaskOptions
 from ..worlds.robot import Part, positions, velocities
 
 ACTION_SCALE = 3.0  # the motors clip control to [-1, 1]; the energy term uses the unclipped action
@@ -26,7 +26,7 @@ class Humanoid(Environment):
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 3.0}
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+        objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
         shared: dict[str, float] = {"alive": 1.0}
         nconmax: int = 8
         njmax: int = 53

@@ -7,16 +7,14 @@ objective, and for control minus the largest possible cost of an episode. mo-rea
 because its actions are discrete.
 """
 
-from functools import cached_property
-
 import mujoco
 import torch
 from pydantic import NonNegativeFloat
 from torch import Tensor
 
-from ..worlds.options import Count, TaskOptions
+from ..worlds.options import Count, Objectives, Point, TaskOptions
 from ..worlds.robot import Part
-from .bodies import Bodies, sense_contacts
+from .bodies import sense_contacts
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 
 STANDING = 1.25  # m, of the hopper
@@ -25,10 +23,7 @@ STANDING = 1.25  # m, of the hopper
 class SharedOptions(TaskOptions):
     """The options that most of these tasks share."""
 
-    objectives: dict[str, dict[str, float]] = {
-        "run": {"run": 1.0},
-        "control": {"ctrl_cost": -1.0},
-    }
+    objectives: Objectives = {"run": {"run": 1.0}, "control": {"ctrl_cost": -1.0}}
     episode_length: Count = 1000
     reset_noise: NonNegativeFloat = 0.1
 
@@ -40,7 +35,7 @@ class HalfCheetah(GymnasiumRobot):
     substeps = 5
 
     class Options(SharedOptions):
-        reference_point: tuple[float, ...] | None = (-100.0, -6000.0)
+        reference_point: Point = (-100.0, -6000.0)
         nconmax: int = 16
         njmax: int = 64
 
@@ -56,13 +51,13 @@ class Hopper(GymnasiumRobot):
     fastest_seen = 10.0
 
     class Options(SharedOptions):
-        objectives: dict[str, dict[str, float]] = {
+        objectives: Objectives = {
             "run": {"run": 1.0},
             "jump": {"jump": 10.0},
             "control": {"ctrl_cost": -1.0},
         }
         shared: dict[str, float] = {"healthy": 1.0}
-        reference_point: tuple[float, ...] | None = (-100.0, -100.0, -3000.0)
+        reference_point: Point = (-100.0, -100.0, -3000.0)
         reset_noise: NonNegativeFloat = 0.005
         nconmax: int = 12
         njmax: int = 40
@@ -86,9 +81,9 @@ class Hopper2(Hopper):
     """mo-hopper-2obj-v5: control is a small cost instead of an objective."""
 
     class Options(Hopper.Options):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "jump": {"jump": 10.0}}
+        objectives: Objectives = {"run": {"run": 1.0}, "jump": {"jump": 10.0}}
         shared: dict[str, float] = {"healthy": 1.0, "ctrl_cost": -0.001}
-        reference_point: tuple[float, ...] | None = (-100.0, -100.0)
+        reference_point: Point = (-100.0, -100.0)
 
 
 class Walker2d(GymnasiumRobot):
@@ -100,7 +95,7 @@ class Walker2d(GymnasiumRobot):
 
     class Options(SharedOptions):
         shared: dict[str, float] = {"healthy": 1.0}
-        reference_point: tuple[float, ...] | None = (-100.0, -6000.0)
+        reference_point: Point = (-100.0, -6000.0)
         reset_noise: NonNegativeFloat = 0.005
         nconmax: int = 16
         njmax: int = 64
@@ -125,7 +120,7 @@ class Swimmer(GymnasiumRobot):
     unobserved = 2
 
     class Options(SharedOptions):
-        reference_point: tuple[float, ...] | None = (-100.0, -2000.0)
+        reference_point: Point = (-100.0, -2000.0)
         nconmax: int = 1
         njmax: int = 4
 
@@ -146,13 +141,13 @@ class Ant(GymnasiumRobot):
     unobserved = 2
 
     class Options(SharedOptions):
-        objectives: dict[str, dict[str, float]] = {
+        objectives: Objectives = {
             "vx": {"vx": 1.0},
             "vy": {"vy": 1.0},
             "control": {"ctrl_cost": -1.0},
         }
         shared: dict[str, float] = {"healthy": 1.0, "contact_cost": -0.0005}
-        reference_point: tuple[float, ...] | None = (-100.0, -100.0, -8000.0)
+        reference_point: Point = (-100.0, -100.0, -8000.0)
         nconmax: int = 32
         njmax: int = 136
         include_cfrc_ext_in_observation: bool = True
@@ -161,10 +156,6 @@ class Ant(GymnasiumRobot):
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
         sense_contacts(spec)
-
-    @cached_property
-    def bodies(self) -> Bodies:
-        return Bodies(self.physics)
 
     def contact_forces(self) -> Tensor:
         """Return contact torques (N m) and forces (N), (N, 78), each clipped to [-1, 1]."""
@@ -199,21 +190,18 @@ class Ant2(Ant):
     """mo-ant-2obj-v5: control is a cost instead of an objective."""
 
     class Options(Ant.Options):
-        objectives: dict[str, dict[str, float]] = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
+        objectives: Objectives = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
         shared: dict[str, float] = {"healthy": 1.0, "contact_cost": -0.0005, "ctrl_cost": -0.5}
-        reference_point: tuple[float, ...] | None = (-100.0, -100.0)
+        reference_point: Point = (-100.0, -100.0)
 
 
 class Humanoid(GymnasiumHumanoid):
     """mo-humanoid-v5: run fast, use little control."""
 
     class Options(HumanoidOptions):
-        objectives: dict[str, dict[str, float]] = {
-            "run": {"run": 1.0},
-            "control": {"ctrl_cost": -1.0},
-        }
+        objectives: Objectives = {"run": {"run": 1.0}, "control": {"ctrl_cost": -1.0}}
         shared: dict[str, float] = {"healthy": 5.0, "contact_cost": -1.0}
-        reference_point: tuple[float, ...] | None = (-100.0, -2720.0)
+        reference_point: Point = (-100.0, -2720.0)
         episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.01
 

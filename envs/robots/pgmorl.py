@@ -13,7 +13,7 @@ import torch
 from pydantic import NonNegativeFloat
 from torch import Tensor
 
-from ..worlds.options import Count, TaskOptions
+from ..worlds.options import Count, Objectives, TaskOptions
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 
 MAX_SPEED = 4.0  # m/s, of the cheetah; higher speeds earn no more reward
@@ -26,7 +26,7 @@ MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))
 class RunEnergy(TaskOptions):
     """The options of the half-cheetah and the walker."""
 
-    objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+    objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
     shared: dict[str, float] = {"alive": 1.0}
     nconmax: int = 16
     njmax: int = 64
@@ -60,7 +60,7 @@ class Hopper(GymnasiumRobot):
     fastest_seen = 10.0
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.5}, "jump": {"jump": 12.0}}
+        objectives: Objectives = {"run": {"run": 1.5}, "jump": {"jump": 12.0}}
         shared: dict[str, float] = {"alive": 1.0, "ctrl_cost": -0.0002}
         nconmax: int = 12
         njmax: int = 40
@@ -91,7 +91,7 @@ class Hopper3(Hopper):
     """MO-Hopper-v3: energy is an objective instead of a small cost."""
 
     class Options(Hopper.Options):
-        objectives: dict[str, dict[str, float]] = {
+        objectives: Objectives = {
             "run": {"run": 1.5},
             "jump": {"jump": 12.0},
             "energy": {"energy": 1.0},
@@ -132,7 +132,7 @@ class Swimmer(GymnasiumRobot):
     unobserved = 2
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 0.15}}
+        objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 0.15}}
         nconmax: int = 1
         njmax: int = 4
 
@@ -157,7 +157,7 @@ class Ant(GymnasiumRobot):
     unobserved = 2
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
+        objectives: Objectives = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
         shared: dict[str, float] = {"alive": 1.0, "ctrl_cost": -0.5}
         nconmax: int = 32
         njmax: int = 136
@@ -180,7 +180,7 @@ class Humanoid(GymnasiumHumanoid):
     """
 
     class Options(HumanoidOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.25}, "energy": {"energy": 1.0}}
+        objectives: Objectives = {"run": {"run": 1.25}, "energy": {"energy": 1.0}}
         shared: dict[str, float] = {"alive": 3.0}
         episode_length: Count = 1000
         reset_noise: NonNegativeFloat = 0.01

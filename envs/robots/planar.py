@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
-from ..worlds.options import TaskOptions
+from ..worlds.options import Objectives, TaskOptions
 from ..worlds.robot import Part, positions, velocities
 
 MAX_VELOCITY = 10.0  # m/s, rad/s; clipping limit of observed velocities
@@ -44,7 +44,7 @@ class Hopper(Planar):
     paper_reset_terms = {"alive": 1.0, "run": 1.0}
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.5}, "jump": {"jump": 12.0}}
+        objectives: Objectives = {"run": {"run": 1.5}, "jump": {"jump": 12.0}}
         shared: dict[str, float] = {"alive": 1.0, "ctrl_cost": -0.0002}
         nconmax: int = 2
         njmax: int = 12
@@ -80,7 +80,7 @@ class Walker(Planar):
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0}
 
     class Options(TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+        objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
         shared: dict[str, float] = {"alive": 1.0}
         nconmax: int = 4
         njmax: int = 22

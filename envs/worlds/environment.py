@@ -16,12 +16,10 @@ from ..physics.interface import Physics
 from . import checks, episodes, randomization
 from .episodes import Starts, around
 from .interface import TimeStep
-from .learned import TERM, LearnedReward
 from .options import TaskOptions
 from .randomization import Delay, Noise, Pushes
 from .robot import Part, Robot
 
-BEFORE = "learned.before"  # name of the remembered observation
 OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have
 
 
@@ -60,7 +58,6 @@ class Environment(Robot):
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
         self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
-        self._learned: LearnedReward | None = None
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
@@ -70,11 +67,9 @@ class Environment(Robot):
         self._disturb()
         checks.control(self)
         checks.rewards(self)
-        self._load_learned_reward()
+        self._judge = options.judge(self)
         self.reset()
-        self.reward_terms = tuple(self.terms())
-        if self._learned:
-            self.reward_terms += (TERM,)
+        self.reward_terms = (*self.terms(), *(self._judge.terms if self._judge else ()))
         self.define_objectives(physics.qpos.dtype)
 
     @classmethod
@@ -125,20 +120,6 @@ class Environment(Robot):
             self._delay = Delay(chosen.action_delay, self.action_size, physics, draws)
         if chosen.push:
             self._pushes = Pushes(chosen.push, chosen.push_every, physics, draws)
-
-    def _load_learned_reward(self) -> None:
-        """Load the learned reward, if the options name one."""
-        path = self.options.learned
-        if path is None:
-            return
-        if TERM in self.terms():
-            raise MorlaxError(
-                f"{type(self).__name__} has a reward term of its own with the name {TERM}, which "
-                "task.learned needs: rename it."
-            )
-        learned = LearnedReward.load(path, self.observation_size, self.action_size)
-        self._learned = learned.to(self.device)
-        self.memory[BEFORE] = self.observe().float().clone()
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -229,7 +210,6 @@ class Environment(Robot):
         self._vary()
 
     def reset(self) -> Tensor:
-        """Start a new episode in every world; returns the observation (N, O)."""
         everywhere = torch.ones_like(self.age, dtype=torch.bool)
         self._restart(everywhere)
         if self.options.stagger:
@@ -244,7 +224,6 @@ class Environment(Robot):
         return self.critic_observation()[:, : self.observation_size]
 
     def step(self, action: Tensor) -> TimeStep:
-        """Advance every world by one control step under `action` (N, A)."""
         self.check_action(action)
         self.apply(self._delay(action) if self._delay else action)
         if self._pushes:
@@ -254,8 +233,8 @@ class Environment(Robot):
         if self._noise:
             self._noise.draw()
         named = self.terms()
-        if self._learned:
-            named[TERM] = self._learned(self.memory[BEFORE], action, self.observe().float())
+        if self._judge:
+            named |= self._judge(action, self.observe())
         terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
@@ -311,11 +290,10 @@ class Environment(Robot):
     def _remember(self) -> None:
         for name, value in self.remember().items():
             self.memory[name].copy_(value)
-        if self._learned:
-            self.memory[BEFORE].copy_(self.observe())
+        if self._judge:
+            self._judge.remember(self.observe())
 
     def state_dict(self) -> dict[str, Any]:
-        """Copy the state that the worlds' future depends on."""
         tensors = {name: value.clone() for name, value in self._state().items()}
         return {**tensors, "generator": self.generator.get_state()}
 
@@ -354,8 +332,11 @@ class Environment(Robot):
             **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
             **{f"model.{name}": value for name, value in self._model.items()},
-            **(self._noise.state if self._noise else {}),
-            **(self._delay.state if self._delay else {}),
+            **{
+                name: value
+                for part in (self._noise, self._delay, self._judge)
+                for name, value in (part.state if part else {}).items()
+            },
         }
 
     def overflow(self) -> Tensor:

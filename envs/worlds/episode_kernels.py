@@ -1,12 +1,8 @@
 """The functions of `episodes` as one Warp kernel each, where torch takes a dozen launches."""
 
-from collections.abc import Sequence
-
 import torch
 import warp as wp
-from torch import Tensor
 
-from ..physics.interface import Physics
 from .episodes import MAX_POSITION, MAX_VELOCITY, Ends
 
 wp.set_module_options({"enable_backward": False})
@@ -97,17 +93,7 @@ def _restart(
         age[world] = 0
 
 
-def end(
-    physics: Physics,
-    action: Tensor,
-    observation: Tensor,
-    failed: Tensor,
-    length: int,
-    age: Tensor,
-    reward: Tensor,
-    terms: Tensor,
-    blowups: Tensor,
-) -> Ends:
+def end(physics, action, observation, failed, length, age, reward, terms, blowups) -> Ends:
     """`episodes.end`."""
     ends = Ends(*(torch.empty_like(failed) for _ in Ends._fields))
     # a reduction of torch reads wide rows much faster than one thread per world would
@@ -119,7 +105,7 @@ def end(
     return ends
 
 
-def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
+def restart(physics, over, starts, age) -> None:
     """`episodes.restart`."""
     state = [physics.qpos, physics.qvel, physics.act, physics.warmstart, physics.sensors]
     _launch(_restart, [*map(wp.from_torch, [over, *starts, *state, age])])

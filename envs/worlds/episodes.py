@@ -30,10 +30,6 @@ class Starts:
     """B initial states with their sensor readings; B = 1 if every episode starts alike.
 
     One forward pass here computes the sensor readings, so that no reset needs one.
-
-    Args:
-        starts: the B states.
-        physics: the physics that episodes run in.
     """
 
     def __init__(self, starts: Iterable[Start], physics: Physics):
@@ -57,14 +53,10 @@ class Starts:
 def around(
     qpos: NDArray[np.float64], noise: float, model: mujoco.MjModel, seed: int
 ) -> Iterable[Start]:
-    """Yield one state at rest, or with noise NOISY_STARTS states around it.
+    """Yield one state at rest, with positions (nq,), or with noise NOISY_STARTS states around it.
 
-    Args:
-        qpos: (nq,) the positions at rest.
-        noise: half the width of uniform noise on positions (m, rad) and the standard deviation of
-            noise on velocities (m/s, rad/s).
-        model: the robot.
-        seed: random seed of the noise.
+    The noise is half the width of uniform noise on positions (m, rad) and the standard deviation of
+    normal noise on velocities (m/s, rad/s).
     """
     random = np.random.default_rng(seed)
     for _ in range(NOISY_STARTS if noise else 1):

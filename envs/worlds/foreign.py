@@ -1,4 +1,4 @@
-"""Worlds that another library steps, all at once."""
+"""Worlds that another library steps."""
 
 from abc import abstractmethod
 from importlib import import_module
@@ -46,9 +46,6 @@ class ForeignWorlds(Worlds):
     Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
     world that is not finite terminates with zero reward.
     """
-
-    simulator: str
-    """Name of the simulator, in messages."""
 
     def __init__(
         self,

@@ -24,12 +24,7 @@ class LearnedReward(nn.Module):
     A step is the observation before it, its action, and the observation after it.
     `morlax_torch.preferences.reward.fit` trains one from comparisons (Christiano et al., 2017).
 
-    Args:
-        observation_size: O.
-        action_size: A.
-        members: E, the number of networks.
-        hidden: sizes of their hidden layers.
-        generator: draws the initial parameters.
+    There are E = `members` networks with layers of `hidden` sizes.
     """
 
     mean: Tensor
@@ -92,49 +87,62 @@ class LearnedReward(nn.Module):
         Raises:
             MorlaxError: there is no such file, it is damaged, or it is of another task.
         """
-        values = _read(path)
-        found = (values["observation_size"], values["action_size"])
-        if found != (observation_size, action_size):
-            raise MorlaxError(
-                f"the learned reward {path} is for {found[0]} observations and {found[1]} "
-                f"actions, but this task has {observation_size} and {action_size}."
-            )
         try:
-            reward = cls(observation_size, action_size, values["members"], values["hidden"])
+            data = path.read_bytes()
+        except (OSError, ValueError) as error:  # ValueError: the path has a NUL
+            reason = getattr(error, "strerror", None) or error
+            raise MorlaxError(f"cannot read the learned reward {path}: {reason}.") from None
+        try:
+            if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
+                raise ValueError("a checksum is wrong")
+            values = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+            if values["format"] != FORMAT:
+                raise MorlaxError(
+                    f"the learned reward {path} has format {shortened(values['format'])}, but this "
+                    f"version of morlax_torch reads format {FORMAT}."
+                )
+            found = (values["observation_size"], values["action_size"])
+            if found != (observation_size, action_size):
+                raise MorlaxError(
+                    f"the learned reward {path} is for {found[0]} observations and {found[1]} "
+                    f"actions, but this task has {observation_size} and {action_size}."
+                )
+            reward = cls(*found, values["members"], values["hidden"])
             reward.load_state_dict(values["state"])
-        except (RuntimeError, TypeError, ValueError, AttributeError):
-            raise _damaged(path) from None
-        if not all(value.isfinite().all() for value in reward.state_dict().values()):
-            raise _damaged(path)
+            if not all(value.isfinite().all() for value in reward.state_dict().values()):
+                raise ValueError("a parameter is not finite")
+        except (MemoryError, MorlaxError):
+            raise
+        except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
+            raise MorlaxError(
+                f"the learned reward {path} is damaged or not one: fit it again with morlax teach."
+            ) from None
         return reward.requires_grad_(False)
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: the path has a NUL
-        reason = getattr(error, "strerror", None) or error
-        raise MorlaxError(f"cannot read the learned reward {path}: {reason}.") from None
-    try:
-        if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
-            raise _damaged(path)
-        values = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-    except MemoryError:
-        raise
-    except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
-        raise _damaged(path) from None
-    wanted = {"format", "observation_size", "action_size", "members", "hidden", "state"}
-    if not isinstance(values, dict) or values.keys() != wanted:
-        raise _damaged(path)
-    if values["format"] != FORMAT:
-        raise MorlaxError(
-            f"the learned reward {path} has format {shortened(values['format'])}, but this version "
-            f"of morlax_torch reads format {FORMAT}."
-        )
-    return values
+class LearnedTerm:
+    """Rates the control steps of an `Environment` by a learned reward, as the term `learned`.
 
+    Raises:
+        MorlaxError: the task has a term of that name, or as `LearnedReward.load`.
+    """
 
-def _damaged(path: Path) -> MorlaxError:
-    return MorlaxError(
-        f"the learned reward {path} is damaged or not one: fit it again with morlax teach."
-    )
+    terms = (TERM,)
+
+    def __init__(self, path: Path, env: Any):
+        if TERM in env.terms():
+            raise MorlaxError(
+                f"{type(env).__name__} has a reward term of its own with the name {TERM}, which "
+                "task.learned needs: rename it."
+            )
+        reward = LearnedReward.load(path, env.observation_size, env.action_size)
+        self._reward, self._before = reward.to(env.device), env.observe().float().clone()
+        self.state = {"memory.learned.before": self._before}
+
+    def __call__(self, action: Tensor, after: Tensor) -> dict[str, Tensor]:
+        """Rate the step under an action (N, A) to the observation `after` (N, O)."""
+        return {TERM: self._reward(self._before, action, after.float())}
+
+    def remember(self, observation: Tensor) -> None:
+        """Keep the observation (N, O) that the next step starts from."""
+        self._before.copy_(observation)

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from .mjlab import MjlabWorlds, from_task
-from .mjlab_tasks import MjlabOptions
 from .robot import Part, Robot
 
 
@@ -21,15 +20,8 @@ def robot_of(name: str) -> type["MjlabRobot"]:
 class MjlabRobot(MjlabWorlds, Robot):
     """Worlds of mjlab on the CPU whose command stays as it is until someone changes it."""
 
-    def __init__(
-        self,
-        options: MjlabOptions,
-        num_worlds: int,
-        device: torch.device,
-        seed: int = 0,
-        auto_reset: bool = True,
-    ):
-        super().__init__(options, num_worlds, device, seed, auto_reset)
+    def _open(self, seed: int) -> None:
+        super()._open(seed)
         self.dt = self.env.step_dt
         self.physics = _MjlabState(self.env.sim, self.env.cfg.viewer.distance)
         self.command_limits = {}

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -17,8 +17,13 @@ from pydantic import (
 
 from ..errors import shortened
 
+if TYPE_CHECKING:
+    from .learned import LearnedTerm  # which imports torch
+
 LARGEST = 1e9  # of any number, in size: squares of it are still finite in float32
 
+Objectives = dict[str, dict[str, float]]  # weights of reward terms, by objective
+Point = tuple[float, ...] | None  # of reference, one number per objective
 Count = Annotated[int, Field(gt=0, le=1_000_000)]
 T = TypeVar("T", int, float)
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_ -]{0,39}")
@@ -93,11 +98,11 @@ Steps = Annotated[tuple[Delay, Delay], AfterValidator(_ordered)]
 class ObjectiveOptions(Section):
     """The options of every task."""
 
-    objectives: dict[str, dict[str, float]]
+    objectives: Objectives
     """The objectives to trade off; each is a weighted sum of reward terms."""
     shared: dict[str, float] = {}
     """Weighted reward terms that are added to every objective."""
-    reference_point: tuple[float, ...] | None = None
+    reference_point: Point = None
     """Reference point of the hypervolume, one number per objective (None: the origin)."""
     episode_length: Count = 500
     """Control steps after which an episode is truncated."""
@@ -108,7 +113,7 @@ class ObjectiveOptions(Section):
 
     @field_validator("objectives")
     @classmethod
-    def _plain_names(cls, objectives: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    def _plain_names(cls, objectives: Objectives) -> Objectives:
         check_objectives(objectives)
         return objectives
 
@@ -171,6 +176,14 @@ class TaskOptions(ObjectiveOptions):
 
     def for_evaluation(self) -> Self:
         return self.model_copy(update={"stagger": False})
+
+    def judge(self, env: Any) -> "LearnedTerm | None":
+        """Return what adds reward terms to those of an `Environment`, if anything does."""
+        if self.learned is None:
+            return None
+        from .learned import LearnedTerm
+
+        return LearnedTerm(self.learned, env)
 
     @property
     def varies(self) -> bool:

@@ -64,8 +64,7 @@ class Noise:
         deviations: standard deviations in the units of the observation, by the name of a part
             ("position.knee") or a prefix of several ("position"). The longest match applies.
         parts: the parts of the observation, O numbers in total.
-        physics: the simulation of the N worlds.
-        draws: draws the noise.
+        physics, draws: of the N worlds.
 
     Raises:
         MorlaxError: the observation has no part of a given name.
@@ -99,12 +98,7 @@ class Noise:
 class Delay:
     """Delays actions by some control steps; zero actions apply until the first one arrives.
 
-    Args:
-        steps: smallest and largest delay in control steps, drawn per world at the start of each
-            episode.
-        action_size: A.
-        physics: the simulation of the N worlds.
-        draws: draws the delays.
+    `steps` are the smallest and largest delay, drawn per world at the start of each episode.
     """
 
     def __init__(self, steps: tuple[int, int], action_size: int, physics: Physics, draws: Draws):
@@ -136,8 +130,7 @@ class Pushes:
     Args:
         speed: size of the change in m/s.
         every: mean number of control steps between pushes; every step has the same probability.
-        physics: the simulation of the N worlds.
-        draws: draws directions and times.
+        physics, draws: of the N worlds.
 
     Raises:
         MorlaxError: the robot cannot move along the floor.

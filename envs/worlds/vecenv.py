@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 from ..devices import drawing_from
 from ..errors import MorlaxError, words
 from .foreign import ForeignWorlds, Outcome, actor_group, joined
-from .options import Count, ObjectiveOptions
+from .options import Count, ObjectiveOptions, Objectives, Point
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
@@ -24,8 +24,8 @@ _moved_by: "WeakValueDictionary[int, VecEnvWorlds]" = WeakValueDictionary()
 def from_vecenv(
     make_env: Make,
     read_terms: Read,
-    objectives: dict[str, dict[str, float]],
-    reference_point: tuple[float, ...] | None = None,
+    objectives: Objectives,
+    reference_point: Point = None,
     episode_length: int = 1000,
     action_scale: float = 1.0,
 ) -> type["VecEnvWorlds"]:
@@ -54,8 +54,8 @@ def from_vecenv(
     groups, point, steps, factor = objectives, reference_point, episode_length, action_scale
 
     class Options(ObjectiveOptions):
-        objectives: dict[str, dict[str, float]] = groups
-        reference_point: tuple[float, ...] | None = point
+        objectives: Objectives = groups
+        reference_point: Point = point
         episode_length: Count = steps
         action_scale: PositiveFloat = factor
 

@@ -1,4 +1,4 @@
-"""Check what users pass to adapters, and the libraries that adapters need."""
+"""What adapters share: checks of libraries and of what users pass, resets and steps."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -11,18 +11,16 @@ from numpy.typing import NDArray
 from torch import Size, Tensor
 
 from .. import envs
+from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import installation, shortened, unknown
+from ..gpu.graph import Graph
+from ..gpu.resources import one_thread
+from ..gymnasium_ids import WithSpec
 
 
 def require(name: str, package: str, least: str, extra: str) -> None:
-    """Check that a library is installed and recent enough.
-
-    Args:
-        name: name of the library in messages.
-        package: name of its package on PyPI.
-        least: oldest supported version.
-        extra: extra of morlax-torch that installs it.
+    """Check that a library, PyPI's `package`, is installed by our `extra` and recent enough.
 
     Raises:
         MorlaxError: the library is missing, or older than `least`.
@@ -67,11 +65,6 @@ def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device)
 
     Arrays are converted if the worlds are on the CPU. On a GPU, every step would copy them.
 
-    Args:
-        actions: as the user passed them.
-        shape: the required shape, (N, A).
-        place: the device of the worlds.
-
     Raises:
         MorlaxError: `actions` is not a tensor, or has another shape or device.
     """
@@ -99,6 +92,29 @@ def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device)
     return actions
 
 
+class Stepping:
+    """Steps worlds under a user's actions, on CUDA as a recorded graph."""
+
+    def __init__(self, worlds: Worlds):
+        self._worlds, self._device = worlds, worlds.device
+        self._action = torch.zeros(worlds.num_worlds, worlds.action_size, device=worlds.device)
+        self._graph = Graph(self._advance, worlds.device, [worlds.generator])
+        if worlds.recordable:
+            self._graph.record()
+
+    @torch.no_grad()
+    def __call__(self, actions: Tensor | NDArray) -> tuple[Tensor, ...]:
+        """Return the first five fields of a `TimeStep` under `checked_actions`."""
+        self._action.copy_(checked_actions(actions, self._action.shape, self._device))
+        with one_thread(self._device):
+            self._graph()
+        # a replayed graph overwrites the same memory in every step
+        return tuple(value.clone() for value in self._time_step[:5])
+
+    def _advance(self) -> None:
+        self._time_step = self._worlds.step(self._action)
+
+
 def one_seed(seeds: Sequence[int], number: int) -> int:
     """Mix the seeds of N worlds into one, because one generator draws for all of them.
 
@@ -115,26 +131,30 @@ def one_seed(seeds: Sequence[int], number: int) -> int:
         raise MorlaxError(f"seeds must be integers from 0, not {shortened(seeds)}.") from None
 
 
-def prepare(
-    worlds: Worlds,
-    random: np.random.Generator,
-    options: dict[str, Any] | None,
-    draw: bool,
-) -> None:
-    """Reject options, and reseed the worlds if `draw`.
+class OneTask(WithSpec):
+    """Rewards and resets, which one world and N worlds as Gymnasium environments share."""
 
-    Args:
-        worlds: reseeded in place.
-        random: the environment's generator, which draws the seed of the worlds.
-        options: as passed to `reset`; none are supported.
-        draw: whether to reseed.
+    np_random: np.random.Generator  # Gymnasium's, which draws the seed of the worlds
+    _weights: Tensor | None = None  # (m,)
+    _was_reset = False
 
-    Raises:
-        MorlaxError: `options` is not empty.
-    """
-    if options:
-        raise MorlaxError(
-            f"reset takes no options, but got {', '.join(map(repr, options))}: leave them out."
-        )
-    if draw:
-        worlds.reseed(int(random.integers(2**63)))
+    def _show(self, worlds: Worlds, tradeoff: Sequence[float] | None) -> None:
+        self.objectives, self.reward_space = worlds.objectives, worlds.reward_space
+        if tradeoff is not None:
+            self.reward_space = None  # each reward is one number
+            self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
+
+    def _restart(self, seed: int | None, options: dict[str, Any] | None) -> Tensor:
+        """Reset the worlds after Gymnasium's own part; returns the observation (N, O)."""
+        if options:
+            raise MorlaxError(
+                f"reset takes no options, but got {', '.join(map(repr, options))}: leave them out."
+            )
+        if seed is not None or not self._was_reset:
+            self.worlds.reseed(int(self.np_random.integers(2**63)))
+        self._was_reset = True
+        return self.worlds.reset()
+
+    def _check_reset(self, call: str) -> None:
+        if not self._was_reset:
+            raise MorlaxError(f"{call} was called before reset: call reset first.")

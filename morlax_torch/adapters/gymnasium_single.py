@@ -10,15 +10,13 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from .. import envs
-from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import unknown
-from ..gymnasium_ids import WithSpec
-from .checking import check_options, prepare
+from .checking import OneTask, check_options
 from .pictures import Pictures, Window
 
 
-class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):
+class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
     """One world on C MuJoCo, as made by `gymnasium.make("morlax_torch/Ant-v0")`.
 
     The reward is a vector (m,), as in MO-Gymnasium. With a `tradeoff`, the reward is the weighted
@@ -63,16 +61,12 @@ class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):
         check_options(task, task_options)
         self.worlds = worlds = envs.make_robot(task, model_seed, **task_options)
         self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
-        self.render_mode, self.objectives = render_mode, worlds.objectives
+        self.render_mode = render_mode
         self.observation_space, self.action_space = worlds.observation_space, worlds.action_space
-        self.reward_space, self.reward_dim = worlds.reward_space, len(worlds.objectives)
-        self._weights = None
-        if tradeoff is not None:
-            self.reward_space = None  # the reward is one number
-            self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
+        self.reward_dim = len(worlds.objectives)
+        self._show(worlds, tradeoff)
         self._pictures = Pictures(worlds.physics.model, width, height)
         self._window: Window | None = None
-        self._was_reset = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -88,9 +82,7 @@ class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):
             MorlaxError: `options` is not empty.
         """
         super().reset(seed=seed)
-        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._was_reset)
-        self._was_reset = True
-        observation = self.worlds.reset()[0].numpy()
+        observation = self._restart(seed, options)[0].numpy()
         if self.render_mode == "human":
             self.render()
         return observation, {}
@@ -141,10 +133,6 @@ class GymnasiumEnv(WithSpec, gymnasium.Env, EzPickle):
         if self._window is not None:
             self._window.close()
         self._window = None
-
-    def _check_reset(self, call: str) -> None:
-        if not self._was_reset:
-            raise MorlaxError(f"{call} was called before reset: call reset first.")
 
     def _checked(self, action: ArrayLike) -> torch.Tensor:
         self._check_reset("step")

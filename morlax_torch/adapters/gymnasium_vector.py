@@ -13,17 +13,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import envs
-from ..configuration.tradeoffs import one_tradeoff
-from ..envs import Environment, MorlaxError, TimeStep
+from ..envs import Environment, MorlaxError
 from ..envs.errors import unknown
-from ..gpu.graph import Graph
-from ..gpu.resources import one_thread
-from ..gymnasium_ids import WithSpec
-from .checking import check_options, checked_actions, one_seed, prepare
+from .checking import OneTask, Stepping, check_options, one_seed
 from .pictures import Pictures
 
 
-class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
+class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
     """N worlds, as made by `gymnasium.make_vec("morlax_torch/Ant-v0", num_envs=4096)`.
 
     Everything is a torch tensor on `device`, and no method but `render` forces a GPU sync. A world
@@ -84,16 +80,12 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         self.worlds = worlds = envs.make(
             task, num_envs, device, backend, model_seed, **task_options
         )
-        self.num_envs, self.device, self.objectives = num_envs, worlds.device, worlds.objectives
+        self.num_envs, self.device = num_envs, worlds.device
         self.single_observation_space = worlds.observation_space
         self.single_action_space = worlds.action_space
         self.observation_space = batch_space(worlds.observation_space, num_envs)
         self.action_space = batch_space(worlds.action_space, num_envs)
-        self.reward_space = worlds.reward_space
-        self._weights = None
-        if tradeoff is not None:
-            self.reward_space = None  # each reward is one number
-            self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)
+        self._show(worlds, tradeoff)
         self.render_mode = render_mode
         self._pictures: Pictures | None = None
         if render_mode is not None:
@@ -101,12 +93,7 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
                 raise MorlaxError(f"{task} has no MuJoCo robot to draw: leave render_mode out.")
             self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
             self._pictures = Pictures(worlds.physics.model, width, height)
-        self._was_reset = False
-        self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
-        self._time_step: TimeStep | None = None
-        self._advance = Graph(self._one_step, worlds.device, [worlds.generator])
-        if worlds.recordable:
-            self._advance.record()
+        self._stepping = Stepping(worlds)
 
     def reset(
         self,
@@ -128,11 +115,8 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         if isinstance(seed, Sequence | np.ndarray):
             seed = one_seed(seed, self.num_envs)
         super().reset(seed=seed)
-        prepare(self.worlds, self.np_random, options, draw=seed is not None or not self._was_reset)
-        self._was_reset = True
-        return self.worlds.reset().clone(), {}  # it may be the memory of the simulator
+        return self._restart(seed, options).clone(), {}  # it may be the memory of the simulator
 
-    @torch.no_grad()
     def step(
         self, actions: Tensor | NDArray
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
@@ -149,12 +133,7 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
             MorlaxError: actions of another shape or device, or `reset` was never called.
         """
         self._check_reset("step")
-        self._action.copy_(checked_actions(actions, self._action.shape, self.device))
-        with one_thread(self.device):
-            self._advance()
-        assert self._time_step is not None
-        # a replayed graph overwrites the same memory in every step
-        observation, reward, terminated, truncated, final = (x.clone() for x in self._time_step[:5])
+        observation, reward, terminated, truncated, final = self._stepping(actions)
         done = terminated | truncated
         info: dict[str, Any] = {"final_obs": final, "_final_obs": done}
         info |= {"final_info": {}, "_final_info": done}
@@ -184,10 +163,3 @@ class GymnasiumVectorEnv(WithSpec, gymnasium.vector.VectorEnv):
         """Free the renderer."""
         if self._pictures is not None:
             self._pictures.close()
-
-    def _one_step(self) -> None:
-        self._time_step = self.worlds.step(self._action)
-
-    def _check_reset(self, call: str) -> None:
-        if not self._was_reset:
-            raise MorlaxError(f"{call} was called before reset: call reset first.")

@@ -129,11 +129,7 @@ class StableBaselines3VecEnv(VecEnv):
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse to set an attribute.
-
-        Raises:
-            MorlaxError: always.
-        """
+        """Raise MorlaxError: an attribute cannot be set."""
         raise MorlaxError(
             f"{attr_name} cannot be set, since the worlds are one batch: pass options to the "
             "constructor."
@@ -142,11 +138,7 @@ class StableBaselines3VecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Refuse to call a method of single worlds.
-
-        Raises:
-            MorlaxError: always.
-        """
+        """Raise MorlaxError: single worlds have no methods."""
         raise MorlaxError(
             f"{method_name} cannot be called on single worlds, since they are one batch: call it "
             "on `env.vector`."

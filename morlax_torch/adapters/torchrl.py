@@ -6,10 +6,9 @@ from typing import Any
 import torch
 
 from .. import envs
-from ..envs import MorlaxError, TimeStep
+from ..envs import MorlaxError
 from ..gpu.graph import Graph
-from ..gpu.resources import one_thread
-from .checking import checked_actions, require
+from .checking import Stepping, require
 
 require("TorchRL", "torchrl", "0.14", "torchrl")
 
@@ -61,14 +60,11 @@ class TorchRLEnv(EnvBase):
         self._arguments = (task, num_envs, str(worlds.device), backend, model_seed), task_options
         self._declare()
         self._was_reset = False
-        self._action = torch.zeros(num_envs, worlds.action_size, device=worlds.device)
+        self._stepping = Stepping(worlds)
         self._which = torch.zeros(num_envs, dtype=torch.bool, device=worlds.device)
-        self._time_step: TimeStep | None = None
         self._observation = torch.zeros(num_envs, worlds.observation_size, device=worlds.device)
-        self._advance = Graph(self._one_step, worlds.device, [worlds.generator])
         self._restart = Graph(self._some_restart, worlds.device, [worlds.generator])
         if worlds.recordable:
-            self._advance.record()
             self._restart.record()
 
     def __reduce__(self) -> tuple[partial["TorchRLEnv"], tuple[()]]:
@@ -120,26 +116,16 @@ class TorchRLEnv(EnvBase):
         over = torch.zeros_like(self._which)[:, None]
         return self._packed(observation, over, over)
 
-    @torch.no_grad()
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         if not self._was_reset:
             raise MorlaxError("step was called before reset: call reset first.")
-        actions = checked_actions(tensordict["action"], self._action.shape, self.worlds.device)
-        self._action.copy_(actions)
-        with one_thread(self.worlds.device):
-            self._advance()
-        assert self._time_step is not None
-        # a replayed graph overwrites the same memory in every step
-        observation, reward, terminated, truncated = (x.clone() for x in self._time_step[:4])
+        observation, reward, terminated, truncated, _ = self._stepping(tensordict["action"])
         result = self._packed(observation, terminated[:, None], truncated[:, None])
         return result.set("reward", reward)
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
             self.worlds.reseed(seed)
-
-    def _one_step(self) -> None:
-        self._time_step = self.worlds.step(self._action)
 
     def _some_restart(self) -> None:
         self._observation.copy_(self.worlds.restart(self._which))

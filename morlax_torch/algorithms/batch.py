@@ -30,16 +30,10 @@ def make_batch(
     weights: Tensor,
     group: Group = ALONE,
 ) -> tuple[Batch, Tensor]:
-    """Estimate what to learn from a rollout; statistics are those of all processes of the group.
+    """Estimate what to learn from a rollout of K clusters; statistics are those of all processes.
 
-    Args:
-        agent: that acted.
-        tradeoffs: (K, m)
-        rollout: of K clusters.
-        config: of the updates.
-        weights: (K, m) of each objective's advantage; a scalar critic weighs rewards by the
-            trade-offs instead.
-        group: processes over which statistics are taken.
+    The advantage of each objective is weighted by `weights` (K, m). A scalar critic weighs rewards
+    by the trade-offs (K, m) instead.
 
     Returns:
         A batch by world, (K, G, T, ...) each, and the explained variance per value of the critic,
@@ -87,11 +81,7 @@ def make_batch(
 
 
 class Table:
-    """A batch as one table, so that shuffling is one gather.
-
-    Args:
-        batch: by world, (K, G, T, ...) each.
-    """
+    """A batch by world, (K, G, T, ...) each, as one table, so that shuffling is one gather."""
 
     def __init__(self, batch: Batch):
         self._widths = [column.shape[-1] for column in batch]
@@ -138,15 +128,8 @@ def expected_returns(
     """Estimate the undiscounted returns (K, m) of whole episodes.
 
     A discounted value V of T steps with the same reward is (1 - gamma^T) / (1 - gamma) times that
-    reward, and the undiscounted return is T times. So V is scaled by the ratio of the two.
-
-    Args:
-        agent: its critics estimate V.
-        tradeoffs: (K, m)
-        starts: first observations of episodes, (K, S, O + P).
-        discount: gamma, per control step.
-        episode_length: T
-        normalized: whether the critics predict normalized values.
+    reward, and the undiscounted return is T times. So V, which the agent's critics estimate at the
+    `starts` (K, S, O + P) of episodes under trade-offs (K, m), is scaled by the ratio of the two.
     """
     value = agent.values(tradeoffs)(agent.observation_normalizer(starts))
     if normalized:

@@ -15,14 +15,17 @@ class Learner(Protocol):
     config: Config
     group: Group
     """The processes that train together. `state_dict` copies the state of this process."""
-    per_process: tuple[str, ...]
-    """Keys of the state that differ between processes."""
     agent: Agent
     iteration: int
     steps_per_iteration: int
     """Environment steps of an iteration, in all processes."""
     env_steps: int
     """Environment steps learned from so far, in all processes."""
+
+    @property
+    def per_process(self) -> tuple[str, ...]:
+        """Keys of the state that differ between processes."""
+        ...
 
     def compile(self) -> None:
         """Compile kernels and record graphs; the learner's state is unchanged."""

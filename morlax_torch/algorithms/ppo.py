@@ -68,12 +68,7 @@ class PPO:
 
     The two share nothing, so on CUDA their updates run in parallel. A `joint` optimizer is one for
     the sum of the losses. A `single` hypernetwork shares its features between both, and so always
-    has that.
-
-    Args:
-        agent: updated in place.
-        config: of the updates.
-        group: processes that update equal agents together.
+    has that. The processes of a `group` update equal agents together.
     """
 
     metrics = ("policy_loss", "value_loss", "entropy", "kl", "clip_fraction", "action_std")

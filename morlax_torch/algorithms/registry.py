@@ -5,13 +5,12 @@ from torch import nn
 from ..configuration.config import Config
 from ..envs import Worlds
 from ..gpu.group import ALONE, Group
-from .baselines import AMOR, HyperMORL, IndependentPPO
 from .learner import Learner
-from .method import Method
-from .morlax import MORLAX
+from .methods import AMOR, MORLAX, HyperMORL, IndependentPPO
 from .pg_morl.learner import PGMORL
+from .trainer import Trainer
 
-LEARNERS: dict[str, type[Method]] = {
+LEARNERS: dict[str, type[Trainer]] = {
     "morlax": MORLAX,
     "amor": AMOR,
     "hyper-morl": HyperMORL,

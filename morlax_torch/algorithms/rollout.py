@@ -52,14 +52,10 @@ def collect(
     rollout: Rollout,
     generator: torch.Generator,
 ) -> None:
-    """Fill `rollout`: each of the K actors acts in its own cluster of worlds.
+    """Fill `rollout`: each of the K actors acts in its own cluster, G worlds in a row.
 
-    Args:
-        env: N worlds, K clusters of G in a row.
-        actors: the K policies; they see the first O features.
-        observation: (N, O + P) what critics see now, updated in place to the end of the rollout.
-        rollout: written in place.
-        generator: draws the noise.
+    Actors see the first O features of `observation` (N, O + P), which is updated in place to the
+    end of the rollout. The generator draws their noise.
     """
     rollout.observation[0].copy_(observation.view_as(rollout.observation[0]))
     noise = torch.empty_like(rollout.action).normal_(generator=generator)
@@ -97,15 +93,7 @@ def advantages(
     and s' is the next state before any reset. (Schulman et al., 2016, eq. 16.) After a failure
     there is no value. After a time limit there is: the critic's value of the last state before the
     reset. Without `bootstrap`, a truncated step instead contributes nothing, as in the paper's
-    released code.
-
-    Args:
-        rollout: T steps.
-        value: V(s_t), (T, K, G, m).
-        final_value: V(s'_t), (T, K, G, m).
-        discount: gamma.
-        gae_lambda: lambda.
-        bootstrap: whether a truncated episode has a value.
+    released code. `value` is V(s_t) and `final_value` V(s'_t), (T, K, G, m) each.
     """
     terminated, truncated = rollout.terminated.unsqueeze(-1), rollout.truncated.unsqueeze(-1)
     surprise = rollout.reward + discount * torch.where(terminated, 0.0, final_value) - value
@@ -124,11 +112,6 @@ class Episodes:
     """Sums the rewards and steps of N worlds until their episodes end.
 
     Episodes are longer than rollouts, so `running` carries every world's sums to the next rollout.
-
-    Args:
-        num_worlds: N.
-        num_objectives: m.
-        device: that holds the rollouts.
     """
 
     def __init__(self, num_worlds: int, num_objectives: int, device: torch.device):

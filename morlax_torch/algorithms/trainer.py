@@ -1,6 +1,5 @@
 """One iteration: explore with the policies of K trade-offs, then learn from all that they did."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -17,26 +16,18 @@ from ..gpu.resources import one_thread
 from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization
 from .batch import Table, expected_returns, make_batch
+from .learner import Learner
 from .ppo import PPO
 from .rollout import Episodes, Rollout, collect
 
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
 
-# Fills the trade-offs (K, m) of an iteration, in place. Runs inside a recorded graph.
-Draw = Callable[[Tensor, torch.Generator], None]
-
-
-def draw_tradeoffs(config: Config, tradeoffs: Tensor, generator: torch.Generator) -> None:
-    """Draw as `config.sampling` says; with a config it is a `Draw`."""
-    corners = config.num_corners(tradeoffs.shape[1])
-    sample_tradeoffs(tradeoffs, corners, config.sampling.alpha, generator)
-
 
 def make_agent(
     env: Worlds, config: Config, in_order: int = 0, **networks: nn.Module | None
 ) -> Agent:
-    """Return a new agent for the worlds, on their device; `Agent.of` explains the arguments."""
-    return Agent.of(
+    """Return a new agent for the worlds, on their device; `Agent` explains the arguments."""
+    return Agent(
         config,
         env.observation_size,
         env.action_size,
@@ -48,29 +39,28 @@ def make_agent(
     ).to(env.device)
 
 
-class Trainer:
-    """Trains an agent, one `iterate` at a time, as all methods do.
+class Trainer(Learner):
+    """Trains an agent with PPO, as all methods do. Subclasses say what is special about them.
 
-    One generator draws everything; all state lives in tensors updated in place. On CUDA, call
-    `compile` once, and an iteration becomes two recorded graphs.
+    One generator draws everything; all state lives in tensors updated in place.
 
-    Building one on CUDA enables TF32 for matrix products in this process.
+    `trained` is the agent that explores and learns; `agent`, the one that is evaluated, is the same
+    unless a method keeps another.
 
-    Args:
-        env: the worlds.
-        config: every number of the run.
-        agent: explores and learns. It starts with the parameters and buffers of the first process.
-        draw: chooses the trade-offs of an iteration (None: keep K even ones).
-        group: processes that train the same agent, each in its own worlds.
-
-    Raises:
-        MorlaxError: config and worlds disagree.
+    Arguments and errors are those of `MORLAX`.
     """
 
-    per_process: tuple[str, ...] = ("generator", "environment", "observation", "episodes")
+    keeps_tradeoffs = False  # trains K even trade-offs, instead of new ones in every iteration
+    in_order = False  # trains K independent networks, each with the trade-off in its place
 
     def __init__(
-        self, env: Worlds, config: Config, agent: Agent, draw: Draw | None, group: Group = ALONE
+        self,
+        env: Worlds,
+        config: Config,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+        *,
+        group: Group = ALONE,
     ):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
@@ -81,15 +71,22 @@ class Trainer:
                 "these worlds do not show how an episode ended, so there is no value to bootstrap "
                 "from: set ppo.truncation to mask."
             )
-        self.env, self.config, self.agent, self.group = env, config, agent, group
+        self.env, self.config, self.group = env, config, group
+        number = config.num_clusters if self.in_order else 0
+        agent = make_agent(env, config, number, actor=actor, critic=critic)
         group.share(agent)  # a user's networks may start differently in every process
+        self.agent = self.trained = agent
+        self.iteration = self.env_steps = 0
+        self._own_state: dict[str, Tensor] = {}  # of this process, that not every method has
+        self.steps_per_iteration = config.worlds * config.horizon * group.size
         if env.device.type == "cuda":
             torch.set_float32_matmul_precision("high")  # TF32
         self.ppo = PPO(agent, config.ppo, group)
         self.generator = torch.Generator(env.device).manual_seed(seed_of(config.seed, group.rank))
         clusters, m = config.num_clusters, len(env.objectives)
-        first = even_tradeoffs(clusters, m) if draw is None else torch.full((clusters, m), 1 / m)
-        self.tradeoffs, self._draw = first.to(env.device), draw
+        self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
+        if self.keeps_tradeoffs:
+            self.tradeoffs.copy_(even_tradeoffs(clusters, m))
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         env.reset()
@@ -97,7 +94,7 @@ class Trainer:
         if self.scalarization.uses_returns:
             starts = self.observation.view(clusters, -1, self.observation.shape[1])
             self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
-            self.per_process = (*self.per_process, "starts")
+            self._own_state["starts"] = self._starts
         self._done = torch.zeros((), device=env.device)  # of `iterate`, readable by graphs
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
@@ -118,6 +115,10 @@ class Trainer:
         self.explore = Graph(self._explore, env.device, generators, partial(self._explore, 1))
         self.learn = Graph(self._learn, env.device, [self.generator], partial(self._learn, 1))
 
+    @property
+    def per_process(self) -> tuple[str, ...]:
+        return "generator", "environment", "observation", "episodes", *self._own_state
+
     def compile(self) -> None:
         """Compile kernels and record the graphs; all state is unchanged.
 
@@ -134,11 +135,6 @@ class Trainer:
         self._restart_metrics()
 
     def iterate(self, done: float = 0.0) -> None:
-        """Run one iteration.
-
-        Args:
-            done: share of the run that is over, from 0 to 1, for `ppo.decay_fraction`.
-        """
         if self.env.interrupted:
             self.env.reset()
             self._start_here()
@@ -146,20 +142,27 @@ class Trainer:
         self.explore()
         self.learn()
         self._iterations += 1
+        self.iteration += 1
+        self.env_steps += self.steps_per_iteration
 
     def _start_here(self) -> None:
         """Explore from what the worlds show now, with no episode under way."""
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
 
+    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+        """Choose the trade-offs (K, m) of an iteration, in place."""
+        corners = self.config.num_corners(tradeoffs.shape[1])
+        sample_tradeoffs(tradeoffs, corners, self.config.sampling.alpha, generator)
+
     def _explore(self, steps: int | None = None) -> None:
         """Collect a rollout, or only its first `steps`."""
-        if self._draw is not None:
+        if not self.keeps_tradeoffs:
             self._draw(self.tradeoffs, self.generator)
         with torch.no_grad(), one_thread(self.env.device):
             collect(
                 self.env,
-                self.agent.actors(self.tradeoffs),
+                self.trained.actors(self.tradeoffs),
                 self.observation,
                 self.rollout.first(steps or self.config.horizon),
                 self.generator,
@@ -171,7 +174,7 @@ class Trainer:
             return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
         ppo, length = self.config.ppo, self.env.episode_length
         returns = expected_returns(
-            self.agent, self.tradeoffs, self._starts, ppo.discount, length, ppo.normalize_values
+            self.trained, self.tradeoffs, self._starts, ppo.discount, length, ppo.normalize_values
         )
         self.scalarization.observe(self.tradeoffs, returns, self.group)
         weights = self.scalarization.weights(self.tradeoffs, returns)
@@ -185,7 +188,7 @@ class Trainer:
             decay = ((1 - self._done) / config.decay_fraction).clamp(max=1.0)
             self.ppo.decay(decay)
         batch, explained = make_batch(
-            self.agent, self.tradeoffs, self.rollout, config, self._weights(), self.group
+            self.trained, self.tradeoffs, self.rollout, config, self._weights(), self.group
         )
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         table = Table(batch)
@@ -194,7 +197,7 @@ class Trainer:
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        self.agent.observation_normalizer.update(self.rollout.observation, decay, self.group)
+        self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)
         self._episodes.observe(self.rollout)
         reward = self.rollout.reward.mean((0, 1, 2))
         terminated = self.rollout.terminated.float().mean()[None]
@@ -241,27 +244,27 @@ class Trainer:
 
         Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
         """
-        starts = {"starts": self._starts.clone()} if self.scalarization.uses_returns else {}
         return {
-            **starts,
-            "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
+            **{name: value.clone() for name, value in self._own_state.items()},
+            "agent": {name: value.clone() for name, value in self.trained.state_dict().items()},
             "optimizers": [value.clone() for value in self.ppo.state()],
             "scalarization": [value.clone() for value in self.scalarization.state()],
             "generator": self.generator.get_state(),
             "environment": self.env.state_dict() if self.env.resumable else {},
             "observation": self.observation.clone(),
             "episodes": self._episodes.running.clone(),
+            "iteration": self.iteration,
+            "env_steps": self.env_steps,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state in place, so that recorded graphs stay valid."""
-        self.agent.load_state_dict(state["agent"])
+        self.trained.load_state_dict(state["agent"])
         self.ppo.restore(state["optimizers"])
         stored = state.get("scalarization", [])
         for mine, value in zip(self.scalarization.state(), stored, strict=True):
             mine.copy_(value)
-        if self.scalarization.uses_returns:
-            self._starts.copy_(state["starts"])
+        for name, value in self._own_state.items():
+            value.copy_(state[name])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])
@@ -270,4 +273,6 @@ class Trainer:
                 self._episodes.running.copy_(state["episodes"])
         else:
             self._start_here()
-        self._iterations = 0
+        self._iterations, self.iteration = 0, state["iteration"]
+        # before several processes could train, every iteration had as many
+        self.env_steps = state.get("env_steps", self.iteration * self.steps_per_iteration)

@@ -5,13 +5,13 @@ CUDA.
 """
 
 import math
-from collections.abc import Sequence
 from itertools import accumulate
 
 import torch
 import triton
 import triton.language as tl
-from torch import Tensor
+
+from .optimizer import DECAYS, EPSILON
 
 BLOCK = 1024  # numbers per program
 
@@ -96,18 +96,7 @@ def _step(
     tl.store(vector + i, p, mask=inside)
 
 
-def step(
-    vector: Tensor,
-    gradients: Sequence[Tensor],
-    means: Tensor,
-    squares: Tensor,
-    steps: Tensor,
-    rate: Tensor,
-    max_norm: float,
-    decays: tuple[float, float],
-    epsilon: float,
-    norms: Tensor | None = None,
-) -> None:
+def step(vector, gradients, means, squares, steps, rate, max_norm, norms=None) -> None:
     """`optimizer.step`."""
     gradients = tuple(gradient.contiguous() for gradient in gradients)
     sizes = tuple(gradient.numel() for gradient in gradients)
@@ -121,8 +110,8 @@ def step(
             sums,
             steps,
             corrections,
-            LOG1=math.log(decays[0]),
-            LOG2=math.log(decays[1]),
+            LOG1=math.log(DECAYS[0]),
+            LOG2=math.log(DECAYS[1]),
             FIRSTS=firsts,
             SIZES=sizes,
             B=BLOCK,
@@ -137,9 +126,9 @@ def step(
             sums,
             norms,
             max_norm,
-            DECAY1=decays[0],
-            DECAY2=decays[1],
-            EPSILON=epsilon,
+            DECAY1=DECAYS[0],
+            DECAY2=DECAYS[1],
+            EPSILON=EPSILON,
             FIRSTS=firsts,
             SIZES=sizes,
             B=BLOCK,

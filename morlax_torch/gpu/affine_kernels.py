@@ -68,12 +68,9 @@ def _sum(parts, total, K, programs, F: tl.constexpr, FP: tl.constexpr, B: tl.con
     tl.store(total + k * F + column, tl.sum(found, 0), mask=column < F)
 
 
-def affine(features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """Return features (K, F) @ weight (P, F).T + bias (P,), differentiable by all three."""
-    return _Affine.apply(features, weight, bias)
-
-
 class _Affine(torch.autograd.Function):
+    """Features (K, F) @ weight (P, F).T + bias (P,), differentiable by all three."""
+
     @staticmethod
     def forward(ctx, features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         (K, F), P = features.shape, len(weight)
@@ -110,3 +107,6 @@ class _Affine(torch.autograd.Function):
             )
             _sum[(K,)](parts, by_features, K, programs, F=F, FP=padded, B=ROWS)
         return by_features, by_weight, by_bias
+
+
+affine = _Affine.apply

@@ -82,12 +82,7 @@ def _together() -> Iterator[None]:
 
 
 class Processes(Group):
-    """Several processes.
-
-    Args:
-        tensors: the process group for tensors.
-        objects: the process group for objects on the CPU.
-    """
+    """Several processes. One process group is for tensors, one for objects on the CPU."""
 
     def __init__(self, tensors: Any, objects: Any):
         self._tensors, self._objects = tensors, objects

@@ -7,7 +7,6 @@ there is CUDA.
 import torch
 import triton
 import triton.language as tl
-from torch import Tensor
 
 from .gaussian_kernels import ROWS, entropy_at, log_density, to_std
 
@@ -109,23 +108,9 @@ def _policy_means(
     tl.store(loss, total)
 
 
-def policy_loss(
-    output: Tensor,
-    action: Tensor,
-    noise: Tensor,
-    old_log_prob: Tensor,
-    advantage: Tensor,
-    clip: float,
-    mean_penalty: float,
-    entropy_weight: Tensor,
-) -> tuple[Tensor, Tensor]:
-    """`algorithms.ppo.policy_loss`, differentiable with respect to `output` alone."""
-    return _PolicyLoss.apply(
-        output, action, noise, old_log_prob, advantage, clip, mean_penalty, entropy_weight
-    )
-
-
 class _PolicyLoss(torch.autograd.Function):
+    """`algorithms.ppo.policy_loss`, differentiable with respect to `output` alone."""
+
     @staticmethod
     def forward(
         ctx, output, action, noise, old_log_prob, advantage, clip, mean_penalty, entropy_weight
@@ -174,3 +159,6 @@ class _PolicyLoss(torch.autograd.Function):
     @staticmethod
     def backward(ctx, gradient, _):
         return ctx.slope * gradient, *(None,) * 7
+
+
+policy_loss = _PolicyLoss.apply

@@ -10,7 +10,7 @@ from torch.optim.adam import adam
 from .fused import kernel
 from .group import ALONE, Group
 
-DECAYS, EPSILON = (0.9, 0.999), 1e-8
+DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of the moments, per step; keeps steps finite
 
 
 @kernel("adam_kernels.step")
@@ -22,8 +22,6 @@ def step(
     steps: Tensor,
     rate: Tensor,
     max_norm: float,
-    decays: tuple[float, float],
-    epsilon: float,
     norms: Tensor | None = None,
 ) -> None:
     """Scale gradients down to a joint norm of `max_norm` and take a step of Adam, in place.
@@ -36,8 +34,6 @@ def step(
         steps: the number of steps taken ().
         rate: the learning rate ().
         max_norm: largest norm of the gradients.
-        decays: of the first and second moments, per step.
-        epsilon: keeps the step finite.
         norms: () increased by the norm of the gradients before scaling, in place, if given.
     """
     gradient = torch.cat([g.flatten() for g in gradients])
@@ -54,11 +50,11 @@ def step(
         fused=True,
         grad_scale=(norm / max_norm).clamp(min=1.0),
         amsgrad=False,
-        beta1=decays[0],
-        beta2=decays[1],
+        beta1=DECAYS[0],
+        beta2=DECAYS[1],
         lr=rate,
         weight_decay=0.0,
-        eps=epsilon,
+        eps=EPSILON,
         maximize=False,
     )
 
@@ -127,7 +123,7 @@ class ClippedAdam:
         if self.networks > 1:
             gradients, max_norm, norms = self._clipped(gradients), math.inf, None
         state = self.mean, self.square, self.steps, self.rate
-        step(self.vector, gradients, *state, max_norm, DECAYS, EPSILON, norms)
+        step(self.vector, gradients, *state, max_norm, norms)
 
     def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
         """Average gradients over the processes, in one collective."""

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor, nn
 
 from ..configuration.config import Config
-from ..configuration.sections import NetworkConfig
 from ..configuration.tradeoffs import even_tradeoffs
 from .conditioned import Conditioned
 from .family import Family
@@ -77,31 +76,21 @@ class Agent(nn.Module):
     """Everything that training changes: an actor and a critic for every trade-off, and normalizers.
 
     Critics see all O + P features of an observation, actors the first O: the last P are
-    privileged.
+    privileged. There are A actions and m objectives. The generator draws the initial parameters.
 
     Args:
-        observation_size: O.
-        action_size: A.
-        num_objectives: m.
-        config: sizes of the networks.
-        generator: draws the initial parameters.
-        privileged_size: P.
         actor: replaces the config's actor: a module from (B, O) to (B, 2A). One that is conditioned
             takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to the values.
-        num_values: how many values a critic predicts (None: m).
-        num_networks: R, of independent networks; 0 of other types.
-        in_order: give the k-th of R trade-offs the k-th independent network, instead of the one
-            for that trade-off.
-        own_statistics: let each of the R networks have normalizers of its own.
+        in_order: have so many independent networks, and give the k-th of as many trade-offs the
+            k-th one, instead of the one for that trade-off.
 
     Raises:
         MorlaxError: an actor or critic has the wrong sizes.
     """
 
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         config: Config,
         observation_size: int,
         action_size: int,
@@ -112,62 +101,27 @@ class Agent(nn.Module):
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
         in_order: int = 0,
-    ) -> Self:
-        """Build the agent that a run's config describes.
-
-        With `in_order`, it has that many independent networks, one for each trade-off in a row.
-        """
-        return cls(
-            observation_size,
-            action_size,
-            num_objectives,
-            config.network,
-            generator,
-            privileged_size=privileged_size,
-            actor=actor,
-            critic=critic,
-            num_values=config.num_values(num_objectives),
-            num_networks=in_order or config.num_networks,
-            in_order=in_order > 0,
-            own_statistics=config.own_statistics,
-        )
-
-    def __init__(
-        self,
-        observation_size: int,
-        action_size: int,
-        num_objectives: int,
-        config: NetworkConfig,
-        generator: torch.Generator | None = None,
-        *,
-        privileged_size: int = 0,
-        actor: nn.Module | None = None,
-        critic: nn.Module | None = None,
-        num_values: int | None = None,
-        num_networks: int = 0,
-        in_order: bool = False,
-        own_statistics: bool = False,
     ):
         super().__init__()
-        self.num_networks = num_networks
-        num_values = num_objectives if num_values is None else num_values
+        self.num_networks = num_networks = in_order or config.num_networks
+        num_values, sizes = config.num_values(num_objectives), config.network
         self.observation_size, self.privileged_size = observation_size, privileged_size
-        self.action_size, self._max_std = action_size, config.max_std
+        self.action_size, self._max_std = action_size, sizes.max_std
         given = {"actor": actor, "critic": critic}
         self._own = [name for name, network in given.items() if network is not None]
         whole = observation_size + privileged_size
-        conditions = num_objectives if config.type == "conditioned" else 0
+        conditions = num_objectives if sizes.type == "conditioned" else 0
         actor_inputs, critic_inputs = observation_size + conditions, whole + conditions
         if actor is None:
-            actor = mlp(actor_inputs, config.actor, 2 * action_size, generator)
-            last = f"{2 * len(config.actor)}"
+            actor = mlp(actor_inputs, sizes.actor, 2 * action_size, generator)
+            last = f"{2 * len(sizes.actor)}"
             with torch.no_grad():
-                actor.get_parameter(f"{last}.weight").mul_(config.output_scale)
-                actor.get_parameter(f"{last}.bias")[action_size:] = spread_of(config.initial_std)
+                actor.get_parameter(f"{last}.weight").mul_(sizes.output_scale)
+                actor.get_parameter(f"{last}.bias")[action_size:] = spread_of(sizes.initial_std)
         else:
             check_network("actor", actor, actor_inputs, 2 * action_size)
         if critic is None:
-            critic = mlp(critic_inputs, config.critic, num_values, generator)
+            critic = mlp(critic_inputs, sizes.critic, num_values, generator)
         else:
             check_network("critic", critic, critic_inputs, num_values)
 
@@ -175,27 +129,27 @@ class Agent(nn.Module):
             return Hypernetwork(
                 target,
                 num_objectives,
-                config.hidden,
-                config.features,
-                scale=config.scale,
+                sizes.hidden,
+                sizes.features,
+                scale=sizes.scale,
                 features=features,
                 generator=generator,
             )
 
         self.actor: Hypernetwork | Conditioned | InOrder
         self.critic: Hypernetwork | Conditioned | InOrder
-        if config.type == "conditioned":
+        if sizes.type == "conditioned":
             self.actor, self.critic = Conditioned(actor), Conditioned(critic)
         elif in_order:
             self.actor, self.critic = (InOrder(part, num_networks) for part in (actor, critic))
-        elif config.type == "independent":
+        elif sizes.type == "independent":
             keys = even_tradeoffs(num_networks, num_objectives)
             self.actor, self.critic = Independent(actor, keys), Independent(critic, keys)
         else:
             self.actor = family(actor)
-            shared = self.actor.features if config.type == "single" else None
+            shared = self.actor.features if sizes.type == "single" else None
             self.critic = family(critic, shared)
-        rows = num_networks if own_statistics else 0
+        rows = num_networks if config.own_statistics else 0
         self.observation_normalizer = Normalizer(whole, rows)
         self.value_normalizer = Normalizer(num_values, rows)
 

@@ -85,12 +85,7 @@ class Generated(nn.Module, ABC):
 
 
 class InOrder(Generated):
-    """R networks that share no parameters; the k-th of R trade-offs gets the k-th.
-
-    Args:
-        target: the module that all networks start as; it is copied, not changed.
-        number: R.
-    """
+    """R networks that share nothing and start alike; the k-th of R trade-offs gets the k-th."""
 
     def __init__(self, target: nn.Module, number: int):
         super().__init__(target)

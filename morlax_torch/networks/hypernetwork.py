@@ -51,11 +51,8 @@ class Hypernetwork(Generated):
         self.bias = nn.Parameter(torch.cat([p.detach().flatten() for p in target.parameters()]))
 
     def flat(self, tradeoffs: Tensor) -> Tensor:
-        return fused.affine(self._featurize(on_simplex(tradeoffs)), self.weight, self.bias)
-
-    def _featurize(self, tradeoffs: Tensor) -> Tensor:
-        """f: trade-offs (K, m) on the simplex to features (K, F)."""
-        return fused.mlp(tradeoffs, self._features_mlp, self.features)
+        features = fused.mlp(on_simplex(tradeoffs), self._features_mlp, self.features)  # (K, F)
+        return fused.affine(features, self.weight, self.bias)
 
     @torch.no_grad()
     def collapse(self, tradeoff: Tensor) -> None:

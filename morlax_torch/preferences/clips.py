@@ -25,21 +25,13 @@ class Clips(NamedTuple):
     terms: NDArray[np.float32]  # (n, k) sums of the task's own reward terms
 
 
-def own_terms(env: Environment) -> list[str]:
-    """Return the names of the reward terms that the task itself defines."""
-    return [name for name in env.reward_terms if name != TERM]
-
-
 def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]]:
     """Record clips of random trade-offs, each at a random time of an episode, on C MuJoCo.
 
     Every second clip shows the policy with its exploration noise, so that clips also show what
     training may try.
 
-    Args:
-        policy: on the CPU.
-        number: how many episodes to cut a clip from. Those that end too early give none.
-        seed: random seed of trade-offs, times, noise and worlds.
+    Some of the `number` episodes may end too early for a clip. The policy is on the CPU.
 
     Returns:
         The clips, and the names of their reward terms.
@@ -56,7 +48,8 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
     length, steps = max(1, round(SECONDS / env.dt)), min(env.episode_length, LONGEST)
     actors = policy.agent.actors(dirichlet_tradeoffs(number, m, seed=seed))
     generator = torch.Generator().manual_seed(seed)
-    names, alive = own_terms(env), torch.full((number,), steps)
+    names = [name for name in env.reward_terms if name != TERM]  # that the task itself defines
+    alive = torch.full((number,), steps)
     observation = env.reset()
     seen, positions, actions, terms = [observation], [env.physics.qpos.clone()], [], []
     with torch.no_grad():

@@ -87,7 +87,7 @@ def load(
     path = find_checkpoint(run)
     contents = checkpoint.load(path)
     config, task = checkpoint.read_config(contents, path, trust), contents.environment
-    agent = Agent.of(
+    agent = Agent(
         config,
         task.observation_size,
         task.action_size,

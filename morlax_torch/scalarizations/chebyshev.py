@@ -1,4 +1,4 @@
-"""Chebyshev scalarizations, which reach the concave parts of a front too, and their range."""
+"""Chebyshev scalarizations, which reach the concave parts of a front too."""
 
 from collections.abc import Sequence
 
@@ -13,24 +13,22 @@ SMOOTHNESS = 0.05  # mu, in units of the range between nadir and ideal
 AUGMENTATION = 0.05  # rho
 
 
-class Range:
-    """A running ideal and nadir point: the best and worst expected return in each objective.
+class Ranged(Scalarization):
+    """A scalarization that measures returns between a running ideal and nadir point.
 
-    A return beyond the range widens it at once. Otherwise both points move slowly towards today's
-    best and worst returns, so that those of the first policies are forgotten.
-
-    Args:
-        num_objectives: m.
-        device: of the points.
+    These are the best and worst expected return in each objective. A return beyond the range widens
+    it at once. Otherwise both points move slowly towards today's best and worst returns, so that
+    those of the first policies are forgotten.
     """
+
+    uses_returns = True
 
     def __init__(self, num_objectives: int, device: torch.device):
         most = torch.finfo(torch.float32).max  # the first returns replace it
         self.ideal = torch.full((num_objectives,), -most, device=device)
         self.nadir = torch.full((num_objectives,), most, device=device)
 
-    def observe(self, returns: Tensor, group: Group) -> None:
-        """Take note of the expected returns (K, m) of all trade-offs."""
+    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         best = group.largest_(torch.cat([returns.amax(0), -returns.amin(0)]))
         high, low = best[: len(self.ideal)], -best[len(self.ideal) :]
         slow_high = self.ideal + FORGETTING * (high - self.ideal)
@@ -52,7 +50,6 @@ class Range:
         return [self.ideal, self.nadir]
 
     def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
-        """Return both points () each, by name."""
         points = {"best_return": self.ideal, "worst_return": self.nadir}
         return {
             f"{kind}/{name}": value
@@ -61,53 +58,35 @@ class Range:
         }
 
 
-class Ranged(Scalarization):
-    """A scalarization that measures returns in units of their `Range`."""
-
-    uses_returns = True
-
-    def __init__(self, num_objectives: int, device: torch.device):
-        self.range = Range(num_objectives, device)
-
-    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
-        self.range.observe(returns, group)
-
-    def state(self) -> list[Tensor]:
-        return self.range.state()
-
-    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
-        return self.range.metrics(objectives)
-
-
 class AugmentedChebyshev(Ranged):
     """u = -max_i w_i d_i - rho sum_i w_i d_i, with d_i the distance to the ideal point.
 
-    (Steuer and Choo, 1983. `Range` defines the distance.) The gradient is that of the objective
+    (Steuer and Choo, 1983. `Ranged` defines the distance.) The gradient is that of the objective
     that lies furthest behind, and a little of all.
     """
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.range.distances(returns)
+        behind = tradeoffs * self.distances(returns)
         return -behind.amax(-1) - AUGMENTATION * behind.sum(-1)
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.range.distances(returns)
+        behind = tradeoffs * self.distances(returns)
         furthest = torch.zeros_like(behind).scatter_(-1, behind.argmax(-1, keepdim=True), 1.0)
-        return tradeoffs / self.range.scale() * (furthest + AUGMENTATION)
+        return tradeoffs / self.scale() * (furthest + AUGMENTATION)
 
 
 class SmoothChebyshev(AugmentedChebyshev):
     """u = -mu log sum_i exp(w_i d_i / mu), with d_i the distance to the ideal point.
 
     (Lin et al., 2024, "Smooth Tchebycheff Scalarization for Multi-Objective Optimization", eq. 6,
-    for maximization. `Range` defines the distance.) All objectives count, the more the further
+    for maximization. `Ranged` defines the distance.) All objectives count, the more the further
     they lie behind.
     """
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.range.distances(returns)
+        behind = tradeoffs * self.distances(returns)
         return -SMOOTHNESS * (behind / SMOOTHNESS).logsumexp(-1)
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.range.distances(returns)
-        return (behind / SMOOTHNESS).softmax(-1) * tradeoffs / self.range.scale()
+        behind = tradeoffs * self.distances(returns)
+        return (behind / SMOOTHNESS).softmax(-1) * tradeoffs / self.scale()

@@ -16,20 +16,15 @@ MOST = 100.0  # of a multiplier
 class Constrained(Ranged):
     """Maximize the other objectives subject to r_c >= level, for all levels at once.
 
-    The weight w_c of the constrained objective c is the required level: 0 is its worst return among
-    all trade-offs, 1 its best (see `Range`). The other weights weigh the other objectives, in units
-    of their ranges. The Lagrangian is
+    The weight w_c of the constrained objective, with index c, is the required level: 0 is its worst
+    return among all trade-offs, 1 its best (see `Ranged`). The other weights weigh the other
+    objectives, in units of their ranges. The Lagrangian is
 
         u = sum_{i != c} w_i / (1 - w_c) r_i / range_i
             + lambda(w_c) ((r_c - nadir_c) / range_c - w_c)
 
     and gradient ascent on the policies takes turns with gradient descent on the multipliers
     lambda >= 0 (Arrow, Hurwicz and Uzawa, 1958), a piecewise linear function of the level.
-
-    Args:
-        constrained: index c of the objective.
-        num_objectives: m.
-        device: of the returns.
     """
 
     def __init__(self, constrained: int, num_objectives: int, device: torch.device):
@@ -46,7 +41,7 @@ class Constrained(Ranged):
         return others + self._multiplier(tradeoffs) * spare
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        scale = self.range.scale()
+        scale = self.scale()
         own = self._multiplier(tradeoffs)[:, None] * (1 - self._others) / scale
         return self._weights_of_others(tradeoffs) + own
 
@@ -68,13 +63,13 @@ class Constrained(Ranged):
 
     def _reached(self, returns: Tensor) -> Tensor:
         """Return the constrained objective's returns as levels (K,)."""
-        return (1 - self.range.distances(returns))[:, self._c]
+        return (1 - self.distances(returns))[:, self._c]
 
     def _weights_of_others(self, tradeoffs: Tensor) -> Tensor:
         own = tradeoffs * self._others
         total = own.sum(-1, keepdim=True)
         even = self._others / self._others.sum()
-        return torch.where(total > 1e-6, own / total.clamp(min=1e-6), even) / self.range.scale()
+        return torch.where(total > 1e-6, own / total.clamp(min=1e-6), even) / self.scale()
 
     def _near(self, tradeoffs: Tensor) -> Tensor:
         """Return the shares (K, LEVELS) of the levels next to each required one."""

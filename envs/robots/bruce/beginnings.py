@@ -49,10 +49,7 @@ class Beginnings(NamedTuple):
     def drawn(cls, fastest: tuple[float, float], standing: float, seed: int) -> Self:
         """Draw COMMANDS initial conditions.
 
-        Args:
-            fastest: limits of the commands in m/s, forward and sideways.
-            standing: probability of a zero command.
-            seed: random seed.
+        `fastest` limits the commands, in m/s; `standing` is the probability of a zero one.
         """
         random = np.random.default_rng(seed)
         commands = random.uniform(-1, 1, (COMMANDS, 2)) * fastest
@@ -62,20 +59,12 @@ class Beginnings(NamedTuple):
         return cls(torch.from_numpy(commands), torch.from_numpy(legs), heights)
 
     def states(
-        self, library: Library, rest: NDArray[np.float64], model: mujoco.MjModel
-    ) -> tuple[list[Start], Tensor]:
-        """Return the initial states.
+        self, library: Library, rest: NDArray[np.float64], model: mujoco.MjModel, like: Tensor
+    ) -> tuple[list[Start], TaskState]:
+        """Return the B initial states with their task states, of the dtype and device of `like`.
 
         A walking robot starts in the first state of its command's gait, a standing robot in the
-        default pose.
-
-        Args:
-            library: the gaits.
-            rest: (nq,) positions of a standing robot.
-            model: the robot.
-
-        Returns:
-            B states, and the pose of the reference in each: x, y (m) and yaw (rad), (B, 3).
+        default pose, with positions `rest` (nq,).
         """
         walk = self._walk(library, self.commands)
         walk.elapsed.zero_()
@@ -95,18 +84,8 @@ class Beginnings(NamedTuple):
                 qvel[:3], qvel[6:] = rate[POSITION], expand @ rate[JOINTS]
             ctrl[:16] = bruce.motors_from_crank() @ crank
             starts.append(Start(qpos, qvel, ctrl))
-        return starts, torch.from_numpy(anchors)
-
-    def task_states(self, library: Library, anchors: Tensor, like: Tensor) -> TaskState:
-        """Return the task state of each initial condition.
-
-        Args:
-            library: the gaits.
-            anchors: (B, 3) as from `states`.
-            like: tensor that sets dtype and device.
-        """
-        walk = self._walk(library, like)
-        return TaskState(walk.velocity, walk.leg, anchors.to(like), walk.points, *walk.now())
+        walk, anchor = self._walk(library, like), torch.from_numpy(anchors).to(like)
+        return starts, TaskState(walk.velocity, walk.leg, anchor, walk.points, *walk.now())
 
     def _walk(self, library: Library, like: Tensor) -> Reference:
         """Return the reference walk of each initial condition, at its start."""

@@ -11,9 +11,7 @@ class Histories:
 
     All are views of one buffer, so that one operation pushes or refills them.
 
-    Args:
-        like: (N, ...) tensor that sets the number of worlds, dtype and device.
-        sizes: number of values to keep and channels, (K, C), by name.
+    `sizes` are the number of values to keep and of channels, (K, C), by name.
     """
 
     def __init__(self, like: Tensor, sizes: Mapping[str, tuple[int, int]]):

@@ -156,11 +156,7 @@ def randomized(
 ) -> dict[str, Array]:
     """Draw the model fields (N, ...) that differ between worlds, by name.
 
-    Args:
-        model: the nominal robot.
-        given: fields (N, ...) that already differ; they replace the nominal ones.
-        num_worlds: N.
-        seed: random seed.
+    Fields that differ already, `given` (N, ...), replace those of the nominal model.
     """
     random = np.random.default_rng([seed, 1])  # a stream independent of the one that drew `given`
 

@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, NonNegativeFloat, field_validator
 
-from ...worlds.options import Count, TaskOptions
+from ...worlds.options import Count, Objectives, TaskOptions
 from . import model as bruce
 from .beginnings import FASTEST
 
@@ -12,7 +12,7 @@ from .beginnings import FASTEST
 class BruceOptions(TaskOptions):
     """The options of BRUCE; by default nothing is random."""
 
-    objectives: dict[str, dict[str, float]] = {
+    objectives: Objectives = {
         "joints": {"gait": 1.0},
         "base": {"base_position": 1.0, "base_attitude": 1.0},
         "swing": {"arm_swing": 1.0},

@@ -9,12 +9,7 @@ from torch.linalg import vector_norm
 
 
 class Closeness:
-    """Rewards exp(-|difference|^2 / width) for differences near zero.
-
-    Args:
-        widths: of each reward, by name.
-        like: tensor that sets dtype and device.
-    """
+    """Rewards exp(-|difference|^2 / width) for differences near zero, with a width by name."""
 
     def __init__(self, widths: Mapping[str, float], like: Tensor):
         self._names = tuple(widths)
@@ -39,22 +34,13 @@ def roughness(history: Tensor) -> Tensor:
 
 
 class SwingingArms:
-    """Arm joints that swing with the opposite legs.
-
-    Args:
-        like: tensor that sets dtype and device.
-    """
+    """Arm joints that swing with the opposite legs."""
 
     def __init__(self, like: Tensor):
         self._middle = like.new_tensor([0.0, 1.0, 0.3, 0.0, -1.0, -0.3])  # rad
         self._amplitude = like.new_tensor([-0.4, 0.0, -0.3, -0.4, 0.0, -0.3])  # rad
 
     def __call__(self, phase: Tensor, leg: Tensor) -> Tensor:
-        """Return the joints (N, 6) in rad.
-
-        Args:
-            phase: (N,) elapsed share of the step, 0 to 1.
-            leg: (N,) swing leg, 0 left and 1 right.
-        """
+        """Return the joints (N, 6) in rad at the `phase` (N,), 0 to 1, of a swing leg (N,)."""
         swing = torch.cos(math.pi * (phase + leg))[:, None]
         return self._middle + swing * self._amplitude

@@ -56,12 +56,7 @@ def turned(xy: Tensor, yaw: Tensor) -> Tensor:
 
 
 class PairSums:
-    """A linear map from (N, C) to (N, R) in which every output has one or two terms.
-
-    Args:
-        matrix: (R, C), with at most two nonzero entries per row.
-        like: tensor that sets dtype and device.
-    """
+    """A linear map (R, C) from (N, C) to (N, R), in which every output has one or two terms."""
 
     def __init__(self, matrix: NDArray[np.float64], like: Tensor):
         # The second largest entry of a row may be zero; it then adds nothing.

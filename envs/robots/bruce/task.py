@@ -10,13 +10,12 @@ from ...worlds.environment import Environment
 from ...worlds.episodes import Starts
 from ...worlds.robot import Part
 from . import model as bruce
-from .anchor import Anchor
 from .beginnings import FASTEST, Beginnings
 from .gaits import Library
 from .history import Histories
 from .model import randomized
 from .options import BruceOptions
-from .reference import BASE, JOINTS, Reference
+from .reference import BASE, JOINTS, Anchor, Reference
 from .rewards import Closeness, SwingingArms, roughness
 from .rotations import PairSums
 
@@ -106,13 +105,13 @@ class Bruce(Environment):
         return qpos
 
     def prepare_starts(self, seed: int) -> Starts:
-        options, like = self.options, self.physics.qpos
+        options = self.options
         if options.draw_commands:
             beginnings = Beginnings.drawn(options.fastest, options.standing, seed)
         else:
             beginnings = Beginnings.only(options.command)
-        states, anchors = beginnings.states(self._library, self.initial_qpos(), self.physics.model)
-        self._first = beginnings.task_states(self._library, anchors, like)
+        rest, model = self.initial_qpos(), self.physics.model
+        states, self._first = beginnings.states(self._library, rest, model, self.physics.qpos)
         return Starts(states, self.physics)
 
     def vary_model(self, seed: int) -> dict[str, np.ndarray]:

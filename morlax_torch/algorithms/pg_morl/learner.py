@@ -18,8 +18,7 @@ from ...evaluation.making import evaluation_worlds
 from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
 from ...networks.generated import Independent, InOrder
-from ..method import Method
-from ..trainer import make_agent
+from ..trainer import Trainer, make_agent
 from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict
 from .selection import select
@@ -33,7 +32,7 @@ SPACING = 20  # iterations, at least, between two snapshots of a policy
 LATENCY = {"cpu": 1, "cuda": 3900}
 
 
-class PGMORL(Method):
+class PGMORL(Trainer):
     """Trains K policies at a time, and every generation chooses which, and with what trade-offs.
 
     (Xu et al., 2020, "Prediction-Guided Multi-Objective Reinforcement Learning for Continuous
@@ -46,15 +45,13 @@ class PGMORL(Method):
 
     Every policy has its own normalizers, which go with it, so that it stays what was measured.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: independent` and sparse sampling.
-        group: as of `MORLAX`.
-        networks: actor and critic, as of `MORLAX`.
+    It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
-    def __init__(self, env: Worlds, config: Config, group: Group = ALONE, **networks: Any):
-        super().__init__(env, config, None, config.num_clusters, group, **networks)
+    keeps_tradeoffs = in_order = True
+
+    def __init__(self, env: Worlds, config: Config, *, group: Group = ALONE, **networks: Any):
+        super().__init__(env, config, group=group, **networks)
         self.agent = make_agent(env, config, **networks)  # the archive
         group.share(self.agent)
         assert isinstance(config.method, PGMORLOptions)
@@ -181,11 +178,11 @@ class PGMORL(Method):
 
     def _belongings(self) -> list[Tensor]:
         """Return views (K, ...) of all that belongs to each policy in training."""
-        return [*belongings(self.trainer.agent), *self._moments()]
+        return [*belongings(self.trained), *self._moments()]
 
     def _moments(self) -> list[Tensor]:
         """Return views (K, n) of the moments of Adam."""
-        moments = [x for adam in self.trainer.ppo.optimizers for x in (adam.mean, adam.square)]
+        moments = [x for adam in self.ppo.optimizers for x in (adam.mean, adam.square)]
         return [x.view(self.config.num_clusters, -1) for x in moments]
 
     def state_dict(self) -> dict[str, Any]:

@@ -80,14 +80,10 @@ def performance_buffer(
 def pareto_archive(returns: ArrayLike, most: int) -> Indices:
     """Return the indices (k,) of the policies that stay in the external Pareto archive, sorted.
 
-    Those are all that no other dominates. If more than `most` are left, the most crowded ones are
+    Those are all with returns (n, m) that none dominates. Of more than `most`, the most crowded are
     dropped, one by one: each time, the one with the smallest distance to another, of equal ones the
     one with the smaller second distance, and so on (as SPEA2 truncates its archive; Zitzler et al.,
     2001). So the ends of the front stay. Distances are relative to the range of each objective.
-
-    Args:
-        returns: Returns (n, m) of all policies.
-        most: Largest number of policies to keep.
     """
     points = np.asarray(returns, np.float64)
     kept = np.flatnonzero(non_dominated(points))

@@ -111,9 +111,7 @@ def neighborhoods(
 def distances_of_different(distances: Array, weights: Array) -> Array:
     """Return the reach (p,) that includes four different trade-offs, or all stretches if fewer.
 
-    Args:
-        distances: Distances (p, h) of stretches from policies.
-        weights: Trade-offs (h, m) of the stretches.
+    Stretches with trade-offs (h, m) are at `distances` (p, h) from policies.
     """
     _, kinds = np.unique(weights.round(DECIMALS), axis=0, return_inverse=True)
     order = np.argsort(kinds, kind="stable")

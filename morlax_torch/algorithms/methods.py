@@ -1,4 +1,4 @@
-"""Baselines that train one agent: AMOR, HYPER-MORL and independent policies."""
+"""MORLAX, and the baselines that train one agent: AMOR, HYPER-MORL and independent policies."""
 
 from typing import Any
 
@@ -11,65 +11,74 @@ from ..configuration.tradeoffs import even_tradeoffs, sample_cells
 from ..envs import Worlds
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
-from .method import Method
-from .trainer import draw_tradeoffs
+from .trainer import Trainer
 
 
-class AMOR(Method):
+class MORLAX(Trainer):
+    """Trains an `Agent` in worlds, one `iterate` at a time.
+
+    `state_dict` copies all state, and `load_state_dict` continues from a copy: bit for bit on the
+    CPU, on CUDA up to the order of floating-point sums. `explore` and `learn` are the two halves
+    of an iteration. On CUDA, call `compile` once, and they become recorded graphs.
+
+    Building one on CUDA enables TF32 for matrix products in this process.
+
+    Args:
+        env: the worlds.
+        config: every number of the run.
+        actor: replaces the config's actor: a module from observations (B, O) to (B, 2A), means and
+            spreads (see `TanhNormal`).
+        critic: replaces the config's critic: a module from (B, O + P), with privileged features,
+            to one value per objective (B, m), or to one value if `ppo.critic` is scalar.
+        group: processes that train the same agent, each in its own worlds. It starts with the
+            parameters and buffers of the first process.
+
+    Raises:
+        MorlaxError: config and worlds disagree, or a network does not fit the worlds.
+    """
+
+
+class AMOR(Trainer):
     """Trains one conditioned actor and one conditioned critic with MORLAX's updates.
 
     (Alegre et al., 2025, "AMOR: Adaptive Character Control through Multi-Objective Reinforcement
     Learning".) With dense sampling every world keeps its trade-off until its episode ends; it draws
     the next one at the start of the following rollout. docs/algorithms.md says what differs.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: conditioned`.
-        others: as of `MORLAX`.
+    It needs `network.type: conditioned`, and takes the arguments of `MORLAX`.
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, self._draw, **others)
-        self.per_process = (*self.per_process, "tradeoffs", "ended")
+        super().__init__(env, config, **others)
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
+        self._own_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
 
     def iterate(self, done: float = 0.0) -> None:
         super().iterate(done)
         ended = self.rollout.terminated | self.rollout.truncated
         self._ended.copy_(ended.any(0).any(1, keepdim=True))
 
-    def state_dict(self) -> dict[str, Any]:
-        own = {"tradeoffs": self.tradeoffs.clone(), "ended": self._ended.clone()}
-        return {**super().state_dict(), **own}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.tradeoffs.copy_(state["tradeoffs"])
-        self._ended.copy_(state["ended"])
-
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
         kept = tradeoffs.clone()
-        draw_tradeoffs(self.config, tradeoffs, generator)
+        super()._draw(tradeoffs, generator)
         if self.config.sampling.mode == "dense":
             tradeoffs.copy_(torch.where(self._ended, tradeoffs, kept))
 
 
-class IndependentPPO(Method):
+class IndependentPPO(Trainer):
     """Trains K policies that share no parameters, each for one of K evenly spread trade-offs.
 
     Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
     norm and moments of Adam; only the normalizers of observations and values see all worlds. With
     enough steps it is the reference that fronts are measured against.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: independent` and sparse sampling.
-        group: as of `MORLAX`.
-        networks: actor and critic, as of `MORLAX`.
+    It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
+    keeps_tradeoffs = True
 
-class HyperMORL(Method):
+
+class HyperMORL(Trainer):
     """Trains a single hypernetwork for actor and critic in two stages.
 
     (Shu et al., 2024, "Learning Pareto Set for Multi-Objective Continuous Robot Control".) A
@@ -78,14 +87,11 @@ class HyperMORL(Method):
     iteration explores one random trade-off from each of K even cells of the simplex.
     docs/algorithms.md says what differs.
 
-    Args:
-        env: the worlds.
-        config: with `network.type: single` and sparse sampling.
-        others: as of `MORLAX`.
+    It needs `network.type: single` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, self._draw, **others)
+        super().__init__(env, config, **others)
         self._centers = even_tradeoffs(*self.tradeoffs.shape).to(env.device)
         self.warming_up = True
         self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs
@@ -120,8 +126,7 @@ class HyperMORL(Method):
             assert isinstance(family, Hypernetwork)
             family.collapse(balanced)
         self._reset_exploration()
-        ppo = self.trainer.ppo
-        for optimizer, rate in zip(ppo.optimizers, ppo.rates, strict=False):
+        for optimizer, rate in zip(self.ppo.optimizers, self.ppo.rates, strict=False):
             optimizer.forget()
             optimizer.rate.fill_(rate)
 
