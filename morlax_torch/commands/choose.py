@@ -50,6 +50,7 @@ def command(arguments: Sequence[str]) -> None:
         least: dict[str, float] = {}
         for name, value in map(_required, constrain):
             least[name] = max(value, least.get(name, value))
+        from ..evaluation.requirements import shown
         from ..runs.choosing import choose
         from ..runs.loading import find_checkpoint, trust_run
 
@@ -57,18 +58,20 @@ def command(arguments: Sequence[str]) -> None:
             trust_run(run)
         choice = choose(run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device)
         _show(choice, least, maximize)
+        weights = shown(choice.tradeoff)
+        cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
         cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
-        words = [shlex.quote(run), *(["--trust"] if trust else [])]
-        weights = ",".join(f"{weight:.6g}" for weight in choice.tradeoff)
-        export = [program("export"), *words, "--tradeoff", weights]
-        cli.print_command("to export the policy", " ".join(export))
-        cli.print_command("to see the robot", " ".join([program("explore"), *words]))
+        named = shlex.quote(run) + (" --trust" if trust else "")
+        cli.print_command(
+            "to export the policy", f"{program('export')} {named} --tradeoff {weights}"
+        )
+        cli.print_command("to see the robot", f"{program('explore')} {named}")
 
     call(main, arguments, program("choose"))
 
 
 def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:
-    """Print promised and simulated returns, margins, the cost and the trade-off."""
+    """Print promised and simulated returns, margins and the cost."""
     from rich.table import Table  # takes a while to import
 
     table = Table(box=None)
@@ -84,8 +87,6 @@ def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:
             f"cost of the requirements: {choice.cost:.4g} of {maximize}, which reaches "
             f"{best:.5g} without them"
         )
-    weights = ",".join(f"{weight:.6g}" for weight in choice.tradeoff)
-    cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
 
 
 def _required(text: str) -> tuple[str, float]:

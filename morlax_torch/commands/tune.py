@@ -48,14 +48,18 @@ def command(arguments: Sequence[str]) -> None:
                 resolve_device(config.device), options.workers, request.one_gpu
             )
             write_results(study, folder)  # a folder that cannot be written is told before training
-            display.started(_devices(config.device, len(visible)))
-            if len(visible) == 1:
-                _search(request, study, display, interrupted)
-            else:
+            several = len(visible) > 1
+            display.started(f"{len(visible)} workers" if several else str(config.device))
+            if several:
                 _search_together(arguments, visible, interrupted)
                 write_results(study, folder)
+            else:
+                _search(request, study, display, interrupted)
             display.ended(f"{program('tune')} {shlex.join(arguments)}")
-            _check_success(study)
+            results = study.results()
+            if results and all(result.state == "failed" for result in results):
+                last = results[-1].reason
+                raise MorlaxError(f"every trial failed, the last one because: {last}")
     if interrupted():
         sys.exit(interrupted.exit_status)
 
@@ -90,17 +94,6 @@ def _search_together(
     statuses = run_workers(arguments, visible, lambda: interrupted.signal, ended)
     if all(statuses) and not interrupted():
         raise MorlaxError(f"all {len(statuses)} workers ended early: see the lines above.")
-
-
-def _check_success(study: "Study") -> None:
-    """Raise MorlaxError if every trial has failed."""
-    results = study.results()
-    if results and all(result.state == "failed" for result in results):
-        raise MorlaxError(f"every trial failed, the last one because: {results[-1].reason}")
-
-
-def _devices(device: str | None, workers: int) -> str:
-    return f"{workers} workers" if workers > 1 else str(device)
 
 
 def main() -> None:

@@ -23,11 +23,8 @@ class Candidates:
     requirement and gains on the best simulated one, if errors are independent and normal.
     (Constrained probability of improvement, as in Bayesian optimization.)
 
-    Args:
-        tradeoffs: (K, m), on the simplex.
-        returns: (K, m)
-        simulated: whether the returns are those of the simulation.
-        required: what the search is for.
+    Trade-offs, on the simplex, and returns are (K, m); `simulated` says whether the returns are
+    those of the simulation.
     """
 
     def __init__(
@@ -74,10 +71,9 @@ class Candidates:
         return tradeoffs[best], promised[best], float(np.exp(scores.max(initial=-np.inf)))
 
     def ranked(self) -> np.ndarray:
-        """Return the indices of simulated trade-offs that keep the requirements, best first.
+        """Return the simulated trade-offs that keep the requirements, best first: their indices.
 
-        Raises:
-            MorlaxError: there is none.
+        Raises MorlaxError if there is none.
         """
         (indices,) = self.kept.nonzero()
         if len(indices) == 0:

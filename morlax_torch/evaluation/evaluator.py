@@ -106,11 +106,7 @@ class Evaluator:
         self.tradeoffs.copy_(share(tradeoffs, self._seeds * self._sets, self._group))
 
     def evaluate(self) -> Front:
-        """Evaluate the agent as it is now, and return the front of the first set of episodes.
-
-        Raises:
-            MorlaxError: contacts overflowed the simulator's buffers.
-        """
+        """Return the front of the first set of episodes, see `evaluate_sets`."""
         return self.evaluate_sets()[0]
 
     @torch.no_grad()
@@ -127,10 +123,8 @@ class Evaluator:
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
-        self._fallen.zero_()
-        self._blown_up.zero_()
-        self._lengths.zero_()
-        self._returns.zero_()
+        for values in (self._fallen, self._blown_up, self._lengths, self._returns):
+            values.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         with one_thread(self.env.device):

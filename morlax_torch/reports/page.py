@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 import matplotlib as mpl
-import yaml
 from matplotlib.figure import Figure
 
 from ..colors import of_objectives
 from ..configuration.config import Config
+from ..configuration.files import write_yaml
 from ..evaluation.figures.style import FILES
-from .comparison import Quartiles
+from .comparison import Evaluated, Quartiles
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",
@@ -72,12 +72,10 @@ def report(
     title: str,
     about: str,
     command: str,
-    measured: Mapping[str, Mapping[str, float]],
+    found: Mapping[str, Evaluated],
     summary: Mapping[str, Quartiles],
     figures: Sequence[tuple[str, Figure]],
-    configs: Mapping[str, Config],
     facts: Mapping[str, Mapping[str, str]],
-    objectives: Sequence[str],
     portrait: bytes | None = None,
 ) -> str:
     """Return the report as HTML.
@@ -86,25 +84,24 @@ def report(
         title: the task and its runs.
         about: how they were evaluated, in a sentence or two.
         command: the command line of the evaluation.
-        measured: run -> measure -> value.
+        found: evaluations by run name.
         summary: measure -> quartiles over runs; empty for a single run.
         figures: captions and figures.
-        configs: run -> training config.
         facts: run -> name -> text.
-        objectives: of the task.
         portrait: picture of the robot as PNG (None: leave it out).
     """
+    objectives = next(iter(found.values())).front.objectives
     parts = [
         f"<h1>{escape(title)}</h1>",
         _top(facts, objectives, portrait),
         f"<p>{escape(about)}</p>",
         f"<pre>{escape(command)}</pre>",
         "<h2>Indicators</h2>",
-        _table(measured, summary),
+        _table({name: run.measures for name, run in found.items()}, summary),
         "<h2>Figures</h2>",
         *(_picture(caption, figure) for caption, figure in figures),
         "<h2>Training configs</h2>",
-        *(_config(name, config) for name, config in configs.items()),
+        *(_config(name, run.policy.config) for name, run in found.items()),
     ]
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -145,21 +142,16 @@ def _top(
 
 def _facts(facts: Mapping[str, Mapping[str, str]]) -> str:
     """Return the facts of one run as a list, and those of several as a table."""
-    names = list(dict.fromkeys(name for run in facts.values() for name in run))
     if len(facts) == 1:
-        (run,) = facts.values()
-        items = (_fact(name, text) for name, text in run.items())
-        return f"<dl>{''.join(items)}</dl>"
-    rows = [_row("th", ["", *facts, ""])]
-    rows += [
-        _row("td", [name, *(run.get(name, "") for run in facts.values()), ""]) for name in names
-    ]
-    return f'<div class="scroll"><table class="facts">{"".join(rows)}</table></div>'
-
-
-def _fact(name: str, text: str) -> str:
-    wide = ' class="wide"' if len(text) > NARROW else ""
-    return f"<div{wide}><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>"
+        items = ""
+        for name, text in next(iter(facts.values())).items():
+            wide = ' class="wide"' if len(text) > NARROW else ""
+            items += f"<div{wide}><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>"
+        return f"<dl>{items}</dl>"
+    rows = _row("th", ["", *facts, ""])
+    for name in dict.fromkeys(name for run in facts.values() for name in run):
+        rows += _row("td", [name, *(run.get(name, "") for run in facts.values()), ""])
+    return f'<div class="scroll"><table class="facts">{rows}</table></div>'
 
 
 def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Quartiles]) -> str:
@@ -199,5 +191,5 @@ def _image(about: str, kind: str, content: bytes) -> str:
 
 
 def _config(name: str, config: Config) -> str:
-    text = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
-    return f"<details><summary>{escape(name)}</summary><pre>{escape(text)}</pre></details>"
+    text = escape(write_yaml(config))
+    return f"<details><summary>{escape(name)}</summary><pre>{text}</pre></details>"

@@ -41,6 +41,20 @@ def lattice(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
+def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color: Any) -> None:
+    """Draw the points that are `best` in `color`, and the others as dominated."""
+    if not best.all():
+        axes.scatter(x[~best], y[~best], **DOMINATED)
+    axes.scatter(x[best], y[best], s=size, color=color)
+
+
+def note(axes: Axes, text: str, place: Sequence[float], above: bool, **style: Any) -> None:
+    """Write a text centered above or below a point."""
+    side = "bottom" if above else "top"
+    shift: Any = {"xytext": (0, 4 if above else -4), "textcoords": "offset points"}
+    axes.annotate(text, (place[0], place[1]), ha="center", va=side, **shift, **style)
+
+
 def distinct(number: int) -> list[dict[str, Any]]:
     """Return a color, marker and line style for each of `number` items."""
     shades = mpl.colormaps[RUNS]([0.85 * k / max(number - 1, 1) for k in range(number)])
@@ -50,11 +64,10 @@ def distinct(number: int) -> list[dict[str, Any]]:
     ]
 
 
-def tint(axes: Axes, x: str | None, y: str | None) -> None:
+def tint(axes: Axes, x: str, y: str) -> None:
     """Draw the axes of objectives in these colors."""
     for side, color in (("bottom", x), ("left", y)):
-        if color is not None:
-            axes.spines[side].set(color=color, linewidth=2.5)
+        axes.spines[side].set(color=color, linewidth=2.5)
 
 
 def between(first: str, second: str) -> LinearSegmentedColormap:
@@ -109,13 +122,7 @@ def fit(axes: Axes, x: NDArray, y: NDArray) -> None:
 
 
 def legend_outside(figure: Figure, side: str = "lower center", title: str | None = None) -> None:
-    """Draw one legend for all plots outside them; none if nothing has a label.
-
-    Args:
-        figure: with its plots.
-        side: location, as matplotlib names it after "outside".
-        title: of the legend.
-    """
+    """Draw one legend for all plots outside them, at a side as matplotlib names it."""
     names: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
