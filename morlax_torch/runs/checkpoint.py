@@ -130,12 +130,7 @@ def _check_sums(whole: IO[bytes]) -> None:
 
 
 def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
-    """Check the config of a checkpoint that was read from `path`.
-
-    Args:
-        contents: as `load` returns them.
-        path: for error messages.
-        trust: allow the code that the config names.
+    """Return the config of a checkpoint that was read from `path`; `trust` allows its code.
 
     Raises:
         MorlaxError: a value is wrong, or the config names code that is not trusted.
@@ -183,21 +178,16 @@ def folder_of(path: Path) -> Path:
 
 
 def front_path(path: Path) -> Path:
-    """Return the file of a checkpoint's front: the run's front.npz of best.pt, NAME.npz of NAME.pt.
-
-    Args:
-        path: the checkpoint.
-    """
+    """Return the file of a checkpoint's front: the run's front.npz if it is best.pt, NAME.npz."""
     if path.name == "best.pt" and path.parent.name == "checkpoints":
         return folder_of(path) / "front.npz"
     return path.with_suffix(".npz")
 
 
 def fingerprint(agent: Mapping[str, Tensor]) -> str:
-    """Return a short text that tells policies apart: equal only if they are equal bit for bit.
+    """Return a short text that is equal only if policies are equal bit for bit.
 
-    Args:
-        agent: tensors of the agent by name, with or without critics.
+    `agent` has the agent's tensors by name, with or without critics.
     """
     digest = hashlib.sha256()
     for name in sorted(agent):

@@ -66,16 +66,9 @@ def choose(
 
 
 class Chooser:
-    """Chooses trade-offs of a policy by simulation.
+    """Chooses trade-offs of a policy by simulation on its device.
 
-    Args:
-        policy: its device runs the worlds.
-        front: evaluated trade-offs to start from; None: simulate some first.
-        seeds: episodes per trade-off, see `choose`.
-        seed: random seed of the worlds.
-
-    Raises:
-        MorlaxError: a number is out of range, or the task is not random although `seeds` > 1.
+    It starts from an evaluated front; without one, it simulates some trade-offs first.
     """
 
     def __init__(

@@ -87,12 +87,7 @@ def write_machines(folder: Path, machines: list[Machine]) -> None:
 
 
 def resumed(machines: list[Machine], now: Machine) -> list[Machine]:
-    """Return the machines of a run that continues on another one, or on the same.
-
-    Args:
-        machines: that trained it so far; empty if the run does not name them.
-        now: the machine that continues.
-    """
+    """Return the machines of a run, empty if it names none, and the one that continues it."""
     known = machines or [Machine()]
     return known if known[-1] == now else [*known, now]
 

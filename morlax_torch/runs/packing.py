@@ -15,16 +15,9 @@ from .references import copy_reward
 def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
     """Write the policies of a run's best checkpoint, their front, config and training curve.
 
-    The folder has the shape of a run, so every command accepts it, but training cannot continue
-    from it, because critic and optimizers are missing.
-
-    Args:
-        run: a run's folder, or a checkpoint in it.
-        output: a new or empty folder.
-        device: evaluates the front, see `evaluate`.
-
-    Returns:
-        The front, evaluated anew as in training.
+    The folder, new or empty, gets the shape of a run, so every command accepts it, but training
+    cannot continue from it, because critic and optimizers are missing. Returns the front, evaluated
+    anew on `device` as in training.
 
     Raises:
         MorlaxError: there is no such run, or `output` is in use or cannot be written.

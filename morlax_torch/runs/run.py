@@ -190,10 +190,7 @@ class Run:
         return stored.model_copy(update={name: getattr(edited, name) for name in MAY_CHANGE})
 
     def limit_reached(self, config: Config) -> str | None:
-        """Return the option whose limit the run has reached, if nothing is left to do.
-
-        Args:
-            config: to resume the run with.
+        """Return the option whose limit a run resumed with `config` has reached, if any.
 
         Raises:
             MorlaxError: a file is damaged.
@@ -219,29 +216,30 @@ class Run:
         Raises:
             MorlaxError: another program trains the run, or the checkpoint does not fit.
         """
-        if learner.group.rank:
-            contents = checkpoint.load(self.checkpoints / "latest.pt")
-            checkpoint.restore(contents, self.folder, learner)
-            return _continued(contents, learner.config)
-        self._lock.acquire()
+        first, path = learner.group.rank == 0, self.checkpoints / "latest.pt"
+        if first:
+            self._lock.acquire()
         try:
-            path = self.checkpoints / "latest.pt"
             contents = checkpoint.load(path)
             checkpoint.restore(contents, path, learner)
-            metrics = self.folder / "metrics.csv"
-            if metrics.exists():
-                rows = read_rows(metrics)
-                self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
-            machines = resumed(read_machines(self.folder), this_machine(learner))
-            write_file(self.folder / "config.yaml", write_yaml(learner.config))
-            write_machines(self.folder, machines)
-            for folder in (self.folder, self.checkpoints):
-                remove_drafts(folder)
+            if first:
+                self._clear_up(learner)
         except BaseException:
             self._lock.release()
             raise
-        self._purge_step = learner.env_steps + 1
         return _continued(contents, learner.config)
+
+    def _clear_up(self, learner: Learner) -> None:
+        """Drop what was logged after the checkpoint, and update config.yaml and hardware.yaml."""
+        metrics, machines = self.folder / "metrics.csv", read_machines(self.folder)
+        if metrics.exists():
+            rows = read_rows(metrics)
+            self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
+        write_file(self.folder / "config.yaml", write_yaml(learner.config))
+        write_machines(self.folder, resumed(machines, this_machine(learner)))
+        for folder in (self.folder, self.checkpoints):
+            remove_drafts(folder)
+        self._purge_step = learner.env_steps + 1
 
     @property
     def checkpoints(self) -> Path:

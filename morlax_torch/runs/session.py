@@ -19,14 +19,7 @@ from .training import make_evaluator, make_worlds, training
 
 
 class Session:
-    """Worlds with their learner, its evaluator, and the run that is written.
-
-    Args:
-        learner: to train.
-        evaluator: of the learner's agent.
-        run: the run's folder; None: nothing is written.
-        progress: of a run that is resumed.
-    """
+    """Worlds with their learner, its evaluator, and the run that is written, if any."""
 
     def __init__(
         self,
@@ -52,14 +45,7 @@ class Session:
         """Make worlds, learner, evaluator and run of a config.
 
         Started by `torchrun`, all processes share the run, which the first one writes.
-
-        Args:
-            config: the config.
-            run: a run to resume, instead of a new one.
-            output: folder of a new run (None: runs/<task>/<time>-<seed>).
-            actor: replaces the config's actor, see `MORLAX`.
-            critic: replaces the config's critic, see `MORLAX`.
-            written: False: write no new run.
+        `morlax_torch.train` describes the arguments; unless `written`, no new run is made.
 
         Raises:
             MorlaxError: the processes do not agree, the config does not fit this machine, or the
@@ -86,15 +72,8 @@ class Session:
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the config, and yield each evaluation; see `training`."""
         run = self.run if self.learner.group.rank == 0 else None
-        return training(
-            self.learner,
-            self.evaluator,
-            run,
-            self.progress,
-            began,
-            stopped=stopped,
-            evaluate_at=evaluate_at,
-        )
+        own = self.learner, self.evaluator, run, self.progress
+        return training(*own, began, stopped=stopped, evaluate_at=evaluate_at)
 
 
 def _shared(run: Run | None, group: Group) -> Run | None:

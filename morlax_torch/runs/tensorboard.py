@@ -17,12 +17,7 @@ from .progress import Evaluation
 
 
 class Events:
-    """Writes the events of one session of a run.
-
-    Args:
-        folder: of the run, with its config.yaml and hardware.yaml.
-        purge_step: TensorBoard drops events of earlier sessions from this step on.
-    """
+    """Writes the events of one session of a run; earlier ones are dropped from `purge_step` on."""
 
     def __init__(self, folder: Path, purge_step: int | None):
         self._folder, self._writer = folder, SummaryWriter(str(folder), purge_step=purge_step)

@@ -67,10 +67,10 @@ def training(
     began -= progress.total_seconds
     progress.processes, progress.launch = learner.group.size, launch()
     schedule = Schedule(learner, progress, evaluate_at)
-    known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
-    evaluated = learner.iteration if known else None
     # worlds that start anew count from zero
     earlier = progress.blowups - sum(learner.group.gather(int(learner.env.blowups)))
+    known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
+    evaluated = learner.iteration if known else None
     with run or nullcontext(), Writer(MOST_WAITING if run else 0) as writer:
         try:
             learner.compile()
@@ -108,11 +108,7 @@ def _next(stopped: Callable[[], bool], schedule: Schedule) -> tuple[bool, bool, 
 def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: Run | None) -> Job:
     """Copy the state that an evaluation is of, and return a job that measures and writes it.
 
-    Args:
-        learner: that was evaluated.
-        fronts: of each set of episodes: the first is reported, the last chooses the checkpoint.
-        progress: of the run.
-        run: where to write; None: nowhere.
+    Of the `fronts` of each set of episodes, the first is reported, the last chooses the checkpoint.
     """
     iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
     contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
@@ -201,21 +197,19 @@ def _iterate(
     progress.train_seconds += elapsed
     progress.env_steps = learner.env_steps
     progress.steps_per_second = (learner.iteration - first) * learner.steps_per_iteration / elapsed
-    _check(metrics, learner, first, run)
-    worlds = learner.config.worlds * learner.group.size
-    if progress.blowups - blowups >= worlds * (learner.iteration - first):
-        raise MorlaxError(
-            f"every world blew up in each rollout of {_span(learner, first)}: "
-            f"{UNSTABLE}.{_kept(run)}"
-        )
+    rollouts = learner.config.worlds * learner.group.size * (learner.iteration - first)
+    all_blew_up = progress.blowups - blowups >= rollouts
+    _check(metrics, all_blew_up, learner, first, run)
     if run:
         speed = progress.steps_per_second
         writer.put(partial(run.log_metrics, metrics, learner.env_steps, speed))
 
 
-def _check(metrics: dict[str, float], learner: Learner, first: int, run: Run | None) -> None:
+def _check(
+    metrics: dict[str, float], all_blew_up: bool, learner: Learner, first: int, run: Run | None
+) -> None:
     """Raise MorlaxError if the iterations after `first` cannot be trusted."""
-    span = _span(learner, first)
+    span = f"iterations {first + 1} to {learner.iteration}"
     if metrics["overflow"]:
         remedy = learner.env.remedy(int(metrics["overflow"]))
         raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}.{_kept(run)}")
@@ -226,6 +220,8 @@ def _check(metrics: dict[str, float], learner: Learner, first: int, run: Run | N
                 f"({metrics['blowups']:.0f} worlds have blown up so far): "
                 f"try a lower --ppo.learning-rate.{_kept(run)}"
             )
+    if all_blew_up:
+        raise MorlaxError(f"every world blew up in each rollout of {span}: {UNSTABLE}.{_kept(run)}")
 
 
 def _check_front(front: Front, learner: Learner, run: Run | None) -> None:
@@ -235,10 +231,6 @@ def _check_front(front: Front, learner: Learner, run: Run | None) -> None:
             f"every episode blew up in the evaluation after iteration {learner.iteration}: "
             f"{UNSTABLE}.{_kept(run)}"
         )
-
-
-def _span(learner: Learner, first: int) -> str:
-    return f"iterations {first + 1} to {learner.iteration}"
 
 
 def _kept(run: Run | None) -> str:

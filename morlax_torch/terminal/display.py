@@ -2,7 +2,7 @@
 
 import shlex
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from rich.progress import BarColumn, ProgressColumn, Task, TimeElapsedColumn
 from rich.progress import Progress as Bar
@@ -19,12 +19,8 @@ from .startup import program
 class Display:
     """A moving bar on a terminal; on a file or pipe only one line per evaluation.
 
-    Only the first of several processes shows anything.
-
-    Args:
-        learner: that trains.
-        folder: of its run.
-        progress: read live while training updates it.
+    Only the first of several processes shows anything. `progress` is read live while training
+    updates it.
     """
 
     def __init__(self, learner: Learner, folder: Path, progress: Progress):
@@ -54,14 +50,15 @@ class Display:
                 "these worlds do not show how an episode ended: steps at a time limit are left out "
                 "(ppo.truncation mask)"
             )
-        if self._progress.env_steps and not env.resumable:
+        progress, processes = self._progress, self._learner.group.size
+        if progress.env_steps and not env.resumable:
             console.print("the state of these worlds cannot be saved: they start anew")
-        elif self._progress.env_steps and self._progress.processes != self._learner.group.size:
+        elif progress.env_steps and progress.processes != processes:
             console.print(
-                f"number of processes: {self._learner.group.size} instead of "
-                f"{self._progress.processes}, so worlds start anew"
+                f"number of processes: {processes} instead of {progress.processes}, so worlds "
+                "start anew"
             )
-        if self._progress.env_steps and self._progress.best_selection is None:
+        if progress.env_steps and progress.best_selection is None:
             console.print(
                 "evaluations are not those of the run so far: its record of the best checkpoint "
                 "begins anew"
@@ -91,7 +88,10 @@ class Display:
             f"{row['total_seconds']:9.1f}  {row[name]:{len(volume)}.4e}  "
             f"{row['cardinality']:5d}  {_count(row['steps_per_second']):>9}"
         )
-        if found := _blowups(row):
+        found = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
+        if row.get("blowup_rate"):
+            found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
+        if found:
             console.print(f"{'':8}  blow-ups: {', '.join(found)}")
 
     def finished(self, interrupted: bool) -> None:
@@ -135,14 +135,6 @@ class _Status(ProgressColumn):
             f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)}/s, "
             f"hypervolume {progress.hypervolume:.3e}{until}"
         )
-
-
-def _blowups(row: dict[str, Any]) -> list[str]:
-    """Return how many worlds have blown up, while training and in the evaluation, if any has."""
-    found = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
-    if row.get("blowup_rate"):
-        found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
-    return found
 
 
 def _count(number: float) -> str:

@@ -34,11 +34,7 @@ class TuneDisplay:
         )
         print_line(f"options: {options}")
         print_line(f"study {self._study.name} in {self._study.storage}")
-        print_line(f"trial  state     {self._main:>11}  ratio  options")
-
-    @property
-    def _main(self) -> str:
-        return self._study.plan.main[:11]
+        print_line(f"trial  state     {self._study.plan.main[:11]:>11}  ratio  options")
 
     def finished(self, study: Study, result: Result) -> None:
         """Print the line of a trial."""
@@ -62,11 +58,7 @@ class TuneDisplay:
         return f"{result.indicators[main] / base.indicators[main]:.2f}"
 
     def ended(self, continues: str) -> None:
-        """Print the best trials, and the next command.
-
-        Args:
-            continues: the command that continues the search.
-        """
+        """Print the best trials and the next command; `continues` continues the search."""
         ranked, results = self._study.ranked(), self._study.results()
         print_line(f"{len(results)} of {self._trials} trials done")
         if ranked and len(self._study.plan.indicators) == 1:
@@ -85,7 +77,8 @@ class TuneDisplay:
         shares = importances(self._study)
         names = ["base" if result.base else str(result.number) for result in shown]
         self._row("trial", names, "share" if shares else "")
-        self._row(self._study.plan.main, [_short(self._value(r)) for r in shown])
+        main = self._study.plan.main
+        self._row(main, [_short(result.indicators[main]) for result in shown])
         self._row("ratio", [self._ratio(result) for result in shown])
         for option in sorted(self._study.plan.space.parameters, key=lambda n: -shares.get(n, 0)):
             share = f"{shares[option]:.0%}" if option in shares else ""
@@ -94,9 +87,6 @@ class TuneDisplay:
             print_line("share: how much an option decides whether a trial is among the best")
         else:
             print_line(f"the importance of options needs {FEWEST} trials")
-
-    def _value(self, result: Result) -> float:
-        return result.indicators[self._study.plan.main]
 
     def _print_front(self, ranked: list[Result]) -> None:
         names = self._study.plan.indicators

@@ -33,14 +33,9 @@ class Plan(NamedTuple):
         indicators: tuple[Indicator, ...],
         source: str,
     ) -> Self:
-        """Check and return a plan.
+        """Check and return a plan; limits and evaluation times of `config` are replaced.
 
-        Args:
-            config: of the task; limits and evaluation times are replaced.
-            space: the search space as plain values.
-            seconds: of training per trial.
-            indicators: to optimize.
-            source: name of the space in error messages.
+        Error messages call the space `source`.
 
         Raises:
             MorlaxError: the space or an indicator cannot be used.

@@ -92,12 +92,7 @@ class Space(NamedTuple):
 
     @classmethod
     def of(cls, values: Mapping[str, Any], base: Config, source: str) -> Self:
-        """Check a space that is given as plain values, as in a YAML file.
-
-        Args:
-            values: by option, a list of values or the fields of a range.
-            base: config of the task.
-            source: name of the space in error messages.
+        """Check a space of plain values: by option, a list of values or the fields of a range.
 
         Raises:
             MorlaxError: an option is unknown, or must be equal in all trials, or a range or value

@@ -47,12 +47,7 @@ class Study:
     """A study, which several processes and machines may share.
 
     A trial that fails stores its reason. A failed trial without one is void: it was interrupted,
-    and its options are queued again.
-
-    Args:
-        plan: settings that all trials share.
-        storage: path of a journal file, or URL of a database.
-        name: of the study in its storage (None: the task).
+    and its options are queued again. `storage` and `name` are those of `tune`.
 
     Raises:
         MorlaxError: the storage cannot be used, or has a study of this name with another plan.
@@ -133,21 +128,21 @@ class Study:
             if len([t for t in self._counted() if t.number < trial.number]) >= most:
                 self._study.tell(trial, state=FAIL)
                 return None
-            trial.set_user_attr("host", socket.gethostname())
-            trial.set_user_attr("process", os.getpid())
             base = trial.number == 0 or trial.user_attrs.get("base", False)
-            if base:
-                trial.set_user_attr("base", True)
+            about = {"host": socket.gethostname(), "process": os.getpid(), "base": base}
+            for name, value in about.items():
+                trial.set_user_attr(name, value)
             if self._base or not base:
                 for name, distribution in self._space.distributions.items():
                     _suggest(trial, name, distribution)
-            deaths = trial.user_attrs.get("deaths", 0)
-            if base:
-                return Claim(trial, base, self.plan.base, deaths)
-            if not self._valid(trial.params):
+            if not base and not self._valid(trial.params):
                 self._study.tell(trial, state=FAIL)
                 raise self._misfit()
-            return Claim(trial, base, self._space.config(self.plan.base, trial.params), deaths)
+            config = self._config(trial, base)
+            return Claim(trial, base, config, trial.user_attrs.get("deaths", 0))
+
+    def _config(self, trial: Any, base: bool) -> Config:
+        return self.plan.base if base else self._space.config(self.plan.base, trial.params)
 
     def prunes(self, claim: Claim, value: float, train_seconds: float) -> bool:
         """Report the main indicator of a running trial, and return whether to stop it."""
@@ -225,7 +220,7 @@ class Study:
 
     def _result(self, trial: optuna.trial.FrozenTrial) -> Result:
         about, base = trial.user_attrs, trial.user_attrs.get("base", False)
-        config = self.plan.base if base else self._space.config(self.plan.base, trial.params)
+        config = self._config(trial, base)
         values = flat(config.model_dump(mode="json"))
         states = {COMPLETE: "complete", PRUNED: "pruned", FAIL: "failed"}
         return Result(
@@ -278,9 +273,8 @@ def _option(name: str) -> str:
 def _suggest(trial: optuna.Trial, name: str, distribution: Any) -> None:
     if isinstance(distribution, optuna.distributions.CategoricalDistribution):
         trial.suggest_categorical(name, distribution.choices)
-    elif isinstance(distribution, optuna.distributions.IntDistribution):
-        low, high = distribution.low, distribution.high
-        trial.suggest_int(name, low, high, step=distribution.step, log=distribution.log)
-    else:
-        low, high = distribution.low, distribution.high
-        trial.suggest_float(name, low, high, step=distribution.step, log=distribution.log)
+        return
+    whole = isinstance(distribution, optuna.distributions.IntDistribution)
+    suggest = trial.suggest_int if whole else trial.suggest_float
+    steps = {"step": distribution.step, "log": distribution.log}
+    suggest(name, distribution.low, distribution.high, **steps)

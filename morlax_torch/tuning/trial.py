@@ -97,12 +97,8 @@ def _train_once(
             chosen_by = plan.sign * plan.measured(last.measured)[plan.main]
             if best is None or chosen_by > record:
                 best, record = plan.measured(last.indicators), chosen_by
-            unfinished = last.iteration and last.train_seconds < seconds
-            if (
-                unfinished
-                and number == 0
-                and study.prunes(claim, best[plan.main], last.train_seconds)
-            ):
+            prunable = number == 0 and last.iteration and last.train_seconds < seconds
+            if prunable and study.prunes(claim, best[plan.main], last.train_seconds):
                 return _Run(best, last.train_seconds, last.env_steps, pruned=True)
     if best is None or last is None or last.train_seconds < seconds:
         return None
