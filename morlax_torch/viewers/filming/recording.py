@@ -35,12 +35,7 @@ ENDINGS = tuple(_ENCODERS)
 
 
 def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    """Write a video file.
-
-    Args:
-        path: the file; its suffix, .mp4 or .gif, selects the format.
-        frames: (H, W, 3) RGB, all of one size.
-        fps: frames per second.
+    """Write frames (H, W, 3) RGB of one size as a video; the suffix selects .mp4 or .gif.
 
     Raises:
         MorlaxError: ffmpeg is missing or fails, or `path` cannot be written.

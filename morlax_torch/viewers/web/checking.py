@@ -18,11 +18,7 @@ TOLERANCE = 1e-4  # of numbers below 1; relative above
 
 
 class Replica:
-    """The traced step, run from copies of the task's state.
-
-    Args:
-        traced: the graphs, and the task's own state.
-    """
+    """The traced step, run from copies of the task's state."""
 
     def __init__(self, traced: Traced):
         self.traced = traced
@@ -52,11 +48,8 @@ class Replica:
 def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
     """Compare the graphs with `env.step` for some episodes of random actions.
 
-    Returns:
-        The largest difference, relative where numbers exceed 1.
-
-    Raises:
-        MorlaxError: they differ by more than TOLERANCE.
+    Returns the largest difference, relative where numbers exceed 1; raises MorlaxError if it is
+    more than TOLERANCE.
     """
     replica, largest = Replica(traced), 0.0
     for episode in range(EPISODES):
