@@ -105,7 +105,6 @@ class Config(Section):
 
     @property
     def ends(self) -> bool:
-        """Whether a limit ends the run."""
         return self.max_env_steps is not None or self.max_seconds is not None
 
     @property
@@ -114,7 +113,6 @@ class Config(Section):
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
 
     def num_corners(self, num_objectives: int) -> int:
-        """Return how many of the K trade-offs are corners."""
         if self.sampling.mode == "dense":
             return 0
         corners = self.sampling.corners
@@ -133,7 +131,6 @@ class Config(Section):
         return isinstance(self.method, PGMORLOptions)
 
     def num_values(self, num_objectives: int) -> int:
-        """Return how many values a critic predicts."""
         return 1 if self.ppo.critic == "scalar" else num_objectives
 
     @model_validator(mode="after")
@@ -172,7 +169,6 @@ class Config(Section):
             raise ValueError("algorithm pg-morl selects by weighted sums: leave out scalarization")
 
     def check_sizes(self, num_objectives: int) -> None:
-        """Raise ValueError if sizes do not fit together."""
         K, corners = self.num_clusters, self.num_corners(num_objectives)
         if K <= 1:
             raise ValueError(f"sampling.clusters is {K}: there must be at least 2 trade-offs")

@@ -155,5 +155,4 @@ def rounded(tradeoffs: np.ndarray) -> np.ndarray:
 
 
 def _log_normal(values: np.ndarray) -> np.ndarray:
-    """Return the logarithm of the standard normal distribution function."""
     return torch.special.log_ndtr(torch.from_numpy(np.ascontiguousarray(values))).numpy()

@@ -21,8 +21,6 @@ class Choice(NamedTuple):
 
 
 class Requirements(NamedTuple):
-    """Least returns, and the objective to maximize."""
-
     objectives: tuple[str, ...]
     constraints: dict[str, float]  # least returns by objective
     least: np.ndarray  # (m,) with the margin; -inf: not required

@@ -48,12 +48,7 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
 def onnx_model(
     program: ExportedProgram, outputs: Sequence[str], inputs: Sequence[str] | None = None
 ) -> Any:
-    """Return a program as an ONNX ModelProto.
-
-    Args:
-        program: to convert.
-        outputs: names of its outputs.
-        inputs: names of its inputs; None: as in the program.
+    """Return a program as an ONNX ModelProto, with these names of outputs and inputs.
 
     Raises:
         MorlaxError: the extra is not installed.
@@ -98,7 +93,6 @@ def read_torchscript(data: bytes) -> Callable[..., Tensor]:
 
 
 def write_torch_export(program: ExportedProgram, about: dict[str, Any]) -> bytes:
-    """Return an exported program with `about` in an extra JSON file."""
     file = io.BytesIO()
     torch.export.save(program, file, extra_files={EXTRA_FILE: json.dumps(about)})
     return file.getvalue()

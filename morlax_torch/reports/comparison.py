@@ -88,7 +88,6 @@ def _same(option: str, mine: Any, theirs: Any) -> bool:
 
 
 def union(fronts: Sequence[Front]) -> np.ndarray:
-    """Return the non-dominated points (n, m) of all fronts together."""
     return pareto.front(np.concatenate([front.returns for front in fronts]))
 
 

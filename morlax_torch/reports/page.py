@@ -113,7 +113,6 @@ def report(
 
 
 def words(measure: str) -> str:
-    """Return the display name of a measure."""
     return "IGD+" if measure == "igd_plus" else measure.replace("_", " ")
 
 
@@ -124,7 +123,6 @@ def meaning(measure: str) -> str:
 
 
 def number(value: float) -> str:
-    """Format a value with four digits."""
     return f"{value:,.4g}"
 
 

@@ -28,7 +28,6 @@ def facts(
     measures: Mapping[str, float],
     machines: Sequence[Machine] = (),
 ) -> dict[str, str]:
-    """Return facts about a run by name, each as text."""
     found = {
         "algorithm": config.algorithm,
         "random seed": str(config.seed),
@@ -136,7 +135,6 @@ def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
 
 
 def front_rows(front: Front) -> list[list]:
-    """Return a header and a row for each trade-off."""
     assert front.falls is not None
     heads = [
         *(f"tradeoff_{name}" for name in front.objectives),
@@ -150,7 +148,6 @@ def front_rows(front: Front) -> list[list]:
 
 
 def indicator_rows(found: Mapping[str, Evaluated]) -> list[list]:
-    """Return a header and a row for each run."""
     rows: list[list] = [["run", "path", "env", "seed", *next(iter(found.values())).measures]]
     for name, run in found.items():
         config = run.policy.config
@@ -164,7 +161,6 @@ def cell(name: str) -> str:
 
 
 def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write a CSV file."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     write_file(path, text.getvalue())

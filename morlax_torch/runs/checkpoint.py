@@ -25,7 +25,6 @@ RUNS, LATEST = Path("runs"), "latest"
 
 
 def describe(env: Worlds) -> Task:
-    """Return the properties that a checkpoint and an environment must share."""
     return Task(
         objectives=env.objectives,
         observation_size=env.observation_size,
@@ -62,7 +61,6 @@ def write_snapshot(path: Path, contents: dict[str, Any], progress: Progress) -> 
 
 
 def _on_cpu(state: Any) -> Any:
-    """Return nested values with their tensors on the CPU."""
     if isinstance(state, Tensor):
         return state.cpu()
     if isinstance(state, dict):
@@ -173,7 +171,6 @@ def named_run(run: AnyPath) -> Path:
 
 
 def folder_of(path: Path) -> Path:
-    """Return the run's folder of a checkpoint."""
     return path.parent.parent if path.parent.name == "checkpoints" else path.parent
 
 

@@ -87,7 +87,6 @@ class Chooser:
     def choose(
         self, constraints: Mapping[str, float], maximize: str, margin: float | None = None
     ) -> Choice:
-        """Return the best trade-off that keeps the requirements, see `choose`."""
         if margin is None:
             margin = RANDOM_MARGIN if self._random else 0.0
         names, (tradeoffs, returns, simulated) = self._policy.objectives, self._start
@@ -154,7 +153,6 @@ class Chooser:
 def _of_evaluated(
     front: Front, constraints: Mapping[str, float], maximize: str, margin: float
 ) -> Choice:
-    """Return the best evaluated trade-off."""
     finite = np.isfinite(front.returns).all(1)
     if not finite.any():
         raise MorlaxError("the front has no finite returns: evaluate the run again.")

@@ -48,8 +48,6 @@ def _plain(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Task(BaseModel):
-    """Properties that a checkpoint and an environment must share."""
-
     objectives: Annotated[tuple[str, ...], AfterValidator(_plain)]
     observation_size: Size
     action_size: Size

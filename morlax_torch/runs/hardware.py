@@ -38,13 +38,11 @@ class Machine(BaseModel):
     simulator: str = "unknown"
 
     def hardware(self) -> str:
-        """Describe the hardware in a few words."""
         several = f"{self.processes} x " if self.processes > 1 else ""
         cores = "" if self.cores is None else f", {self.cores} CPU core{'s' * (self.cores > 1)}"
         return f"{several}{self.device}{cores}"
 
     def software(self) -> str:
-        """Name the software and its versions."""
         return f"PyTorch {self.torch}, {self.simulator}"
 
 
@@ -56,7 +54,6 @@ class Machines(BaseModel):
 
 
 def this_machine(learner: Learner) -> Machine:
-    """Return the machine that is about to train a learner."""
     return Machine(
         device=device_name(learner.env.device),
         processes=learner.group.size,
@@ -82,7 +79,6 @@ def read_machines(folder: Path) -> list[Machine]:
 
 
 def write_machines(folder: Path, machines: list[Machine]) -> None:
-    """Write hardware.yaml."""
     write_file(folder / FILE, write_yaml(Machines(machines=machines)))
 
 
@@ -93,7 +89,6 @@ def resumed(machines: list[Machine], now: Machine) -> list[Machine]:
 
 
 def device_name(device: torch.device) -> str:
-    """Return the name of a GPU, or of the CPU."""
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
     try:
@@ -105,7 +100,6 @@ def device_name(device: torch.device) -> str:
 
 
 def cores() -> int:
-    """Return how many CPU cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -79,7 +79,6 @@ def taken(folder: Path) -> MorlaxError:
 
 
 def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
-    """Write the files of a new run."""
     (folder / "checkpoints").mkdir()
     checkpoint.write_snapshot(folder / "checkpoints" / "latest.pt", contents, Progress())
     write_file(folder / "config.yaml", write_yaml(learner.config))
@@ -291,7 +290,6 @@ class Run:
 
     @contextmanager
     def _written(self) -> "Iterator[Events]":
-        """Open the TensorBoard events for writing."""
         try:
             if self._events is None:
                 from .tensorboard import Events  # loads slowly

@@ -28,7 +28,6 @@ class Events:
             self._writer.add_text(tag, text)
 
     def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
-        """Write metrics of training."""
         for name, value in metrics.items():
             self._writer.add_scalar(f"train/{name}", value, env_steps)
 
@@ -67,7 +66,6 @@ class Events:
             self._writer.file_writer.add_summary(summary)
 
     def close(self) -> None:
-        """Write the remaining events."""
         self._writer.close()
 
 

@@ -99,7 +99,6 @@ def training(
 
 
 def _next(stopped: Callable[[], bool], schedule: Schedule) -> tuple[bool, bool, bool]:
-    """Return whether training is interrupted, whether it is finished, and whether to evaluate."""
     interrupted = stopped()
     finished = interrupted or schedule.over()
     return interrupted, finished, schedule.evaluation_due() or (finished and not interrupted)
@@ -225,7 +224,6 @@ def _check(
 
 
 def _check_front(front: Front, learner: Learner, run: Run | None) -> None:
-    """Raise MorlaxError if every episode of the evaluation blew up."""
     if front.blowups is not None and front.blowups.all():
         raise MorlaxError(
             f"every episode blew up in the evaluation after iteration {learner.iteration}: "

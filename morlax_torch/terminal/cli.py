@@ -128,7 +128,6 @@ def _silence_output() -> None:
 
 
 def fail(sentence: str) -> NoReturn:
-    """Print an error and exit."""
     if not FIRST:
         time.sleep(GRACE)  # an error of all processes ends this one before, told by the first
     _console(stderr=True).print(f"error: {sentence}")

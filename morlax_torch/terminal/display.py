@@ -95,7 +95,6 @@ class Display:
             console.print(f"{'':8}  blow-ups: {', '.join(found)}")
 
     def finished(self, interrupted: bool) -> None:
-        """Print the results and the next steps."""
         progress = self._progress
         console.print(
             f"{'interrupted' if interrupted else 'done'}: {_count(self._learner.env_steps)} steps "

@@ -37,7 +37,6 @@ class TuneDisplay:
         print_line(f"trial  state     {self._study.plan.main[:11]:>11}  ratio  options")
 
     def finished(self, study: Study, result: Result) -> None:
-        """Print the line of a trial."""
         about = f"{result.number:5d}  {result.state:8}  "
         if result.state == "failed":
             print_line(about + result.reason, indent=len(about))

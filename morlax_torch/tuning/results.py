@@ -73,7 +73,6 @@ def _best(study: Study, result: Result) -> str:
 
 
 def _changes(config: Config, device_type: str) -> dict[str, Any]:
-    """Return the task and what a config changes in its tuned values."""
     own = {"env": config.env, "algorithm": config.algorithm}
     tuned = load_config(task_values(config.env, device_type, config.algorithm))
     values = config.model_dump(mode="json", exclude={"device", "backend"})

@@ -25,8 +25,6 @@ FIXED = (  # sections and options that all trials share
 
 
 class OneOf(NamedTuple):
-    """One of several values."""
-
     values: tuple[Any, ...]
 
     @property
@@ -48,8 +46,6 @@ class OneOf(NamedTuple):
 
 
 class Range(NamedTuple):
-    """A number between two others."""
-
     low: float
     high: float
     log: bool = False

@@ -72,7 +72,6 @@ class _CuttingLock(optuna.storages.journal.JournalFileSymlinkLock):
 
 
 def _is_journal(path: str) -> bool:
-    """Return whether a file is empty, or begins like a journal."""
     with open(path, "rb") as file:
         begin = file.read(len(START))
     return START.startswith(begin)

@@ -20,8 +20,6 @@ MOST_DEATHS = 2  # processes that may die in the same trial before it counts as 
 
 
 class Result(NamedTuple):
-    """A finished trial."""
-
     number: int
     state: str  # complete, pruned or failed
     base: bool  # whether it is the unchanged base config
@@ -168,7 +166,6 @@ class Study:
         seeds: int = 1,
         pruned: bool = False,
     ) -> Result:
-        """Store the result of a trial that has not failed, the mean over its seeds."""
         found = {
             "train_seconds": train_seconds,
             "env_steps": env_steps,
@@ -181,7 +178,6 @@ class Study:
         return self._tell(claim, *((PRUNED, None) if pruned else (COMPLETE, values)))
 
     def fail(self, claim: Claim, reason: str) -> Result:
-        """Store why a trial has failed."""
         claim.trial.set_user_attr("reason", reason)
         return self._tell(claim, FAIL, None)
 
@@ -190,7 +186,6 @@ class Study:
             return self._result(self._study.tell(claim.trial, values, state))
 
     def put_back(self, claim: Claim) -> None:
-        """Queue a trial that was interrupted."""
         self._again(claim.trial.number, claim.trial.params, claim.base, claim.deaths)
 
     def _again(self, number: int, params: dict[str, Any], base: bool, deaths: int) -> None:
@@ -215,7 +210,6 @@ class Study:
         return [t for t in trials if t.state != FAIL or "reason" in t.user_attrs]
 
     def results(self) -> list[Result]:
-        """Return the finished trials, by number."""
         return [self._result(t) for t in self._counted() if t.state.is_finished()]
 
     def _result(self, trial: optuna.trial.FrozenTrial) -> Result:

@@ -68,8 +68,6 @@ def _train(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result | 
 
 
 class _Run(NamedTuple):
-    """One training of a trial."""
-
     indicators: dict[str, float]  # of its best evaluation
     train_seconds: float
     env_steps: int

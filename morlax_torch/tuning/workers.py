@@ -17,7 +17,6 @@ def is_worker() -> bool:
 
 
 def is_orphan() -> bool:
-    """Return whether this is a worker whose parent is gone."""
     return is_worker() and os.environ[PARENT] != str(os.getppid())
 
 

@@ -63,7 +63,6 @@ class View:
         return self.mass(data) + 0.5 * np.array([[-1.0], [1.0]])  # nothing is shown
 
     def mass(self, data: mujoco.MjData) -> Points:
-        """Return the robot's center of mass (3,)."""
         return data.subtree_com[self._tree].copy()
 
     def middle(self, points: Points) -> Points:
@@ -105,7 +104,6 @@ class FollowingCamera:
         self._placed = False
 
     def restart(self, data: mujoco.MjData) -> None:
-        """Fit the picture to the pose in `data`."""
         points, self._placed = self._view.points(data), True
         self._center, self._speed = self._view.middle(points), np.zeros(3)
         self._offset = self._center - self._view.mass(data)
@@ -215,7 +213,6 @@ def geom_colors(model: mujoco.MjModel) -> NDArray[np.float32]:
 
 
 def shown_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Return a mask (ngeom,) of the geoms that viewers show."""
     return (model.geom_group < HIDDEN_GROUP) & (geom_colors(model)[:, 3] > 0)
 
 

@@ -49,7 +49,6 @@ class Player:
         self._tradeoff = torch.as_tensor(tradeoff, dtype=torch.float32)
 
     def reset(self) -> None:
-        """Start a new episode."""
         self.observation = self.env.reset()
         self.returns = torch.zeros(len(self.env.objectives))
         self.steps, self.over = 0, False

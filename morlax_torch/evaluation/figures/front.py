@@ -91,7 +91,6 @@ def _pair(axes: Axes, front: Front, x: int, y: int) -> None:
 
 
 def _label(axes: Axes, names: Sequence[str], x: int, y: int) -> None:
-    """Prepare a plot of two objectives."""
     colors = of_objectives(len(names))
     axes.set(xlabel=returned(names[x]), ylabel=returned(names[y]))
     lattice(axes)

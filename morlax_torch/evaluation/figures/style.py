@@ -36,7 +36,6 @@ def blank(width: float, height: float, title: str) -> Figure:
 
 
 def lattice(axes: Axes) -> None:
-    """Draw a thin grid behind everything else."""
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
 
@@ -49,14 +48,12 @@ def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color
 
 
 def note(axes: Axes, text: str, place: Sequence[float], above: bool, **style: Any) -> None:
-    """Write a text centered above or below a point."""
     side = "bottom" if above else "top"
     shift: Any = {"xytext": (0, 4 if above else -4), "textcoords": "offset points"}
     axes.annotate(text, (place[0], place[1]), ha="center", va=side, **shift, **style)
 
 
 def distinct(number: int) -> list[dict[str, Any]]:
-    """Return a color, marker and line style for each of `number` items."""
     shades = mpl.colormaps[RUNS]([0.85 * k / max(number - 1, 1) for k in range(number)])
     return [
         {"color": shade, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
@@ -65,7 +62,6 @@ def distinct(number: int) -> list[dict[str, Any]]:
 
 
 def tint(axes: Axes, x: str, y: str) -> None:
-    """Draw the axes of objectives in these colors."""
     for side, color in (("bottom", x), ("left", y)):
         axes.spines[side].set(color=color, linewidth=2.5)
 
@@ -93,7 +89,6 @@ def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
 
 
 def color_key(axes: Axes, names: Sequence[str]) -> None:
-    """Add the colors of trade-offs to the legend."""
     most = "all" if len(names) <= MOST_MIXED else "most"
     for name, color in zip(names, of_objectives(len(names)), strict=True):
         axes.scatter([], [], s=40, color=color, label=f"{most} weight on {name}")
@@ -142,7 +137,6 @@ def returned(objective: str) -> str:
 
 
 def weight(objective: str) -> str:
-    """Return the label of an axis of trade-offs."""
     return f"trade-off: weight of {objective}"
 
 

@@ -193,7 +193,6 @@ class _Take:
         ]
 
     def weights(self) -> list[tuple[str, str]]:
-        """Return the name and normalized weight of each objective."""
         shares = self.player.tradeoff / self.player.tradeoff.sum()
         names = self.player.env.objectives
         return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]

@@ -23,7 +23,6 @@ PLAIN = 1.0  # s that are shown of a motion without a cycle
 
 
 def dimmed(picture: Image.Image) -> Image.Image:
-    """Return a dimmed copy, for an episode that is over."""
     return Image.blend(picture, Image.new("RGB", picture.size, PALE), 0.45)
 
 
@@ -54,7 +53,6 @@ def table_corner(rows: Sequence[Row], height: int) -> tuple[float, float]:
 
 
 def _columns(rows: Sequence[Row], size: int) -> NDArray:
-    """Return the right edges of the table's columns."""
     font, small = _font(size), _font(round(0.8 * size))
     wide = [max(map(font.getlength, column)) for column in zip(*rows, strict=True)]
     wide[1] = max(wide[1], small.getlength(HEAD[1]))
@@ -63,7 +61,6 @@ def _columns(rows: Sequence[Row], size: int) -> NDArray:
 
 
 def _size(height: int) -> int:
-    """Return the size of a table's letters, by the height of the picture."""
     return max(11, height // 22)
 
 
@@ -80,7 +77,6 @@ def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
 
 
 def timed(picture: Image.Image, seconds: float) -> Image.Image:
-    """Return a copy with the time at its lower right corner."""
     picture = picture.copy()
     size = _large(picture)
     place = picture.width - size / 3, picture.height - size / 3

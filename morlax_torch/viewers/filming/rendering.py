@@ -45,7 +45,6 @@ class Scene:
         return self._renderer.render()
 
     def close(self) -> None:
-        """Free the OpenGL context."""
         self._scenery.close()
         self._renderer.close()
 

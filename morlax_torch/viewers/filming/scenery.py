@@ -90,7 +90,6 @@ def _paint(floor: Any, color: np.ndarray) -> None:
 
 
 def _textures() -> mujoco.MjModel:
-    """Return a model of two textures: a checkered floor and a sky."""
     spec = mujoco.MjSpec()
     texture = mujoco.mjtTexture
     builtin = mujoco.mjtBuiltin

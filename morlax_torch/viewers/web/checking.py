@@ -27,7 +27,6 @@ class Replica:
         self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
 
     def copy(self) -> None:
-        """Copy the task's state."""
         for name, values in self.traced.state.items():
             self.values[name] = values.numpy().copy()
 
@@ -40,7 +39,6 @@ class Replica:
         self.values |= dict(zip(graph.outputs, results, strict=True))
 
     def state(self, graph: OnnxGraph) -> dict[str, np.ndarray]:
-        """Return the task's own state that `graph` changes, by name."""
         own = self.traced.state
         return {name: values.numpy() for name, values in own.items() if name in graph.outputs}
 

@@ -20,8 +20,6 @@ PATIENCE = 60  # s without an answer
 
 
 class Library(NamedTuple):
-    """A package of the npm registry."""
-
     package: str
     version: str
     sha512: str  # of the archive, in base64
@@ -88,7 +86,6 @@ def files() -> dict[str, bytes]:
 
 
 def cache() -> Path:
-    """Return the folder that keeps downloaded archives."""
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(home) / "morlax_torch" / "web"
 
