@@ -120,12 +120,10 @@ class Chooser:
             finalists = np.append(group, free)
             again = self._simulate(evaluator, found.tradeoffs[finalists])
             tried, returns = np.append(tried, finalists), np.vstack([returns, again])
-            kept = required.kept(returns)
-            if kept.any():
-                value = returns[:, required.maximized]
-                best = int(np.where(kept, value, -np.inf).argmax())
+            if (best := required.best(returns)) is not None:
                 row = found.tradeoffs[tried[best]], returns[best], found.promised[tried[best]]
-                return required.choice(*row, float(value[-1]), simulated)
+                most = float(returns[-1, required.maximized])
+                return required.choice(*row, most, simulated)
         raise required.missed(found.tradeoffs[tried], returns, "simulated")
 
     def _evaluated(self, front: Front | None) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -158,9 +156,7 @@ def _of_evaluated(
         raise MorlaxError("the front has no finite returns: evaluate the run again.")
     tradeoffs, returns = front.tradeoffs[finite], front.returns[finite]
     required = Requirements.of(front.objectives, constraints, maximize, margin, returns)
-    value, kept = returns[:, required.maximized], required.kept(returns)
-    if not kept.any():
+    best, most = required.best(returns), float(returns[:, required.maximized].max())
+    if best is None:
         raise required.missed(tradeoffs, returns, "evaluated")
-    best = int(np.where(kept, value, -np.inf).argmax())
-    row = tradeoffs[best], returns[best], returns[best]
-    return required.choice(*row, float(value.max()), 0)
+    return required.choice(tradeoffs[best], returns[best], returns[best], most, 0)
