@@ -16,27 +16,19 @@ def make_evaluator(
     agent: Agent,
     config: Config,
     num_objectives: int,
-    group: Group = ALONE,
-    *,
     protocol: Protocol = "latched",
     tradeoffs: int | None = None,
     seeds: int | None = None,
     seed: int = 0,
     sets: int = 1,
+    group: Group = ALONE,
 ) -> Evaluator:
     """Make the evaluator of an agent, with the same worlds for every training seed.
 
-    Args:
-        agent: the policies.
-        config: the task, the device and the usual numbers.
-        num_objectives: m.
-        group: processes that share the episodes.
-        protocol: how returns are counted, see `Evaluator`.
-        tradeoffs: K: an even grid for two objectives; the corners and fixed random draws for more;
-            random draws with the paper's protocol. None: the config's, or the paper's 1,024.
-        seeds: episodes per trade-off and set; None: the config's.
-        seed: random seed of the worlds.
-        sets: sets of so many episodes.
+    Trade-offs are an even grid for two objectives; the corners and fixed random draws for more;
+    random draws with the paper's protocol. None: the config's number, or the paper's 1,024.
+    `seeds` are episodes per trade-off and set; None: the config's number. For the other arguments
+    see `Evaluator`.
 
     Raises:
         MorlaxError: a number is out of range, or nothing in the task is random although

@@ -39,15 +39,8 @@ def evaluate(
     place = resolve_device(device)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
     config = policy.config.model_copy(update={"device": str(place), "backend": backend})
-    evaluator = make_evaluator(
-        policy.agent,
-        config,
-        len(policy.objectives),
-        protocol=protocol,
-        tradeoffs=tradeoffs,
-        seeds=seeds,
-        seed=seed,
-    )
+    m = len(policy.objectives)
+    evaluator = make_evaluator(policy.agent, config, m, protocol, tradeoffs, seeds, seed)
     evaluator.compile()
     mark = fingerprint(policy.agent.state_dict())
     return evaluator.evaluate()._replace(fingerprint=mark)

@@ -12,7 +12,7 @@ from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import seed_of
 from ..evaluation import making
-from ..evaluation.evaluator import SETS, Evaluator, Protocol
+from ..evaluation.evaluator import SETS, Evaluator
 from ..evaluation.front import Front
 from ..torchrun import launch
 from . import checkpoint
@@ -153,16 +153,14 @@ def make_worlds(config: Config, number: int, rank: int = 0) -> Worlds:
     )
 
 
-def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluator:
+def make_evaluator(learner: Learner) -> Evaluator:
     """Make the evaluator of a learner's agent.
 
     Where a task is random, it has a second set of episodes, to choose the best checkpoint by.
     """
     config, m = learner.config, len(learner.env.objectives)
     sets = SETS if config.task.for_evaluation().varies else 1
-    return making.make_evaluator(
-        learner.agent, config, m, learner.group, protocol=protocol, sets=sets
-    )
+    return making.make_evaluator(learner.agent, config, m, sets=sets, group=learner.group)
 
 
 def _iterate(

@@ -102,13 +102,7 @@ class AnyTask(TaskOptions):
 
 
 class CommandLine:
-    """The command line of one command.
-
-    Args:
-        program: as users type it.
-        about: its description.
-        options: the command's own options, beside those of a config.
-    """
+    """The command line of a command that has options of its own beside those of a config."""
 
     def __init__(self, program: str, about: str, options: type[Section]):
         self._program, self._about, self._options = program, about, options
@@ -121,11 +115,7 @@ class CommandLine:
         return first.parse_known_args(arguments)[0]
 
     def parse(self, arguments: Sequence[str], below: Config) -> tuple[dict, dict[str, Any]]:
-        """Parse the command line over `below`.
-
-        Returns:
-            The command's own options, and the values of a config.
-        """
+        """Parse the command line over `below`: the command's own options, and a config's values."""
         kind = config_class(below.env, below.algorithm)
         model = create_model("Command", __base__=(self._options, kind), env=_env())
         about = f"{self._about} The defaults below are those of --env {below.env}, from configs/."
@@ -170,9 +160,7 @@ def asks_for_help(arguments: Sequence[str]) -> bool:
 def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
     """Return the config of these values, with the device resolved and a simulator for it.
 
-    Args:
-        values: of a config.
-        resumed: config of the run to resume, which may move to another device.
+    A run to resume, whose config is `resumed`, may move to another device.
     """
     place = envs.resolve_device(values["device"])
     moved = resumed is not None and str(place) != resumed.device
