@@ -18,11 +18,7 @@ DRAFT = ".tmp"
 
 
 def exists(path: AnyPath) -> bool:
-    """Return whether a path exists.
-
-    Raises:
-        MorlaxError: the system cannot say, because the path is too long or a folder is closed.
-    """
+    """Return whether a path exists, or raise MorlaxError if the system cannot say."""
     return _asked(path, Path.exists)
 
 
@@ -133,11 +129,7 @@ def making(folder: Path) -> Iterator[Path]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents, if they do not exist.
-
-    Raises:
-        MorlaxError: it cannot be made.
-    """
+    """Make a folder and its parents if they do not exist, or raise MorlaxError."""
     try:
         _make(folder, exist_ok=True)
     except OSError as error:

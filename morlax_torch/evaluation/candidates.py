@@ -71,10 +71,7 @@ class Candidates:
         return tradeoffs[best], promised[best], float(np.exp(scores.max(initial=-np.inf)))
 
     def ranked(self) -> np.ndarray:
-        """Return the simulated trade-offs that keep the requirements, best first: their indices.
-
-        Raises MorlaxError if there is none.
-        """
+        """Return which simulated trade-offs keep the requirements, best first."""
         (indices,) = self.kept.nonzero()
         if len(indices) == 0:
             simulated = self.tradeoffs[self.simulated], self.returns[self.simulated]

@@ -48,11 +48,7 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
 def onnx_model(
     program: ExportedProgram, outputs: Sequence[str], inputs: Sequence[str] | None = None
 ) -> Any:
-    """Return a program as an ONNX ModelProto, with these names of outputs and inputs.
-
-    Raises:
-        MorlaxError: the extra is not installed.
-    """
+    """Return a program as an ONNX ModelProto, with these names of outputs and inputs."""
     onnxruntime()
     exported = torch.onnx.export(
         program, dynamo=True, verbose=False, input_names=inputs, output_names=outputs
@@ -110,11 +106,7 @@ FORMATS = {
 
 
 def onnxruntime() -> Any:
-    """Return onnxruntime, after checking that the whole extra is installed.
-
-    Raises:
-        MorlaxError: the extra is not installed.
-    """
+    """Return onnxruntime; raises MorlaxError unless the whole extra is installed."""
     try:
         import onnx  # noqa: F401
         import onnxruntime as runtime

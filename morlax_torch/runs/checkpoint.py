@@ -154,11 +154,7 @@ def newest_runs(folder: Path) -> list[Path]:
 
 
 def named_run(run: AnyPath) -> Path:
-    """Return the path that a user means: the newest run of a folder of runs, or of "latest".
-
-    Raises:
-        MorlaxError: it is "latest", and there is no run.
-    """
+    """Return the path that a user means: the newest run of a folder of runs, or of "latest"."""
     path = Path(run)
     if str(run) == LATEST and not exists(path):
         path = RUNS
@@ -182,10 +178,7 @@ def front_path(path: Path) -> Path:
 
 
 def fingerprint(agent: Mapping[str, Tensor]) -> str:
-    """Return a short text that is equal only if policies are equal bit for bit.
-
-    `agent` has the agent's tensors by name, with or without critics.
-    """
+    """Return a short text of the agent's tensors, equal only if policies are equal bit for bit."""
     digest = hashlib.sha256()
     for name in sorted(agent):
         if name.startswith(POLICY):

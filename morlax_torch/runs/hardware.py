@@ -64,11 +64,7 @@ def this_machine(learner: Learner) -> Machine:
 
 
 def read_machines(folder: Path) -> list[Machine]:
-    """Return the machines that trained a run, in order; none if the run does not name them.
-
-    Raises:
-        MorlaxError: hardware.yaml is damaged.
-    """
+    """Return the machines that trained a run, in order; none if the run does not name them."""
     path = folder / FILE
     if not path.exists():
         return []

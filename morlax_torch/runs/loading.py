@@ -110,11 +110,7 @@ def load(
 
 
 def trust_run(run: AnyPath) -> None:
-    """Allow runs to name the code that this run names, in this process.
-
-    Raises:
-        MorlaxError: there is no such run, or it is damaged.
-    """
+    """Allow runs to name the code that this run names, in this process."""
     trust_code(checkpoint.load(find_checkpoint(run)).config)
 
 

@@ -77,11 +77,7 @@ class Session:
 
 
 def _shared(run: Run | None, group: Group) -> Run | None:
-    """Return the run to go on with, if the first process has one.
-
-    Raises:
-        MorlaxError: it has one, and this process does not find it.
-    """
+    """Return the run to go on with, if the first process has one."""
     if not group.first(run is not None):
         return None  # this host may have an older folder of that name
     if run is None:

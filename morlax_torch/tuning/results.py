@@ -20,11 +20,7 @@ FEWEST = 10  # trials
 
 
 def write_results(study: Study, folder: Path) -> None:
-    """Write trials.csv and, once a trial is complete, best.yaml.
-
-    Raises:
-        MorlaxError: a file cannot be written.
-    """
+    """Write trials.csv and, once a trial is complete, best.yaml, or raise MorlaxError."""
     make_folder(folder)
     try:
         with FileLock(folder / ".lock"):  # processes must not replace newer files by older ones

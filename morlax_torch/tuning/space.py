@@ -123,11 +123,7 @@ class Space(NamedTuple):
         return {name: self.parameters[name].value(value) for name, value in drawn.items()}
 
     def config(self, base: Config, drawn: Mapping[str, Any]) -> Config:
-        """Return the config of a trial.
-
-        Raises:
-            MorlaxError: values do not fit together.
-        """
+        """Return the config of a trial, or raise MorlaxError if values do not fit together."""
         values = base.model_dump(mode="json")
         for name, value in self.options(drawn).items():
             values = merged(values, nested(name, value))

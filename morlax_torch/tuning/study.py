@@ -112,11 +112,7 @@ class Study:
             return False
 
     def claim(self, most: int) -> Claim | None:
-        """Start a trial, unless `most` have been started.
-
-        Raises:
-            MorlaxError: almost no draw from the space is a valid config.
-        """
+        """Start a trial, unless `most` have been started; raises MorlaxError if none fits."""
         with quiet():
             self._revive()
             if len([t for t in self._counted() if t.state != WAITING]) >= most:

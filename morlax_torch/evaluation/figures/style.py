@@ -141,16 +141,7 @@ def weight(objective: str) -> str:
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = FORMATS) -> None:
-    """Write stem.png, stem.pdf, stem.svg, ...; a failed write leaves the previous file intact.
-
-    Args:
-        figure: to write.
-        stem: path without a suffix.
-        formats: suffixes of the files.
-
-    Raises:
-        MorlaxError: a file cannot be written.
-    """
+    """Write stem.png, stem.pdf, stem.svg, ...; a failed write leaves the previous file intact."""
     for ending in formats:
         dates = {"png": {}, "svg": {"Date": None}}.get(ending, {"CreationDate": None})
         with mpl.rc_context(FILES), replacing(stem.with_name(f"{stem.name}.{ending}")) as file:

@@ -77,11 +77,7 @@ def _steady(frames: Iterator[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
 
 
 def find_ffmpeg() -> str:
-    """Return the path of ffmpeg, which the package imageio-ffmpeg includes.
-
-    Raises:
-        MorlaxError: the package or ffmpeg is missing.
-    """
+    """Return the path of ffmpeg, which imageio-ffmpeg includes, or raise MorlaxError."""
     try:
         import imageio_ffmpeg
     except ImportError:
