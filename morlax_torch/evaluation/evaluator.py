@@ -43,10 +43,10 @@ class Evaluator:
         env: K * seeds * sets worlds without automatic reset, or this process's share of them.
         tradeoffs: (K, m).
         protocol: how returns are counted.
-        seed: random seed of the episodes. It selects draws that training never sees.
-        seeds: episodes per trade-off, with different draws, to average over.
+        seed: selects draws that training never sees.
+        seeds: episodes per trade-off and set, to average over.
         sets: how many sets of so many episodes there are.
-        group: processes that evaluate the `share` of the trade-offs each, and get all results.
+        group: processes that evaluate their `share` of the trade-offs, and get all results.
         alone: generate the networks of each trade-off on their own, as `Policy` does. Together is
             faster, but rounds differently, and robots amplify that.
     """

@@ -81,17 +81,10 @@ def evaluate_runs(
     }
     if target is None and len(fronts) > 1:
         target = comparison.union(list(fronts.values()))
-    found = {
-        name: Evaluated(
-            run,
-            policies[name],
-            fronts[name],
-            histories[name],
-            comparison.measures(fronts[name], target),
-            machines[name],
-        )
-        for name, run in named.items()
-    }
+    found = {}
+    for name, run in named.items():
+        about_run = histories[name], comparison.measures(fronts[name], target), machines[name]
+        found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
     folder = output or default_output(runs)
     about = (
         f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on {place}, "

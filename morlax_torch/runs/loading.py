@@ -145,10 +145,6 @@ def start_from(run: str, learner: Learner) -> None:
     copied too. All processes of the learner's group must call it; they start with what the first
     one read.
 
-    Args:
-        run: a run's folder, a checkpoint, or a shipped name.
-        learner: with a hypernetwork, like the run.
-
     Raises:
         MorlaxError: there is no such run, it has another objective, or its networks do not fit.
     """

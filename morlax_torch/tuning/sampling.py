@@ -21,12 +21,8 @@ class Sampler(optuna.samplers.BaseSampler):
     change one or a few options of the best trial so far; later, TPE draws every second trial.
 
     Each trial has a seed of its own, so that processes with the same command draw different ones.
-
-    Args:
-        distributions: of Optuna, by option.
-        base: draws of the base config; empty if it lies outside.
-        seed: random seed of the study.
-        valid: whether draws make a config.
+    The draw of the base config is empty if it lies outside the space; `valid` says whether a draw
+    makes a config.
     """
 
     def __init__(

@@ -40,13 +40,10 @@ def run_workers(
     asked: Callable[[], int],
     on_end: Callable[[int, int], None],
 ) -> list[int]:
-    """Run one `tune` per entry of `places` until all have ended; returns their exit statuses.
+    """Run a `tune` for each of the `places` until all have ended; returns their exit statuses.
 
-    Args:
-        arguments: of the command line.
-        visible: from `places`.
-        asked: the signal that asks to end, to forward once; 0: none has come.
-        on_end: called with the number and status of each worker that has ended.
+    `asked` returns the signal that asks to end, which is forwarded once, or 0. `on_end` is called
+    with the number and status of each worker that has ended.
     """
     running = {
         index: subprocess.Popen(

@@ -26,14 +26,7 @@ class Film:
 
     A robot that fails is frozen and dimmed, with the returns of its episode. A film ends a second
     after the last robot has failed. The episode length is ignored: robots continue for the whole
-    film.
-
-    Args:
-        policy: as `morlax_torch.load` returns it.
-        tradeoffs: (P, m), one panel each.
-        width: of a panel, in pixels.
-        height: of a panel, in pixels.
-        seed: random seed of the world, the same for every trade-off.
+    film. `record` describes the arguments.
 
     Raises:
         MorlaxError: a trade-off or the size is invalid, or the task has no MuJoCo robot.

@@ -1,6 +1,6 @@
 """Compare traced graphs with the task that they were traced from."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from ...envs import Environment
 from ...envs.replacing import replaced
 from ...exports.formats import onnxruntime
 from .recording import Draws
-from .tracing import RESULTS, OnnxGraph, Traced, cannot
+from .tracing import ARRAYS, RESULTS, OnnxGraph, Traced, cannot
 
 STEPS, EPISODES = 60, 3  # of the comparison
 TOLERANCE = 1e-4  # of numbers below 1; relative above
@@ -26,9 +26,10 @@ class Replica:
         start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
         self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
 
-    def copy(self) -> None:
-        for name, values in self.traced.state.items():
-            self.values[name] = values.numpy().copy()
+    def copy(self, names: Iterable[str]) -> None:
+        """Copy these tensors of the task."""
+        for name in names:
+            self.values[name] = self.traced.state[name].numpy().copy()
 
     def run(self, graph: OnnxGraph, draws: list[Tensor]) -> None:
         """Run one of the two graphs on `values`, with the task's draws, and note its outputs."""
@@ -63,7 +64,7 @@ def _step(env: Environment, replica: Replica, action: Tensor) -> float:
     """Take one control step twice; returns the largest difference."""
     before, after = replica.traced.before, replica.traced.after
     simulate, gaps = env.physics.step, []
-    replica.copy()
+    replica.copy(replica.traced.state)
     replica.values["action"] = action.numpy()
 
     def switch() -> None:
@@ -71,8 +72,7 @@ def _step(env: Environment, replica: Replica, action: Tensor) -> float:
         gaps.append(_largest_gap(env, replica, replica.state(before)))
         draws.values.clear()
         simulate()
-        for name in env.physics.arrays:  # type: ignore[attr-defined]
-            replica.values[name] = replica.traced.state[name].numpy().copy()
+        replica.copy(ARRAYS)
 
     with Draws() as draws, torch.no_grad(), replaced(env.physics, "step", switch):
         step = env.step(action)
