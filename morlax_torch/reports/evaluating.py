@@ -17,7 +17,7 @@ from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
 from ..runs.history import History
-from ..runs.loading import SHIPPED, find_checkpoint, find_run, load, trust_run
+from ..runs.loading import find_checkpoint, find_run, load, own_folder, trust_run
 from . import comparison
 from .comparison import Evaluated
 from .page import number, words
@@ -95,7 +95,7 @@ def evaluate_runs(
         source = reference or "the non-dominated points of all runs"
         about += f" Reference of IGD+: {source}, {len(target)} points."
     write(found, folder, about, typed, portrait(first))
-    if output is None and len(runs) == 1 and find_run(runs[0]).parent != SHIPPED:
+    if output is None and len(runs) == 1 and own_folder(runs[0]):
         (path,), (front,) = files.values(), fronts.values()
         front.save(front_path(path))  # where `load_front` looks
     return found, folder
@@ -130,9 +130,9 @@ def default_output(runs: Sequence[str]) -> Path:
 
     So for a checkpoint that is not the run's best: the files in its folder are of best.pt.
     """
-    folder, path = find_run(runs[0]), Path(runs[0])
+    folder, path = own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
-    if len(runs) > 1 or folder.parent == SHIPPED or other:
+    if len(runs) > 1 or folder is None or other:
         return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
     return folder
 

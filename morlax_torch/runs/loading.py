@@ -45,6 +45,12 @@ def find_run(run: AnyPath) -> Path:
     )
 
 
+def own_folder(run: AnyPath) -> Path | None:
+    """Return the folder of a run, to write into; None if it is a shipped policy."""
+    folder = find_run(run)
+    return None if folder.parent == SHIPPED else folder
+
+
 def find_checkpoint(run: AnyPath) -> Path:
     """Return the best checkpoint of a run or shipped policy, or the checkpoint file itself.
 

@@ -8,7 +8,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import tyro
 from pydantic import BaseModel, Field, create_model
@@ -32,6 +32,25 @@ FIRST = (  # options that the help lists first
 )
 SHORT = len("morlax evaluate")  # of a command's name, to have its arguments on the same line
 _registry = ConstructorRegistry()
+
+# arguments of several commands
+RunName = Annotated[
+    str,
+    tyro.conf.Positional,
+    tyro.conf.arg(
+        metavar="RUN",
+        help="Run folder (its best checkpoint), or runs/TASK or latest for the newest run; "
+        "checkpoint file; or shipped policy.",
+    ),
+]
+_TRUST = "Let the run import the Python files and modules that it names."
+_DEVICE = "Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU)."
+_HOST = "Address to listen on; 0.0.0.0 accepts connections from the whole network."
+Trust = Annotated[bool, tyro.conf.arg(help=_TRUST)]
+Device = Annotated[str | None, tyro.conf.arg(help=_DEVICE)]
+Host = Annotated[str, tyro.conf.arg(help=_HOST)]
+Port = Annotated[int, tyro.conf.arg(help="TCP port to listen on; 0 selects a free one.")]
+
 PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
 RENAMED = {  # options of version 1.0
     "--ppo.anneal": "--ppo.decay-fraction=1",
