@@ -66,20 +66,8 @@ def command(arguments: Sequence[str]) -> None:
         from ..reports.evaluating import evaluate_runs, table  # imports torch
 
         typed = f"{program('evaluate')} {shlex.join(arguments)}"
-        found, folder = evaluate_runs(
-            runs,
-            typed,
-            tradeoffs,
-            protocol,
-            device,
-            backend,
-            seed,
-            seeds,
-            reference,
-            output,
-            trust,
-            _portrait,
-        )
+        how = tradeoffs, protocol, device, backend, seed, seeds
+        found, folder = evaluate_runs(runs, typed, *how, reference, output, trust, _portrait)
         cli.console.print(table(found))
         names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
         cli.console.print(f"evaluated: {names}")

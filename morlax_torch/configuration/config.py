@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from .. import envs
-from ..envs import MorlaxError, ObjectiveOptions
+from ..envs import MorlaxError, ObjectiveOptions, Worlds
 from ..envs.errors import explained, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
@@ -111,6 +111,20 @@ class Config(Section):
     def num_clusters(self) -> int:
         """K."""
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
+
+    def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> Worlds:
+        """Make worlds of the task; those to evaluate in have no automatic reset."""
+        task = self.task.for_evaluation() if evaluating else self.task
+        return envs.make(
+            self.env,
+            number,
+            self.device,
+            self.backend,
+            seed,
+            auto_reset=not evaluating,
+            deterministic=self.deterministic,
+            **task.model_dump(),
+        )
 
     def num_corners(self, num_objectives: int) -> int:
         if self.sampling.mode == "dense":

@@ -4,6 +4,7 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import resources
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -27,45 +28,6 @@ MEANINGS = {
     "episode_length": "mean episode length in control steps",
 }
 NARROW = 16  # characters that fit into a column of facts
-STYLE = """
-:root { color-scheme: light dark; --ink: #1c2024; --paper: #fdfdfc; --faint: #6b737b;
-  --line: #d9dde1 }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e4e7ea; --paper: #16191c; --faint: #8f979f; --line: #363c42 }
-}
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
-  max-width: 68rem; margin: 2.5rem auto; padding: 0 1.2rem; overflow-wrap: anywhere }
-h1 { font-size: 1.7rem; line-height: 1.2 } h2 { font-size: 1.2rem; margin-top: 2.4rem }
-.top { display: flex; flex-wrap: wrap; gap: 1.2rem 2.4rem; align-items: flex-start }
-.top > div { flex: 1 1 20rem; min-width: 0 }
-.top img { flex: 0 1 auto; width: 26rem; max-width: 100% }
-.chips { display: flex; flex-wrap: wrap; gap: .4rem 1.2rem; margin: 0 0 1rem; padding: 0 }
-.chips li { list-style: none } .chips i { display: inline-block; width: .8em; height: .8em;
-  border-radius: 50%; margin-right: .4em }
-dl { display: grid; grid-template-columns: repeat(auto-fill, minmax(9rem, 1fr)); gap: .8rem 1.2rem;
-  margin: 0 }
-dl .wide { grid-column: span 2 }
-dt { color: var(--faint); font-size: .85rem } dd { margin: 0; font-weight: 600 }
-.scroll { overflow-x: auto }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums }
-th, td { padding: .3rem .9rem .3rem 0; text-align: right; border-bottom: 1px solid var(--line);
-  white-space: nowrap }
-.facts td.words { display: none }
-.facts td { white-space: normal; min-width: 8rem; overflow-wrap: normal }
-th:first-child, td:first-child, td.words { text-align: left }
-td.words { color: var(--faint); white-space: normal; min-width: 16rem; overflow-wrap: normal }
-pre { overflow-x: auto; padding: .8rem 1rem; border: 1px solid var(--line); border-radius: 6px;
-  font-size: .85rem; white-space: pre-wrap }
-figure { margin: 1.2rem 0 2rem } figcaption { color: var(--faint); font-size: .92rem }
-img { max-width: 100%; background: white; border-radius: 6px }
-@media (max-width: 40rem) {
-  body { margin: 1.2rem auto; padding: 0 .9rem }
-  td.words { min-width: 8.5rem; font-size: .8rem; line-height: 1.35 }
-  th, td { padding-right: .6rem }
-  td:first-child { white-space: normal; min-width: 6rem; overflow-wrap: normal }
-  figure img { max-width: none; width: min(var(--natural), 38rem) }
-}
-"""
 
 
 def report(
@@ -91,6 +53,7 @@ def report(
         portrait: picture of the robot as PNG (None: leave it out).
     """
     objectives = next(iter(found.values())).front.objectives
+    style = (resources.files(str(__package__)) / "page.css").read_text()
     parts = [
         f"<h1>{escape(title)}</h1>",
         _top(facts, objectives, portrait),
@@ -106,7 +69,7 @@ def report(
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n"
         + "\n".join(parts)
         + "\n</body>\n</html>\n"
     )

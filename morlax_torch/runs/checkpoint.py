@@ -25,12 +25,7 @@ RUNS, LATEST = Path("runs"), "latest"
 
 
 def describe(env: Worlds) -> Task:
-    return Task(
-        objectives=env.objectives,
-        observation_size=env.observation_size,
-        action_size=env.action_size,
-        privileged_size=env.privileged_size,
-    )
+    return Task.model_validate(env, from_attributes=True)
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:

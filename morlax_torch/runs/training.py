@@ -6,7 +6,6 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import nullcontext
 from functools import partial
 
-from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
@@ -117,16 +116,10 @@ def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: 
         if run:
             mark = checkpoint.fingerprint(contents["learner"]["agent"])
             front = front._replace(fingerprint=mark)
+        spent = now.train_seconds, now.total_seconds, now.steps_per_second, now.blowups
+        chosen_by = others[0].indicators() if others else None
         evaluation = Evaluation(
-            iteration,
-            env_steps,
-            now.train_seconds,
-            now.total_seconds,
-            now.steps_per_second,
-            now.blowups,
-            front,
-            front.indicators(),
-            others[0].indicators() if others else None,
+            iteration, env_steps, *spent, front, front.indicators(), selection=chosen_by
         )
         best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
         evaluation = evaluation._replace(best=best)
@@ -142,15 +135,7 @@ def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: 
 
 def make_worlds(config: Config, number: int, rank: int = 0) -> Worlds:
     """Make the worlds that `config` trains in, in the process `rank`."""
-    return envs.make(
-        config.env,
-        number,
-        config.device,
-        config.backend,
-        seed_of(config.seed, rank),
-        deterministic=config.deterministic,
-        **config.task.model_dump(),
-    )
+    return config.make_worlds(number, seed_of(config.seed, rank))
 
 
 def make_evaluator(learner: Learner) -> Evaluator:

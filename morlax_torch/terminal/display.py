@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Self
 
 from rich.progress import BarColumn, ProgressColumn, Task, TimeElapsedColumn
-from rich.progress import Progress as Bar
 from rich.text import Text
 
 from ..algorithms.learner import Learner
 from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
 from ..runs.progress import Evaluation, Progress
-from .cli import console, print_command
+from .cli import console, moving, print_command
 from .startup import program
 
 
@@ -26,14 +25,7 @@ class Display:
     def __init__(self, learner: Learner, folder: Path, progress: Progress):
         self._learner, self._folder, self._progress = learner, folder, progress
         status = _Status(learner.config.max_env_steps, learner.config.max_seconds, progress)
-        self._bar = Bar(
-            BarColumn(bar_width=8),
-            status,
-            TimeElapsedColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
+        self._bar = moving(BarColumn(bar_width=8), status, TimeElapsedColumn())
         self._bar.add_task("", total=1.0)
         self._named = False  # the columns
 

@@ -25,11 +25,11 @@ class Result(NamedTuple):
     base: bool  # whether it is the unchanged base config
     config: Config
     options: dict[str, Any]  # of the space, by name
-    indicators: dict[str, float]  # of its best evaluation; empty if it failed
-    train_seconds: float
-    env_steps: int
-    seeds: int  # that numbers are means of
-    reason: str  # of a failure
+    indicators: dict[str, float] = {}  # of its best evaluation; empty if it failed
+    train_seconds: float = 0.0
+    env_steps: int = 0
+    seeds: int = 1  # that numbers are means of
+    reason: str = ""  # of a failure
 
 
 class Claim(NamedTuple):
@@ -212,19 +212,10 @@ class Study:
         about, base = trial.user_attrs, trial.user_attrs.get("base", False)
         config = self._config(trial, base)
         values = flat(config.model_dump(mode="json"))
-        states = {COMPLETE: "complete", PRUNED: "pruned", FAIL: "failed"}
-        return Result(
-            trial.number,
-            states[trial.state],
-            base,
-            config,
-            {name: values[name] for name in self._space.parameters},
-            about.get("indicators", {}),
-            about.get("train_seconds", 0.0),
-            about.get("env_steps", 0),
-            about.get("seeds", 1),
-            about.get("reason", ""),
-        )
+        state = {COMPLETE: "complete", PRUNED: "pruned", FAIL: "failed"}[trial.state]
+        options = {name: values[name] for name in self._space.parameters}
+        known = {name: about[name] for name in Result._field_defaults if name in about}
+        return Result(trial.number, state, base, config, options, **known)
 
     def ranked(self) -> list[Result]:
         """Return the complete trials, the best ones first.

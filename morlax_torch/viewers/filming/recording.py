@@ -123,13 +123,8 @@ def record(
     """
     if output.suffix.lower() not in (*ENDINGS, ".png"):
         raise MorlaxError(f"{output} must end in .mp4 or .gif (a film) or in .png (a film strip).")
-    film = Film(
-        policy,
-        tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist(),
-        width,
-        height,
-        seed,
-    )
+    shown = tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist()
+    film = Film(policy, shown, width, height, seed)
     if output.suffix.lower() == ".png":
         with replacing(output) as file:
             Image.fromarray(film.strip(seconds, pictures, watch)).save(file, format="PNG")
