@@ -1,6 +1,7 @@
 """Everything that training needs, from a config."""
 
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
 from typing import Self
 
 from torch import nn
@@ -18,18 +19,14 @@ from .run import Run
 from .training import make_evaluator, make_worlds, training
 
 
+@dataclass
 class Session:
     """Worlds with their learner, its evaluator, and the run that is written, if any."""
 
-    def __init__(
-        self,
-        learner: Learner,
-        evaluator: Evaluator,
-        run: Run | None = None,
-        progress: Progress | None = None,
-    ):
-        self.learner, self.evaluator, self.run = learner, evaluator, run
-        self.progress = Progress() if progress is None else progress
+    learner: Learner
+    evaluator: Evaluator
+    run: Run | None
+    progress: Progress
 
     @classmethod
     def of(
@@ -61,7 +58,8 @@ class Session:
             return cls(learner, evaluator, run, run.restore(learner))
         if config.start_from is not None:
             start_from(config.start_from, learner)
-        return cls(learner, evaluator, Run.create(learner, output) if written else None)
+        run = Run.create(learner, output) if written else None
+        return cls(learner, evaluator, run, Progress())
 
     def training(
         self,

@@ -56,7 +56,7 @@ class Study:
         self._space, seconds = plan.space, plan.base.max_seconds or 0.0
         self._base = plan.space.drawn(plan.base)
         self._invalid: MorlaxError | None = None
-        sampler = Sampler(plan.space.distributions, self._base, plan.base.seed, self._valid)
+        sampler = Sampler(plan, self._base, self._valid)
         with quiet():
             self._try_space(sampler)
             place = open_storage(storage)
@@ -96,7 +96,7 @@ class Study:
         elif known is None:
             raise MorlaxError(f"the study {self.name!r} in {self.storage} is of another program.")
         one, other = flat(known or own), flat(own)
-        for name in [key for key in {**one, **other} if one.get(key) != other.get(key)]:
+        for name in (key for key in {**one, **other} if one.get(key) != other.get(key)):
             raise MorlaxError(
                 f"the study {self.name!r} in {self.storage} was started with another "
                 f"{_option(name)}: choose another --study or --output, or start it with the same "
