@@ -19,7 +19,17 @@ from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import title
-from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, unused, write_file
+from ..files import (
+    AnyPath,
+    Taken,
+    attempting,
+    is_file,
+    is_folder,
+    making,
+    remove_drafts,
+    unused,
+    write_file,
+)
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
@@ -49,18 +59,17 @@ class RunLock:
             MorlaxError: another process, or another run object of this one, holds it, or the folder
                 cannot be written.
         """
-        try:
-            self._lock.acquire()
-            self._owner.write_text(str(os.getpid()))
-        except Timeout:
-            owner = "another process"
-            with suppress(OSError):
-                owner = f"process {self._owner.read_text()}"
-            raise MorlaxError(
-                f"{self._folder} is being trained by {owner}: wait until it ends, or stop it."
-            ) from None
-        except OSError as error:
-            raise MorlaxError(f"cannot lock {self._folder}: {error.strerror or error}.") from None
+        with attempting(f"lock {self._folder}"):
+            try:
+                self._lock.acquire()
+                self._owner.write_text(str(os.getpid()))
+            except Timeout:
+                owner = "another process"
+                with suppress(OSError):
+                    owner = f"process {self._owner.read_text()}"
+                raise MorlaxError(
+                    f"{self._folder} is being trained by {owner}: wait until it ends, or stop it."
+                ) from None
 
     def release(self) -> None:
         """Give the lock back, if it is held."""
@@ -290,15 +299,12 @@ class Run:
 
     @contextmanager
     def _written(self) -> "Iterator[Events]":
-        try:
+        with attempting(f"write events in {self.folder}"):
             if self._events is None:
                 from .tensorboard import Events  # loads slowly
 
                 self._events = Events(self.folder, self._purge_step)
             yield self._events
-        except OSError as error:
-            reason = error.strerror or error
-            raise MorlaxError(f"cannot write events in {self.folder}: {reason}.") from None
 
     def close(self) -> None:
         """Write and close the TensorBoard events, and let other processes train the run."""

@@ -11,8 +11,8 @@ from filelock import FileLock
 
 from ..configuration.config import Config, load_config
 from ..configuration.files import changes, task_values
-from ..envs import MorlaxError, resolve_device
-from ..files import make_folder, write_file
+from ..envs import resolve_device
+from ..files import attempting, make_folder, write_file
 from .storage import optuna, quiet
 from .study import Result, Study
 
@@ -22,14 +22,11 @@ FEWEST = 10  # trials
 def write_results(study: Study, folder: Path) -> None:
     """Write trials.csv and, once a trial is complete, best.yaml, or raise MorlaxError."""
     make_folder(folder)
-    try:
-        with FileLock(folder / ".lock"):  # processes must not replace newer files by older ones
-            write_file(folder / "trials.csv", _table(study))
-            best = study.ranked()[:1]
-            if best:
-                write_file(folder / "best.yaml", _best(study, best[0]))
-    except OSError as error:
-        raise MorlaxError(f"cannot write to {folder}: {error.strerror or error}.") from None
+    # processes must not replace newer files by older ones
+    with attempting(f"write to {folder}"), FileLock(folder / ".lock"):
+        write_file(folder / "trials.csv", _table(study))
+        if best := study.ranked()[:1]:
+            write_file(folder / "best.yaml", _best(study, best[0]))
 
 
 def _table(study: Study) -> str:
