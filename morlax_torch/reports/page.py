@@ -40,7 +40,7 @@ def report(
     facts: Mapping[str, Mapping[str, str]],
     portrait: bytes | None = None,
 ) -> str:
-    """Return the report as HTML.
+    """Return the report as HTML, see `write`.
 
     Args:
         title: the task and its runs.

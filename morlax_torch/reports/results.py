@@ -74,12 +74,7 @@ def write(
 ) -> None:
     """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
 
-    Args:
-        found: evaluations by run name.
-        folder: of the output.
-        about: how the runs were evaluated, in a sentence or two.
-        typed: the command line of the evaluation.
-        portrait: picture of the robot as PNG (None: leave it out).
+    For the arguments see `report`.
     """
     drawn: list[tuple[str, Figure]] = []
     several = len(found) > 1

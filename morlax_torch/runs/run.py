@@ -53,12 +53,7 @@ class RunLock:
         self._lock = FileLock(folder / "train.lock", timeout=0)
 
     def acquire(self) -> None:
-        """Take the lock.
-
-        Raises:
-            MorlaxError: another process, or another run object of this one, holds it, or the folder
-                cannot be written.
-        """
+        """Take the lock, unless another process, or another run object of this one, holds it."""
         with attempting(f"lock {self._folder}"):
             try:
                 self._lock.acquire()
@@ -259,12 +254,8 @@ class Run:
         """Write a `checkpoint.snapshot` to latest.pt, and to best.pt too if it is the best.
 
         Each has its front beside it, with the fingerprint of its policies, so that a program that
-        is killed in between leaves a front that is known to be of another checkpoint.
-
-        Args:
-            contents: the snapshot.
-            progress: of the run.
-            evaluation: of the snapshot, if it was evaluated.
+        is killed in between leaves a front that is known to be of another checkpoint. `evaluation`
+        is that of the snapshot, if it was evaluated.
         """
         best = evaluation is not None and evaluation.best
         for name in ("best.pt", "latest.pt") if best else ("latest.pt",):

@@ -19,11 +19,6 @@ class Player:
     `returns` (m,) and `steps` count from the last reset. The caller resets when the episode is
     `over`.
 
-    Args:
-        policy: as `morlax_torch.load` returns it.
-        tradeoff: (m,), not negative; it need not sum to one.
-        seed: random seed of the world.
-
     Raises:
         MorlaxError: the trade-off is invalid, or the task has no MuJoCo robot.
     """
