@@ -37,8 +37,8 @@ def find_run(run: AnyPath) -> Path:
     if is_folder(path):
         return path
     shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
-    if str(run) in shipped:
-        return shipped[str(run)]
+    if str(path) in shipped:
+        return shipped[str(path)]
     raise MorlaxError(
         f"{path} does not exist: name the folder of a run, such as runs/ant/..., a .pt file, or a "
         f"shipped policy: {', '.join(sorted(shipped))}."

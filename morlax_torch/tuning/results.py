@@ -87,7 +87,7 @@ def importances(study: Study) -> dict[str, float]:
     with quiet():
         copy = optuna.create_study(direction="maximize" if study.plan.sign > 0 else "minimize")
         for trial in trials:
-            given = {"params": trial.params, "distributions": trial.distributions}
+            given: Any = {"params": trial.params, "distributions": trial.distributions}
             value = trial.user_attrs["indicators"][main]
             copy.add_trial(optuna.trial.create_trial(**given, value=value))
         evaluator = optuna.importance.PedAnovaImportanceEvaluator()
