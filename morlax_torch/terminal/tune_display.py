@@ -37,18 +37,18 @@ class TuneDisplay:
         print_line(f"trial  state     {self._study.plan.main[:11]:>11}  ratio  options")
 
     def finished(self, study: Study, result: Result) -> None:
-        about = f"{result.number:5d}  {result.state:8}  "
         if result.state == "failed":
+            about = f"{result.number:5d}  {result.state:8}  "
             print_line(about + result.reason, indent=len(about))
-            return
-        options = "the base config" if result.base else self._changed(result)
-        value = result.indicators[study.plan.main]
-        about += f"{value:11.4e}  {self._ratio(result):>5}  "
-        print_line(about + options, indent=len(about))
+        else:
+            self._print(result, f"{result.state:8}  {result.indicators[study.plan.main]:11.4e}")
 
-    def _changed(self, result: Result) -> str:
+    def _print(self, result: Result, values: str) -> None:
+        """Print the line of a trial that has not failed."""
         given = ((name.rpartition(".")[2], value) for name, value in result.options.items())
-        return " ".join(f"{name}={_short(value)}" for name, value in given)
+        changed = " ".join(f"{name}={_short(value)}" for name, value in given)
+        about = f"{result.number:5d}  {values}  {self._ratio(result):>5}  "
+        print_line(about + ("the base config" if result.base else changed), indent=len(about))
 
     def _ratio(self, result: Result) -> str:
         base, main = self._study.base_result(), self._study.plan.main
@@ -92,10 +92,7 @@ class TuneDisplay:
         print_line("non-dominated trials:")
         print_line(f"trial  {'  '.join(f'{name:>16}' for name in names)}  ratio  options")
         for result in ranked:
-            values = "  ".join(f"{result.indicators[name]:16.4e}" for name in names)
-            options = "the base config" if result.base else self._changed(result)
-            about = f"{result.number:5d}  {values}  {self._ratio(result):>5}  "
-            print_line(about + options, indent=len(about))
+            self._print(result, "  ".join(f"{result.indicators[name]:16.4e}" for name in names))
 
     def _row(self, label: str, values: list[str], share: str = "") -> None:
         cells = "".join(f" {value[: VALUE - 1]:>{VALUE - 1}}" for value in values)
