@@ -2,7 +2,7 @@
 
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import (
     Field,
@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from .. import envs
-from ..envs import MorlaxError, ObjectiveOptions, Worlds
+from ..envs import MorlaxError, ObjectiveOptions
 from ..envs.errors import explained, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
@@ -31,6 +31,9 @@ from .sections import (
     PPOConfig,
     SamplingConfig,
 )
+
+if TYPE_CHECKING:
+    from ..envs import Worlds  # imports torch
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
@@ -112,7 +115,7 @@ class Config(Section):
         """K."""
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
 
-    def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> Worlds:
+    def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> "Worlds":
         """Make worlds of the task; those to evaluate in have no automatic reset."""
         task = self.task.for_evaluation() if evaluating else self.task
         return envs.make(
