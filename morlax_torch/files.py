@@ -5,7 +5,7 @@ import glob
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -17,53 +17,52 @@ AnyPath = str | os.PathLike[str]
 DRAFT = ".tmp"
 
 
-def exists(path: AnyPath) -> bool:
-    """Return whether a path exists.
+@contextmanager
+def attempting(task: str) -> Iterator[None]:
+    """Turn an error of the system into a MorlaxError, such as "cannot write f.csv: disk full."."""
+    try:
+        yield
+    except OSError as error:
+        raise MorlaxError(f"cannot {task}: {error.strerror or error}.") from None
+    except ValueError:
+        if "\0" not in task:
+            raise
+        task = task.replace("\0", r"\0")
+        raise MorlaxError(f"cannot {task}: a path cannot contain NUL.") from None
 
-    Raises:
-        MorlaxError: the system cannot say, because the path is too long or a folder is closed.
-    """
-    return _asked(path, Path.exists)
+
+def exists(path: AnyPath) -> bool:
+    """Return whether a path exists, or raise MorlaxError if the system cannot say."""
+    with attempting(f"use {path}"):
+        return Path(path).exists()
 
 
 def is_file(path: AnyPath) -> bool:
     """Return whether a path is a regular file; raises as `exists`."""
-    return _asked(path, Path.is_file)
+    with attempting(f"use {path}"):
+        return Path(path).is_file()
 
 
 def is_folder(path: AnyPath) -> bool:
     """Return whether a path is a folder; raises as `exists`."""
-    return _asked(path, Path.is_dir)
-
-
-def _asked(path: AnyPath, question: Callable[[Path], bool]) -> bool:
-    try:
-        return question(Path(path))
-    except OSError as error:
-        raise MorlaxError(f"cannot use {path}: {error.strerror or error}.") from None
+    with attempting(f"use {path}"):
+        return Path(path).is_dir()
 
 
 def read(path: AnyPath, what: str = "file") -> bytes:
-    """Read a whole file.
-
-    Args:
-        path: the file.
-        what: the kind of file, for error messages, such as "config".
+    """Read a whole file; error messages name the kind of file, such as "config".
 
     Raises:
         MorlaxError: the file is missing, is a folder, device or pipe, or cannot be read.
     """
     path = Path(path)
-    try:
+    with attempting(f"read the {what} {path}"):
         if path.exists() and not path.is_file():
             raise MorlaxError(f"cannot read the {what} {path}: it is not a regular file.")
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise MorlaxError(f"there is no {what} {path}.") from None
-    except OSError as error:
-        raise MorlaxError(f"cannot read the {what} {path}: {error.strerror or error}.") from None
-    except ValueError:
-        raise MorlaxError(f"there is no {what} {str(path)!r}: a path cannot have NUL.") from None
+        try:
+            return path.read_bytes()
+        except FileNotFoundError:
+            raise MorlaxError(f"there is no {what} {path}.") from None
 
 
 @contextmanager
@@ -75,26 +74,22 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
     Raises:
         MorlaxError: it cannot be written, or is a folder, device or pipe; `path` is unchanged.
     """
-    try:
-        target = Path(os.path.realpath(path))
-    except ValueError:
-        raise MorlaxError(f"cannot write {str(path)!r}: a path cannot contain NUL.") from None
     temporary = None
-    try:
+    with attempting(f"write {path}"):
+        target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             raise MorlaxError(f"cannot write {path}: it is not a regular file, name another one.")
         draft = target.with_name(_draft())
-        with open(draft, "xb") as file:
-            temporary = draft
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise MorlaxError(f"cannot write {path}: {error.strerror or error}.") from None
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+        try:
+            with open(draft, "xb") as file:
+                temporary = draft
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(target)
+        finally:
+            if temporary is not None:
+                temporary.unlink(missing_ok=True)
 
 
 def write_file(path: AnyPath, content: str | bytes | memoryview) -> None:
@@ -120,35 +115,22 @@ def making(folder: Path) -> Iterator[Path]:
         raise taken
     draft = folder.with_name(f".{folder.name}{_draft()}")
     try:
-        remove_drafts(folder.parent, f".{folder.name}")
-        _make(draft)
-        yield draft
-        draft.replace(folder)
-    except OSError as error:
-        if error.filename2 and error.errno in (errno.EEXIST, errno.ENOTEMPTY):  # of `replace`
-            raise taken from None
-        raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
+        with attempting(f"make {folder}"):
+            remove_drafts(folder.parent, f".{folder.name}")
+            draft.mkdir(parents=True)
+            yield draft
+            try:
+                draft.replace(folder)
+            except OSError as error:
+                raise taken if error.errno in (errno.EEXIST, errno.ENOTEMPTY) else error from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents, if they do not exist.
-
-    Raises:
-        MorlaxError: it cannot be made.
-    """
-    try:
-        _make(folder, exist_ok=True)
-    except OSError as error:
-        raise MorlaxError(f"cannot make {folder}: {error.strerror or error}.") from None
-
-
-def _make(folder: Path, exist_ok: bool = False) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=exist_ok)
-    except ValueError:
-        raise MorlaxError(f"cannot make {str(folder)!r}: a path cannot contain NUL.") from None
+    """Make a folder and its parents if they do not exist, or raise MorlaxError."""
+    with attempting(f"make {folder}"):
+        folder.mkdir(parents=True, exist_ok=True)
 
 
 def _is_unused(folder: Path) -> bool:

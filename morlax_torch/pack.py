@@ -3,7 +3,7 @@
 from .commands.pack import main
 from .envs.lazy import handed_on, make_callable
 
-__getattr__, __dir__ = handed_on(__name__, {"pack": "runs.packing"})
+__getattr__, __dir__ = handed_on(__name__, {"pack": "runs.evaluating"})
 make_callable(__name__)
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.preferences import reward
-from morlax_torch.reports import evaluating
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
 from morlax_torch.reports.results import duration, steps
 from morlax_torch.runs import loading
@@ -122,7 +121,6 @@ def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
     shipped = workplace / "shipped"
     shutil.copytree(workplace / "a" / "hopper", shipped / "jumper")
     monkeypatch.setattr(loading, "SHIPPED", shipped)
-    monkeypatch.setattr(evaluating, "SHIPPED", shipped)
     before = sorted(shipped.rglob("*"))
     evaluate.command(["jumper", *FEW])
     assert sorted(shipped.rglob("*")) == before

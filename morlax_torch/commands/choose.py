@@ -10,7 +10,7 @@ import tyro
 from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from ..terminal.task_arguments import Device, RunName, Trust, call
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def command(arguments: Sequence[str]) -> None:
     def main(
-        run: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
+        run: RunName,
         maximize: Annotated[str, tyro.conf.arg(metavar="OBJECTIVE")],
         constrain: Annotated[
             tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="'run >= 2000'")
@@ -26,8 +26,8 @@ def command(arguments: Sequence[str]) -> None:
         margin: float | None = None,
         seeds: int | None = None,
         seed: int = 0,
-        device: str | None = None,
-        trust: bool = False,
+        device: Device = None,
+        trust: Trust = False,
     ) -> None:
         """Find the trade-off that maximizes one objective while others reach required returns.
 
@@ -35,8 +35,6 @@ def command(arguments: Sequence[str]) -> None:
         that keeps every requirement in simulation.
 
         Args:
-            run: Run folder (its best checkpoint), or runs/TASK or latest for the newest run;
-                checkpoint file; or shipped policy.
             maximize: The objective to maximize.
             constrain: Least return of an objective.
             margin: Share of an objective's range on the front by which its requirement must be
@@ -44,12 +42,11 @@ def command(arguments: Sequence[str]) -> None:
             seeds: Episodes per trade-off, to average over; for such tasks (None: as in training,
                 but at least 8).
             seed: Random seed of the worlds.
-            device: Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU).
-            trust: Let the run import the FILE.py or module that its task names.
         """
         least: dict[str, float] = {}
         for name, value in map(_required, constrain):
             least[name] = max(value, least.get(name, value))
+        from ..evaluation.requirements import shown
         from ..runs.choosing import choose
         from ..runs.loading import find_checkpoint, trust_run
 
@@ -57,18 +54,20 @@ def command(arguments: Sequence[str]) -> None:
             trust_run(run)
         choice = choose(run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device)
         _show(choice, least, maximize)
+        weights = shown(choice.tradeoff)
+        cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
         cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
-        words = [shlex.quote(run), *(["--trust"] if trust else [])]
-        weights = ",".join(f"{weight:.6g}" for weight in choice.tradeoff)
-        export = [program("export"), *words, "--tradeoff", weights]
-        cli.print_command("to export the policy", " ".join(export))
-        cli.print_command("to see the robot", " ".join([program("explore"), *words]))
+        named = shlex.quote(run) + (" --trust" if trust else "")
+        cli.print_command(
+            "to export the policy", f"{program('export')} {named} --tradeoff {weights}"
+        )
+        cli.print_command("to see the robot", f"{program('explore')} {named}")
 
     call(main, arguments, program("choose"))
 
 
 def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:
-    """Print promised and simulated returns, margins, the cost and the trade-off."""
+    """Print promised and simulated returns, margins and the cost."""
     from rich.table import Table  # takes a while to import
 
     table = Table(box=None)
@@ -84,8 +83,6 @@ def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:
             f"cost of the requirements: {choice.cost:.4g} of {maximize}, which reaches "
             f"{best:.5g} without them"
         )
-    weights = ",".join(f"{weight:.6g}" for weight in choice.tradeoff)
-    cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
 
 
 def _required(text: str) -> tuple[str, float]:

@@ -11,7 +11,7 @@ import tyro
 from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from ..terminal.task_arguments import Device, Trust, call
 
 PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 
@@ -28,13 +28,13 @@ def command(arguments: Sequence[str]) -> None:
         ],
         tradeoffs: int | None = None,
         protocol: Literal["latched", "paper"] = "latched",
-        device: str | None = None,
+        device: Device = None,
         backend: str | None = None,
         seed: int = 0,
         seeds: int | None = None,
         reference: str | None = None,
         output: Path | None = None,
-        trust: bool = False,
+        trust: Trust = False,
     ) -> None:
         """Evaluate the policies of many trade-offs and print the indicators.
 
@@ -50,7 +50,6 @@ def command(arguments: Sequence[str]) -> None:
             protocol: How returns are counted. latched: up to and including the first failed step.
                 paper: as in the paper's tables, which draw 1024 trade-offs at random;
                 failed steps earn no reward, and the reward of the reset is added.
-            device: Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU).
             backend: Simulator: warp or mujoco (None: chosen by device).
             seed: Random seed of the worlds.
             seeds: Episodes per trade-off, to average over; for tasks with random starts, models or
@@ -59,7 +58,6 @@ def command(arguments: Sequence[str]) -> None:
                 runs, if there are several).
             output: Output folder (None: the run's folder, or evaluations/<time> for several runs,
                 a shipped policy or a checkpoint other than best.pt).
-            trust: Let the run import the Python files and modules that it names.
         """
         if not runs:
             raise MorlaxError(
@@ -68,20 +66,8 @@ def command(arguments: Sequence[str]) -> None:
         from ..reports.evaluating import evaluate_runs, table  # imports torch
 
         typed = f"{program('evaluate')} {shlex.join(arguments)}"
-        found, folder = evaluate_runs(
-            runs,
-            typed,
-            tradeoffs,
-            protocol,
-            device,
-            backend,
-            seed,
-            seeds,
-            reference,
-            output,
-            trust,
-            _portrait,
-        )
+        how = tradeoffs, protocol, device, backend, seed, seeds
+        found, folder = evaluate_runs(runs, typed, *how, reference, output, trust, _portrait)
         cli.console.print(table(found))
         names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
         cli.console.print(f"evaluated: {names}")

@@ -8,7 +8,7 @@ import tyro
 from ..terminal import cli
 from ..terminal.interrupt import interruptible
 from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from ..terminal.task_arguments import Host, Port, Trust, call
 from ..viewers.explorer.opening import check_free, importing_viser
 
 
@@ -46,18 +46,15 @@ def command(arguments: Sequence[str]) -> None:
         run: Annotated[
             str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN|NAME]")
         ] = None,
-        host: str = "127.0.0.1",
-        port: int = 8080,
-        trust: bool = False,
+        host: Host = "127.0.0.1",
+        port: Port = 8080,
+        trust: Trust = False,
     ) -> None:
         """Serve a page that shows a robot live, with a slider for each objective.
 
         Args:
             run: Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped
                 policy (None: the first shipped policy, or the newest run if none is shipped).
-            host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
-            port: TCP port to listen on; 0 selects a free one.
-            trust: Let the run import the Python files and modules that it names.
         """
         from ..runs.loading import trust_run  # imports torch
         from ..viewers.explorer import library

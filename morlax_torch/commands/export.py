@@ -8,16 +8,16 @@ import tyro
 
 from ..terminal import cli
 from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from ..terminal.task_arguments import RunName, Trust, call
 
 
 def command(arguments: Sequence[str]) -> None:
     def main(
-        run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
+        run: RunName,
         tradeoff: Annotated[str | None, tyro.conf.arg(metavar="0.7,0.3")] = None,
         format: Literal["onnx", "torchscript", "torch-export"] = "onnx",
         output: Path | None = None,
-        trust: bool = False,
+        trust: Trust = False,
     ) -> None:
         """Write the policy of a trade-off to a file that runs without this package.
 
@@ -26,8 +26,6 @@ def command(arguments: Sequence[str]) -> None:
         file is read back and compared with the policy.
 
         Args:
-            run: Run folder (its best checkpoint), or runs/TASK or latest for the newest run;
-                checkpoint file; or shipped policy.
             tradeoff: Weight of each objective; weights need not sum to one (None: the trade-off
                 stays an input).
             format: File format. onnx needs an extra: pip install 'morlax-torch[onnx]', or in a
@@ -35,29 +33,21 @@ def command(arguments: Sequence[str]) -> None:
             output: Output file (None: policy.onnx, .ts or .pt2, or family.* if the trade-off
                 is an input; in the run's folder, or in the working directory for a shipped
                 policy).
-            trust: Let the run import the Python files and modules that it names.
         """
         from ..configuration.tradeoffs import parse_tradeoff
         from ..exports.exporting import export  # imports torch
         from ..exports.formats import FORMATS
         from ..exports.manifest import provenance
-        from ..runs.loading import load
+        from ..runs.loading import load, own_folder
 
         policy = load(run, trust=trust)
         weights = None if tradeoff is None else parse_tradeoff(tradeoff, policy.objectives)
         name = ("family" if weights is None else "policy") + FORMATS[format].ending
-        place = output or _default_folder(run) / name
+        place = output or (own_folder(run) or Path()) / name
         largest = export(policy, place, format, weights, {"run": provenance(run)})
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
 
     call(main, arguments, program("export"))
-
-
-def _default_folder(run: Path) -> Path:
-    from ..runs.loading import SHIPPED, find_run
-
-    folder = find_run(run)
-    return Path() if folder.parent == SHIPPED else folder
 
 
 def main() -> None:

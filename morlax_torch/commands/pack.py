@@ -55,7 +55,7 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _pack(run: str, output: Path, device: str | None) -> None:
-    from ..runs.packing import pack
+    from ..runs.evaluating import pack
 
     front = pack(run, output, device)
     size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6

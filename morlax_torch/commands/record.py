@@ -8,12 +8,12 @@ import tyro
 
 from ..terminal import cli
 from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from ..terminal.task_arguments import RunName, Trust, call
 
 
 def command(arguments: Sequence[str]) -> None:
     def main(
-        run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
+        run: RunName,
         tradeoff: Annotated[
             tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="0.8,0.2")
         ] = (),
@@ -24,7 +24,7 @@ def command(arguments: Sequence[str]) -> None:
         height: int = 360,
         pictures: int = 8,
         seed: int = 0,
-        trust: bool = False,
+        trust: Trust = False,
     ) -> None:
         """Record the robot under several trade-offs side by side, with its running returns.
 
@@ -32,8 +32,6 @@ def command(arguments: Sequence[str]) -> None:
         needed.
 
         Args:
-            run: Run folder (its best checkpoint), or runs/TASK or latest for the newest run;
-                checkpoint file; or shipped policy.
             tradeoff: Weight of each objective, once per panel; weights need not sum to one
                 (None: each objective alone, and the balanced trade-off).
             output: Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip
@@ -46,15 +44,15 @@ def command(arguments: Sequence[str]) -> None:
             pictures: Number of pictures per row of a film strip, evenly spaced over the robot's
                 last gait cycle (the last two if a cycle has fewer control steps than pictures).
             seed: Random seed of the world.
-            trust: Let the run import the Python files and modules that it names.
         """
         from ..configuration.tradeoffs import parse_tradeoff
-        from ..runs.loading import load  # imports torch
+        from ..runs.loading import find_run, load, own_folder  # imports torch
         from ..terminal.cli import bar
         from ..viewers.filming.recording import record
 
         policy = load(run, trust=trust)
-        place = output or _default_output(run)
+        folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
+        place = output or (folder / "film.mp4" if folder else shipped)
         tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
         with bar("filming") as watch:
             record(
@@ -63,13 +61,6 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(f"written: {place}")
 
     call(main, arguments, program("record"))
-
-
-def _default_output(run: Path) -> Path:
-    from ..runs.loading import SHIPPED, find_run
-
-    folder = find_run(run)
-    return Path(f"{folder.name}.mp4") if folder.parent == SHIPPED else folder / "film.mp4"
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.interrupt import interruptible
 from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from ..terminal.task_arguments import Host, Port, Trust, call
 from ..viewers.explorer.opening import check_free, importing_viser
 
 if TYPE_CHECKING:
@@ -27,9 +27,9 @@ def command(arguments: Sequence[str]) -> None:
         judge: Annotated[str | None, tyro.conf.arg(metavar="TERM")] = None,
         clips: int = 200,
         seed: int = 0,
-        host: str = "127.0.0.1",
-        port: int = 8080,
-        trust: bool = False,
+        host: Host = "127.0.0.1",
+        port: Port = 8080,
+        trust: Trust = False,
     ) -> None:
         """Learn a reward from comparisons of a run's clips, and write a config to train with it.
 
@@ -42,9 +42,6 @@ def command(arguments: Sequence[str]) -> None:
             judge: Reward term of the task whose sum answers in place of a user, to try this out.
             clips: Number of clips to record of a run.
             seed: Random seed.
-            host: Address to listen on; 0.0.0.0 accepts connections from the whole network.
-            port: TCP port to listen on; 0 selects a free one.
-            trust: Let the run import the Python files and modules that it names.
         """
         from ..preferences.teaching import Lesson
         from ..runs.loading import trust_run

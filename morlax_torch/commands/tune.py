@@ -1,79 +1,58 @@
 """Search for a task's hyperparameters."""
 
+import math
 import shlex
 import sys
 import time
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.interrupt import Interruption, interruptible
 from ..terminal.startup import program
-from ..terminal.tune_arguments import Request, read
+from ..terminal.tune_arguments import read
 from ..torchrun import SEVERAL
-
-if TYPE_CHECKING:
-    from ..terminal.tune_display import TuneDisplay
-    from ..tuning.study import Study
 
 
 def command(arguments: Sequence[str]) -> None:
     if SEVERAL:
         raise MorlaxError("tune has --workers of its own: start it without torchrun.")
-    request = read(arguments)
-    config, options = request.config, request.options
+    config, options, one_gpu = read(arguments)
     from ..envs import resolve_device  # imports torch
     from ..terminal.tune_display import TuneDisplay
     from ..tuning import workers
     from ..tuning.results import write_results
-    from ..tuning.searching import folder_of, open_study
+    from ..tuning.searching import folder_of, open_study, search
 
     folder = folder_of(config, options.output)
-    study = open_study(
-        config,
-        options.space,
-        options.output,
-        options.seconds,
-        options.indicators,
-        options.storage,
-        options.study,
-    )
+    given = options.space, options.output, options.seconds, options.indicators
+    study = open_study(config, *given, options.storage, options.study)
     display = TuneDisplay(study, folder, options.trials)
+    end = time.monotonic() + 60 * (options.minutes or math.inf)
+
+    def stopped() -> bool:
+        return interrupted() or workers.is_orphan() or time.monotonic() >= end
+
     with interruptible() as interrupted:
         if workers.is_worker():
-            _search(request, study, display, lambda: interrupted() or workers.is_orphan())
+            search(study, folder, options.trials, stopped, display.finished)
         else:
-            visible = workers.places(
-                resolve_device(config.device), options.workers, request.one_gpu
-            )
+            visible = workers.places(resolve_device(config.device), options.workers, one_gpu)
+            several = len(visible) > 1
             write_results(study, folder)  # a folder that cannot be written is told before training
-            display.started(_devices(config.device, len(visible)))
-            if len(visible) == 1:
-                _search(request, study, display, interrupted)
-            else:
+            display.started(f"{len(visible)} workers" if several else str(config.device))
+            if several:
                 _search_together(arguments, visible, interrupted)
                 write_results(study, folder)
+            else:
+                search(study, folder, options.trials, stopped, display.finished)
             display.ended(f"{program('tune')} {shlex.join(arguments)}")
-            _check_success(study)
+            results = study.results()
+            if results and all(result.state == "failed" for result in results):
+                last = results[-1].reason
+                raise MorlaxError(f"every trial failed, the last one because: {last}")
     if interrupted():
         sys.exit(interrupted.exit_status)
-
-
-def _search(
-    request: Request, study: "Study", display: "TuneDisplay", stopped: Callable[[], bool]
-) -> None:
-    from ..tuning.searching import folder_of, search
-
-    options = request.options
-    end = float("inf") if options.minutes is None else time.monotonic() + 60 * options.minutes
-    search(
-        study,
-        folder_of(request.config, options.output),
-        options.trials,
-        lambda: stopped() or time.monotonic() >= end,
-        display.finished,
-    )
 
 
 def _search_together(
@@ -90,17 +69,6 @@ def _search_together(
     statuses = run_workers(arguments, visible, lambda: interrupted.signal, ended)
     if all(statuses) and not interrupted():
         raise MorlaxError(f"all {len(statuses)} workers ended early: see the lines above.")
-
-
-def _check_success(study: "Study") -> None:
-    """Raise MorlaxError if every trial has failed."""
-    results = study.results()
-    if results and all(result.state == "failed" for result in results):
-        raise MorlaxError(f"every trial failed, the last one because: {results[-1].reason}")
-
-
-def _devices(device: str | None, workers: int) -> str:
-    return f"{workers} workers" if workers > 1 else str(device)
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import (
     Field,
@@ -31,6 +31,9 @@ from .sections import (
     PPOConfig,
     SamplingConfig,
 )
+
+if TYPE_CHECKING:
+    from ..envs import Worlds  # imports torch
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
@@ -105,7 +108,6 @@ class Config(Section):
 
     @property
     def ends(self) -> bool:
-        """Whether a limit ends the run."""
         return self.max_env_steps is not None or self.max_seconds is not None
 
     @property
@@ -113,8 +115,21 @@ class Config(Section):
         """K."""
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
 
+    def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> "Worlds":
+        """Make worlds of the task; those to evaluate in have no automatic reset."""
+        task = self.task.for_evaluation() if evaluating else self.task
+        return envs.make(
+            self.env,
+            number,
+            self.device,
+            self.backend,
+            seed,
+            auto_reset=not evaluating,
+            deterministic=self.deterministic,
+            **task.model_dump(),
+        )
+
     def num_corners(self, num_objectives: int) -> int:
-        """Return how many of the K trade-offs are corners."""
         if self.sampling.mode == "dense":
             return 0
         corners = self.sampling.corners
@@ -133,7 +148,6 @@ class Config(Section):
         return isinstance(self.method, PGMORLOptions)
 
     def num_values(self, num_objectives: int) -> int:
-        """Return how many values a critic predicts."""
         return 1 if self.ppo.critic == "scalar" else num_objectives
 
     @model_validator(mode="after")
@@ -172,7 +186,6 @@ class Config(Section):
             raise ValueError("algorithm pg-morl selects by weighted sums: leave out scalarization")
 
     def check_sizes(self, num_objectives: int) -> None:
-        """Raise ValueError if sizes do not fit together."""
         K, corners = self.num_clusters, self.num_corners(num_objectives)
         if K <= 1:
             raise ValueError(f"sampling.clusters is {K}: there must be at least 2 trade-offs")

@@ -53,12 +53,9 @@ def _packaged(name: str, device_type: str) -> dict[str, Any]:
 
 
 def file_values(path: Path, device_type: str, **given: str | None) -> dict[str, Any]:
-    """Return the values of a YAML file over those of its task and algorithm.
+    """Return the values of a YAML file for "cuda" or "cpu" over those of its task and algorithm.
 
-    Args:
-        path: the file.
-        device_type: "cuda" or "cpu".
-        given: what the command line says of `env` and `algorithm`.
+    `given`: what the command line says of `env` and `algorithm`.
 
     Raises:
         MorlaxError: the file cannot be read, or says otherwise.
@@ -82,17 +79,11 @@ def space_values(path: AnyPath | None, device_type: str) -> dict[str, Any]:
 
 
 def algorithm_of(values: dict[str, Any]) -> str:
-    """Return the algorithm that a config names, or MORLAX."""
     return str(values.get("algorithm", "morlax"))
 
 
 def read_yaml(path: AnyPath, what: str = "config", such_as: str = "env: ant") -> dict[str, Any]:
-    """Read the keys and values of a YAML file.
-
-    Args:
-        path: the file.
-        what: the kind of file, for error messages.
-        such_as: a line of such a file, for error messages.
+    """Read the keys and values of a YAML file; errors name its kind, and a line `such_as` it has.
 
     Raises:
         MorlaxError: it cannot be read, is not a mapping, or has the same key twice.

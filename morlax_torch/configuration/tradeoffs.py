@@ -139,11 +139,7 @@ def typical_tradeoffs(num_objectives: int) -> Tensor:
 def checked_tradeoff(
     tradeoff: Tensor | Sequence[float], objectives: Sequence[str], device: torch.device
 ) -> Tensor:
-    """Convert one trade-off (m,) or several (K, m) to float32 on the device.
-
-    Raises:
-        MorlaxError: it is not a trade-off.
-    """
+    """Convert a trade-off (m,) or several (K, m) to float32 on the device, or raise MorlaxError."""
     if not isinstance(tradeoff, Tensor):
         try:
             tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
@@ -166,11 +162,7 @@ def checked_tradeoff(
 def one_tradeoff(
     tradeoff: Tensor | Sequence[float], objectives: Sequence[str], device: torch.device
 ) -> Tensor:
-    """Convert one trade-off (m,) to float32 on the device.
-
-    Raises:
-        MorlaxError: it is not exactly one trade-off.
-    """
+    """Convert exactly one trade-off (m,) to float32 on the device, or raise MorlaxError."""
     checked = checked_tradeoff(tradeoff, objectives, device)
     if checked.ndim != 1:
         raise MorlaxError(f"one trade-off is needed, not {len(checked)}.")
@@ -178,11 +170,7 @@ def one_tradeoff(
 
 
 def parse_tradeoff(text: str, objectives: Sequence[str]) -> tuple[float, ...]:
-    """Parse a trade-off such as "0.8,0.2", one number per objective.
-
-    Raises:
-        MorlaxError: it is not a trade-off.
-    """
+    """Parse a trade-off such as "0.8,0.2", one number per objective, or raise MorlaxError."""
     names = f"{len(objectives)} numbers ({', '.join(objectives)}), as in " + ",".join(
         f"{1 / len(objectives):.2g}" for _ in objectives
     )

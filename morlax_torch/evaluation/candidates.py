@@ -23,11 +23,8 @@ class Candidates:
     requirement and gains on the best simulated one, if errors are independent and normal.
     (Constrained probability of improvement, as in Bayesian optimization.)
 
-    Args:
-        tradeoffs: (K, m), on the simplex.
-        returns: (K, m)
-        simulated: whether the returns are those of the simulation.
-        required: what the search is for.
+    Trade-offs, on the simplex, and returns are (K, m); `simulated` says whether the returns are
+    those of the simulation.
     """
 
     def __init__(
@@ -74,11 +71,7 @@ class Candidates:
         return tradeoffs[best], promised[best], float(np.exp(scores.max(initial=-np.inf)))
 
     def ranked(self) -> np.ndarray:
-        """Return the indices of simulated trade-offs that keep the requirements, best first.
-
-        Raises:
-            MorlaxError: there is none.
-        """
+        """Return which simulated trade-offs keep the requirements, best first."""
         (indices,) = self.kept.nonzero()
         if len(indices) == 0:
             simulated = self.tradeoffs[self.simulated], self.returns[self.simulated]
@@ -159,5 +152,4 @@ def rounded(tradeoffs: np.ndarray) -> np.ndarray:
 
 
 def _log_normal(values: np.ndarray) -> np.ndarray:
-    """Return the logarithm of the standard normal distribution function."""
     return torch.special.log_ndtr(torch.from_numpy(np.ascontiguousarray(values))).numpy()

@@ -43,10 +43,10 @@ class Evaluator:
         env: K * seeds * sets worlds without automatic reset, or this process's share of them.
         tradeoffs: (K, m).
         protocol: how returns are counted.
-        seed: random seed of the episodes. It selects draws that training never sees.
-        seeds: episodes per trade-off, with different draws, to average over.
+        seed: selects draws that training never sees.
+        seeds: episodes per trade-off and set, to average over.
         sets: how many sets of so many episodes there are.
-        group: processes that evaluate the `share` of the trade-offs each, and get all results.
+        group: processes that evaluate their `share` of the trade-offs, and get all results.
         alone: generate the networks of each trade-off on their own, as `Policy` does. Together is
             faster, but rounds differently, and robots amplify that.
     """
@@ -106,11 +106,7 @@ class Evaluator:
         self.tradeoffs.copy_(share(tradeoffs, self._seeds * self._sets, self._group))
 
     def evaluate(self) -> Front:
-        """Evaluate the agent as it is now, and return the front of the first set of episodes.
-
-        Raises:
-            MorlaxError: contacts overflowed the simulator's buffers.
-        """
+        """Return the front of the first set of episodes, see `evaluate_sets`."""
         return self.evaluate_sets()[0]
 
     @torch.no_grad()
@@ -127,10 +123,8 @@ class Evaluator:
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
-        self._fallen.zero_()
-        self._blown_up.zero_()
-        self._lengths.zero_()
-        self._returns.zero_()
+        for values in (self._fallen, self._blown_up, self._lengths, self._returns):
+            values.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         with one_thread(self.env.device):

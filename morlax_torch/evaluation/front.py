@@ -141,9 +141,5 @@ class Front(NamedTuple):
 
 
 def hypervolume_in(names: Iterable[str]) -> str:
-    """Return the name of the hypervolume, exact or approximate, among names of indicators.
-
-    Raises:
-        StopIteration: it is not among them.
-    """
+    """Return the hypervolume's name among names of indicators, or raise StopIteration."""
     return next(name for name in names if name in (EXACT, APPROXIMATE))

@@ -1,6 +1,5 @@
 """Make the evaluator of a config's task, in training and after it."""
 
-from .. import envs
 from ..configuration.config import Config
 from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from ..envs import MorlaxError, Worlds
@@ -16,27 +15,19 @@ def make_evaluator(
     agent: Agent,
     config: Config,
     num_objectives: int,
-    group: Group = ALONE,
-    *,
     protocol: Protocol = "latched",
     tradeoffs: int | None = None,
     seeds: int | None = None,
     seed: int = 0,
     sets: int = 1,
+    group: Group = ALONE,
 ) -> Evaluator:
     """Make the evaluator of an agent, with the same worlds for every training seed.
 
-    Args:
-        agent: the policies.
-        config: the task, the device and the usual numbers.
-        num_objectives: m.
-        group: processes that share the episodes.
-        protocol: how returns are counted, see `Evaluator`.
-        tradeoffs: K: an even grid for two objectives; the corners and fixed random draws for more;
-            random draws with the paper's protocol. None: the config's, or the paper's 1,024.
-        seeds: episodes per trade-off and set; None: the config's.
-        seed: random seed of the worlds.
-        sets: sets of so many episodes.
+    Trade-offs are an even grid for two objectives; the corners and fixed random draws for more;
+    random draws with the paper's protocol. None: the config's number, or the paper's 1,024.
+    `seeds` are episodes per trade-off and set; None: the config's number. For the other arguments
+    see `Evaluator`.
 
     Raises:
         MorlaxError: a number is out of range, or nothing in the task is random although
@@ -57,22 +48,13 @@ def evaluation_worlds(
     config: Config, tradeoffs: int, seeds: int, seed: int = 0, sets: int = 1, group: Group = ALONE
 ) -> Worlds:
     """Make this process's share of an evaluator's worlds, one per episode; see `make_evaluator`."""
-    task = config.task.for_evaluation()
     if not 0 <= seed < 2**63:
         raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
     if seeds < 1:
         raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
     try:
-        task.check_seeds(seeds)
+        config.task.check_seeds(seeds)
     except ValueError as error:
         raise MorlaxError(f"{error}: leave out --seeds.") from None
-    return envs.make(
-        config.env,
-        len(range(group.rank, tradeoffs * seeds * sets, group.size)),
-        config.device,
-        config.backend,
-        EVALUATION_SEEDS + seed,
-        auto_reset=False,
-        deterministic=config.deterministic,
-        **task.model_dump(),
-    )
+    own = range(group.rank, tradeoffs * seeds * sets, group.size)
+    return config.make_worlds(len(own), EVALUATION_SEEDS + seed, evaluating=True)

@@ -21,8 +21,6 @@ class Choice(NamedTuple):
 
 
 class Requirements(NamedTuple):
-    """Least returns, and the objective to maximize."""
-
     objectives: tuple[str, ...]
     constraints: dict[str, float]  # least returns by objective
     least: np.ndarray  # (m,) with the margin; -inf: not required
@@ -38,14 +36,9 @@ class Requirements(NamedTuple):
         margin: float,
         returns: np.ndarray,
     ) -> Self:
-        """Check and convert requirements.
+        """Check and convert requirements; `choose` describes them.
 
-        Args:
-            objectives: their names.
-            constraints: least return by objective.
-            maximize: an objective.
-            margin: share of each objective's range by which its requirement must be exceeded.
-            returns: (K, m), which determine the ranges.
+        The returns (K, m) determine the ranges of objectives, of which the margin is a share.
 
         Raises:
             MorlaxError: there is no such objective, or a number is out of range.
@@ -63,12 +56,17 @@ class Requirements(NamedTuple):
                 raise MorlaxError(f"the required return of {name} is {value}: use a number.")
             index = objectives.index(name)
             least[index] = value + margin * span[index]
-        wanted = dict(constraints)
-        return cls(objectives, wanted, least, objectives.index(maximize), span)
+        return cls(objectives, dict(constraints), least, objectives.index(maximize), span)
 
     def kept(self, returns: np.ndarray) -> np.ndarray:
         """Return (n,) whether returns (n, m) keep every requirement, margins included."""
         return np.all(returns >= self.least, axis=1)
+
+    def best(self, returns: np.ndarray) -> int | None:
+        """Return which of returns (n, m) keeps every requirement and has most of the objective."""
+        kept = self.kept(returns)
+        value = np.where(kept, returns[:, self.maximized], -np.inf)
+        return int(value.argmax()) if kept.any() else None
 
     def choice(
         self,
@@ -80,9 +78,7 @@ class Requirements(NamedTuple):
     ) -> Choice:
         """Return the choice of a trade-off with returns and promised returns, (m,) each.
 
-        Args:
-            unconstrained: best return of the maximized objective without requirements.
-            simulated: number of simulated trade-offs.
+        `unconstrained`: best return of the maximized objective without requirements.
         """
         value = dict(zip(self.objectives, returns.tolist(), strict=True))
         return Choice(
@@ -97,8 +93,7 @@ class Requirements(NamedTuple):
     def missed(self, tradeoffs: np.ndarray, returns: np.ndarray, source: str) -> MorlaxError:
         """Say by how much the nearest of trade-offs and returns, (n, m) each, misses.
 
-        Args:
-            source: what the returns are: "simulated" or "evaluated".
+        The returns are "simulated" or "evaluated".
         """
         short = np.maximum(self.least - returns, 0.0)
         nearest = int((short / self.span).max(1).argmin())

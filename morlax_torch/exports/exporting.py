@@ -91,12 +91,10 @@ def program_of(module: nn.Module, inputs: dict[str, Tensor]) -> ExportedProgram:
 
 def samples(policy: Policy, rows: int, with_tradeoff: bool) -> dict[str, Tensor]:
     """Draw inputs by name: observations (rows, O) as in training, and a trade-off (m,)."""
-    noise = torch.randn(rows, policy.agent.observation_size, generator=torch.Generator())
+    agent = policy.agent
+    noise = torch.randn(rows, agent.observation_size, generator=torch.Generator())
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
-    agent = policy.agent
     normalizer = normalizer_for(agent.actor, agent.observation_normalizer, tradeoff)
-    inputs = {"observation": normalizer.inverse(noise)}
-    if with_tradeoff:
-        inputs["tradeoff"] = tradeoff
-    return inputs
+    inputs = {"observation": normalizer.inverse(noise), "tradeoff": tradeoff}
+    return inputs if with_tradeoff else {"observation": inputs["observation"]}

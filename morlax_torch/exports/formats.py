@@ -48,16 +48,7 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
 def onnx_model(
     program: ExportedProgram, outputs: Sequence[str], inputs: Sequence[str] | None = None
 ) -> Any:
-    """Return a program as an ONNX ModelProto.
-
-    Args:
-        program: to convert.
-        outputs: names of its outputs.
-        inputs: names of its inputs; None: as in the program.
-
-    Raises:
-        MorlaxError: the extra is not installed.
-    """
+    """Return a program as an ONNX ModelProto, with these names of outputs and inputs."""
     onnxruntime()
     exported = torch.onnx.export(
         program, dynamo=True, verbose=False, input_names=inputs, output_names=outputs
@@ -98,7 +89,6 @@ def read_torchscript(data: bytes) -> Callable[..., Tensor]:
 
 
 def write_torch_export(program: ExportedProgram, about: dict[str, Any]) -> bytes:
-    """Return an exported program with `about` in an extra JSON file."""
     file = io.BytesIO()
     torch.export.save(program, file, extra_files={EXTRA_FILE: json.dumps(about)})
     return file.getvalue()
@@ -116,11 +106,7 @@ FORMATS = {
 
 
 def onnxruntime() -> Any:
-    """Return onnxruntime, after checking that the whole extra is installed.
-
-    Raises:
-        MorlaxError: the extra is not installed.
-    """
+    """Return onnxruntime; raises MorlaxError unless the whole extra is installed."""
     try:
         import onnx  # noqa: F401
         import onnxruntime as runtime

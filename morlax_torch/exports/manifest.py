@@ -20,12 +20,7 @@ STEP = 2**-6  # of an action, to measure the slope of its control; exact in bina
 
 
 def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[str, Any]:
-    """Return the task, the order and units of inputs and outputs, and the control rate.
-
-    Args:
-        policy: to export.
-        tradeoff: (m,) of the exported policy; None if it is an input.
-    """
+    """Return the task, the order and units of inputs and outputs, and the control rate."""
     config = policy.config
     env = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
     return {

@@ -11,9 +11,22 @@ from ..evaluation import pareto
 from ..evaluation.front import Front
 from ..files import AnyPath, read
 from ..networks.policy import Policy
+from ..runs.hardware import Machine
+from ..runs.history import History
 from ..runs.loading import find_run
 
 BUFFERS = {"nconmax", "njmax"}  # task options that do not change returns
+
+
+class Evaluated(NamedTuple):
+    """A run and its evaluation."""
+
+    path: str  # as given on the command line
+    policy: Policy
+    front: Front
+    history: History | None  # of training; None: unknown
+    measures: dict[str, float]
+    machines: Sequence[Machine] = ()  # that trained it, in order; empty: unknown
 
 
 class Quartiles(NamedTuple):
@@ -27,10 +40,8 @@ class Quartiles(NamedTuple):
 def names(runs: Sequence[AnyPath]) -> list[str]:
     """Return a short name for each run: the shortest end of its path that is unique.
 
-    A checkpoint is named after its run and its file, such as `20261120-054533-0-latest`.
-
-    Raises:
-        MorlaxError: a run is given twice.
+    A checkpoint is named after its run and its file, such as `20261120-054533-0-latest`. Raises
+    MorlaxError if a run is given twice.
     """
     paths = []
     for run in runs:
@@ -47,11 +58,7 @@ def names(runs: Sequence[AnyPath]) -> list[str]:
 
 
 def check_comparable(policies: Mapping[str, Policy]) -> None:
-    """Check that the returns of policies, given by name, can be compared.
-
-    Raises:
-        MorlaxError: task, objectives or an option that changes returns differ.
-    """
+    """Raise MorlaxError unless the returns of policies, given by name, can be compared."""
     (first, one), *others = policies.items()
     for name, other in others:
         if one.config.env != other.config.env:
@@ -81,16 +88,13 @@ def _same(option: str, mine: Any, theirs: Any) -> bool:
 
 
 def union(fronts: Sequence[Front]) -> np.ndarray:
-    """Return the non-dominated points (n, m) of all fronts together."""
     return pareto.front(np.concatenate([front.returns for front in fronts]))
 
 
 def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, float]:
     """Return the indicators, mean episode length in control steps, and ranges of returns, by name.
 
-    Args:
-        front: to measure.
-        reference_front: (n, m) for IGD+ (None: IGD+ is left out).
+    Without a reference front (n, m), IGD+ is left out.
     """
     found = front.indicators(reference_front)
     found["episode_length"] = float(front.lengths.mean())

@@ -17,10 +17,11 @@ from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
 from ..runs.history import History
-from ..runs.loading import SHIPPED, find_checkpoint, find_run, load, trust_run
+from ..runs.loading import find_checkpoint, find_run, load, own_folder, trust_run
 from . import comparison
+from .comparison import Evaluated
 from .page import number, words
-from .results import Evaluated, write
+from .results import write
 
 PROTOCOLS = {
     "latched": "a return ends with the first failed step",
@@ -62,12 +63,11 @@ def evaluate_runs(
     named = dict(zip(comparison.names(runs), runs, strict=True))
     policies = {name: load(run, place) for name, run in named.items()}
     comparison.check_comparable(policies)
-    usual = [policy.config.evaluation for policy in policies.values()]
-    if tradeoffs is None:
-        tradeoffs = max(evaluation.tradeoffs for evaluation in usual)
-    if seeds is None:
-        seeds = max(evaluation.seeds for evaluation in usual)
-    histories = {name: history(run) for name, run in named.items()}
+    first, usual = next(iter(policies.values())), [p.config.evaluation for p in policies.values()]
+    tradeoffs = max(each.tradeoffs for each in usual) if tradeoffs is None else tradeoffs
+    seeds = max(each.seeds for each in usual) if seeds is None else seeds
+    curves = {name: find_run(run) / "metrics.csv" for name, run in named.items()}
+    histories = {name: History.load(p) if p.is_file() else None for name, p in curves.items()}
     machines = {name: read_machines(find_run(run)) for name, run in named.items()}
 
     def evaluated(policy: Policy) -> Front:
@@ -81,52 +81,32 @@ def evaluate_runs(
     }
     if target is None and len(fronts) > 1:
         target = comparison.union(list(fronts.values()))
-    found = {
-        name: Evaluated(
-            run,
-            policies[name],
-            fronts[name],
-            histories[name],
-            comparison.measures(fronts[name], target),
-            machines[name],
-        )
-        for name, run in named.items()
-    }
+    found = {}
+    for name, run in named.items():
+        about_run = histories[name], comparison.measures(fronts[name], target), machines[name]
+        found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
     folder = output or default_output(runs)
-    objectives = ", ".join(next(iter(fronts.values())).objectives)
     about = (
-        f"Objectives: {objectives}. {tradeoffs} trade-offs on {place}, "
+        f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on {place}, "
         f"{f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
         f"Protocol {protocol}: {PROTOCOLS[protocol]}."
     )
     if target is not None:
         source = reference or "the non-dominated points of all runs"
         about += f" Reference of IGD+: {source}, {len(target)} points."
-    write(found, folder, about, typed, portrait(next(iter(policies.values()))))
-    if output is None and len(runs) == 1 and find_run(runs[0]).parent != SHIPPED:
+    write(found, folder, about, typed, portrait(first))
+    if output is None and len(runs) == 1 and own_folder(runs[0]):
         (path,), (front,) = files.values(), fronts.values()
         front.save(front_path(path))  # where `load_front` looks
     return found, folder
 
 
-def history(run: str) -> History | None:
-    """Load the training history of a run, if it has a metrics.csv."""
-    path = find_run(run) / "metrics.csv"
-    return History.load(path) if path.is_file() else None
-
-
 def reference_front(
     source: str, policies: Mapping[str, Policy], evaluated: Callable[[Policy], Front]
 ) -> np.ndarray:
-    """Return the non-dominated points (n, m) of a reference front.
+    """Return the non-dominated points (n, m) of a reference: of an .npz file, or of a run.
 
-    Args:
-        source: an .npz file, or a run to evaluate.
-        policies: of the evaluated runs, by name.
-        evaluated: evaluates a policy.
-
-    Raises:
-        MorlaxError: the reference cannot be loaded or compared, or has no finite returns.
+    Raises MorlaxError if it cannot be loaded or compared, or has no finite returns.
     """
     if source.endswith(".npz"):
         front = Front.load(Path(source))
@@ -150,9 +130,9 @@ def default_output(runs: Sequence[str]) -> Path:
 
     So for a checkpoint that is not the run's best: the files in its folder are of best.pt.
     """
-    folder, path = find_run(runs[0]), Path(runs[0])
+    folder, path = own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
-    if len(runs) > 1 or folder.parent == SHIPPED or other:
+    if len(runs) > 1 or folder is None or other:
         return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
     return folder
 

@@ -4,15 +4,16 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import resources
 
 import matplotlib as mpl
-import yaml
 from matplotlib.figure import Figure
 
 from ..colors import of_objectives
 from ..configuration.config import Config
+from ..configuration.files import write_yaml
 from ..evaluation.figures.style import FILES
-from .comparison import Quartiles
+from .comparison import Evaluated, Quartiles
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",
@@ -27,96 +28,54 @@ MEANINGS = {
     "episode_length": "mean episode length in control steps",
 }
 NARROW = 16  # characters that fit into a column of facts
-STYLE = """
-:root { color-scheme: light dark; --ink: #1c2024; --paper: #fdfdfc; --faint: #6b737b;
-  --line: #d9dde1 }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e4e7ea; --paper: #16191c; --faint: #8f979f; --line: #363c42 }
-}
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
-  max-width: 68rem; margin: 2.5rem auto; padding: 0 1.2rem; overflow-wrap: anywhere }
-h1 { font-size: 1.7rem; line-height: 1.2 } h2 { font-size: 1.2rem; margin-top: 2.4rem }
-.top { display: flex; flex-wrap: wrap; gap: 1.2rem 2.4rem; align-items: flex-start }
-.top > div { flex: 1 1 20rem; min-width: 0 }
-.top img { flex: 0 1 auto; width: 26rem; max-width: 100% }
-.chips { display: flex; flex-wrap: wrap; gap: .4rem 1.2rem; margin: 0 0 1rem; padding: 0 }
-.chips li { list-style: none } .chips i { display: inline-block; width: .8em; height: .8em;
-  border-radius: 50%; margin-right: .4em }
-dl { display: grid; grid-template-columns: repeat(auto-fill, minmax(9rem, 1fr)); gap: .8rem 1.2rem;
-  margin: 0 }
-dl .wide { grid-column: span 2 }
-dt { color: var(--faint); font-size: .85rem } dd { margin: 0; font-weight: 600 }
-.scroll { overflow-x: auto }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums }
-th, td { padding: .3rem .9rem .3rem 0; text-align: right; border-bottom: 1px solid var(--line);
-  white-space: nowrap }
-.facts td.words { display: none }
-.facts td { white-space: normal; min-width: 8rem; overflow-wrap: normal }
-th:first-child, td:first-child, td.words { text-align: left }
-td.words { color: var(--faint); white-space: normal; min-width: 16rem; overflow-wrap: normal }
-pre { overflow-x: auto; padding: .8rem 1rem; border: 1px solid var(--line); border-radius: 6px;
-  font-size: .85rem; white-space: pre-wrap }
-figure { margin: 1.2rem 0 2rem } figcaption { color: var(--faint); font-size: .92rem }
-img { max-width: 100%; background: white; border-radius: 6px }
-@media (max-width: 40rem) {
-  body { margin: 1.2rem auto; padding: 0 .9rem }
-  td.words { min-width: 8.5rem; font-size: .8rem; line-height: 1.35 }
-  th, td { padding-right: .6rem }
-  td:first-child { white-space: normal; min-width: 6rem; overflow-wrap: normal }
-  figure img { max-width: none; width: min(var(--natural), 38rem) }
-}
-"""
 
 
 def report(
     title: str,
     about: str,
     command: str,
-    measured: Mapping[str, Mapping[str, float]],
+    found: Mapping[str, Evaluated],
     summary: Mapping[str, Quartiles],
     figures: Sequence[tuple[str, Figure]],
-    configs: Mapping[str, Config],
     facts: Mapping[str, Mapping[str, str]],
-    objectives: Sequence[str],
     portrait: bytes | None = None,
 ) -> str:
-    """Return the report as HTML.
+    """Return the report as HTML, see `write`.
 
     Args:
         title: the task and its runs.
         about: how they were evaluated, in a sentence or two.
         command: the command line of the evaluation.
-        measured: run -> measure -> value.
+        found: evaluations by run name.
         summary: measure -> quartiles over runs; empty for a single run.
         figures: captions and figures.
-        configs: run -> training config.
         facts: run -> name -> text.
-        objectives: of the task.
         portrait: picture of the robot as PNG (None: leave it out).
     """
+    objectives = next(iter(found.values())).front.objectives
+    style = (resources.files(str(__package__)) / "page.css").read_text()
     parts = [
         f"<h1>{escape(title)}</h1>",
         _top(facts, objectives, portrait),
         f"<p>{escape(about)}</p>",
         f"<pre>{escape(command)}</pre>",
         "<h2>Indicators</h2>",
-        _table(measured, summary),
+        _table({name: run.measures for name, run in found.items()}, summary),
         "<h2>Figures</h2>",
         *(_picture(caption, figure) for caption, figure in figures),
         "<h2>Training configs</h2>",
-        *(_config(name, config) for name, config in configs.items()),
+        *(_config(name, run.policy.config) for name, run in found.items()),
     ]
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n"
         + "\n".join(parts)
         + "\n</body>\n</html>\n"
     )
 
 
 def words(measure: str) -> str:
-    """Return the display name of a measure."""
     return "IGD+" if measure == "igd_plus" else measure.replace("_", " ")
 
 
@@ -127,7 +86,6 @@ def meaning(measure: str) -> str:
 
 
 def number(value: float) -> str:
-    """Format a value with four digits."""
     return f"{value:,.4g}"
 
 
@@ -145,21 +103,16 @@ def _top(
 
 def _facts(facts: Mapping[str, Mapping[str, str]]) -> str:
     """Return the facts of one run as a list, and those of several as a table."""
-    names = list(dict.fromkeys(name for run in facts.values() for name in run))
     if len(facts) == 1:
-        (run,) = facts.values()
-        items = (_fact(name, text) for name, text in run.items())
-        return f"<dl>{''.join(items)}</dl>"
-    rows = [_row("th", ["", *facts, ""])]
-    rows += [
-        _row("td", [name, *(run.get(name, "") for run in facts.values()), ""]) for name in names
-    ]
-    return f'<div class="scroll"><table class="facts">{"".join(rows)}</table></div>'
-
-
-def _fact(name: str, text: str) -> str:
-    wide = ' class="wide"' if len(text) > NARROW else ""
-    return f"<div{wide}><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>"
+        items = ""
+        for name, text in next(iter(facts.values())).items():
+            wide = ' class="wide"' if len(text) > NARROW else ""
+            items += f"<div{wide}><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>"
+        return f"<dl>{items}</dl>"
+    rows = _row("th", ["", *facts, ""])
+    for name in dict.fromkeys(name for run in facts.values() for name in run):
+        rows += _row("td", [name, *(run.get(name, "") for run in facts.values()), ""])
+    return f'<div class="scroll"><table class="facts">{rows}</table></div>'
 
 
 def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Quartiles]) -> str:
@@ -199,5 +152,5 @@ def _image(about: str, kind: str, content: bytes) -> str:
 
 
 def _config(name: str, config: Config) -> str:
-    text = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
-    return f"<details><summary>{escape(name)}</summary><pre>{escape(text)}</pre></details>"
+    text = escape(write_yaml(config))
+    return f"<details><summary>{escape(name)}</summary><pre>{text}</pre></details>"

@@ -5,7 +5,6 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,10 +14,9 @@ from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front, hypervolume_in
 from ..files import make_folder, write_file
-from ..networks.policy import Policy
 from ..runs.hardware import Machine
 from ..runs.history import History
-from . import comparison
+from .comparison import Evaluated, quartiles
 from .page import report
 
 MOST_NAMES = 4  # in a title
@@ -30,14 +28,6 @@ def facts(
     measures: Mapping[str, float],
     machines: Sequence[Machine] = (),
 ) -> dict[str, str]:
-    """Return facts by name, each as text.
-
-    Args:
-        config: that the run was trained with.
-        history: of its training, if it is known.
-        measures: of its evaluation.
-        machines: that trained it, in order; empty if they are unknown.
-    """
     found = {
         "algorithm": config.algorithm,
         "random seed": str(config.seed),
@@ -75,17 +65,6 @@ def duration(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-class Evaluated(NamedTuple):
-    """A run and its evaluation."""
-
-    path: str  # as given on the command line
-    policy: Policy
-    front: Front
-    history: History | None  # of training; None: unknown
-    measures: dict[str, float]
-    machines: Sequence[Machine] = ()  # that trained it, in order; empty: unknown
-
-
 def write(
     found: Mapping[str, Evaluated],
     folder: Path,
@@ -95,15 +74,7 @@ def write(
 ) -> None:
     """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
 
-    Args:
-        found: evaluations by run name.
-        folder: of the output.
-        about: how the runs were evaluated, in a sentence or two.
-        typed: the command line of the evaluation.
-        portrait: picture of the robot as PNG (None: leave it out).
-
-    Raises:
-        MorlaxError: a file or folder cannot be written.
+    For the arguments see `report`.
     """
     drawn: list[tuple[str, Figure]] = []
     several = len(found) > 1
@@ -128,24 +99,19 @@ def write(
         for stem, caption, figure in pictures(run.front, f"{task}: {name}"):
             figures.save(figure, place / stem)
             drawn.append((f"{name}: {caption}", figure))
-    measured = {name: run.measures for name, run in found.items()}
-    quartiles = comparison.quartiles(list(measured.values())) if several else {}
+    summary = quartiles([run.measures for run in found.values()]) if several else {}
     write_rows(folder / "indicators.csv", indicator_rows(found))
     if several:
         heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
-        rows = ([name, *three, len(found)] for name, three in quartiles.items())
+        rows = ([name, *three, len(found)] for name, three in summary.items())
         write_rows(folder / "summary.csv", [heads, *rows])
     heading = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
-    configs = {name: run.policy.config for name, run in found.items()}
     known = {
         name: {"checkpoint": run.front.checkpoint}
         | facts(run.policy.config, run.history, run.measures, run.machines)
         for name, run in found.items()
     }
-    objectives = next(iter(found.values())).policy.objectives
-    text = report(
-        heading, about, typed, measured, quartiles, drawn, configs, known, objectives, portrait
-    )
+    text = report(heading, about, typed, found, summary, drawn, known, portrait)
     write_file(folder / "report.html", text)
 
 
@@ -164,35 +130,24 @@ def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
 
 
 def front_rows(front: Front) -> list[list]:
-    """Return a header and a row for each trade-off."""
     assert front.falls is not None
     heads = [
         *(f"tradeoff_{name}" for name in front.objectives),
         *(f"return_{name}" for name in front.objectives),
         *("length", "falls", "non_dominated", "obeys"),
     ]
-    numbers = np.column_stack([front.tradeoffs, front.returns])
+    numbers = np.column_stack([front.tradeoffs, front.returns]).tolist()
     marks = np.column_stack([front.lengths, front.falls, front.non_dominated, front.obeys])
-    return [
-        heads,
-        *(
-            [*row.tolist(), *(f"{mark:g}" for mark in some)]
-            for row, some in zip(numbers, marks, strict=True)
-        ),
-    ]
+    pairs = zip(numbers, marks, strict=True)
+    return [heads, *([*row, *(f"{mark:g}" for mark in some)] for row, some in pairs)]
 
 
 def indicator_rows(found: Mapping[str, Evaluated]) -> list[list]:
-    """Return a header and a row for each run."""
-    rows = [
-        [
-            *map(cell, (name, run.path, run.policy.config.env)),
-            run.policy.config.seed,
-            *run.measures.values(),
-        ]
-        for name, run in found.items()
-    ]
-    return [["run", "path", "env", "seed", *next(iter(found.values())).measures], *rows]
+    rows: list[list] = [["run", "path", "env", "seed", *next(iter(found.values())).measures]]
+    for name, run in found.items():
+        config = run.policy.config
+        rows.append([*map(cell, (name, run.path, config.env)), config.seed, *run.measures.values()])
+    return rows
 
 
 def cell(name: str) -> str:
@@ -201,7 +156,6 @@ def cell(name: str) -> str:
 
 
 def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write a CSV file."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     write_file(path, text.getvalue())

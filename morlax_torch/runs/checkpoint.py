@@ -25,13 +25,7 @@ RUNS, LATEST = Path("runs"), "latest"
 
 
 def describe(env: Worlds) -> Task:
-    """Return the properties that a checkpoint and an environment must share."""
-    return Task(
-        objectives=env.objectives,
-        observation_size=env.observation_size,
-        action_size=env.action_size,
-        privileged_size=env.privileged_size,
-    )
+    return Task.model_validate(env, from_attributes=True)
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:
@@ -62,7 +56,6 @@ def write_snapshot(path: Path, contents: dict[str, Any], progress: Progress) -> 
 
 
 def _on_cpu(state: Any) -> Any:
-    """Return nested values with their tensors on the CPU."""
     if isinstance(state, Tensor):
         return state.cpu()
     if isinstance(state, dict):
@@ -130,12 +123,7 @@ def _check_sums(whole: IO[bytes]) -> None:
 
 
 def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
-    """Check the config of a checkpoint that was read from `path`.
-
-    Args:
-        contents: as `load` returns them.
-        path: for error messages.
-        trust: allow the code that the config names.
+    """Return the config of a checkpoint that was read from `path`; `trust` allows its code.
 
     Raises:
         MorlaxError: a value is wrong, or the config names code that is not trusted.
@@ -161,11 +149,7 @@ def newest_runs(folder: Path) -> list[Path]:
 
 
 def named_run(run: AnyPath) -> Path:
-    """Return the path that a user means: the newest run of a folder of runs, or of "latest".
-
-    Raises:
-        MorlaxError: it is "latest", and there is no run.
-    """
+    """Return the path that a user means: the newest run of a folder of runs, or of "latest"."""
     path = Path(run)
     if str(run) == LATEST and not exists(path):
         path = RUNS
@@ -178,27 +162,18 @@ def named_run(run: AnyPath) -> Path:
 
 
 def folder_of(path: Path) -> Path:
-    """Return the run's folder of a checkpoint."""
     return path.parent.parent if path.parent.name == "checkpoints" else path.parent
 
 
 def front_path(path: Path) -> Path:
-    """Return the file of a checkpoint's front: the run's front.npz of best.pt, NAME.npz of NAME.pt.
-
-    Args:
-        path: the checkpoint.
-    """
+    """Return the file of a checkpoint's front: the run's front.npz if it is best.pt, NAME.npz."""
     if path.name == "best.pt" and path.parent.name == "checkpoints":
         return folder_of(path) / "front.npz"
     return path.with_suffix(".npz")
 
 
 def fingerprint(agent: Mapping[str, Tensor]) -> str:
-    """Return a short text that tells policies apart: equal only if they are equal bit for bit.
-
-    Args:
-        agent: tensors of the agent by name, with or without critics.
-    """
+    """Return a short text of the agent's tensors, equal only if policies are equal bit for bit."""
     digest = hashlib.sha256()
     for name in sorted(agent):
         if name.startswith(POLICY):

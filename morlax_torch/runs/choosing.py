@@ -66,16 +66,9 @@ def choose(
 
 
 class Chooser:
-    """Chooses trade-offs of a policy by simulation.
+    """Chooses trade-offs of a policy by simulation on its device.
 
-    Args:
-        policy: its device runs the worlds.
-        front: evaluated trade-offs to start from; None: simulate some first.
-        seeds: episodes per trade-off, see `choose`.
-        seed: random seed of the worlds.
-
-    Raises:
-        MorlaxError: a number is out of range, or the task is not random although `seeds` > 1.
+    It starts from an evaluated front; without one, it simulates some trade-offs first.
     """
 
     def __init__(
@@ -94,7 +87,6 @@ class Chooser:
     def choose(
         self, constraints: Mapping[str, float], maximize: str, margin: float | None = None
     ) -> Choice:
-        """Return the best trade-off that keeps the requirements, see `choose`."""
         if margin is None:
             margin = RANDOM_MARGIN if self._random else 0.0
         names, (tradeoffs, returns, simulated) = self._policy.objectives, self._start
@@ -128,12 +120,10 @@ class Chooser:
             finalists = np.append(group, free)
             again = self._simulate(evaluator, found.tradeoffs[finalists])
             tried, returns = np.append(tried, finalists), np.vstack([returns, again])
-            kept = required.kept(returns)
-            if kept.any():
-                value = returns[:, required.maximized]
-                best = int(np.where(kept, value, -np.inf).argmax())
+            if (best := required.best(returns)) is not None:
                 row = found.tradeoffs[tried[best]], returns[best], found.promised[tried[best]]
-                return required.choice(*row, float(value[-1]), simulated)
+                most = float(returns[-1, required.maximized])
+                return required.choice(*row, most, simulated)
         raise required.missed(found.tradeoffs[tried], returns, "simulated")
 
     def _evaluated(self, front: Front | None) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -161,15 +151,12 @@ class Chooser:
 def _of_evaluated(
     front: Front, constraints: Mapping[str, float], maximize: str, margin: float
 ) -> Choice:
-    """Return the best evaluated trade-off."""
     finite = np.isfinite(front.returns).all(1)
     if not finite.any():
         raise MorlaxError("the front has no finite returns: evaluate the run again.")
     tradeoffs, returns = front.tradeoffs[finite], front.returns[finite]
     required = Requirements.of(front.objectives, constraints, maximize, margin, returns)
-    value, kept = returns[:, required.maximized], required.kept(returns)
-    if not kept.any():
+    best, most = required.best(returns), float(returns[:, required.maximized].max())
+    if best is None:
         raise required.missed(tradeoffs, returns, "evaluated")
-    best = int(np.where(kept, value, -np.inf).argmax())
-    row = tradeoffs[best], returns[best], returns[best]
-    return required.choice(*row, float(value.max()), 0)
+    return required.choice(tradeoffs[best], returns[best], returns[best], most, 0)

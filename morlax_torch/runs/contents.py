@@ -48,8 +48,6 @@ def _plain(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Task(BaseModel):
-    """Properties that a checkpoint and an environment must share."""
-
     objectives: Annotated[tuple[str, ...], AfterValidator(_plain)]
     observation_size: Size
     action_size: Size
@@ -95,12 +93,7 @@ def check_state(stored: object, own: object, name: str = "state", listed: bool =
     """Check a state that a learner is about to load.
 
     Keys that only one of both has are left to the learner, which knows what it can do without.
-
-    Args:
-        stored: the nested state of a checkpoint.
-        own: the learner's own state, of the same structure.
-        name: for error messages.
-        listed: whether the value is in a list, whose tensors may have another length.
+    Tensors in lists (`listed`) may have another length.
 
     Raises:
         ValueError: a value has another type or shape, or is not finite.

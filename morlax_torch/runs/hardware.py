@@ -38,13 +38,11 @@ class Machine(BaseModel):
     simulator: str = "unknown"
 
     def hardware(self) -> str:
-        """Describe the hardware in a few words."""
         several = f"{self.processes} x " if self.processes > 1 else ""
         cores = "" if self.cores is None else f", {self.cores} CPU core{'s' * (self.cores > 1)}"
         return f"{several}{self.device}{cores}"
 
     def software(self) -> str:
-        """Name the software and its versions."""
         return f"PyTorch {self.torch}, {self.simulator}"
 
 
@@ -56,7 +54,6 @@ class Machines(BaseModel):
 
 
 def this_machine(learner: Learner) -> Machine:
-    """Return the machine that is about to train a learner."""
     return Machine(
         device=device_name(learner.env.device),
         processes=learner.group.size,
@@ -67,11 +64,7 @@ def this_machine(learner: Learner) -> Machine:
 
 
 def read_machines(folder: Path) -> list[Machine]:
-    """Return the machines that trained a run, in order; none if the run does not name them.
-
-    Raises:
-        MorlaxError: hardware.yaml is damaged.
-    """
+    """Return the machines that trained a run, in order; none if the run does not name them."""
     path = folder / FILE
     if not path.exists():
         return []
@@ -82,23 +75,16 @@ def read_machines(folder: Path) -> list[Machine]:
 
 
 def write_machines(folder: Path, machines: list[Machine]) -> None:
-    """Write hardware.yaml."""
     write_file(folder / FILE, write_yaml(Machines(machines=machines)))
 
 
 def resumed(machines: list[Machine], now: Machine) -> list[Machine]:
-    """Return the machines of a run that continues on another one, or on the same.
-
-    Args:
-        machines: that trained it so far; empty if the run does not name them.
-        now: the machine that continues.
-    """
+    """Return the machines of a run, empty if it names none, and the one that continues it."""
     known = machines or [Machine()]
     return known if known[-1] == now else [*known, now]
 
 
 def device_name(device: torch.device) -> str:
-    """Return the name of a GPU, or of the CPU."""
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
     try:
@@ -110,7 +96,6 @@ def device_name(device: torch.device) -> str:
 
 
 def cores() -> int:
-    """Return how many CPU cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -37,12 +37,18 @@ def find_run(run: AnyPath) -> Path:
     if is_folder(path):
         return path
     shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
-    if str(run) in shipped:
-        return shipped[str(run)]
+    if str(path) in shipped:
+        return shipped[str(path)]
     raise MorlaxError(
         f"{path} does not exist: name the folder of a run, such as runs/ant/..., a .pt file, or a "
         f"shipped policy: {', '.join(sorted(shipped))}."
     )
+
+
+def own_folder(run: AnyPath) -> Path | None:
+    """Return the folder of a run, to write into; None if it is a shipped policy."""
+    folder = find_run(run)
+    return None if folder.parent == SHIPPED else folder
 
 
 def find_checkpoint(run: AnyPath) -> Path:
@@ -110,11 +116,7 @@ def load(
 
 
 def trust_run(run: AnyPath) -> None:
-    """Allow runs to name the code that this run names, in this process.
-
-    Raises:
-        MorlaxError: there is no such run, or it is damaged.
-    """
+    """Allow runs to name the code that this run names, in this process."""
     trust_code(checkpoint.load(find_checkpoint(run)).config)
 
 
@@ -148,10 +150,6 @@ def start_from(run: str, learner: Learner) -> None:
     the others, and the critic starts anew. With the same objectives, a critic of the same size is
     copied too. All processes of the learner's group must call it; they start with what the first
     one read.
-
-    Args:
-        run: a run's folder, a checkpoint, or a shipped name.
-        learner: with a hypernetwork, like the run.
 
     Raises:
         MorlaxError: there is no such run, it has another objective, or its networks do not fit.

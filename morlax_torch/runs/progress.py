@@ -77,9 +77,7 @@ class Progress(BaseModel):
     def improved(self, selection: float, hypervolume: float) -> bool:
         """Store the hypervolumes of an evaluation; returns whether it is the best so far.
 
-        Args:
-            selection: hypervolume on the episodes that choose a checkpoint.
-            hypervolume: as reported.
+        `selection` is that of the episodes that choose a checkpoint.
         """
         self.hypervolume = hypervolume
         best = self.best_selection is None or selection > self.best_selection

@@ -33,11 +33,7 @@ def _names(config: dict[str, Any]) -> Iterator[str]:
 
 
 def copy_reward(config: Config, folder: Path) -> None:
-    """Copy the learned reward that the config names, if any, into a run's folder.
-
-    Raises:
-        MorlaxError: it cannot be read or written.
-    """
+    """Copy the learned reward that the config names, if any, into a run's folder."""
     task = config.task
     if isinstance(task, TaskOptions) and task.learned is not None:
         data = read(task.learned, "learned reward")

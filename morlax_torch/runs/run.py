@@ -19,7 +19,17 @@ from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import title
-from ..files import AnyPath, Taken, is_file, is_folder, making, remove_drafts, unused, write_file
+from ..files import (
+    AnyPath,
+    Taken,
+    attempting,
+    is_file,
+    is_folder,
+    making,
+    remove_drafts,
+    unused,
+    write_file,
+)
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
@@ -43,24 +53,18 @@ class RunLock:
         self._lock = FileLock(folder / "train.lock", timeout=0)
 
     def acquire(self) -> None:
-        """Take the lock.
-
-        Raises:
-            MorlaxError: another process, or another run object of this one, holds it, or the folder
-                cannot be written.
-        """
-        try:
-            self._lock.acquire()
-            self._owner.write_text(str(os.getpid()))
-        except Timeout:
-            owner = "another process"
-            with suppress(OSError):
-                owner = f"process {self._owner.read_text()}"
-            raise MorlaxError(
-                f"{self._folder} is being trained by {owner}: wait until it ends, or stop it."
-            ) from None
-        except OSError as error:
-            raise MorlaxError(f"cannot lock {self._folder}: {error.strerror or error}.") from None
+        """Take the lock, unless another process, or another run object of this one, holds it."""
+        with attempting(f"lock {self._folder}"):
+            try:
+                self._lock.acquire()
+                self._owner.write_text(str(os.getpid()))
+            except Timeout:
+                owner = "another process"
+                with suppress(OSError):
+                    owner = f"process {self._owner.read_text()}"
+                raise MorlaxError(
+                    f"{self._folder} is being trained by {owner}: wait until it ends, or stop it."
+                ) from None
 
     def release(self) -> None:
         """Give the lock back, if it is held."""
@@ -79,7 +83,6 @@ def taken(folder: Path) -> MorlaxError:
 
 
 def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
-    """Write the files of a new run."""
     (folder / "checkpoints").mkdir()
     checkpoint.write_snapshot(folder / "checkpoints" / "latest.pt", contents, Progress())
     write_file(folder / "config.yaml", write_yaml(learner.config))
@@ -190,10 +193,7 @@ class Run:
         return stored.model_copy(update={name: getattr(edited, name) for name in MAY_CHANGE})
 
     def limit_reached(self, config: Config) -> str | None:
-        """Return the option whose limit the run has reached, if nothing is left to do.
-
-        Args:
-            config: to resume the run with.
+        """Return the option whose limit a run resumed with `config` has reached, if any.
 
         Raises:
             MorlaxError: a file is damaged.
@@ -219,29 +219,30 @@ class Run:
         Raises:
             MorlaxError: another program trains the run, or the checkpoint does not fit.
         """
-        if learner.group.rank:
-            contents = checkpoint.load(self.checkpoints / "latest.pt")
-            checkpoint.restore(contents, self.folder, learner)
-            return _continued(contents, learner.config)
-        self._lock.acquire()
+        first, path = learner.group.rank == 0, self.checkpoints / "latest.pt"
+        if first:
+            self._lock.acquire()
         try:
-            path = self.checkpoints / "latest.pt"
             contents = checkpoint.load(path)
             checkpoint.restore(contents, path, learner)
-            metrics = self.folder / "metrics.csv"
-            if metrics.exists():
-                rows = read_rows(metrics)
-                self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
-            machines = resumed(read_machines(self.folder), this_machine(learner))
-            write_file(self.folder / "config.yaml", write_yaml(learner.config))
-            write_machines(self.folder, machines)
-            for folder in (self.folder, self.checkpoints):
-                remove_drafts(folder)
+            if first:
+                self._clear_up(learner)
         except BaseException:
             self._lock.release()
             raise
-        self._purge_step = learner.env_steps + 1
         return _continued(contents, learner.config)
+
+    def _clear_up(self, learner: Learner) -> None:
+        """Drop what was logged after the checkpoint, and update config.yaml and hardware.yaml."""
+        metrics, machines = self.folder / "metrics.csv", read_machines(self.folder)
+        if metrics.exists():
+            rows = read_rows(metrics)
+            self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
+        write_file(self.folder / "config.yaml", write_yaml(learner.config))
+        write_machines(self.folder, resumed(machines, this_machine(learner)))
+        for folder in (self.folder, self.checkpoints):
+            remove_drafts(folder)
+        self._purge_step = learner.env_steps + 1
 
     @property
     def checkpoints(self) -> Path:
@@ -253,12 +254,8 @@ class Run:
         """Write a `checkpoint.snapshot` to latest.pt, and to best.pt too if it is the best.
 
         Each has its front beside it, with the fingerprint of its policies, so that a program that
-        is killed in between leaves a front that is known to be of another checkpoint.
-
-        Args:
-            contents: the snapshot.
-            progress: of the run.
-            evaluation: of the snapshot, if it was evaluated.
+        is killed in between leaves a front that is known to be of another checkpoint. `evaluation`
+        is that of the snapshot, if it was evaluated.
         """
         best = evaluation is not None and evaluation.best
         for name in ("best.pt", "latest.pt") if best else ("latest.pt",):
@@ -293,16 +290,12 @@ class Run:
 
     @contextmanager
     def _written(self) -> "Iterator[Events]":
-        """Open the TensorBoard events for writing."""
-        try:
+        with attempting(f"write events in {self.folder}"):
             if self._events is None:
                 from .tensorboard import Events  # loads slowly
 
                 self._events = Events(self.folder, self._purge_step)
             yield self._events
-        except OSError as error:
-            reason = error.strerror or error
-            raise MorlaxError(f"cannot write events in {self.folder}: {reason}.") from None
 
     def close(self) -> None:
         """Write and close the TensorBoard events, and let other processes train the run."""

@@ -13,13 +13,9 @@ EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are space
 class Schedule:
     """The limits of a learner's config, in iterations and seconds.
 
-    Without `evaluation.every` and `evaluate_at`, evaluations are spaced by their cost, so that
-    they take about EVALUATION_SHARE of the training loop's time.
-
-    Args:
-        learner: that trains.
-        progress: read live while training updates it.
-        evaluate_at: training seconds at which to evaluate, instead of the config's interval.
+    Evaluations come at the training seconds `evaluate_at`, else at the config's interval. Without
+    both they are spaced by their cost, so that they take about EVALUATION_SHARE of the training
+    loop's time. `progress` is read live while training updates it.
     """
 
     def __init__(

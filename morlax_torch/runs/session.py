@@ -1,6 +1,7 @@
 """Everything that training needs, from a config."""
 
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
 from typing import Self
 
 from torch import nn
@@ -18,25 +19,14 @@ from .run import Run
 from .training import make_evaluator, make_worlds, training
 
 
+@dataclass
 class Session:
-    """Worlds with their learner, its evaluator, and the run that is written.
+    """Worlds with their learner, its evaluator, and the run that is written, if any."""
 
-    Args:
-        learner: to train.
-        evaluator: of the learner's agent.
-        run: the run's folder; None: nothing is written.
-        progress: of a run that is resumed.
-    """
-
-    def __init__(
-        self,
-        learner: Learner,
-        evaluator: Evaluator,
-        run: Run | None = None,
-        progress: Progress | None = None,
-    ):
-        self.learner, self.evaluator, self.run = learner, evaluator, run
-        self.progress = Progress() if progress is None else progress
+    learner: Learner
+    evaluator: Evaluator
+    run: Run | None
+    progress: Progress
 
     @classmethod
     def of(
@@ -52,14 +42,7 @@ class Session:
         """Make worlds, learner, evaluator and run of a config.
 
         Started by `torchrun`, all processes share the run, which the first one writes.
-
-        Args:
-            config: the config.
-            run: a run to resume, instead of a new one.
-            output: folder of a new run (None: runs/<task>/<time>-<seed>).
-            actor: replaces the config's actor, see `MORLAX`.
-            critic: replaces the config's critic, see `MORLAX`.
-            written: False: write no new run.
+        `morlax_torch.train` describes the arguments; unless `written`, no new run is made.
 
         Raises:
             MorlaxError: the processes do not agree, the config does not fit this machine, or the
@@ -75,7 +58,8 @@ class Session:
             return cls(learner, evaluator, run, run.restore(learner))
         if config.start_from is not None:
             start_from(config.start_from, learner)
-        return cls(learner, evaluator, Run.create(learner, output) if written else None)
+        run = Run.create(learner, output) if written else None
+        return cls(learner, evaluator, run, Progress())
 
     def training(
         self,
@@ -86,23 +70,12 @@ class Session:
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the config, and yield each evaluation; see `training`."""
         run = self.run if self.learner.group.rank == 0 else None
-        return training(
-            self.learner,
-            self.evaluator,
-            run,
-            self.progress,
-            began,
-            stopped=stopped,
-            evaluate_at=evaluate_at,
-        )
+        own = self.learner, self.evaluator, run, self.progress
+        return training(*own, began, stopped=stopped, evaluate_at=evaluate_at)
 
 
 def _shared(run: Run | None, group: Group) -> Run | None:
-    """Return the run to go on with, if the first process has one.
-
-    Raises:
-        MorlaxError: it has one, and this process does not find it.
-    """
+    """Return the run to go on with, if the first process has one."""
     if not group.first(run is not None):
         return None  # this host may have an older folder of that name
     if run is None:

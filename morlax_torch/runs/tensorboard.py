@@ -17,12 +17,7 @@ from .progress import Evaluation
 
 
 class Events:
-    """Writes the events of one session of a run.
-
-    Args:
-        folder: of the run, with its config.yaml and hardware.yaml.
-        purge_step: TensorBoard drops events of earlier sessions from this step on.
-    """
+    """Writes the events of one session of a run; earlier ones are dropped from `purge_step` on."""
 
     def __init__(self, folder: Path, purge_step: int | None):
         self._folder, self._writer = folder, SummaryWriter(str(folder), purge_step=purge_step)
@@ -33,7 +28,6 @@ class Events:
             self._writer.add_text(tag, text)
 
     def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
-        """Write metrics of training."""
         for name, value in metrics.items():
             self._writer.add_scalar(f"train/{name}", value, env_steps)
 
@@ -72,7 +66,6 @@ class Events:
             self._writer.file_writer.add_summary(summary)
 
     def close(self) -> None:
-        """Write the remaining events."""
         self._writer.close()
 
 

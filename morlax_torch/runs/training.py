@@ -6,13 +6,12 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import nullcontext
 from functools import partial
 
-from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import seed_of
 from ..evaluation import making
-from ..evaluation.evaluator import SETS, Evaluator, Protocol
+from ..evaluation.evaluator import SETS, Evaluator
 from ..evaluation.front import Front
 from ..torchrun import launch
 from . import checkpoint
@@ -67,10 +66,10 @@ def training(
     began -= progress.total_seconds
     progress.processes, progress.launch = learner.group.size, launch()
     schedule = Schedule(learner, progress, evaluate_at)
-    known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
-    evaluated = learner.iteration if known else None
     # worlds that start anew count from zero
     earlier = progress.blowups - sum(learner.group.gather(int(learner.env.blowups)))
+    known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
+    evaluated = learner.iteration if known else None
     with run or nullcontext(), Writer(MOST_WAITING if run else 0) as writer:
         try:
             learner.compile()
@@ -99,7 +98,6 @@ def training(
 
 
 def _next(stopped: Callable[[], bool], schedule: Schedule) -> tuple[bool, bool, bool]:
-    """Return whether training is interrupted, whether it is finished, and whether to evaluate."""
     interrupted = stopped()
     finished = interrupted or schedule.over()
     return interrupted, finished, schedule.evaluation_due() or (finished and not interrupted)
@@ -108,11 +106,7 @@ def _next(stopped: Callable[[], bool], schedule: Schedule) -> tuple[bool, bool, 
 def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: Run | None) -> Job:
     """Copy the state that an evaluation is of, and return a job that measures and writes it.
 
-    Args:
-        learner: that was evaluated.
-        fronts: of each set of episodes: the first is reported, the last chooses the checkpoint.
-        progress: of the run.
-        run: where to write; None: nowhere.
+    Of the `fronts` of each set of episodes, the first is reported, the last chooses the checkpoint.
     """
     iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
     contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
@@ -122,16 +116,10 @@ def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: 
         if run:
             mark = checkpoint.fingerprint(contents["learner"]["agent"])
             front = front._replace(fingerprint=mark)
+        spent = now.train_seconds, now.total_seconds, now.steps_per_second, now.blowups
+        chosen_by = others[0].indicators() if others else None
         evaluation = Evaluation(
-            iteration,
-            env_steps,
-            now.train_seconds,
-            now.total_seconds,
-            now.steps_per_second,
-            now.blowups,
-            front,
-            front.indicators(),
-            others[0].indicators() if others else None,
+            iteration, env_steps, *spent, front, front.indicators(), selection=chosen_by
         )
         best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
         evaluation = evaluation._replace(best=best)
@@ -147,27 +135,17 @@ def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: 
 
 def make_worlds(config: Config, number: int, rank: int = 0) -> Worlds:
     """Make the worlds that `config` trains in, in the process `rank`."""
-    return envs.make(
-        config.env,
-        number,
-        config.device,
-        config.backend,
-        seed_of(config.seed, rank),
-        deterministic=config.deterministic,
-        **config.task.model_dump(),
-    )
+    return config.make_worlds(number, seed_of(config.seed, rank))
 
 
-def make_evaluator(learner: Learner, protocol: Protocol = "latched") -> Evaluator:
+def make_evaluator(learner: Learner) -> Evaluator:
     """Make the evaluator of a learner's agent.
 
     Where a task is random, it has a second set of episodes, to choose the best checkpoint by.
     """
     config, m = learner.config, len(learner.env.objectives)
     sets = SETS if config.task.for_evaluation().varies else 1
-    return making.make_evaluator(
-        learner.agent, config, m, learner.group, protocol=protocol, sets=sets
-    )
+    return making.make_evaluator(learner.agent, config, m, sets=sets, group=learner.group)
 
 
 def _iterate(
@@ -201,21 +179,19 @@ def _iterate(
     progress.train_seconds += elapsed
     progress.env_steps = learner.env_steps
     progress.steps_per_second = (learner.iteration - first) * learner.steps_per_iteration / elapsed
-    _check(metrics, learner, first, run)
-    worlds = learner.config.worlds * learner.group.size
-    if progress.blowups - blowups >= worlds * (learner.iteration - first):
-        raise MorlaxError(
-            f"every world blew up in each rollout of {_span(learner, first)}: "
-            f"{UNSTABLE}.{_kept(run)}"
-        )
+    rollouts = learner.config.worlds * learner.group.size * (learner.iteration - first)
+    all_blew_up = progress.blowups - blowups >= rollouts
+    _check(metrics, all_blew_up, learner, first, run)
     if run:
         speed = progress.steps_per_second
         writer.put(partial(run.log_metrics, metrics, learner.env_steps, speed))
 
 
-def _check(metrics: dict[str, float], learner: Learner, first: int, run: Run | None) -> None:
+def _check(
+    metrics: dict[str, float], all_blew_up: bool, learner: Learner, first: int, run: Run | None
+) -> None:
     """Raise MorlaxError if the iterations after `first` cannot be trusted."""
-    span = _span(learner, first)
+    span = f"iterations {first + 1} to {learner.iteration}"
     if metrics["overflow"]:
         remedy = learner.env.remedy(int(metrics["overflow"]))
         raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}.{_kept(run)}")
@@ -226,19 +202,16 @@ def _check(metrics: dict[str, float], learner: Learner, first: int, run: Run | N
                 f"({metrics['blowups']:.0f} worlds have blown up so far): "
                 f"try a lower --ppo.learning-rate.{_kept(run)}"
             )
+    if all_blew_up:
+        raise MorlaxError(f"every world blew up in each rollout of {span}: {UNSTABLE}.{_kept(run)}")
 
 
 def _check_front(front: Front, learner: Learner, run: Run | None) -> None:
-    """Raise MorlaxError if every episode of the evaluation blew up."""
     if front.blowups is not None and front.blowups.all():
         raise MorlaxError(
             f"every episode blew up in the evaluation after iteration {learner.iteration}: "
             f"{UNSTABLE}.{_kept(run)}"
         )
-
-
-def _span(learner: Learner, first: int) -> str:
-    return f"iterations {first + 1} to {learner.iteration}"
 
 
 def _kept(run: Run | None) -> str:

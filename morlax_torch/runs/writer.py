@@ -14,10 +14,8 @@ class Writer:
     """Runs jobs one after the other in a thread of its own.
 
     `results` raises the first error of a job, and later jobs are dropped. On exit, wait for all
-    jobs, then raise the first unreported job error unless the block itself failed.
-
-    Args:
-        most_waiting: jobs that may be unfinished when `put` returns.
+    jobs, then raise the first unreported job error unless the block itself failed. At most
+    `most_waiting` jobs are unfinished when `put` returns.
     """
 
     def __init__(self, most_waiting: int):
@@ -32,13 +30,9 @@ class Writer:
         wait(list(self._jobs)[: max(0, len(self._jobs) - self._most_waiting)])
 
     def results(self, all_of_them: bool = False) -> Iterator[Evaluation]:
-        """Yield the evaluations of finished jobs, in order, each once.
+        """Yield the evaluations of finished jobs, in order, each once; raise a job's first error.
 
-        Args:
-            all_of_them: wait for unfinished jobs too.
-
-        Raises:
-            Exception: the first error of a job.
+        `all_of_them`: wait for unfinished jobs too.
         """
         while self._jobs and (all_of_them or self._jobs[0].done()):
             wait([self._jobs[0]])

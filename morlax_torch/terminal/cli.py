@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import NoReturn
 
+from rich import progress
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from ..envs import MorlaxError
 from ..envs.errors import words
@@ -128,7 +128,6 @@ def _silence_output() -> None:
 
 
 def fail(sentence: str) -> NoReturn:
-    """Print an error and exit."""
     if not FIRST:
         time.sleep(GRACE)  # an error of all processes ends this one before, told by the first
     _console(stderr=True).print(f"error: {sentence}")
@@ -137,20 +136,20 @@ def fail(sentence: str) -> NoReturn:
     sys.exit(2)
 
 
+def moving(*columns: progress.ProgressColumn) -> progress.Progress:
+    """Return a display that moves on a terminal, and is not there on a file or pipe."""
+    disable = not console.is_terminal
+    return progress.Progress(*columns, console=console, transient=True, disable=disable)
+
+
 @contextmanager
 def bar(label: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal, and nothing on a file or pipe.
-
-    Yields a function to be called with the share that is done, in [0, 1].
-    """
-    shown = Progress(
-        TextColumn(label),
-        BarColumn(bar_width=24),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
+    """Show a bar on a terminal; yields a function to call with the share that is done."""
+    shown = moving(
+        progress.TextColumn(label),
+        progress.BarColumn(bar_width=24),
+        progress.TaskProgressColumn(),
+        progress.TimeRemainingColumn(),
     )
     task = shown.add_task(label, total=1.0)
     with shown:

@@ -2,42 +2,30 @@
 
 import shlex
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from rich.progress import BarColumn, ProgressColumn, Task, TimeElapsedColumn
-from rich.progress import Progress as Bar
 from rich.text import Text
 
 from ..algorithms.learner import Learner
 from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
 from ..runs.progress import Evaluation, Progress
-from .cli import console, print_command
+from .cli import console, moving, print_command
 from .startup import program
 
 
 class Display:
     """A moving bar on a terminal; on a file or pipe only one line per evaluation.
 
-    Only the first of several processes shows anything.
-
-    Args:
-        learner: that trains.
-        folder: of its run.
-        progress: read live while training updates it.
+    Only the first of several processes shows anything. `progress` is read live while training
+    updates it.
     """
 
     def __init__(self, learner: Learner, folder: Path, progress: Progress):
         self._learner, self._folder, self._progress = learner, folder, progress
         status = _Status(learner.config.max_env_steps, learner.config.max_seconds, progress)
-        self._bar = Bar(
-            BarColumn(bar_width=8),
-            status,
-            TimeElapsedColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
+        self._bar = moving(BarColumn(bar_width=8), status, TimeElapsedColumn())
         self._bar.add_task("", total=1.0)
         self._named = False  # the columns
 
@@ -54,14 +42,15 @@ class Display:
                 "these worlds do not show how an episode ended: steps at a time limit are left out "
                 "(ppo.truncation mask)"
             )
-        if self._progress.env_steps and not env.resumable:
+        progress, processes = self._progress, self._learner.group.size
+        if progress.env_steps and not env.resumable:
             console.print("the state of these worlds cannot be saved: they start anew")
-        elif self._progress.env_steps and self._progress.processes != self._learner.group.size:
+        elif progress.env_steps and progress.processes != processes:
             console.print(
-                f"number of processes: {self._learner.group.size} instead of "
-                f"{self._progress.processes}, so worlds start anew"
+                f"number of processes: {processes} instead of {progress.processes}, so worlds "
+                "start anew"
             )
-        if self._progress.env_steps and self._progress.best_selection is None:
+        if progress.env_steps and progress.best_selection is None:
             console.print(
                 "evaluations are not those of the run so far: its record of the best checkpoint "
                 "begins anew"
@@ -91,11 +80,13 @@ class Display:
             f"{row['total_seconds']:9.1f}  {row[name]:{len(volume)}.4e}  "
             f"{row['cardinality']:5d}  {_count(row['steps_per_second']):>9}"
         )
-        if found := _blowups(row):
+        found = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
+        if row.get("blowup_rate"):
+            found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
+        if found:
             console.print(f"{'':8}  blow-ups: {', '.join(found)}")
 
     def finished(self, interrupted: bool) -> None:
-        """Print the results and the next steps."""
         progress = self._progress
         console.print(
             f"{'interrupted' if interrupted else 'done'}: {_count(self._learner.env_steps)} steps "
@@ -135,14 +126,6 @@ class _Status(ProgressColumn):
             f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)}/s, "
             f"hypervolume {progress.hypervolume:.3e}{until}"
         )
-
-
-def _blowups(row: dict[str, Any]) -> list[str]:
-    """Return how many worlds have blown up, while training and in the evaluation, if any has."""
-    found = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
-    if row.get("blowup_rate"):
-        found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
-    return found
 
 
 def _count(number: float) -> str:

@@ -40,11 +40,6 @@ def program(name: str) -> str:
     return f"morlax {name}"
 
 
-def runs_a_command() -> bool:
-    """Return whether this process was started as one of the commands of morlax_torch."""
-    return command_words() is not None
-
-
 def collect_garbage_rarely() -> None:
     """Make Python look for reference cycles less often, which takes a third of importing torch."""
     gc.set_threshold(100_000)
@@ -83,7 +78,7 @@ def command_began() -> float:
     It is now if Python called the command, or if the system does not tell: only Linux does.
     """
     now = time.perf_counter()
-    if not runs_a_command():
+    if command_words() is None:
         return now
     try:
         ticks = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[START])

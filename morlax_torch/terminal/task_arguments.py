@@ -8,7 +8,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import tyro
 from pydantic import BaseModel, Field, create_model
@@ -32,6 +32,25 @@ FIRST = (  # options that the help lists first
 )
 SHORT = len("morlax evaluate")  # of a command's name, to have its arguments on the same line
 _registry = ConstructorRegistry()
+
+# arguments of several commands
+RunName = Annotated[
+    str,
+    tyro.conf.Positional,
+    tyro.conf.arg(
+        metavar="RUN",
+        help="Run folder (its best checkpoint), or runs/TASK or latest for the newest run; "
+        "checkpoint file; or shipped policy.",
+    ),
+]
+_TRUST = "Let the run import the Python files and modules that it names."
+_DEVICE = "Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU)."
+_HOST = "Address to listen on; 0.0.0.0 accepts connections from the whole network."
+Trust = Annotated[bool, tyro.conf.arg(help=_TRUST)]
+Device = Annotated[str | None, tyro.conf.arg(help=_DEVICE)]
+Host = Annotated[str, tyro.conf.arg(help=_HOST)]
+Port = Annotated[int, tyro.conf.arg(help="TCP port to listen on; 0 selects a free one.")]
+
 PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
 RENAMED = {  # options of version 1.0
     "--ppo.anneal": "--ppo.decay-fraction=1",
@@ -102,13 +121,7 @@ class AnyTask(TaskOptions):
 
 
 class CommandLine:
-    """The command line of one command.
-
-    Args:
-        program: as users type it.
-        about: its description.
-        options: the command's own options, beside those of a config.
-    """
+    """The command line of a command that has options of its own beside those of a config."""
 
     def __init__(self, program: str, about: str, options: type[Section]):
         self._program, self._about, self._options = program, about, options
@@ -121,11 +134,7 @@ class CommandLine:
         return first.parse_known_args(arguments)[0]
 
     def parse(self, arguments: Sequence[str], below: Config) -> tuple[dict, dict[str, Any]]:
-        """Parse the command line over `below`.
-
-        Returns:
-            The command's own options, and the values of a config.
-        """
+        """Parse the command line over `below`: the command's own options, and a config's values."""
         kind = config_class(below.env, below.algorithm)
         model = create_model("Command", __base__=(self._options, kind), env=_env())
         about = f"{self._about} The defaults below are those of --env {below.env}, from configs/."
@@ -170,9 +179,7 @@ def asks_for_help(arguments: Sequence[str]) -> bool:
 def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
     """Return the config of these values, with the device resolved and a simulator for it.
 
-    Args:
-        values: of a config.
-        resumed: config of the run to resume, which may move to another device.
+    A run to resume, whose config is `resumed`, may move to another device.
     """
     place = envs.resolve_device(values["device"])
     moved = resumed is not None and str(place) != resumed.device

@@ -34,26 +34,21 @@ class TuneDisplay:
         )
         print_line(f"options: {options}")
         print_line(f"study {self._study.name} in {self._study.storage}")
-        print_line(f"trial  state     {self._main:>11}  ratio  options")
-
-    @property
-    def _main(self) -> str:
-        return self._study.plan.main[:11]
+        print_line(f"trial  state     {self._study.plan.main[:11]:>11}  ratio  options")
 
     def finished(self, study: Study, result: Result) -> None:
-        """Print the line of a trial."""
-        about = f"{result.number:5d}  {result.state:8}  "
         if result.state == "failed":
+            about = f"{result.number:5d}  {result.state:8}  "
             print_line(about + result.reason, indent=len(about))
-            return
-        options = "the base config" if result.base else self._changed(result)
-        value = result.indicators[study.plan.main]
-        about += f"{value:11.4e}  {self._ratio(result):>5}  "
-        print_line(about + options, indent=len(about))
+        else:
+            self._print(result, f"{result.state:8}  {result.indicators[study.plan.main]:11.4e}")
 
-    def _changed(self, result: Result) -> str:
+    def _print(self, result: Result, values: str) -> None:
+        """Print the line of a trial that has not failed."""
         given = ((name.rpartition(".")[2], value) for name, value in result.options.items())
-        return " ".join(f"{name}={_short(value)}" for name, value in given)
+        changed = " ".join(f"{name}={_short(value)}" for name, value in given)
+        about = f"{result.number:5d}  {values}  {self._ratio(result):>5}  "
+        print_line(about + ("the base config" if result.base else changed), indent=len(about))
 
     def _ratio(self, result: Result) -> str:
         base, main = self._study.base_result(), self._study.plan.main
@@ -62,11 +57,7 @@ class TuneDisplay:
         return f"{result.indicators[main] / base.indicators[main]:.2f}"
 
     def ended(self, continues: str) -> None:
-        """Print the best trials, and the next command.
-
-        Args:
-            continues: the command that continues the search.
-        """
+        """Print the best trials and the next command; `continues` continues the search."""
         ranked, results = self._study.ranked(), self._study.results()
         print_line(f"{len(results)} of {self._trials} trials done")
         if ranked and len(self._study.plan.indicators) == 1:
@@ -85,7 +76,8 @@ class TuneDisplay:
         shares = importances(self._study)
         names = ["base" if result.base else str(result.number) for result in shown]
         self._row("trial", names, "share" if shares else "")
-        self._row(self._study.plan.main, [_short(self._value(r)) for r in shown])
+        main = self._study.plan.main
+        self._row(main, [_short(result.indicators[main]) for result in shown])
         self._row("ratio", [self._ratio(result) for result in shown])
         for option in sorted(self._study.plan.space.parameters, key=lambda n: -shares.get(n, 0)):
             share = f"{shares[option]:.0%}" if option in shares else ""
@@ -95,18 +87,12 @@ class TuneDisplay:
         else:
             print_line(f"the importance of options needs {FEWEST} trials")
 
-    def _value(self, result: Result) -> float:
-        return result.indicators[self._study.plan.main]
-
     def _print_front(self, ranked: list[Result]) -> None:
         names = self._study.plan.indicators
         print_line("non-dominated trials:")
         print_line(f"trial  {'  '.join(f'{name:>16}' for name in names)}  ratio  options")
         for result in ranked:
-            values = "  ".join(f"{result.indicators[name]:16.4e}" for name in names)
-            options = "the base config" if result.base else self._changed(result)
-            about = f"{result.number:5d}  {values}  {self._ratio(result):>5}  "
-            print_line(about + options, indent=len(about))
+            self._print(result, "  ".join(f"{result.indicators[name]:16.4e}" for name in names))
 
     def _row(self, label: str, values: list[str], share: str = "") -> None:
         cells = "".join(f" {value[: VALUE - 1]:>{VALUE - 1}}" for value in values)

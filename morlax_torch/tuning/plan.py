@@ -18,8 +18,6 @@ EVALUATED = (FIRST, REDUCTION * FIRST, 2 / 3)  # shares of the time, beside its 
 
 
 class Plan(NamedTuple):
-    """The settings that all trials of a study share."""
-
     base: Config
     space: Space
     indicators: tuple[Indicator, ...]
@@ -33,14 +31,9 @@ class Plan(NamedTuple):
         indicators: tuple[Indicator, ...],
         source: str,
     ) -> Self:
-        """Check and return a plan.
+        """Check and return a plan; limits and evaluation times of `config` are replaced.
 
-        Args:
-            config: of the task; limits and evaluation times are replaced.
-            space: the search space as plain values.
-            seconds: of training per trial.
-            indicators: to optimize.
-            source: name of the space in error messages.
+        Error messages call the space `source`.
 
         Raises:
             MorlaxError: the space or an indicator cannot be used.
@@ -56,7 +49,6 @@ class Plan(NamedTuple):
 
     @property
     def main(self) -> str:
-        """The indicator that trials are compared by."""
         return self.indicators[0] if len(self.indicators) == 1 else "hypervolume"
 
     @property
@@ -69,7 +61,6 @@ class Plan(NamedTuple):
         return ["minimize" if name in MINIMIZED else "maximize" for name in self.indicators]
 
     def measured(self, found: Mapping[str, float]) -> dict[str, float]:
-        """Return every indicator that a study can have, of those of an evaluation."""
         values = {**found, "hypervolume": found[hypervolume_in(found)]}
         return {name: float(values[name]) for name in get_args(Indicator)}
 

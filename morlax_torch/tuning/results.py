@@ -11,8 +11,8 @@ from filelock import FileLock
 
 from ..configuration.config import Config, load_config
 from ..configuration.files import changes, task_values
-from ..envs import MorlaxError, resolve_device
-from ..files import make_folder, write_file
+from ..envs import resolve_device
+from ..files import attempting, make_folder, write_file
 from .storage import optuna, quiet
 from .study import Result, Study
 
@@ -20,20 +20,13 @@ FEWEST = 10  # trials
 
 
 def write_results(study: Study, folder: Path) -> None:
-    """Write trials.csv and, once a trial is complete, best.yaml.
-
-    Raises:
-        MorlaxError: a file cannot be written.
-    """
+    """Write trials.csv and, once a trial is complete, best.yaml, or raise MorlaxError."""
     make_folder(folder)
-    try:
-        with FileLock(folder / ".lock"):  # processes must not replace newer files by older ones
-            write_file(folder / "trials.csv", _table(study))
-            best = study.ranked()[:1]
-            if best:
-                write_file(folder / "best.yaml", _best(study, best[0]))
-    except OSError as error:
-        raise MorlaxError(f"cannot write to {folder}: {error.strerror or error}.") from None
+    # processes must not replace newer files by older ones
+    with attempting(f"write to {folder}"), FileLock(folder / ".lock"):
+        write_file(folder / "trials.csv", _table(study))
+        if best := study.ranked()[:1]:
+            write_file(folder / "best.yaml", _best(study, best[0]))
 
 
 def _table(study: Study) -> str:
@@ -73,7 +66,6 @@ def _best(study: Study, result: Result) -> str:
 
 
 def _changes(config: Config, device_type: str) -> dict[str, Any]:
-    """Return the task and what a config changes in its tuned values."""
     own = {"env": config.env, "algorithm": config.algorithm}
     tuned = load_config(task_values(config.env, device_type, config.algorithm))
     values = config.model_dump(mode="json", exclude={"device", "backend"})
@@ -95,12 +87,8 @@ def importances(study: Study) -> dict[str, float]:
     with quiet():
         copy = optuna.create_study(direction="maximize" if study.plan.sign > 0 else "minimize")
         for trial in trials:
-            copy.add_trial(
-                optuna.trial.create_trial(
-                    params=trial.params,
-                    distributions=trial.distributions,
-                    value=trial.user_attrs["indicators"][main],
-                )
-            )
+            given: Any = {"params": trial.params, "distributions": trial.distributions}
+            value = trial.user_attrs["indicators"][main]
+            copy.add_trial(optuna.trial.create_trial(**given, value=value))
         evaluator = optuna.importance.PedAnovaImportanceEvaluator()
         return optuna.importance.get_param_importances(copy, evaluator=evaluator)

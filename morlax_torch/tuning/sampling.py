@@ -6,6 +6,7 @@ from itertools import islice
 from typing import Any
 
 from ..envs.devices import seed_of
+from .plan import Plan
 from .storage import optuna
 
 ATTEMPTS = 1000  # draws of values that fit together
@@ -21,23 +22,13 @@ class Sampler(optuna.samplers.BaseSampler):
     change one or a few options of the best trial so far; later, TPE draws every second trial.
 
     Each trial has a seed of its own, so that processes with the same command draw different ones.
-
-    Args:
-        distributions: of Optuna, by option.
-        base: draws of the base config; empty if it lies outside.
-        seed: random seed of the study.
-        valid: whether draws make a config.
+    `base` is the draw of the base config, empty if it lies outside the space; `valid` says whether
+    a draw makes a config.
     """
 
-    def __init__(
-        self,
-        distributions: dict[str, Any],
-        base: dict[str, Any],
-        seed: int,
-        valid: Callable[[dict[str, Any]], bool],
-    ):
-        self._distributions, self._base, self._seed = distributions, base, seed
-        self._valid = valid
+    def __init__(self, plan: Plan, base: dict[str, Any], valid: Callable[[dict[str, Any]], bool]):
+        self._distributions, self._seed = plan.space.distributions, plan.base.seed
+        self._base, self._valid = base, valid
 
     def infer_relative_search_space(
         self, study: optuna.Study, trial: optuna.trial.FrozenTrial
@@ -80,13 +71,7 @@ class Sampler(optuna.samplers.BaseSampler):
         while True:
             yield {name: redraw(name) for name in space}
 
-    def sample_independent(
-        self,
-        study: optuna.Study,
-        trial: optuna.trial.FrozenTrial,
-        param_name: str,
-        param_distribution: Any,
-    ) -> Any:
+    def sample_independent(self, study, trial, param_name, param_distribution) -> Any:
         raise NotImplementedError("all options are drawn together")
 
 

@@ -56,7 +56,6 @@ def tune(
 
 
 def folder_of(config: Config, output: AnyPath | None) -> Path:
-    """Return the output folder of a search."""
     return Path(output or Path("tuning") / title(config.env))
 
 

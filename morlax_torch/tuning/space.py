@@ -25,8 +25,6 @@ FIXED = (  # sections and options that all trials share
 
 
 class OneOf(NamedTuple):
-    """One of several values."""
-
     values: tuple[Any, ...]
 
     @property
@@ -48,8 +46,6 @@ class OneOf(NamedTuple):
 
 
 class Range(NamedTuple):
-    """A number between two others."""
-
     low: float
     high: float
     log: bool = False
@@ -92,12 +88,7 @@ class Space(NamedTuple):
 
     @classmethod
     def of(cls, values: Mapping[str, Any], base: Config, source: str) -> Self:
-        """Check a space that is given as plain values, as in a YAML file.
-
-        Args:
-            values: by option, a list of values or the fields of a range.
-            base: config of the task.
-            source: name of the space in error messages.
+        """Check a space of plain values: by option, a list of values or the fields of a range.
 
         Raises:
             MorlaxError: an option is unknown, or must be equal in all trials, or a range or value
@@ -132,11 +123,7 @@ class Space(NamedTuple):
         return {name: self.parameters[name].value(value) for name, value in drawn.items()}
 
     def config(self, base: Config, drawn: Mapping[str, Any]) -> Config:
-        """Return the config of a trial.
-
-        Raises:
-            MorlaxError: values do not fit together.
-        """
+        """Return the config of a trial, or raise MorlaxError if values do not fit together."""
         values = base.model_dump(mode="json")
         for name, value in self.options(drawn).items():
             values = merged(values, nested(name, value))

@@ -30,11 +30,7 @@ class StorageError(MorlaxError):
 
 
 class Journal(optuna.storages.journal.JournalFileBackend):
-    """Optuna's journal file, without the incomplete last line that a full disk leaves.
-
-    Raises:
-        StorageError: the file is not a journal, or cannot be written.
-    """
+    """Optuna's journal file, without the incomplete last line that a full disk leaves."""
 
     def __init__(self, path: str):
         if exists(path) and not _is_journal(path):
@@ -72,7 +68,6 @@ class _CuttingLock(optuna.storages.journal.JournalFileSymlinkLock):
 
 
 def _is_journal(path: str) -> bool:
-    """Return whether a file is empty, or begins like a journal."""
     with open(path, "rb") as file:
         begin = file.read(len(START))
     return START.startswith(begin)
@@ -90,11 +85,7 @@ def _cut(path: str) -> None:
 
 
 def open_storage(place: str) -> optuna.storages.BaseStorage:
-    """Open a journal file or the database of a URL, such as postgresql://...
-
-    Raises:
-        MorlaxError: it cannot be opened or written.
-    """
+    """Open a journal file, or the database of a URL, such as postgresql://..."""
     try:
         if "://" in place:
             return _database(place)

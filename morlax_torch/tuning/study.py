@@ -20,18 +20,16 @@ MOST_DEATHS = 2  # processes that may die in the same trial before it counts as 
 
 
 class Result(NamedTuple):
-    """A finished trial."""
-
     number: int
     state: str  # complete, pruned or failed
     base: bool  # whether it is the unchanged base config
     config: Config
     options: dict[str, Any]  # of the space, by name
-    indicators: dict[str, float]  # of its best evaluation; empty if it failed
-    train_seconds: float
-    env_steps: int
-    seeds: int  # that numbers are means of
-    reason: str  # of a failure
+    indicators: dict[str, float] = {}  # of its best evaluation; empty if it failed
+    train_seconds: float = 0.0
+    env_steps: int = 0
+    seeds: int = 1  # that numbers are means of
+    reason: str = ""  # of a failure
 
 
 class Claim(NamedTuple):
@@ -47,12 +45,7 @@ class Study:
     """A study, which several processes and machines may share.
 
     A trial that fails stores its reason. A failed trial without one is void: it was interrupted,
-    and its options are queued again.
-
-    Args:
-        plan: settings that all trials share.
-        storage: path of a journal file, or URL of a database.
-        name: of the study in its storage (None: the task).
+    and its options are queued again. `storage` and `name` are those of `tune`.
 
     Raises:
         MorlaxError: the storage cannot be used, or has a study of this name with another plan.
@@ -63,7 +56,7 @@ class Study:
         self._space, seconds = plan.space, plan.base.max_seconds or 0.0
         self._base = plan.space.drawn(plan.base)
         self._invalid: MorlaxError | None = None
-        sampler = Sampler(plan.space.distributions, self._base, plan.base.seed, self._valid)
+        sampler = Sampler(plan, self._base, self._valid)
         with quiet():
             self._try_space(sampler)
             place = open_storage(storage)
@@ -103,7 +96,7 @@ class Study:
         elif known is None:
             raise MorlaxError(f"the study {self.name!r} in {self.storage} is of another program.")
         one, other = flat(known or own), flat(own)
-        for name in [key for key in {**one, **other} if one.get(key) != other.get(key)]:
+        for name in (key for key in {**one, **other} if one.get(key) != other.get(key)):
             raise MorlaxError(
                 f"the study {self.name!r} in {self.storage} was started with another "
                 f"{_option(name)}: choose another --study or --output, or start it with the same "
@@ -119,11 +112,7 @@ class Study:
             return False
 
     def claim(self, most: int) -> Claim | None:
-        """Start a trial, unless `most` have been started.
-
-        Raises:
-            MorlaxError: almost no draw from the space is a valid config.
-        """
+        """Start a trial, unless `most` have been started; raises MorlaxError if none fits."""
         with quiet():
             self._revive()
             if len([t for t in self._counted() if t.state != WAITING]) >= most:
@@ -133,21 +122,21 @@ class Study:
             if len([t for t in self._counted() if t.number < trial.number]) >= most:
                 self._study.tell(trial, state=FAIL)
                 return None
-            trial.set_user_attr("host", socket.gethostname())
-            trial.set_user_attr("process", os.getpid())
             base = trial.number == 0 or trial.user_attrs.get("base", False)
-            if base:
-                trial.set_user_attr("base", True)
+            about = {"host": socket.gethostname(), "process": os.getpid(), "base": base}
+            for name, value in about.items():
+                trial.set_user_attr(name, value)
             if self._base or not base:
                 for name, distribution in self._space.distributions.items():
                     _suggest(trial, name, distribution)
-            deaths = trial.user_attrs.get("deaths", 0)
-            if base:
-                return Claim(trial, base, self.plan.base, deaths)
-            if not self._valid(trial.params):
+            if not base and not self._valid(trial.params):
                 self._study.tell(trial, state=FAIL)
                 raise self._misfit()
-            return Claim(trial, base, self._space.config(self.plan.base, trial.params), deaths)
+            config = self._config(trial, base)
+            return Claim(trial, base, config, trial.user_attrs.get("deaths", 0))
+
+    def _config(self, trial: Any, base: bool) -> Config:
+        return self.plan.base if base else self._space.config(self.plan.base, trial.params)
 
     def prunes(self, claim: Claim, value: float, train_seconds: float) -> bool:
         """Report the main indicator of a running trial, and return whether to stop it."""
@@ -173,7 +162,6 @@ class Study:
         seeds: int = 1,
         pruned: bool = False,
     ) -> Result:
-        """Store the result of a trial that has not failed, the mean over its seeds."""
         found = {
             "train_seconds": train_seconds,
             "env_steps": env_steps,
@@ -186,7 +174,6 @@ class Study:
         return self._tell(claim, *((PRUNED, None) if pruned else (COMPLETE, values)))
 
     def fail(self, claim: Claim, reason: str) -> Result:
-        """Store why a trial has failed."""
         claim.trial.set_user_attr("reason", reason)
         return self._tell(claim, FAIL, None)
 
@@ -195,7 +182,6 @@ class Study:
             return self._result(self._study.tell(claim.trial, values, state))
 
     def put_back(self, claim: Claim) -> None:
-        """Queue a trial that was interrupted."""
         self._again(claim.trial.number, claim.trial.params, claim.base, claim.deaths)
 
     def _again(self, number: int, params: dict[str, Any], base: bool, deaths: int) -> None:
@@ -220,26 +206,16 @@ class Study:
         return [t for t in trials if t.state != FAIL or "reason" in t.user_attrs]
 
     def results(self) -> list[Result]:
-        """Return the finished trials, by number."""
         return [self._result(t) for t in self._counted() if t.state.is_finished()]
 
     def _result(self, trial: optuna.trial.FrozenTrial) -> Result:
         about, base = trial.user_attrs, trial.user_attrs.get("base", False)
-        config = self.plan.base if base else self._space.config(self.plan.base, trial.params)
+        config = self._config(trial, base)
         values = flat(config.model_dump(mode="json"))
-        states = {COMPLETE: "complete", PRUNED: "pruned", FAIL: "failed"}
-        return Result(
-            trial.number,
-            states[trial.state],
-            base,
-            config,
-            {name: values[name] for name in self._space.parameters},
-            about.get("indicators", {}),
-            about.get("train_seconds", 0.0),
-            about.get("env_steps", 0),
-            about.get("seeds", 1),
-            about.get("reason", ""),
-        )
+        state = {COMPLETE: "complete", PRUNED: "pruned", FAIL: "failed"}[trial.state]
+        options = {name: values[name] for name in self._space.parameters}
+        known = {name: about[name] for name in Result._field_defaults if name in about}
+        return Result(trial.number, state, base, config, options, **known)
 
     def ranked(self) -> list[Result]:
         """Return the complete trials, the best ones first.
@@ -278,9 +254,8 @@ def _option(name: str) -> str:
 def _suggest(trial: optuna.Trial, name: str, distribution: Any) -> None:
     if isinstance(distribution, optuna.distributions.CategoricalDistribution):
         trial.suggest_categorical(name, distribution.choices)
-    elif isinstance(distribution, optuna.distributions.IntDistribution):
-        low, high = distribution.low, distribution.high
-        trial.suggest_int(name, low, high, step=distribution.step, log=distribution.log)
-    else:
-        low, high = distribution.low, distribution.high
-        trial.suggest_float(name, low, high, step=distribution.step, log=distribution.log)
+        return
+    whole = isinstance(distribution, optuna.distributions.IntDistribution)
+    suggest = trial.suggest_int if whole else trial.suggest_float
+    steps = {"step": distribution.step, "log": distribution.log}
+    suggest(name, distribution.low, distribution.high, **steps)

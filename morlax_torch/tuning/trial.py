@@ -19,11 +19,7 @@ SEEDS = 3  # of the base config, and of a trial that stays the best with each of
 
 
 def run_trial(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result | None:
-    """Train with the config of a claimed trial and store the result.
-
-    Returns:
-        The result; None if it was stopped, and so queued again.
-    """
+    """Train with a claimed trial's config; returns what is stored, or None if it was stopped."""
     if claim.deaths >= MOST_DEATHS:
         return study.fail(claim, f"{claim.deaths} processes died in it.")
     try:
@@ -32,15 +28,13 @@ def run_trial(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result
         raise  # it says nothing about the trial, which the next start queues again
     except MorlaxError as error:
         reason = str(error)
-    except (MemoryError, RuntimeError) as error:
-        shortage = shortage_of_memory(error)
+    except BaseException as error:
+        expected = isinstance(error, MemoryError | RuntimeError)
+        shortage = shortage_of_memory(error) if expected else None
         if shortage is None:
             study.put_back(claim)
             raise
         reason = shortage
-    except BaseException:
-        study.put_back(claim)
-        raise
     finally:
         release_memory()
     return study.fail(claim, reason)
@@ -61,18 +55,14 @@ def _train(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result | 
         if run.pruned:
             break
         release_memory()
-    mean = _mean(runs)
-    return study.finish(
-        claim, mean.indicators, mean.train_seconds, mean.env_steps, len(runs), mean.pruned
-    )
+    return study.finish(claim, *_mean(runs))
 
 
 class _Run(NamedTuple):
-    """One training of a trial."""
-
     indicators: dict[str, float]  # of its best evaluation
     train_seconds: float
     env_steps: int
+    seeds: int = 1
     pruned: bool = False
 
 
@@ -81,6 +71,7 @@ def _mean(runs: Sequence[_Run]) -> _Run:
         {name: fmean(run.indicators[name] for run in runs) for name in runs[0].indicators},
         fmean(run.train_seconds for run in runs),
         round(fmean(run.env_steps for run in runs)),
+        len(runs),
         runs[0].pruned,
     )
 
@@ -97,12 +88,8 @@ def _train_once(
             chosen_by = plan.sign * plan.measured(last.measured)[plan.main]
             if best is None or chosen_by > record:
                 best, record = plan.measured(last.indicators), chosen_by
-            unfinished = last.iteration and last.train_seconds < seconds
-            if (
-                unfinished
-                and number == 0
-                and study.prunes(claim, best[plan.main], last.train_seconds)
-            ):
+            prunable = number == 0 and last.iteration and last.train_seconds < seconds
+            if prunable and study.prunes(claim, best[plan.main], last.train_seconds):
                 return _Run(best, last.train_seconds, last.env_steps, pruned=True)
     if best is None or last is None or last.train_seconds < seconds:
         return None

@@ -17,17 +17,14 @@ def is_worker() -> bool:
 
 
 def is_orphan() -> bool:
-    """Return whether this is a worker whose parent is gone."""
     return is_worker() and os.environ[PARENT] != str(os.getppid())
 
 
 def places(device: torch.device, number: int | None, one_gpu: bool) -> list[str | None]:
     """Return the value of CUDA_VISIBLE_DEVICES for each worker; None: as it is.
 
-    Args:
-        device: of the config.
-        number: of workers (None: one per visible GPU, one on the CPU).
-        one_gpu: whether the user has chosen one of the GPUs.
+    Without a `number`, there is a worker per visible GPU, or one on the CPU. `one_gpu`: the user
+    has chosen one of the GPUs.
     """
     if device.type == "cpu" or one_gpu:
         return [None] * (number or 1)
@@ -43,13 +40,10 @@ def run_workers(
     asked: Callable[[], int],
     on_end: Callable[[int, int], None],
 ) -> list[int]:
-    """Run one `tune` per entry of `visible` until all have ended; returns their exit statuses.
+    """Run a `tune` for each of the `places` until all have ended; returns their exit statuses.
 
-    Args:
-        arguments: of the command line.
-        visible: value of CUDA_VISIBLE_DEVICES for each worker; None: as it is.
-        asked: the signal that asks to end, to forward once; 0: none has come.
-        on_end: called with the number and status of each worker that has ended.
+    `asked` returns the signal that asks to end, which is forwarded once, or 0. `on_end` is called
+    with the number and status of each worker that has ended.
     """
     running = {
         index: subprocess.Popen(
@@ -62,8 +56,7 @@ def run_workers(
     statuses, forwarded = {}, False
     try:
         while running:
-            signal = asked()
-            if signal and not forwarded:
+            if (signal := asked()) and not forwarded:
                 forwarded = True
                 for process in running.values():
                     process.send_signal(signal)

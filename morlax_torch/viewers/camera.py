@@ -41,10 +41,7 @@ WHOLE = Area(0.0, 0.0, 1.0, 1.0)
 class View:
     """What a picture of a robot shows: from one direction, in one shape.
 
-    Args:
-        model: of the robot.
-        aspect: width of a picture by its height.
-        area: the part of the picture that the robot is placed in.
+    The aspect is the picture's width by its height. The robot is placed in the area.
     """
 
     def __init__(self, model: mujoco.MjModel, aspect: float, area: Area = WHOLE):
@@ -66,7 +63,6 @@ class View:
         return self.mass(data) + 0.5 * np.array([[-1.0], [1.0]])  # nothing is shown
 
     def mass(self, data: mujoco.MjData) -> Points:
-        """Return the robot's center of mass (3,)."""
         return data.subtree_com[self._tree].copy()
 
     def middle(self, points: Points) -> Points:
@@ -96,12 +92,8 @@ class FollowingCamera:
     """A camera that keeps one robot in its picture without shaking.
 
     It moves with the smoothed speed of the robot's center of mass, and moves back when the robot
-    stretches. `camera` is its current pose.
-
-    Args:
-        model: of the robot.
-        aspect: width of a picture by its height.
-        areas: parts of the picture that are free; the robot is placed where it is largest.
+    stretches. `camera` is its current pose. Of the free areas of the picture, the robot is placed
+    where it is largest.
     """
 
     def __init__(self, model: mujoco.MjModel, aspect: float, areas: Sequence[Area] = (WHOLE,)):
@@ -112,7 +104,6 @@ class FollowingCamera:
         self._placed = False
 
     def restart(self, data: mujoco.MjData) -> None:
-        """Fit the picture to the pose in `data`."""
         points, self._placed = self._view.points(data), True
         self._center, self._speed = self._view.middle(points), np.zeros(3)
         self._offset = self._center - self._view.mass(data)
@@ -154,13 +145,7 @@ class FollowingCamera:
 def cameras_for(
     model: mujoco.MjModel, aspect: float, poses: Sequence[mujoco.MjData]
 ) -> list[mujoco.MjvCamera]:
-    """Return a camera for each pose: all at one height and distance, centered on the robot.
-
-    Args:
-        model: of the robot.
-        aspect: width of a picture by its height.
-        poses: one or more.
-    """
+    """Return a camera for each pose: all at one height and distance, centered on the robot."""
     view = View(model, aspect)
     bodies = [view.points(pose) for pose in poses]
     centers = [view.middle(points) * (1, 1, 0) for points in bodies]
@@ -228,7 +213,6 @@ def geom_colors(model: mujoco.MjModel) -> NDArray[np.float32]:
 
 
 def shown_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Return a mask (ngeom,) of the geoms that viewers show."""
     return (model.geom_group < HIDDEN_GROUP) & (geom_colors(model)[:, 3] > 0)
 
 

@@ -39,7 +39,6 @@ class Looks:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Looks":
-        """Find what `model` lacks."""
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         shown, planes = shown_geoms(model), _level_planes(model, data)

@@ -19,11 +19,6 @@ class Player:
     `returns` (m,) and `steps` count from the last reset. The caller resets when the episode is
     `over`.
 
-    Args:
-        policy: as `morlax_torch.load` returns it.
-        tradeoff: (m,), not negative; it need not sum to one.
-        seed: random seed of the world.
-
     Raises:
         MorlaxError: the trade-off is invalid, or the task has no MuJoCo robot.
     """
@@ -49,7 +44,6 @@ class Player:
         self._tradeoff = torch.as_tensor(tradeoff, dtype=torch.float32)
 
     def reset(self) -> None:
-        """Start a new episode."""
         self.observation = self.env.reset()
         self.returns = torch.zeros(len(self.env.objectives))
         self.steps, self.over = 0, False

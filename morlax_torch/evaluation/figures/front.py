@@ -16,7 +16,6 @@ from ...colors import of_objectives
 from ..front import Front
 from ..pareto import conflicts
 from .style import (
-    DOMINATED,
     between,
     blank,
     color_key,
@@ -26,6 +25,8 @@ from .style import (
     lattice,
     legend_outside,
     limits,
+    note,
+    points,
     returned,
     tint,
     weight,
@@ -83,14 +84,16 @@ def _two(front: Front, title: str) -> Figure:
 
 
 def _pair(axes: Axes, front: Front, x: int, y: int) -> None:
-    best, colors = front.non_dominated, of_objectives(len(front.objectives))
-    if not best.all():
-        axes.scatter(*front.returns[~best][:, [x, y]].T, **DOMINATED)
-    axes.set_xlabel(returned(front.objectives[x]))
-    axes.set_ylabel(returned(front.objectives[y]))
-    lattice(axes)
-    axes.scatter(*front.returns[best][:, [x, y]].T, s=14, color=colors_of(front.tradeoffs[best]))
+    best, colors = front.non_dominated, colors_of(front.tradeoffs)
+    _label(axes, front.objectives, x, y)
+    points(axes, front.returns[:, x], front.returns[:, y], best, 14, colors[best])
     fit(axes, front.returns[:, x], front.returns[:, y])
+
+
+def _label(axes: Axes, names: Sequence[str], x: int, y: int) -> None:
+    colors = of_objectives(len(names))
+    axes.set(xlabel=returned(names[x]), ylabel=returned(names[y]))
+    lattice(axes)
     tint(axes, colors[x], colors[y])
 
 
@@ -114,15 +117,8 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
         axes.add_collection(LineCollection(lines, lw=0.8, alpha=0.7, **style))
         axes.plot([], [], lw=2, label=names[k], **style)
         axes.axvline(k, color=colors[k], lw=2.5)
-        for height, value, side in ((0, low[k], "top"), (1, high[k], "bottom")):
-            axes.annotate(
-                f"{value:.4g}",
-                (k, height),
-                xytext=(0, -4 if side == "top" else 4),
-                textcoords="offset points",
-                ha="center",
-                va=side,
-            )
+        note(axes, f"{low[k]:.4g}", (k, 0), above=False)
+        note(axes, f"{high[k]:.4g}", (k, 1), above=True)
     axes.set_xticks(at, [returned(name) for name in names])
     axes.tick_params(axis="x", length=0, pad=18)
     axes.set_yticks([0, 1], ["min", "max"])
@@ -139,14 +135,10 @@ def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
     Of many pairs, only the MOST_PAIRS that conflict most in the first front are shown.
 
     Policies dominated within their own family are left out. With two objectives, a line connects
-    the front, with markers on some of its points.
-
-    Args:
-        fronts: by name, all with the same objectives.
-        title: of the figure.
+    the front, with markers on some of its points. All fronts must have the same objectives.
     """
     first = next(iter(fronts.values()))
-    names, colors = first.objectives, of_objectives(len(first.objectives))
+    joined = len(first.objectives) == 2
     pairs = most_conflicting(first)
     columns = min(len(pairs), COLUMNS)
     rows = -(-len(pairs) // columns)
@@ -156,22 +148,10 @@ def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
         for (name, front), look in zip(fronts.items(), distinct(len(fronts)), strict=True):
             returns = front.returns[front.non_dominated]
             order = returns[:, x].argsort()
-            joined = len(names) == 2
-            style: dict[str, Any] = {} if joined else {"linestyle": "none"}
-            every = max(1, len(order) // MARKS) if joined else 1
-            axes.plot(
-                *returns[order][:, [x, y]].T,
-                **(look | style),
-                markevery=every,
-                lw=0.8,
-                ms=3.5,
-                alpha=0.8,
-                label=name,
-            )
-        axes.set_xlabel(returned(names[x]))
-        axes.set_ylabel(returned(names[y]))
-        lattice(axes)
-        tint(axes, colors[x], colors[y])
+            style: dict[str, Any] = {"lw": 0.8, "ms": 3.5, "alpha": 0.8, **look}
+            style |= {"markevery": max(1, len(order) // MARKS)} if joined else {"linestyle": "none"}
+            axes.plot(*returns[order][:, [x, y]].T, **style, label=name)
+        _label(axes, first.objectives, x, y)
         shown = np.concatenate([each.returns[each.non_dominated] for each in fronts.values()])
         fit(axes, shown[:, x], shown[:, y])
     legend_outside(figure)
@@ -196,20 +176,10 @@ def spaces_figure(front: Front, triples: Sequence[Sequence[str]], title: str = "
 
 
 def space(axes: Any, returns: NDArray, colors: NDArray, names: Sequence[str]) -> None:
-    """Plot returns (K, 3) in 3D, without those beyond the limits of the axes.
-
-    Args:
-        axes: with a 3D projection.
-        returns: (K, 3)
-        colors: (K, 3), of the points.
-        names: of the three objectives.
-    """
+    """Plot returns (K, 3) in colors (K, 3), without those beyond the limits of the axes."""
     bounds = [limits(column) for column in returns.T]
-    inside = [
-        (column >= low) & (column <= high)
-        for column, (low, high) in zip(returns.T, bounds, strict=True)
-    ]
-    kept = inside[0] & inside[1] & inside[2]
+    low, high = np.transpose(bounds)
+    kept = ((returns >= low) & (returns <= high)).all(1)
     axes.scatter(*returns[kept].T, s=16, c=colors[kept], depthshade=False)
     axes.set(xlim=bounds[0], ylim=bounds[1], zlim=bounds[2])
     for axis, name in zip("xyz", names, strict=True):

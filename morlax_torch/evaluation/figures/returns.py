@@ -6,7 +6,18 @@ from matplotlib.tri import Triangulation
 
 from ...colors import of_objectives
 from ..front import Front
-from .style import DOMINATED, blank, lattice, legend_outside, limits, returned, shades, tint, weight
+from .style import (
+    blank,
+    lattice,
+    legend_outside,
+    limits,
+    note,
+    points,
+    returned,
+    shades,
+    tint,
+    weight,
+)
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
 
@@ -32,9 +43,7 @@ def _curves(front: Front, title: str) -> Figure:
         x, y = front.tradeoffs[order, 0], front.returns[order, k]
         best = front.non_dominated[order]
         axes.plot(x, y, color="0.6", lw=0.8)
-        if not best.all():
-            axes.scatter(x[~best], y[~best], **DOMINATED)
-        axes.scatter(x[best], y[best], s=10, color=of_objectives(2)[k])
+        points(axes, x, y, best, 10, of_objectives(2)[k])
         axes.set_ylabel(returned(name))
         lattice(axes)
         tint(axes, of_objectives(2)[0], of_objectives(2)[k])
@@ -57,20 +66,10 @@ def _maps(front: Front, title: str) -> Figure:
             lw=0.2,
         )
         for corner, name in enumerate(names):
-            x, y = CORNERS[corner]
-            axes.annotate(
-                f"{name} only",
-                (x, y),
-                xytext=(0, 4 if corner == 2 else -4),
-                textcoords="offset points",
-                ha="center",
-                va="bottom" if corner == 2 else "top",
-                fontweight="bold" if corner == k else "normal",
-            )
+            style = {"fontweight": "bold"} if corner == k else {}
+            note(axes, f"{name} only", CORNERS[corner], above=corner == 2, **style)
         axes.plot(*CORNERS[[0, 1, 2, 0]].T, color="0.2", lw=0.8)
-        axes.set_aspect("equal")
-        axes.set_xlim(-0.15, 1.15)
-        axes.set_ylim(-0.08, 0.95)
+        axes.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(-0.08, 0.95))
         axes.set_axis_off()
         figure.colorbar(colors, ax=axes, label=returned(names[k]), location="bottom", shrink=0.7)
     return figure
@@ -84,12 +83,8 @@ def _own_weights(front: Front, title: str) -> Figure:
         axes = figure.add_subplot(-(-m // columns), columns, k + 1)
         best = front.non_dominated
         x, y = front.tradeoffs[:, k], front.returns[:, k]
-        if not best.all():
-            axes.scatter(x[~best], y[~best], **DOMINATED)
-        axes.scatter(x[best], y[best], s=10, color=colors[k])
-        axes.set_xlabel(f"weight of {name}")
-        axes.set_ylabel(returned(name))
-        axes.set_ylim(limits(y[best]))
+        points(axes, x, y, best, 10, colors[k])
+        axes.set(xlabel=f"weight of {name}", ylabel=returned(name), ylim=limits(y[best]))
         lattice(axes)
         tint(axes, colors[k], colors[k])
     legend_outside(figure)

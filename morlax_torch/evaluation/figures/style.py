@@ -36,13 +36,24 @@ def blank(width: float, height: float, title: str) -> Figure:
 
 
 def lattice(axes: Axes) -> None:
-    """Draw a thin grid behind everything else."""
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
 
 
+def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color: Any) -> None:
+    """Draw the points that are `best` in `color`, and the others as dominated."""
+    if not best.all():
+        axes.scatter(x[~best], y[~best], **DOMINATED)
+    axes.scatter(x[best], y[best], s=size, color=color)
+
+
+def note(axes: Axes, text: str, place: Sequence[float], above: bool, **style: Any) -> None:
+    side = "bottom" if above else "top"
+    shift: Any = {"xytext": (0, 4 if above else -4), "textcoords": "offset points"}
+    axes.annotate(text, (place[0], place[1]), ha="center", va=side, **shift, **style)
+
+
 def distinct(number: int) -> list[dict[str, Any]]:
-    """Return a color, marker and line style for each of `number` items."""
     shades = mpl.colormaps[RUNS]([0.85 * k / max(number - 1, 1) for k in range(number)])
     return [
         {"color": shade, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
@@ -50,11 +61,9 @@ def distinct(number: int) -> list[dict[str, Any]]:
     ]
 
 
-def tint(axes: Axes, x: str | None, y: str | None) -> None:
-    """Draw the axes of objectives in these colors."""
+def tint(axes: Axes, x: str, y: str) -> None:
     for side, color in (("bottom", x), ("left", y)):
-        if color is not None:
-            axes.spines[side].set(color=color, linewidth=2.5)
+        axes.spines[side].set(color=color, linewidth=2.5)
 
 
 def between(first: str, second: str) -> LinearSegmentedColormap:
@@ -80,7 +89,6 @@ def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
 
 
 def color_key(axes: Axes, names: Sequence[str]) -> None:
-    """Add the colors of trade-offs to the legend."""
     most = "all" if len(names) <= MOST_MIXED else "most"
     for name, color in zip(names, of_objectives(len(names)), strict=True):
         axes.scatter([], [], s=40, color=color, label=f"{most} weight on {name}")
@@ -109,13 +117,7 @@ def fit(axes: Axes, x: NDArray, y: NDArray) -> None:
 
 
 def legend_outside(figure: Figure, side: str = "lower center", title: str | None = None) -> None:
-    """Draw one legend for all plots outside them; none if nothing has a label.
-
-    Args:
-        figure: with its plots.
-        side: location, as matplotlib names it after "outside".
-        title: of the legend.
-    """
+    """Draw one legend for all plots outside them, at a side as matplotlib names it."""
     names: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -135,21 +137,11 @@ def returned(objective: str) -> str:
 
 
 def weight(objective: str) -> str:
-    """Return the label of an axis of trade-offs."""
     return f"trade-off: weight of {objective}"
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = FORMATS) -> None:
-    """Write stem.png, stem.pdf, stem.svg, ...; a failed write leaves the previous file intact.
-
-    Args:
-        figure: to write.
-        stem: path without a suffix.
-        formats: suffixes of the files.
-
-    Raises:
-        MorlaxError: a file cannot be written.
-    """
+    """Write stem.png, stem.pdf, stem.svg, ...; a failed write leaves the previous file intact."""
     for ending in formats:
         dates = {"png": {}, "svg": {"Date": None}}.get(ending, {"CreationDate": None})
         with mpl.rc_context(FILES), replacing(stem.with_name(f"{stem.name}.{ending}")) as file:

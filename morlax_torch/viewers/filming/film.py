@@ -26,14 +26,7 @@ class Film:
 
     A robot that fails is frozen and dimmed, with the returns of its episode. A film ends a second
     after the last robot has failed. The episode length is ignored: robots continue for the whole
-    film.
-
-    Args:
-        policy: as `morlax_torch.load` returns it.
-        tradeoffs: (P, m), one panel each.
-        width: of a panel, in pixels.
-        height: of a panel, in pixels.
-        seed: random seed of the world, the same for every trade-off.
+    film. `record` describes the arguments.
 
     Raises:
         MorlaxError: a trade-off or the size is invalid, or the task has no MuJoCo robot.
@@ -48,18 +41,13 @@ class Film:
         seed: int = 0,
     ):
         check_size(width, height)
-        self._takes = [
-            _Take(Player(policy, tradeoff, seed), width, height) for tradeoff in tradeoffs
-        ]
+        players = [Player(policy, tradeoff, seed) for tradeoff in tradeoffs]
+        self._takes = [_Take(player, width, height) for player in players]
         self._size = width, height
         self.dt = self._takes[0].player.env.dt
 
     def steps(self, seconds: float) -> int:
-        """Convert simulated seconds to control steps.
-
-        Raises:
-            MorlaxError: `seconds` is shorter than a control step, or longer than LONGEST.
-        """
+        """Convert simulated seconds, from a control step to LONGEST, to control steps."""
         if not self.dt <= seconds <= LONGEST:
             raise MorlaxError(
                 f"a film must last at least one control step ({self.dt:g} s) and at most "
@@ -68,14 +56,9 @@ class Film:
         return round(seconds / self.dt)
 
     def pace(self, speed: float = 1.0, fastest: float = 30.0) -> tuple[int, float]:
-        """Return the control steps per frame, and the frames per second.
+        """Return the control steps per frame, and the frames per second, at most `fastest`.
 
-        Args:
-            speed: playback speed; 1 is real time.
-            fastest: frames per second, at most.
-
-        Raises:
-            MorlaxError: `speed` is not in (0, 100].
+        The playback speed is in (0, 100]; 1 is real time.
         """
         if not 0 < speed <= 100:
             raise MorlaxError(f"the speed must be above 0 and at most 100, not {speed:g}.")
@@ -86,11 +69,7 @@ class Film:
     def frames(self, seconds: float = 5.0, every: int = 1) -> Iterator[NDArray[np.uint8]]:
         """Render frames (H, W, 3) RGB: all panels, with trade-offs and running returns.
 
-        The first frame shows the start.
-
-        Args:
-            seconds: simulated time.
-            every: control steps per frame.
+        The first frame shows the start, and `every` control steps lie between two frames.
 
         Raises:
             MorlaxError: an unusable duration or size, or no OpenGL.
@@ -108,12 +87,7 @@ class Film:
         """Render a film strip (H, W, 3) RGB: a row of pictures for each trade-off.
 
         A row shows the last gait cycle of the simulated time, or the last two if the cycle has
-        fewer control steps than pictures.
-
-        Args:
-            seconds: simulated time of the last picture.
-            pictures: number per row, evenly spaced in time.
-            watch: called with the share of the strip that is done.
+        fewer control steps than pictures. `watch` is called with the share that is done.
 
         Raises:
             MorlaxError: an unusable duration, number or size, or no OpenGL.
@@ -134,8 +108,7 @@ class Film:
         """Render every robot after each number of control steps in `moments`, of a new episode."""
         for take in self._takes:
             take.reset()
-        player = self._takes[0].player
-        with Scene(player.model, *self._size) as scene:
+        with Scene(self._takes[0].player.model, *self._size) as scene:
             for step in moments:
                 yield [take.at(step, scene) for take in self._takes]
                 last = max(take.player.steps for take in self._takes)
@@ -213,14 +186,12 @@ class _Take:
         ]
 
     def weights(self) -> list[tuple[str, str]]:
-        """Return the name and normalized weight of each objective."""
         shares = self.player.tradeoff / self.player.tradeoff.sum()
         names = self.player.env.objectives
         return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]
 
 
 def _posed(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> mujoco.MjData:
-    """Return a robot in the pose `qpos` (nq,)."""
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)

@@ -23,18 +23,11 @@ PLAIN = 1.0  # s that are shown of a motion without a cycle
 
 
 def dimmed(picture: Image.Image) -> Image.Image:
-    """Return a dimmed copy, for an episode that is over."""
     return Image.blend(picture, Image.new("RGB", picture.size, PALE), 0.45)
 
 
 def captioned(picture: Image.Image, rows: Sequence[Row], clock: str) -> Image.Image:
-    """Return a copy with a table and the time drawn on it.
-
-    Args:
-        picture: of one robot.
-        rows: of the table.
-        clock: the time, in words.
-    """
+    """Return a copy with a table and the time, in words, drawn on it."""
     picture = picture.copy()
     size = _size(picture.height)
     pad, line, font, small = size // 2, round(1.35 * size), _font(size), _font(round(0.8 * size))
@@ -60,7 +53,6 @@ def table_corner(rows: Sequence[Row], height: int) -> tuple[float, float]:
 
 
 def _columns(rows: Sequence[Row], size: int) -> NDArray:
-    """Return the right edges of the table's columns."""
     font, small = _font(size), _font(round(0.8 * size))
     wide = [max(map(font.getlength, column)) for column in zip(*rows, strict=True)]
     wide[1] = max(wide[1], small.getlength(HEAD[1]))
@@ -69,7 +61,6 @@ def _columns(rows: Sequence[Row], size: int) -> NDArray:
 
 
 def _size(height: int) -> int:
-    """Return the size of a table's letters, by the height of the picture."""
     return max(11, height // 22)
 
 
@@ -86,7 +77,6 @@ def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
 
 
 def timed(picture: Image.Image, seconds: float) -> Image.Image:
-    """Return a copy with the time at its lower right corner."""
     picture = picture.copy()
     size = _large(picture)
     place = picture.width - size / 3, picture.height - size / 3
@@ -95,12 +85,7 @@ def timed(picture: Image.Image, seconds: float) -> Image.Image:
 
 
 def strip(rows: Sequence[Sequence[Image.Image]], labels: Sequence[str]) -> NDArray[np.uint8]:
-    """Arrange pictures in a table: (H, W, 3) RGB.
-
-    Args:
-        rows: pictures of one size.
-        labels: a label for each row, of one or more lines.
-    """
+    """Arrange rows of pictures of one size, each with a label of one or more lines: (H, W, 3)."""
     panel = rows[0][0]
     size = _large(panel)
     font, width, height = _font(size), panel.width + GAP, panel.height + GAP
@@ -137,11 +122,7 @@ def cycle(positions: NDArray[np.float64], dt: float) -> int | None:
     """Return the steps of a gait cycle, or None if the motion does not repeat.
 
     The cycle is the first peak of the motion's autocorrelation that is nearly as high as the
-    highest.
-
-    Args:
-        positions: (T, J) of joints.
-        dt: duration of a step in seconds.
+    highest. Positions of joints are (T, J); a step takes `dt` seconds.
     """
     moving = positions[:, positions.std(0) > STILL]
     steps = len(moving)
@@ -166,12 +147,7 @@ def moments(positions: NDArray[np.float64], dt: float, pictures: int) -> list[in
     """Return the control steps of pictures that show the last gait cycle, evenly spaced.
 
     The first and the last picture show the same phase. A cycle of fewer steps than pictures is
-    shown twice; a motion without a cycle for one second.
-
-    Args:
-        positions: (T, J) of joints, one row per control step.
-        dt: duration of a step in seconds.
-        pictures: number of moments, 2 or more.
+    shown twice; a motion without a cycle for one second. For positions and dt see `cycle`.
     """
     last = len(positions) - 1
     span = cycle(positions[len(positions) // 2 :], dt) or round(PLAIN / dt)

@@ -35,12 +35,7 @@ ENDINGS = tuple(_ENCODERS)
 
 
 def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    """Write a video file.
-
-    Args:
-        path: the file; its suffix, .mp4 or .gif, selects the format.
-        frames: (H, W, 3) RGB, all of one size.
-        fps: frames per second.
+    """Write frames (H, W, 3) RGB of one size as a video; the suffix selects .mp4 or .gif.
 
     Raises:
         MorlaxError: ffmpeg is missing or fails, or `path` cannot be written.
@@ -82,11 +77,7 @@ def _steady(frames: Iterator[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
 
 
 def find_ffmpeg() -> str:
-    """Return the path of ffmpeg, which the package imageio-ffmpeg includes.
-
-    Raises:
-        MorlaxError: the package or ffmpeg is missing.
-    """
+    """Return the path of ffmpeg, which imageio-ffmpeg includes, or raise MorlaxError."""
     try:
         import imageio_ffmpeg
     except ImportError:
@@ -132,13 +123,8 @@ def record(
     """
     if output.suffix.lower() not in (*ENDINGS, ".png"):
         raise MorlaxError(f"{output} must end in .mp4 or .gif (a film) or in .png (a film strip).")
-    film = Film(
-        policy,
-        tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist(),
-        width,
-        height,
-        seed,
-    )
+    shown = tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist()
+    film = Film(policy, shown, width, height, seed)
     if output.suffix.lower() == ".png":
         with replacing(output) as file:
             Image.fromarray(film.strip(seconds, pictures, watch)).save(file, format="PNG")

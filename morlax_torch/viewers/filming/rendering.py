@@ -25,12 +25,7 @@ class Scene:
     """Renders a robot, with default looks where its model has no sky, light or floor.
 
     It renders a copy of the model, so that neither model nor physics change. It holds an OpenGL
-    context: close it, or use it as a context manager.
-
-    Args:
-        model: such as `player.model`.
-        width: of the pictures, in pixels.
-        height: of the pictures, in pixels.
+    context: close it, or use it as a context manager. Width and height are in pixels.
 
     Raises:
         MorlaxError: the size is out of range, or OpenGL is not available.
@@ -50,7 +45,6 @@ class Scene:
         return self._renderer.render()
 
     def close(self) -> None:
-        """Free the OpenGL context."""
         self._scenery.close()
         self._renderer.close()
 
@@ -62,11 +56,7 @@ class Scene:
 
 
 def check_size(width: int, height: int) -> None:
-    """Check the size of a picture in pixels.
-
-    Raises:
-        MorlaxError: it is out of range.
-    """
+    """Raise MorlaxError if the size of a picture, in pixels, is out of range."""
     if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
         raise MorlaxError(
             f"cannot draw a picture of {width} x {height}: width and height must be "

@@ -13,13 +13,7 @@ SHADE = 0.91  # brightness of the darker squares of a floor
 
 
 class Scenery:
-    """Light, floor and sky that a model lacks, in the OpenGL context of a renderer.
-
-    Args:
-        renderer: whose pictures get the scenery.
-        model: of the robot.
-        looks: what it lacks.
-    """
+    """Light, floor and sky that a model lacks, in the OpenGL context of a renderer."""
 
     def __init__(self, renderer: mujoco.Renderer, model: mujoco.MjModel, looks: Looks):
         self._looks = looks
@@ -96,7 +90,6 @@ def _paint(floor: Any, color: np.ndarray) -> None:
 
 
 def _textures() -> mujoco.MjModel:
-    """Return a model of two textures: a checkered floor and a sky."""
     spec = mujoco.MjSpec()
     texture = mujoco.mjtTexture
     builtin = mujoco.mjtBuiltin

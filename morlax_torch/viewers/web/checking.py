@@ -1,6 +1,6 @@
 """Compare traced graphs with the task that they were traced from."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 
 import numpy as np
@@ -11,18 +11,14 @@ from ...envs import Environment
 from ...envs.replacing import replaced
 from ...exports.formats import onnxruntime
 from .recording import Draws
-from .tracing import RESULTS, OnnxGraph, Traced, cannot
+from .tracing import ARRAYS, RESULTS, OnnxGraph, Traced, cannot
 
 STEPS, EPISODES = 60, 3  # of the comparison
 TOLERANCE = 1e-4  # of numbers below 1; relative above
 
 
 class Replica:
-    """The traced step, run from copies of the task's state.
-
-    Args:
-        traced: the graphs, and the task's own state.
-    """
+    """The traced step, run from copies of the task's state."""
 
     def __init__(self, traced: Traced):
         self.traced = traced
@@ -30,10 +26,10 @@ class Replica:
         start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
         self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
 
-    def copy(self) -> None:
-        """Copy the task's state."""
-        for name, values in self.traced.state.items():
-            self.values[name] = values.numpy().copy()
+    def copy(self, names: Iterable[str]) -> None:
+        """Copy these tensors of the task."""
+        for name in names:
+            self.values[name] = self.traced.state[name].numpy().copy()
 
     def run(self, graph: OnnxGraph, draws: list[Tensor]) -> None:
         """Run one of the two graphs on `values`, with the task's draws, and note its outputs."""
@@ -44,7 +40,6 @@ class Replica:
         self.values |= dict(zip(graph.outputs, results, strict=True))
 
     def state(self, graph: OnnxGraph) -> dict[str, np.ndarray]:
-        """Return the task's own state that `graph` changes, by name."""
         own = self.traced.state
         return {name: values.numpy() for name, values in own.items() if name in graph.outputs}
 
@@ -52,11 +47,8 @@ class Replica:
 def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
     """Compare the graphs with `env.step` for some episodes of random actions.
 
-    Returns:
-        The largest difference, relative where numbers exceed 1.
-
-    Raises:
-        MorlaxError: they differ by more than TOLERANCE.
+    Returns the largest difference, relative where numbers exceed 1; raises MorlaxError if it is
+    more than TOLERANCE.
     """
     replica, largest = Replica(traced), 0.0
     for episode in range(EPISODES):
@@ -72,7 +64,7 @@ def _step(env: Environment, replica: Replica, action: Tensor) -> float:
     """Take one control step twice; returns the largest difference."""
     before, after = replica.traced.before, replica.traced.after
     simulate, gaps = env.physics.step, []
-    replica.copy()
+    replica.copy(replica.traced.state)
     replica.values["action"] = action.numpy()
 
     def switch() -> None:
@@ -80,8 +72,7 @@ def _step(env: Environment, replica: Replica, action: Tensor) -> float:
         gaps.append(_largest_gap(env, replica, replica.state(before)))
         draws.values.clear()
         simulate()
-        for name in env.physics.arrays:  # type: ignore[attr-defined]
-            replica.values[name] = replica.traced.state[name].numpy().copy()
+        replica.copy(ARRAYS)
 
     with Draws() as draws, torch.no_grad(), replaced(env.physics, "step", switch):
         step = env.step(action)

@@ -20,8 +20,6 @@ PATIENCE = 60  # s without an answer
 
 
 class Library(NamedTuple):
-    """A package of the npm registry."""
-
     package: str
     version: str
     sha512: str  # of the archive, in base64
@@ -80,17 +78,14 @@ def files() -> dict[str, bytes]:
         with tarfile.open(fileobj=io.BytesIO(_archive(library)), mode="r:gz") as archive:
             for path, name in library.files.items():
                 found[name] = _member(archive, path)
-            text = (
-                _member(archive, library.license)
-                if f"package/{library.license}" in archive.getnames()
-                else (resources.files(str(__package__)) / "licenses" / library.license).read_bytes()
-            )
+            ours = resources.files(str(__package__)) / "licenses" / library.license
+            inside = f"package/{library.license}" in archive.getnames()
+            text = _member(archive, library.license) if inside else ours.read_bytes()
         found[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
     return found
 
 
 def cache() -> Path:
-    """Return the folder that keeps downloaded archives."""
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(home) / "morlax_torch" / "web"
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,11 +31,7 @@ class WebModel(NamedTuple):
 
 
 def compiled(make: Callable[[], mujoco.MjModel], what: str) -> tuple[mujoco.MjModel, WebModel]:
-    """Compile a model and describe it.
-
-    Args:
-        make: compiles the model, in any way that MuJoCo offers.
-        what: makes the model, for errors.
+    """Compile a model by `make`, in any way that MuJoCo offers, and describe it.
 
     Raises:
         MorlaxError: the model cannot be written as MJCF.
@@ -88,31 +84,23 @@ def describe(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
 def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
     """Note every model that is compiled in the block, with a copy of its spec."""
     made: list[tuple[mujoco.MjModel, mujoco.MjSpec]] = []
-    compile_, from_path = mujoco.MjSpec.compile, mujoco.MjModel.from_xml_path
-    from_string = mujoco.MjModel.from_xml_string
 
-    def compiling(spec: mujoco.MjSpec, *arguments: Any) -> mujoco.MjModel:
-        model = compile_(spec, *arguments)
-        made.append((model, spec.copy()))
-        return model
+    def noting(owner: type, name: str, spec_of: Callable[..., mujoco.MjSpec]) -> Any:
+        compile_ = getattr(owner, name)
 
-    def loading(path: str, assets: dict[str, bytes] | None = None) -> mujoco.MjModel:
-        model = from_path(path, assets)
-        made.append((model, mujoco.MjSpec.from_file(path, assets=assets)))
-        return model
+        def substitute(source: Any, *assets: Any, **named: Any) -> mujoco.MjModel:
+            model = compile_(source, *assets, **named)
+            given = {"assets": assets[0]} if assets else named
+            made.append((model, spec_of(source, **given)))
+            return model
 
-    def reading(xml: str, assets: dict[str, bytes] | None = None) -> mujoco.MjModel:
-        model = from_string(xml, assets)
-        made.append((model, mujoco.MjSpec.from_string(xml, assets=assets)))
-        return model
+        return replaced(owner, name, substitute)
 
-    with ExitStack() as stack:
-        for owner, name, substitute in (
-            (mujoco.MjSpec, "compile", compiling),
-            (mujoco.MjModel, "from_xml_path", loading),
-            (mujoco.MjModel, "from_xml_string", reading),
-        ):
-            stack.enter_context(replaced(owner, name, substitute))
+    with (
+        noting(mujoco.MjSpec, "compile", mujoco.MjSpec.copy),
+        noting(mujoco.MjModel, "from_xml_path", mujoco.MjSpec.from_file),
+        noting(mujoco.MjModel, "from_xml_string", mujoco.MjSpec.from_string),
+    ):
         yield made
 
 

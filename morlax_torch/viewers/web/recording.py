@@ -39,7 +39,6 @@ def flat(tensor: Tensor) -> Tensor:
 
 
 def written(func: Any, arguments: Iterable[Any], named: dict[str, Any]) -> list[Tensor]:
-    """Return the tensors that an operation writes into."""
     given = zip(func._schema.arguments, arguments, strict=False)
     pairs = [*given, *((a, named[a.name]) for a in func._schema.arguments if a.name in named)]
     changed = [value for a, value in pairs if a.alias_info and a.alias_info.is_write]
@@ -124,11 +123,9 @@ class Recorder(TorchDispatchMode):
         return result
 
     def input(self, name: str, tensor: Tensor) -> None:
-        """Make `tensor` an input of the graph."""
         self._nodes[id(tensor)] = self._placeholder(name, tensor), tensor
 
     def output(self, name: str, tensor: Tensor) -> None:
-        """Make `tensor` an output of the graph."""
         self.outputs[name] = self._node(tensor)
 
     def module(self) -> fx.GraphModule:
@@ -200,7 +197,6 @@ class Recorder(TorchDispatchMode):
         return node
 
     def _view(self, name: str, tensor: Tensor) -> fx.Node:
-        """Return a view of a state's whole storage."""
         if name not in self._bases:
             whole = self._placeholder(name, self._whole[name])
             with self.graph.inserting_before(self._end_of_views):

@@ -31,15 +31,9 @@ PUSH = 1.5  # m/s added to the robot's velocity by a push
 
 
 def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, Any]:
-    """Write the files that the page needs of one run into a new folder.
+    """Write the files that the page needs of one run into a new folder, see `write_page`.
 
-    Args:
-        run: a run's folder, a checkpoint, or a shipped name.
-        folder: to make.
-        device: evaluates the front if the run has none, see `evaluate`.
-
-    Returns:
-        The run's title and objectives, for a list of runs.
+    Returns the run's title and objectives, for a list of runs.
 
     Raises:
         MorlaxError: there is no such run, or its task cannot run in a browser.
@@ -105,7 +99,7 @@ def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, A
         "terms": list(traced.terms),
         "physics": ARRAYS,
         "fields": model.fields,
-        "options": {**model.options, **_flags(env)},
+        "options": {**model.options, "disableflags": int(env.physics.model.opt.disableflags)},
         "assets": list(model.assets),
         "state": {name: str(values.dtype)[6:] for name, values in traced.state.items()},
         "before": _graph(traced.before),
@@ -116,10 +110,6 @@ def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, A
         "pushed": horizontal(env.physics.model),
         "push": PUSH,
     }
-
-
-def _flags(env: Environment) -> dict[str, int]:
-    return {"disableflags": int(env.physics.model.opt.disableflags)}
 
 
 def _graph(graph: OnnxGraph) -> dict[str, Any]:
@@ -161,10 +151,9 @@ def _numbers(values: Tensor) -> list[float]:
 
 
 def _plain(front: Front) -> dict[str, Any]:
-    best = front.non_dominated
     return {
         "tradeoffs": front.tradeoffs.round(4).tolist(),
         "returns": front.returns.round(3).tolist(),
-        "best": best.tolist(),
+        "best": front.non_dominated.tolist(),
         "checkpoint": front.checkpoint,
     }

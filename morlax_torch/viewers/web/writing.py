@@ -17,15 +17,10 @@ TITLE = "TITLE"  # in index.html
 
 
 def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> dict[str, int]:
-    """Write a page on which the policies of `runs` act in a browser.
+    """Write a page on which policies act in a browser; return the size of each file, by its path.
 
-    Args:
-        runs: folders of runs, checkpoints or shipped names; the page has a chooser for several.
-        folder: a new or empty folder. It is complete or not there at all.
-        device: evaluates the front of a run that has none, see `evaluate`.
-
-    Returns:
-        The size of every file in bytes, by its path in the folder.
+    The folder must be new or empty, and is complete or not there at all. `device` evaluates the
+    front of a run that has none.
 
     Raises:
         MorlaxError: a run's task cannot run in a browser, a library cannot be downloaded, the extra
