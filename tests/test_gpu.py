@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import pytest
 import torch
+from tiny import Blind
 from torch import nn
 
 from morlax_torch import MORLAX, envs
@@ -20,19 +21,6 @@ pytestmark = [
     pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device"),
 ]
 SMALL = {"worlds": 256, "horizon": 8, "ppo": {"minibatches": 4, "epochs": 2}}
-
-
-class Blind(envs.get("hopper")):
-    """A hopper whose velocities only its critic sees."""
-
-    def observe(self) -> torch.Tensor:
-        return self.physics.qpos[:, 1:]
-
-    def privileged(self) -> torch.Tensor:
-        return self.physics.qvel.clamp(-10, 10)
-
-    def layout(self) -> list[envs.Part]:
-        return super().layout()[:6]
 
 
 def trainer(

@@ -54,7 +54,7 @@ def trained(folder: Path, monkeypatch) -> Path:
 # Every command
 
 
-def test_the_documented_robot_can_be_trained_evaluated_and_resumed(
+def test_the_documented_robot_can_be_resumed_evaluated_played_and_exported(
     trained, folder, monkeypatch, capsys
 ):
     config = yaml.safe_load((trained / "config.yaml").read_text())
@@ -64,25 +64,32 @@ def test_the_documented_robot_can_be_trained_evaluated_and_resumed(
     monkeypatch.chdir(elsewhere)
     command(monkeypatch, train, "--resume", str(trained), "--max-env-steps", "640")
     command(monkeypatch, evaluate, str(trained), "--tradeoffs", "5")
-    assert (trained / "report.html").is_file() or list(trained.glob("**/report.html"))
+    assert (trained / "report.html").is_file()
     printed = capsys.readouterr().out
     assert "Crawler: run, energy" in printed
     assert str(folder / "crawler.py") not in printed
-
-
-def test_a_custom_robot_can_be_recorded(trained, folder, monkeypatch, opengl):
-    small = ("--width", "64", "--height", "64", "--seconds", "0.1")
-    command(monkeypatch, record, str(trained), "--output", "film.gif", *small)
-    assert (folder / "film.gif").stat().st_size > 0
-
-
-def test_a_custom_robot_can_be_played_and_exported(trained):
     policy = load(trained)
     player = Player(policy, (0.5, 0.5))
     player.step()
     assert player.steps == 1
     names = [part["name"] for part in manifest(policy)["observation"]]
     assert names[:3] == ["position.z", "position.pitch", "position.shoulder"]
+
+    (folder / "crawler.py").rename(folder / "moved.py")
+    for module in (evaluate, record, explore):
+        with pytest.raises(SystemExit) as stopped:
+            command(monkeypatch, module, str(trained))
+        assert stopped.value.code == 2
+        captured = capsys.readouterr()
+        text = " ".join((captured.out + captured.err).split())
+        assert "crawler.py, which should define the task Crawler" in text
+        assert "Traceback" not in text
+
+
+def test_a_custom_robot_can_be_recorded(trained, folder, monkeypatch, opengl):
+    small = ("--width", "64", "--height", "64", "--seconds", "0.1")
+    command(monkeypatch, record, str(trained), "--output", "film.gif", *small)
+    assert (folder / "film.gif").stat().st_size > 0
 
 
 def test_the_command_line_accepts_a_custom_task_s_options(folder):
@@ -102,18 +109,8 @@ def test_a_custom_robot_runs_on_both_simulators(folder, backend):
         step = env.step(torch.ones(4, 2))
     assert step.reward.isfinite().all()
     assert env.blowups == 0 and (env.overflow() == 0).all()
-
-
-def test_a_missing_task_file_gives_a_clear_error(trained, folder, monkeypatch, capsys):
-    (folder / "crawler.py").rename(folder / "moved.py")
-    for module in (evaluate, record, explore):
-        with pytest.raises(SystemExit) as stopped:
-            command(monkeypatch, module, str(trained))
-        assert stopped.value.code == 2
-        captured = capsys.readouterr()
-        text = " ".join((captured.out + captured.err).split())
-        assert "crawler.py, which should define the task Crawler" in text
-        assert "Traceback" not in text
+    with pytest.raises(MorlaxError, match="unknown reward term 'rum': did you mean 'run'"):
+        envs.make("crawler.py:Crawler", 3, "cpu", shared={"rum": 1.0})
 
 
 # Files
@@ -161,69 +158,29 @@ def test_different_paths_to_one_file_give_one_class(folder):
 # Mistakes in a task class
 
 
-@pytest.mark.parametrize(
-    ("method", "expected"),
-    [
-        (
-            "initial_qpos(self): return [0.0] * 4",
-            "Crawler.initial_qpos() has shape (4,): it must be (5,), one number per qpos.",
-        ),
-        (
-            "observe(self): return self.physics.qpos[0]",
-            "Crawler.observe() has shape (5,): it must be (3, O), one row per world.",
-        ),
-        (
-            "observe(self): return self.physics.qpos.T",
-            "Crawler.observe() has shape (5, 3): it must be (3, O)",
-        ),
-        (
-            "privileged(self): return self.age",
-            "Crawler.privileged() has shape (3,): it must be (3, P)",
-        ),
-        (
-            "terms(self): return {'run': self.physics.qvel[:, :1], 'energy': self.age}",
-            "Crawler.terms()['run'] has shape (3, 1): it must be (3,), one number per world.",
-        ),
-        (
-            "terms(self): return {'run': 1.0}",
-            "Crawler.terms()['run'] has shape (): it must be (3,)",
-        ),
-        (
-            "failed(self): return self.physics.qpos[:, 2:3] > 1",
-            "Crawler.failed() has shape (3, 1) of torch.bool: it must be (3,) of torch.bool",
-        ),
-        (
-            "failed(self): return self.physics.qpos[:, 2]",
-            "Crawler.failed() has shape (3,) of torch.float64: it must be (3,) of torch.bool",
-        ),
-        (
-            "apply(self, action): self.physics.ctrl.copy_(action[:, :1].repeat(1, 3))",
-            "Crawler.apply() cannot turn actions of shape (3, 2) into physics.ctrl of shape (3, 2)",
-        ),
-        (
-            "apply(self, action): self.physics.ctrl = action",
-            "Crawler.apply() rebinds physics.ctrl",
-        ),
-        (
-            "layout(self): return [Part('all', 3, '')]",
-            "Crawler: layout() names 3 numbers, but observe() gives 9",
-        ),
-        (
-            "observe(self): return self.physics.sensor('gyro')",
-            "unknown sensor 'gyro'",
-        ),
-    ],
-)
-def test_errors_name_wrong_shapes(folder, method, expected):
+METHODS = {
+    "initial_qpos(self): return [0.0] * 4": "initial_qpos() has shape (4,): it must be (5,), one",
+    "observe(self): return self.physics.qpos.T": "observe() has shape (5, 3): it must be (3, O)",
+    "observe(self): return self.physics.sensor('gyro')": "unknown sensor 'gyro'",
+    "privileged(self): return self.age": "privileged() has shape (3,): it must be (3, P)",
+    "terms(self): return {'run': 1.0}": "terms()['run'] has shape (): it must be (3,), one number",
+    "failed(self): return self.physics.qpos[:, 2]": (
+        "failed() has shape (3,) of torch.float64: it must be (3,) of torch.bool"
+    ),
+    "apply(self, action): self.physics.ctrl.copy_(action[:, :1].repeat(1, 3))": (
+        "apply() cannot turn actions of shape (3, 2) into physics.ctrl of shape (3, 2)"
+    ),
+    "apply(self, action): self.physics.ctrl = action": "apply() rebinds physics.ctrl",
+    "layout(self): return [Part('all', 3, '')]": "layout() names 3 numbers, but observe() gives 9",
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_errors_name_wrong_shapes(folder, method):
     with (folder / "crawler.py").open("a") as file:
         file.write(f"\n    def {method}\n")
-    with pytest.raises(MorlaxError, match=re.escape(expected)):
+    with pytest.raises(MorlaxError, match=re.escape(METHODS[method])):
         envs.make("crawler.py:Crawler", 3, "cpu")
-
-
-def test_an_unknown_reward_term_gives_a_suggestion(folder):
-    with pytest.raises(MorlaxError, match="unknown reward term 'rum': did you mean 'run'"):
-        envs.make("crawler.py:Crawler", 3, "cpu", shared={"rum": 1.0})
 
 
 @pytest.mark.parametrize(
@@ -259,11 +216,6 @@ def test_pushes_need_a_robot_that_can_move_horizontally(folder):
     (folder / "crawler.xml").write_text(turning)
     with pytest.raises(MorlaxError, match="this robot cannot be pushed"):
         envs.make("crawler.py:Crawler", 3, "cpu", randomization={"push": 1.0})
-
-
-def test_a_name_is_registered_once(folder):
-    with pytest.raises(MorlaxError, match="there is already an environment called 'ant'"):
-        envs.register("ant", envs.get("crawler.py:Crawler"))
 
 
 # Entry points
@@ -325,3 +277,5 @@ def test_built_in_names_cannot_be_overridden(offer):
     offer("offered_five", "ant = offered_five:Crawler")
     assert envs.get("ant").__name__ == "Ant"
     assert envs.names().count("ant") == 1
+    with pytest.raises(MorlaxError, match="there is already an environment called 'ant'"):
+        envs.register("ant", envs.get("crawler.py:Crawler"))

@@ -2,12 +2,12 @@
 
 import pytest
 import torch
+from tiny import Blind, learner
 from torch import Tensor
 
-from morlax_torch import MORLAX, Policy, envs, load, save
+from morlax_torch import Policy, envs, load, save
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import merged
-from morlax_torch.envs.worlds.robot import positions
 from morlax_torch.evaluate import evaluate
 from morlax_torch.export import export
 from morlax_torch.exports.manifest import manifest
@@ -28,17 +28,8 @@ TINY = {
 }
 
 
-class Blind(Hopper):
-    """A hopper whose policy sees only positions; its critic also sees velocities."""
-
-    def observe(self) -> Tensor:
-        return self.physics.qpos[:, 1:]
-
-    def privileged(self) -> Tensor | None:
-        return self.physics.qvel.clamp(-10, 10)
-
-    def layout(self) -> list[envs.Part]:
-        return positions(self.physics.model)[1:]
+def tiny(**changes: object) -> Config:
+    return load_config(merged(TINY, changes))
 
 
 class Sighted(Blind):
@@ -58,17 +49,6 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("blind", Blind)
     envs.register("sighted", Sighted)
-
-
-def tiny(**changes: object) -> Config:
-    return load_config(merged(TINY, changes))
-
-
-def trainer(config: Config, iterations: int) -> MORLAX:
-    morlax = MORLAX(make_worlds(config, config.worlds), config)
-    for _ in range(iterations):
-        morlax.iterate()
-    return morlax
 
 
 @pytest.mark.parametrize("backend", ("mujoco", "warp"))
@@ -108,7 +88,7 @@ def test_a_blown_up_world_gives_critics_zeros():
 
 def test_a_rollout_stores_the_critics_observations():
     """Sighted is the reference: both tasks move alike under the same actions."""
-    morlax = trainer(tiny(), 1)
+    morlax = learner(tiny(), 1)
     rollout = morlax.rollout
     env = make_worlds(tiny(env="sighted"), 32)
     observation = env.reset()
@@ -122,7 +102,7 @@ def test_a_rollout_stores_the_critics_observations():
 
 
 def test_only_critics_see_privileged_observations(generator):
-    agent = trainer(tiny(network={"scale": 0.3}), 1).agent
+    agent = learner(tiny(network={"scale": 0.3}), 1).agent
     seen = torch.randn(4, 5, O + P, generator=generator)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
     policies, values = agent.policies(tradeoffs), agent.values(tradeoffs)
@@ -135,7 +115,7 @@ def test_only_critics_see_privileged_observations(generator):
 
 
 def test_observations_and_privileged_observations_are_normalized(generator):
-    normalizer = trainer(tiny(), 3).agent.observation_normalizer
+    normalizer = learner(tiny(), 3).agent.observation_normalizer
     assert normalizer.mean.shape == (O + P,)
     assert (normalizer.variance != 1).all()
     seen = torch.randn(5, O + P, generator=generator)
@@ -144,7 +124,7 @@ def test_observations_and_privileged_observations_are_normalized(generator):
 
 @pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
 def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator):
-    morlax = trainer(tiny(), 3)
+    morlax = learner(tiny(), 3)
     checkpoint.save(tmp_path / "whole.pt", morlax, Progress())
     save(load(tmp_path / "whole.pt"), tmp_path / "alone.pt")
     observation = torch.randn(5, O, generator=generator)

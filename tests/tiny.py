@@ -1,9 +1,12 @@
-"""A hopper that trains in a second."""
+"""A hopper that trains in a second, and one whose critic sees more than its policies."""
 
 from typing import Any
 
-from morlax_torch import config_for
+from torch import Tensor, nn
+
+from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.configuration.config import Config
+from morlax_torch.runs.training import make_worlds
 
 
 def tiny(**changes: Any) -> Config:
@@ -26,3 +29,24 @@ def tiny(**changes: Any) -> Config:
         "task.episode_length": 5,
     }
     return config_for("hopper", **{**small, **changes})
+
+
+def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> MORLAX:
+    """Return a learner after so many iterations."""
+    made = MORLAX(make_worlds(config, config.worlds), config, **networks)
+    for _ in range(iterations):
+        made.iterate()
+    return made
+
+
+class Blind(envs.get("hopper")):
+    """A hopper whose policies see positions only; its critics see velocities too."""
+
+    def observe(self) -> Tensor:
+        return self.physics.qpos[:, 1:]
+
+    def privileged(self) -> Tensor | None:
+        return self.physics.qvel.clamp(-10, 10)
+
+    def layout(self) -> list[envs.Part]:
+        return super().layout()[:6]
