@@ -159,7 +159,7 @@ def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_policy() -> Callable[..., Policy]:
     """Return a factory of untrained policies whose actions depend on the trade-off."""
 
@@ -175,7 +175,7 @@ def make_policy() -> Callable[..., Policy]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_front() -> Callable[[tuple[str, ...]], Front]:
     """Return a factory of fronts: corners, an even trade-off, and one that the even dominates."""
 
@@ -199,7 +199,7 @@ def opengl() -> None:
         pytest.skip(str(error))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_run(make_front, make_policy) -> Callable[..., Path]:
     """Return a factory of run folders with untrained policies and a front."""
 

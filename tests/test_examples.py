@@ -32,7 +32,7 @@ def test_the_cleanrl_style_ppo_example_learns(cleanrl_ppo, capsys):
     settings = cleanrl_ppo.Settings(
         env_id="morlax_torch/Hopper-v0",
         device="cpu",
-        total_timesteps=60_000,
+        total_timesteps=40_000,
         num_envs=64,
         episode_length=100,
     )

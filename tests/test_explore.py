@@ -31,36 +31,26 @@ def refused(monkeypatch, capsys, *arguments: str) -> str:
     return " ".join(capsys.readouterr().err.split())
 
 
-def test_nothing_to_explore_is_an_error(workplace, monkeypatch, capsys):
+def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, capsys):
     monkeypatch.setattr(library, "SHIPPED", workplace)
     assert "there is nothing to explore yet" in refused(monkeypatch, capsys)
-
-
-def test_an_unknown_run_is_an_error(workplace, monkeypatch, capsys):
     assert "runs/none does not exist" in refused(monkeypatch, capsys, "runs/none")
-
-
-def test_a_run_without_checkpoints_is_an_error(workplace, monkeypatch, capsys):
     (workplace / "run").mkdir()
     assert "run has no checkpoints" in refused(monkeypatch, capsys, "run")
 
 
-def test_a_port_in_use_is_an_error(workplace, make_run, monkeypatch, capsys):
+def test_an_address_that_cannot_be_listened_on_is_an_error(
+    workplace, make_run, monkeypatch, capsys
+):
     make_run(workplace / "run", "hopper", "best")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         text = refused(monkeypatch, capsys, "run", "--port", port)
     assert f"cannot listen on 127.0.0.1, port {port}" in text
     assert "from 0 to 65535" in refused(monkeypatch, capsys, "run", "--port", "70000")
-
-
-@pytest.mark.parametrize("host", ["192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""])
-def test_a_host_that_cannot_be_listened_on_is_an_error(
-    host, workplace, make_run, monkeypatch, capsys
-):
-    make_run(workplace / "run", "hopper", "best")
-    text = refused(monkeypatch, capsys, "run", "--host", host)
-    assert "cannot listen on" in text and "choose another --port or --host" in text
+    for host in ("192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""):
+        text = refused(monkeypatch, capsys, "run", "--host", host)
+        assert "cannot listen on" in text and "choose another --port or --host" in text
 
 
 def test_without_viser_the_error_names_the_extra(workplace, make_run, monkeypatch, capsys):

@@ -35,19 +35,14 @@ def import_adapter(name: str, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("name", HOSTS)
-def test_a_missing_library_error_names_the_extra_to_install(name, monkeypatch):
-    def found(package: str) -> str:
+def test_errors_name_the_extra_to_install_and_the_required_version(name, monkeypatch):
+    def missing(package: str) -> str:
         raise metadata.PackageNotFoundError(package)
 
-    monkeypatch.setattr(metadata, "version", found)
-    extra, _, _ = HOSTS[name]
+    extra, old, least = HOSTS[name]
+    monkeypatch.setattr(metadata, "version", missing)
     with pytest.raises(MorlaxError, match=rf"not installed: pip install 'morlax-torch\[{extra}\]'"):
         import_adapter(name, monkeypatch)
-
-
-@pytest.mark.parametrize("name", HOSTS)
-def test_an_outdated_library_error_names_the_required_version(name, monkeypatch):
-    extra, old, least = HOSTS[name]
     monkeypatch.setattr(metadata, "version", lambda package: old)
     expected = rf"{old} is too old, {least} or later is needed: pip .*\[{extra}\]"
     with pytest.raises(MorlaxError, match=expected):

@@ -21,7 +21,7 @@ from morlax_torch.viewers.web.robot import build
 from morlax_torch.viewers.web.tracing import PagePhysics, trace
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
-SLOW = pytest.param("humanoid", marks=pytest.mark.slow)
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid")]
 LONG = pytest.param("bruce", marks=[pytest.mark.slow, pytest.mark.long])
 
 
@@ -44,7 +44,7 @@ def robots(tmp_path: Path, monkeypatch) -> str:
 # Graphs
 
 
-@pytest.mark.parametrize("name", ["ant", SLOW, LONG])
+@pytest.mark.parametrize("name", [*SLOW, LONG])
 def test_graphs_step_like_the_task(name, generator):
     env = world(name)
     assert check(env, trace(env), generator) < TOLERANCE
@@ -57,7 +57,7 @@ def test_a_task_of_a_user_can_be_traced(robots, generator):
     assert check(env, traced, generator) < TOLERANCE
 
 
-def test_noise_delays_and_pushes_are_repeated_with_the_same_draws(generator):
+def test_graphs_step_with_the_same_noise_delays_and_pushes(generator):
     disturbed = {
         "observation_noise": {"position": 0.1},
         "action_delay": (1, 3),
