@@ -86,19 +86,6 @@ def test_worlds_that_are_not_finite_terminate_and_earn_nothing():
     check_blown_up(envs.make(GO1, 3, "cpu"))
 
 
-def test_evaluated_worlds_earn_nothing_once_they_are_over():
-    env = envs.make(CARTPOLE, 3, "cpu", auto_reset=False, episode_length=5)
-    env.reset()
-    steps = [env.step(noise(env)) for _ in range(8)]
-    last = steps[4]
-    assert last.truncated.all() and (last.reward != 0).any()
-    for step in steps[5:]:
-        assert step.truncated.all() and not step.reward.any()
-        assert torch.equal(step.observation, last.observation)
-    env.restart(torch.tensor([True, False, False]))
-    assert env.step(noise(env)).truncated.tolist() == [False, True, True]
-
-
 def test_worlds_draw_from_a_generator_of_their_own():
     found = []
     for seed in (1, 2):
@@ -110,6 +97,19 @@ def test_worlds_draw_from_a_generator_of_their_own():
     assert torch.equal(*found)
     env.reseed(6)
     assert not torch.equal(env.reset(), found[0])
+
+
+def test_evaluated_worlds_earn_nothing_once_they_are_over():
+    env = envs.make(CARTPOLE, 3, "cpu", auto_reset=False, episode_length=5)
+    env.reset()
+    steps = [env.step(noise(env)) for _ in range(8)]
+    last = steps[4]
+    assert last.truncated.all() and (last.reward != 0).any()
+    for step in steps[5:]:
+        assert step.truncated.all() and not step.reward.any()
+        assert torch.equal(step.observation, last.observation)
+    env.restart(torch.tensor([True, False, False]))
+    assert env.step(noise(env)).truncated.tolist() == [False, True, True]
 
 
 def test_terms_of_weight_zero_and_terms_of_effort_can_be_used():

@@ -8,34 +8,23 @@ import pytest
 import torch
 from same import assert_same
 from tiny import learner as trainer
+from tiny import tiny
 from torch import nn
 
 from morlax_torch import MORLAX, MorlaxError, Policy, load, save, train
 from morlax_torch.commands import evaluate
 from morlax_torch.commands import train as train_command
-from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.configuration.files import merged
+from morlax_torch.configuration.config import Config
 from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
 
 O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
-TINY = {
-    "env": "hopper",
-    "device": "cpu",
-    "backend": "mujoco",
-    "worlds": 32,
-    "horizon": 5,
-    "sampling": {"clusters": 4},
-    "ppo": {"minibatches": 2, "epochs": 2},
-    "evaluation": {"tradeoffs": 4, "every": 320},
-    "task": {"episode_length": 20},
-}
 
 
-def tiny(**changes: object) -> Config:
-    return load_config(merged(TINY, changes))
+def usual(**changes: object) -> Config:
+    return tiny(**{"network.actor": (64, 64), **changes})
 
 
 def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:
@@ -56,7 +45,7 @@ def tanh() -> nn.Module:
 
 @pytest.mark.parametrize("type", ("dual", "single"))
 def test_custom_networks_train(type):
-    config = tiny(network={"type": type})
+    config = usual(network={"type": type})
     networks = {"actor": normed(), "critic": normed(outputs=m)}
     kept = copy.deepcopy(networks)
     before = weights(trainer(config, 0, **networks))
@@ -71,7 +60,7 @@ def test_custom_networks_train(type):
 
 def test_every_tradeoff_starts_with_the_given_network(generator):
     actor, critic = normed(), normed(outputs=m)
-    agent = trainer(tiny(), actor=actor, critic=critic).agent
+    agent = trainer(usual(), actor=actor, critic=critic).agent
     seen = torch.randn(3, 5, O, generator=generator)
     policies, values = agent.policies(torch.eye(3)[:, :2] + 0.1), agent.values(torch.ones(3, 2))
     torch.testing.assert_close(policies(seen).output, actor(seen))
@@ -107,13 +96,13 @@ MISFITS = {
 def test_a_network_that_does_not_fit_raises_a_clear_error(misfit):
     networks, sentence = MISFITS[misfit]
     with pytest.raises(MorlaxError, match=sentence) as error:
-        trainer(tiny(), 0, **networks)
+        trainer(usual(), 0, **networks)
     assert "\n" not in str(error.value)
 
 
 @pytest.fixture
 def saved(tmp_path: Path) -> tuple[Path, MORLAX]:
-    morlax = trainer(tiny(), 2, actor=tanh())
+    morlax = trainer(usual(), 2, actor=tanh())
     checkpoint.save(tmp_path / "own.pt", morlax, Progress())
     return tmp_path / "own.pt", morlax
 
@@ -141,17 +130,17 @@ def test_a_custom_actor_is_never_confused_with_the_config_s(saved, tmp_path):
     with pytest.raises(MorlaxError, match=words):
         load(tmp_path / "alone.pt")
     with pytest.raises(MorlaxError, match=words):
-        checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
+        checkpoint.restore(checkpoint.load(path), path, trainer(usual(), 0))
     with pytest.raises(MorlaxError, match=r"the actor passed does not match the one in .*own\.pt"):
         load(path, actor=normed())
-    checkpoint.save(tmp_path / "usual.pt", trainer(tiny(), 0), Progress())
+    checkpoint.save(tmp_path / "usual.pt", trainer(usual(), 0), Progress())
     with pytest.raises(MorlaxError, match=r"holds the actor of its config: leave out actor="):
         load(tmp_path / "usual.pt", actor=tanh())
 
 
 def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator):
     path, critic = tmp_path / "own.pt", normed(outputs=m)
-    morlax = trainer(tiny(), 2, critic=critic)
+    morlax = trainer(usual(), 2, critic=critic)
     checkpoint.save(path, morlax, Progress())
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.5, 0.5))
@@ -159,17 +148,17 @@ def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator)
     save(load(path), tmp_path / "alone.pt")
     assert torch.equal(load(tmp_path / "alone.pt")(observation, (0.5, 0.5)), expected)
     with pytest.raises(MorlaxError, match="user-made critic, which no config describes"):
-        checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
-    resumed = trainer(tiny(), 0, critic=critic)
+        checkpoint.restore(checkpoint.load(path), path, trainer(usual(), 0))
+    resumed = trainer(usual(), 0, critic=critic)
     checkpoint.restore(checkpoint.load(path), path, resumed)
     assert_same(weights(resumed), weights(morlax))
 
 
 def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypatch, capsys):
     networks = {"actor": normed(), "critic": normed(outputs=m)}
-    run = train(tiny(max_env_steps=320), output=tmp_path / "run", **networks)
+    run = train(usual(), output=tmp_path / "run", **networks)
     for module, arguments in (
-        (train_command, ("--resume", str(run.folder), "--max-env-steps", "640")),
+        (train_command, ("--resume", str(run.folder), "--max-env-steps", "128")),
         (evaluate, (run.folder,)),
     ):
         monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
@@ -177,7 +166,7 @@ def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypat
             module.main()
         assert exit.value.code == 2
         assert "user-made actor, which no config describes" in capsys.readouterr().err
-    longer = train(tiny(max_env_steps=640), Run.open(run.folder), **networks)
+    longer = train(usual(max_env_steps=128), Run.open(run.folder), **networks)
     contents = checkpoint.load(longer.checkpoints / "latest.pt")
     assert contents.learner["iteration"] == 4
     policy = load(run.folder, actor=normed())

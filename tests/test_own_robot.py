@@ -96,10 +96,13 @@ def test_the_command_line_accepts_a_custom_task_s_options(folder):
     text = (folder / "crawler.py").read_text()
     own = "        hurry: float = 2.0\n        nconmax"
     (folder / "crawler.py").write_text(text.replace("        nconmax", own))
-    arguments_ = ("--env", "./crawler.py:Crawler", "--device", "cpu", "--task.hurry", "3")
-    config = arguments.read(arguments_)[0]
+    typed = ("--env", "./crawler.py:Crawler", "--device", "cpu", "--task.hurry", "3")
+    config = arguments.read(typed)[0]
     assert config.task.model_dump()["hurry"] == 3
     assert config.worlds == 1024  # from configs/default.yaml
+    (folder / "there").mkdir()
+    names = ("crawler.py:Crawler", "there/../crawler.py:Crawler", f"{folder}/crawler.py:Crawler")
+    assert len({envs.get(name) for name in names}) == 1
 
 
 @pytest.mark.parametrize("backend", ("mujoco", "warp"))
@@ -116,43 +119,35 @@ def test_a_custom_robot_runs_on_both_simulators(folder, backend):
 # Files
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("crawler.py:Crawlr", "did you mean 'Crawler'"),
-        ("crawler.py:positions", "Known: Crawler"),
-        ("crawler.py:Environment", "Known: Crawler"),
-        ("crawler.py", "name a class in it, such as crawler.py:MyRobot"),
-        ("nowhere.py:Crawler", "there is no file"),
-    ],
-)
-def test_an_unknown_class_or_file_gives_a_clear_error(folder, name, expected):
-    with pytest.raises(MorlaxError, match=re.escape(expected)):
+UNKNOWN = {
+    "crawler.py:Crawlr": "did you mean 'Crawler'",
+    "crawler.py:positions": "Known: Crawler",
+    "crawler.py": "name a class in it, such as crawler.py:MyRobot",
+    "nowhere.py:Crawler": "there is no file",
+}
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_an_unknown_class_or_file_gives_a_clear_error(folder, name):
+    with pytest.raises(MorlaxError, match=re.escape(UNKNOWN[name])):
         envs.get(name)
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("import no_such_module", "line 3, cannot be imported: ModuleNotFoundError: No module"),
-        ("1 / 0", "line 3, cannot be imported: ZeroDivisionError: division by zero"),
-        ("def (", "cannot be imported: SyntaxError"),
-        ("import sys; sys.exit()", "line 3, cannot be imported: SystemExit"),
-    ],
-)
-def test_a_failing_file_gives_a_clear_error_and_can_be_fixed(folder, line, expected):
+FAILURES = {
+    "import no_such_module": "line 3, cannot be imported: ModuleNotFoundError: No module",
+    "def (": "cannot be imported: SyntaxError",
+    "import sys; sys.exit()": "line 3, cannot be imported: SystemExit",
+}
+
+
+@pytest.mark.parametrize("line", FAILURES)
+def test_a_failing_file_gives_a_clear_error_and_can_be_fixed(folder, line):
     good = (folder / "crawler.py").read_text()
     (folder / "crawler.py").write_text(good.replace("import numpy as np", f"\n{line}", 1))
-    with pytest.raises(MorlaxError, match=re.escape(expected)):
+    with pytest.raises(MorlaxError, match=re.escape(FAILURES[line])):
         envs.get("crawler.py:Crawler")
     (folder / "crawler.py").write_text(good)
     assert envs.get("crawler.py:Crawler").__name__ == "Crawler"
-
-
-def test_different_paths_to_one_file_give_one_class(folder):
-    (folder / "there").mkdir()
-    names = ("crawler.py:Crawler", "there/../crawler.py:Crawler", f"{folder}/crawler.py:Crawler")
-    assert len({envs.get(name) for name in names}) == 1
 
 
 # Mistakes in a task class
@@ -183,26 +178,17 @@ def test_errors_name_wrong_shapes(folder, method):
         envs.make("crawler.py:Crawler", 3, "cpu")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ("def failed", "def fails", "Crawler does not define failed, which every task needs."),
-        (
-            "class Options",
-            "class Choices",
-            "Crawler.Options must be a subclass of ObjectiveOptions",
-        ),
-        (
-            'objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"energy"'
-            ": 1.0}}",
-            "friends: int = 2",
-            "Crawler.Options must be a subclass of ObjectiveOptions",
-        ),
-        ('model_file = "crawler.xml"', "", "Crawler names no MJCF: give it a model_file."),
-        ('"crawler.xml"', '"crawl.xml"', "MuJoCo cannot load"),
-    ],
-)
-def test_an_incomplete_task_class_gives_a_clear_error(folder, old, new, expected):
+INCOMPLETE = {
+    "def failed": ("def fails", "Crawler does not define failed, which every task needs."),
+    "class Options": ("class Choices", "Crawler.Options must be a subclass of ObjectiveOptions"),
+    'model_file = "crawler.xml"': ("", "Crawler names no MJCF: give it a model_file."),
+    '"crawler.xml"': ('"crawl.xml"', "MuJoCo cannot load"),
+}
+
+
+@pytest.mark.parametrize("old", INCOMPLETE)
+def test_an_incomplete_task_class_gives_a_clear_error(folder, old):
+    new, expected = INCOMPLETE[old]
     text = (folder / "crawler.py").read_text()
     assert old in text
     (folder / "crawler.py").write_text(text.replace(old, new))
@@ -250,30 +236,27 @@ def test_an_entry_point_is_imported_only_when_its_task_is_used(offer):
     del gymnasium.registry["morlax_torch/MyCrawler-v0"]
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("bad = offered_none:Crawler", "cannot be imported from offered_none:Crawler: ModuleNot"),
-        ("bad = offered_two:Nobody", "cannot be imported from offered_two:Nobody: AttributeError"),
-        ("bad = offered_two:positions", "is offered_two:positions, which is not a subclass of"),
-    ],
-)
-def test_a_broken_entry_point_does_not_affect_other_tasks(offer, line, expected):
-    offer("offered_two", line)
+BROKEN = {
+    "offered_none:Crawler": "cannot be imported from offered_none:Crawler: ModuleNot",
+    "offered_two:Nobody": "cannot be imported from offered_two:Nobody: AttributeError",
+    "offered_two:positions": "is offered_two:positions, which is not a subclass of",
+}
+
+
+@pytest.mark.parametrize("place", BROKEN)
+def test_a_broken_entry_point_does_not_affect_other_tasks(offer, place):
+    offer("offered_two", f"bad = {place}")
     assert "bad" in envs.names()
     assert envs.get("hopper").__name__ == "Hopper"
-    with pytest.raises(MorlaxError, match=re.escape(expected)):
+    with pytest.raises(MorlaxError, match=re.escape(BROKEN[place])):
         envs.get("bad")
 
 
-def test_two_entry_points_with_one_name_are_rejected(offer):
+def test_two_entry_points_with_one_name_are_rejected_and_built_in_names_kept(offer):
     offer("offered_three", "twin = offered_three:Crawler")
     offer("offered_four", "twin = offered_four:Crawler")
     with pytest.raises(MorlaxError, match="several packages offer an environment called 'twin'"):
         envs.get("twin")
-
-
-def test_built_in_names_cannot_be_overridden(offer):
     offer("offered_five", "ant = offered_five:Crawler")
     assert envs.get("ant").__name__ == "Ant"
     assert envs.names().count("ant") == 1

@@ -8,30 +8,18 @@ import numpy as np
 import pytest
 import torch
 from same import assert_same
-from tiny import learner
+from tiny import learner, tiny
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
-from morlax_torch.configuration.config import load_config
-from morlax_torch.configuration.files import merged
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 
-TINY = {
-    "env": "hopper",
-    "device": "cpu",
-    "backend": "mujoco",
-    "worlds": 16,
-    "horizon": 3,
-    "sampling": {"clusters": 4},
-    "ppo": {"minibatches": 2},
-    "network": {"hidden": [8], "features": 4, "scale": 0.3, "actor": [6], "critic": [5]},
-}
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
 
 
-def tiny(**changes: object) -> MORLAX:
-    return learner(load_config(merged(TINY, changes)))
+def made(env: str = "hopper", **changes: object) -> MORLAX:
+    return learner(tiny(env, **{"network.scale": 0.3, **changes}))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +27,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MORLAX]:
     """Write a run folder whose observation normalizer has been updated."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "checkpoints").mkdir()
-    morlax = tiny()
+    morlax = made()
     noise = torch.randn(100, morlax.env.observation_size, generator=torch.Generator())
     morlax.agent.observation_normalizer.update(1.0 + 2.0 * noise)
     checkpoint.save(folder / "checkpoints" / "latest.pt", morlax, Progress(best_hypervolume=1.0))
@@ -140,7 +128,7 @@ def test_invalid_tradeoffs_give_clear_errors(policy, observation, which):
 def test_the_best_checkpoint_is_loaded_before_the_latest(saved, tmp_path, observation):
     folder = tmp_path / "checkpoints"
     folder.mkdir()
-    other = tiny(seed=5)
+    other = made(seed=5)
     checkpoint.save(folder / "latest.pt", saved[1], Progress())
     assert morlax_torch.load(tmp_path).config.seed == 0
     checkpoint.save(folder / "best.pt", other, Progress())
@@ -199,7 +187,7 @@ def test_loading_a_checkpoint_runs_no_pickled_code(tmp_path):
 
 
 def test_a_checkpoint_restores_everything(saved, latest):
-    contents, other = checkpoint.load(latest), tiny(seed=3)
+    contents, other = checkpoint.load(latest), made(seed=3)
     checkpoint.restore(contents, latest, other)
     assert contents.progress == Progress(best_hypervolume=1.0)
     assert_same(other.state_dict(), saved[1].state_dict())
@@ -211,7 +199,7 @@ MISMATCHES = {
         {"task": {"objectives": {"jump": {"jump": 12.0}, "run": {"run": 1.5}}}},
         "objectives",
     ),
-    "worlds": ({"worlds": 32}, "worlds 16"),
+    "worlds": ({"worlds": 32}, "worlds 8"),
     "network": ({"network": {"actor": [7]}}, "other sizes"),
 }
 
@@ -219,7 +207,7 @@ MISMATCHES = {
 @pytest.mark.parametrize("difference", MISMATCHES)
 def test_a_checkpoint_is_not_restored_into_a_different_learner(latest, difference):
     changes, words = MISMATCHES[difference]
-    other = tiny(**changes)
+    other = made(**changes)
     before = other.state_dict()
     with pytest.raises(MorlaxError, match=words):
         checkpoint.restore(checkpoint.load(latest), latest, other)
@@ -250,7 +238,7 @@ def test_saved_policies_omit_the_critic_and_give_the_same_actions(policy, observ
     contents = checkpoint.load(tmp_path / "family.pt")
     assert not any("critic" in name for name in contents.policy)
     with pytest.raises(MorlaxError, match="only policies"):
-        checkpoint.restore(contents, tmp_path / "family.pt", tiny())
+        checkpoint.restore(contents, tmp_path / "family.pt", made())
 
 
 def test_observations_can_be_arrays_and_doubles(policy, observation):

@@ -2,12 +2,11 @@
 
 import pytest
 import torch
-from tiny import Blind, learner
+from tiny import Blind, learner, tiny
 from torch import Tensor
 
 from morlax_torch import Policy, envs, load, save
-from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.configuration.files import merged
+from morlax_torch.configuration.config import Config
 from morlax_torch.evaluate import evaluate
 from morlax_torch.export import export
 from morlax_torch.exports.manifest import manifest
@@ -17,19 +16,10 @@ from morlax_torch.runs.training import make_worlds
 
 Hopper = envs.get("hopper")
 O, P = 6, 7
-TINY = {
-    "env": "blind",
-    "device": "cpu",
-    "worlds": 32,
-    "horizon": 12,
-    "sampling": {"clusters": 4},
-    "ppo": {"minibatches": 2, "epochs": 2},
-    "task": {"episode_length": 9, "reset_noise": 0.01},
-}
 
 
-def tiny(**changes: object) -> Config:
-    return load_config(merged(TINY, changes))
+def blind(env: str = "blind", **changes: object) -> Config:
+    return tiny(env, horizon=12, **{"task.reset_noise": 0.01, **changes})
 
 
 class Sighted(Blind):
@@ -88,9 +78,9 @@ def test_a_blown_up_world_gives_critics_zeros():
 
 def test_a_rollout_stores_the_critics_observations():
     """Sighted is the reference: both tasks move alike under the same actions."""
-    morlax = learner(tiny(), 1)
+    morlax = learner(blind(), 1)
     rollout = morlax.rollout
-    env = make_worlds(tiny(env="sighted"), 32)
+    env = make_worlds(blind("sighted"), 8)
     observation = env.reset()
     for t in range(12):
         assert torch.equal(rollout.observation[t].flatten(0, 1), observation)
@@ -102,7 +92,7 @@ def test_a_rollout_stores_the_critics_observations():
 
 
 def test_only_critics_see_privileged_observations(generator):
-    agent = learner(tiny(network={"scale": 0.3}), 1).agent
+    agent = learner(blind(network={"scale": 0.3}), 1).agent
     seen = torch.randn(4, 5, O + P, generator=generator)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
     policies, values = agent.policies(tradeoffs), agent.values(tradeoffs)
@@ -115,7 +105,7 @@ def test_only_critics_see_privileged_observations(generator):
 
 
 def test_observations_and_privileged_observations_are_normalized(generator):
-    normalizer = learner(tiny(), 3).agent.observation_normalizer
+    normalizer = learner(blind(), 3).agent.observation_normalizer
     assert normalizer.mean.shape == (O + P,)
     assert (normalizer.variance != 1).all()
     seen = torch.randn(5, O + P, generator=generator)
@@ -124,7 +114,7 @@ def test_observations_and_privileged_observations_are_normalized(generator):
 
 @pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
 def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator):
-    morlax = learner(tiny(), 3)
+    morlax = learner(blind(), 3)
     checkpoint.save(tmp_path / "whole.pt", morlax, Progress())
     save(load(tmp_path / "whole.pt"), tmp_path / "alone.pt")
     observation = torch.randn(5, O, generator=generator)

@@ -10,27 +10,14 @@ from same import assert_same
 from tiny import learner as trainer
 from torch import nn
 
-from morlax_torch import config_for
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
-TINY: dict[str, Any] = {
-    "device": "cpu",
-    "backend": "mujoco",
-    "worlds": 32,
-    "horizon": 5,
-    "sampling": {"clusters": 8},
-    "ppo": {"minibatches": 2, "epochs": 2, "decay_fraction": 0.0},
-    "evaluation": {"tradeoffs": 8, "every": 800},
-    "task": {"episode_length": 20},
-}
-
-
 CASES: dict[str, dict[str, Any]] = {
-    "hopper": {"ppo.decay_fraction": 0.5, "max_env_steps": 1120},
+    "hopper": {"ppo.decay_fraction": 0.5, "max_env_steps": 224},
     "ant": {"task.reset_noise": 0.01},
     "humanoid": {"task.stagger": True},
     "bruce": {"task.draw_commands": True, "task.noise": 1.0, "task.randomize": True},
@@ -39,7 +26,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def tiny(env: str = "hopper", **changes: Any) -> Config:
-    return config_for(env, **TINY, **changes)
+    return small.tiny(env, **{"ppo.decay_fraction": 0.0, **changes})
 
 
 def rows(run: Run) -> list[dict[str, str]]:
@@ -70,11 +57,11 @@ def test_iterations_after_a_resume_equal_uninterrupted_ones(env, networks, tmp_p
 
 def test_a_resumed_run_ends_like_an_uninterrupted_one(tmp_path):
     """The evaluations too, although the resumed half has made fewer of them."""
-    changes = {"task.reset_noise": 0.05, "evaluation.every": 320}
-    whole = train(tiny(max_env_steps=640, **changes), output=tmp_path / "whole")
-    train(tiny(max_env_steps=320, **changes), output=tmp_path / "halves")
+    changes = {"task.reset_noise": 0.05, "evaluation.every": 64}
+    whole = train(tiny(max_env_steps=128, **changes), output=tmp_path / "whole")
+    train(tiny(max_env_steps=64, **changes), output=tmp_path / "halves")
     run = Run.open(tmp_path / "halves")
-    halves = train(tiny(max_env_steps=640, **changes), run)
+    halves = train(tiny(max_env_steps=128, **changes), run)
     for name in ("latest", "best"):
         one, other = (checkpoint.load(r.checkpoints / f"{name}.pt") for r in (whole, halves))
         assert_same(one.learner, other.learner)

@@ -10,7 +10,6 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -140,19 +139,7 @@ def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
     assert front.hypervolume == pytest.approx(max(float(row["hypervolume"]) for row in rows))
     assert {path.name for path in run.checkpoints.iterdir()} >= {"latest.pt", "best.pt"}
     events = EventAccumulator(str(run.folder)).Reload()
-    tags = events.Tags()
-    curves = {
-        *("front/hypervolume", "front/sparsity", "front/expected_utility", "front/cardinality"),
-        *("train/policy_loss", "train/value_loss", "train/entropy", "train/kl"),
-        *("train/clip_fraction", "train/env_steps_per_second", "train/blowups"),
-        *("train/explained_variance/run", "train/explained_variance/jump"),
-        *("train/learning_rate/actor", "train/gradient_norm/critic", "train/action_std"),
-        *("train/episode_return/run", "train/episode_return/jump", "train/episode_length"),
-        *("time/train_seconds", "time/total_seconds"),
-    }
-    assert curves <= set(tags["scalars"])
-    assert {"figures/front", "figures/returns"} == set(tags["images"])
-    assert "config/text_summary" in tags["tensors"]
+    assert {"figures/front", "figures/returns"} == set(events.Tags()["images"])
     steps = [event.step for event in events.Scalars("front/hypervolume")]
     assert steps == [0, 800, 1600]
     assert run.config() == tiny(max_env_steps=1600)
@@ -306,30 +293,18 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
 
 def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    morlax = trainer(tiny(max_seconds=0.3, max_env_steps=None), 0)
+    evaluations = training(morlax, make_evaluator(morlax), evaluate_at=(0.1, 0.2))
+    *_, last = evaluations
+    assert last.train_seconds >= 0.3
+    assert last.iteration == morlax.iteration > 0
     morlax = trainer(tiny(max_env_steps=1600, evaluation={"every": 320}), 0)
     evaluations = training(morlax, make_evaluator(morlax))
-    first, second, third = (next(evaluations) for _ in range(3))
+    assert [next(evaluations).iteration for _ in range(3)] == [0, 2, 4]
     evaluations.close()
-    assert [first.iteration, second.iteration, third.iteration] == [0, 2, 4]
     assert morlax.iteration == 4
     assert not list(tmp_path.iterdir())
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_time_limit_ends_training_with_an_evaluation():
-    morlax = trainer(tiny(max_seconds=0.3, max_env_steps=None), 0)
-    *_, last = training(morlax, make_evaluator(morlax), evaluate_at=(0.1, 0.2))
-    assert last.train_seconds >= 0.3
-    assert last.iteration == morlax.iteration > 0
-
-
-def test_pictures_in_tensorboard_become_rarer():
-    """A run of a hundred thousand evaluations has fewer than 120."""
-    from morlax_torch.runs.run import _shows_pictures
-
-    shown = [number for number in range(10**5) if _shows_pictures(number)]
-    assert shown[:10] == list(range(10)) and len(shown) < 120
-    assert all(later <= 1.2 * number + 1 for number, later in pairwise(shown))
 
 
 def test_nohup_protects_a_run_from_its_terminal():

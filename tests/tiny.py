@@ -9,7 +9,7 @@ from morlax_torch.configuration.config import Config
 from morlax_torch.runs.training import make_worlds
 
 
-def tiny(**changes: Any) -> Config:
+def tiny(env: str = "hopper", **changes: Any) -> Config:
     """Return a config for two evaluations, with changes named as on the command line."""
     small = {
         "device": "cpu",
@@ -28,7 +28,7 @@ def tiny(**changes: Any) -> Config:
         "evaluation.every": 32,
         "task.episode_length": 5,
     }
-    return config_for("hopper", **{**small, **changes})
+    return config_for(env, **{**small, **changes})
 
 
 def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> MORLAX:
