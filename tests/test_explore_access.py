@@ -20,10 +20,10 @@ from morlax_torch import MorlaxError, envs, save
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory, make_run) -> Iterator[tuple[str, Path]]:
+def address(tmp_path_factory, make_run) -> Iterator[str]:
     """Serve a run with a velocity command; another run lies beside it, and one outside ./runs.
 
-    Yields the page's address and the working directory; no test may make the server complain.
+    Yields the page's address; no test may make the server complain.
     """
     place = tmp_path_factory.mktemp("served")
     make_run(place / "runs/bruce/a", "bruce", "best")
@@ -31,8 +31,8 @@ def served(tmp_path_factory, make_run) -> Iterator[tuple[str, Path]]:
     make_run(place / "secret", "cheetah", "best")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
-        with exploring("runs/bruce/a") as (address, process):
-            yield address, place
+        with exploring("runs/bruce/a") as (printed, process):
+            yield printed
             assert ended(process) == ""
 
 
@@ -54,10 +54,9 @@ def request(address: str, **headers: str) -> tuple[int, str]:
             return error.code, error.read().decode()
 
 
-def test_only_the_printed_address_opens_the_page(served):
+def test_only_the_printed_address_opens_the_page(address):
     from websockets.exceptions import InvalidStatus
 
-    address, _ = served
     base, _, token = address.rpartition("/")
     host = base.removeprefix("http://")
     assert len(token) >= 32
@@ -113,10 +112,9 @@ def foreign() -> Iterator[tuple[str, dict[str, str]]]:
 
 
 @pytest.mark.slow
-def test_a_foreign_page_cannot_connect(served, foreign):
+def test_a_foreign_page_cannot_connect(address, foreign):
     import viser
 
-    address, _ = served
     elsewhere, pages = foreign
     base = address.rpartition("/")[0]
     for path, target in (("/blind", base), ("/knowing", address)):
@@ -166,8 +164,7 @@ def test_the_explorer_does_not_start_unprotected(monkeypatch):
 FORWARD = "m/s forward"
 
 
-def test_only_values_that_the_page_offers_are_accepted(served):
-    address, _ = served
+def test_only_values_that_the_page_offers_are_accepted(address):
     client, other = Client(address), Client(address)
     slider, text, button, box = map(client.uuid, ("pace", "trade-off", "robot", "velocity"))
     client.set("trade-off", "1, 1, 1, 1, 1, 1")
@@ -222,8 +219,7 @@ def test_only_values_that_the_page_offers_are_accepted(served):
     other.until(partial(has, other, "velocity", True), "the checkbox has no effect")
 
 
-def test_robots_are_added_named_and_removed(served):
-    address, _ = served
+def test_robots_are_added_named_and_removed(address):
     client = Client(address)
     assert client.names() == []
     client.set("compare", "add a robot")
@@ -248,16 +244,6 @@ def has(client: Client, label: str, value: float) -> bool:
     return client.value(label) == value
 
 
-def test_a_run_that_cannot_be_shown_is_a_notification(served):
-    address, place = served
-    client = Client(address)
-    (place / "runs/hopper/b/checkpoints/best.pt").write_bytes(b"not a checkpoint")
-    client.set("policy", "runs/hopper/b")
-    client.until(lambda: bool(client.notifications), "there is no notification")
-    assert "best.pt is damaged" in client.notifications[0]
-    client.until(lambda: client.value("policy") == "runs/bruce/a", "the dropdown is wrong")
-
-
 FRAGILE = """
 from pathlib import Path
 from morlax_torch.envs.robots.planar import Hopper
@@ -270,8 +256,9 @@ class Robot(Hopper):
 """
 
 
-def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_policy):
+def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_policy, make_run):
     monkeypatch.chdir(tmp_path)
+    damaged = make_run(tmp_path / "runs/hopper/b", "hopper", "best") / "checkpoints/best.pt"
     model = Path(sys.modules[envs.get("hopper").__module__].__file__).parent / "assets/hopper.xml"
     (tmp_path / "robot.py").write_text(FRAGILE.format(model=str(model)))
     policy = make_policy("hopper", network={"actor": [8]})
@@ -293,4 +280,11 @@ def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_poli
         client.set("robot", "resume")
         moments: set[str] = set()
         client.until(lambda: moments.add(client.html()) or len(moments) > 5, "it stands still")
+
+        # a run that cannot be shown is a notification, too
+        shown = client.value("policy")
+        damaged.write_bytes(b"not a checkpoint")
+        client.set("policy", "runs/hopper/b")
+        client.until(lambda: "best.pt is damaged" in client.notifications[-1], "no notification")
+        client.until(lambda: client.value("policy") == shown, "the dropdown is wrong")
         assert ended(process).count("RuntimeError: a joint broke") == 1

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import torch
 from peers import check_blown_up, check_run, noise
+from tiny import tiny
 
-from morlax_torch import MorlaxError, config_for, envs, load, train
-from morlax_torch.configuration.config import Config
+from morlax_torch import MorlaxError, envs, load, train
 from morlax_torch.envs.worlds import mjlab
 from morlax_torch.exports.exporting import export
 from morlax_torch.terminal.arguments import read
@@ -122,14 +122,8 @@ def test_terms_of_weight_zero_and_terms_of_effort_can_be_used():
     torch.testing.assert_close(step.reward[:, 1], -0.5 * step.terms["electrical_power_cost"])
 
 
-def small(task: str, **sizes: int) -> Config:
-    defaults = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
-    defaults |= {"ppo.minibatches": 2, "evaluation.tradeoffs": 4, "task.episode_length": 4}
-    return config_for(task, device="cpu", **{**defaults, **sizes})
-
-
 def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
-    check_run(small(CARTPOLE, worlds=16, max_env_steps=64), tmp_path / "run", capsys)
+    check_run(tiny(CARTPOLE, backend=None), tmp_path / "run", capsys)
 
 
 @pytest.mark.parametrize("robot", ["Go1", "G1"])
@@ -158,7 +152,8 @@ def test_mistakes_are_one_sentence(name, options, message):
 
 @pytest.fixture(scope="module")
 def go1_run(tmp_path_factory) -> Path:
-    config = small(GO1, **{"sampling.mode": "dense"})
+    few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
+    config = tiny(GO1, backend=None, **few, **{"sampling.mode": "dense", "ppo.minibatches": 2})
     return train(config, output=tmp_path_factory.mktemp("go1") / "run").folder
 
 

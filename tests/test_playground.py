@@ -5,8 +5,9 @@ from importlib import metadata
 import pytest
 import torch
 from peers import check_blown_up, check_run, noise
+from tiny import tiny
 
-from morlax_torch import MorlaxError, config_for, envs
+from morlax_torch import MorlaxError, envs
 from morlax_torch.terminal.arguments import read
 
 playground = pytest.importorskip("mujoco_playground", reason="needs the extra playground")
@@ -147,9 +148,7 @@ def test_evaluated_worlds_earn_nothing_once_they_are_over():
 
 
 def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
-    sizes = {"sampling.clusters": 2, "ppo.minibatches": 2, "task.episode_length": 6}
-    sizes |= {"worlds": 4, "horizon": 4, "max_env_steps": 64, "evaluation.tradeoffs": 4}
-    check_run(config_for(CARTPOLE, device="cpu", **sizes), tmp_path / "run", capsys)
+    check_run(tiny(CARTPOLE, backend=None, worlds=4), tmp_path / "run", capsys)
 
 
 def test_the_command_line_changes_the_config_of_a_task():
