@@ -300,29 +300,19 @@ def test_a_front_can_be_saved_and_loaded(front, tmp_path):
         front.save(tmp_path / "nowhere" / "front.npz")
 
 
-def flipped(data: bytes) -> bytes:
-    """Flip one bit of the stored returns."""
-    middle = data.index(b"returns.npy") + 60
-    return data[:middle] + bytes([data[middle] ^ 4]) + data[middle + 1 :]
-
-
-DAMAGES = {
-    "empty": lambda _: b"",
-    "noise": lambda _: np.random.default_rng(0).bytes(500),
-    "truncated": lambda data: data[: len(data) // 2],
-    "flipped": flipped,
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_loading_a_damaged_front_raises_a_clear_error(front, tmp_path, damage):
+def test_loading_a_damaged_front_raises_a_clear_error(front, tmp_path):
     path = tmp_path / "front.npz"
     with pytest.raises(MorlaxError, match=r"front\.npz"):
         Front.load(path)
     front.save(path)
-    path.write_bytes(DAMAGES[damage](path.read_bytes()))
-    with pytest.raises(MorlaxError, match=r"front\.npz"):
-        Front.load(path)
+    whole = path.read_bytes()
+    middle = whole.index(b"returns.npy") + 60
+    flipped = whole[:middle] + bytes([whole[middle] ^ 4]) + whole[middle + 1 :]
+    noise = np.random.default_rng(0).bytes(500)
+    for damaged in (b"", noise, whole[: len(whole) // 2], flipped):
+        path.write_bytes(damaged)
+        with pytest.raises(MorlaxError, match=r"front\.npz"):
+            Front.load(path)
     gc.collect()  # would report a file left open
 
 

@@ -134,8 +134,5 @@ def test_final_observations_differ_from_the_next_ones_only_at_episode_ends(colle
     following = torch.cat([rollout.observation[1:], last.view(1, CLUSTERS, -1, last.shape[1])])
     same = (following == rollout.final_observation).all(-1)
     assert torch.equal(same, ~(rollout.terminated | rollout.truncated))
-
-
-def test_every_world_samples_its_own_actions(collected):
-    rollout, *_ = collected
+    # every world samples its own actions
     assert len(rollout.action.flatten(0, 2).unique(dim=0)) == HORIZON * WORLDS

@@ -56,14 +56,3 @@ def test_the_notebook_is_the_page():
     page = (DOCS / "tutorial.md").read_text()
     stored = (DOCS / "tutorial.ipynb").read_text()
     assert notebook.notebook(page) == stored, "run python docs/site/notebook.py"
-
-
-def test_blocks_become_cells():
-    page = "# Title\n\n```python\n# robot.py\nx = 1\n```\n\n"
-    page += "```sh\nls\npwd\n```\n\n```yaml\na: 1\n```\n"
-    assert [tuple(cell) for cell in notebook.cells(page)] == [
-        ("markdown", "# Title"),
-        ("code", "%%writefile robot.py\n# robot.py\nx = 1"),
-        ("code", "!ls\n!pwd"),
-        ("markdown", "```yaml\na: 1\n```"),
-    ]
