@@ -25,14 +25,11 @@ class Leaping(envs.get("hopper")):
 """
 
 
-@pytest.mark.parametrize(
-    ("env", "algorithm"),
-    [
-        *(("cheetah", name) for name in LEARNERS),
-        ("bruce", "morlax"),
-        ("mo-gymnasium/hopper", "morlax"),
-    ],
-)
+CASES = [("bruce", "morlax"), ("mo-gymnasium/hopper", "morlax")]
+CASES += [("cheetah", name) for name in LEARNERS]
+
+
+@pytest.mark.parametrize(("env", "algorithm"), CASES)
 def test_configs_survive_pickling(env, algorithm):
     config = config_for(env, device="cpu", algorithm=algorithm)
     again = pickle.loads(pickle.dumps(config))
