@@ -40,14 +40,6 @@ def test_the_mean_entropy_estimate_matches_quadrature(generator):
     assert estimates.mean().item() == pytest.approx(expected, abs=5 * error)
 
 
-def test_samples_have_the_gaussian_s_mean_and_std(generator):
-    policy = squashed(torch.full((100_000, 1), 2.0), torch.full((100_000, 1), 1.0))
-    samples, _ = sample(policy.output, policy.noise(generator))
-    scale = math.log1p(math.e) + 0.001
-    assert samples.mean().item() == pytest.approx(2.0, abs=0.03)
-    assert samples.std().item() == pytest.approx(scale, rel=0.02)
-
-
 @pytest.mark.parametrize("std", (0.05, 0.694, 2.0))
 def test_actors_start_with_the_configured_std(std, make_agent):
     policies = make_agent(scale=0.0, initial_std=std).policies(TRADEOFFS)
@@ -136,13 +128,3 @@ def test_initial_networks_are_lecun_uniform_with_zero_biases(make_agent):
     for layer in agent.actor.features[::2]:
         assert layer.weight.abs().max() <= math.sqrt(3 / layer.in_features)
         assert not layer.bias.any()
-
-
-@pytest.mark.parametrize("type", ("dual", "single"))
-def test_the_same_seed_gives_the_same_agent(make_agent, type):
-    torch.manual_seed(1)
-    first = make_agent(seed=5, type=type).state_dict()
-    torch.manual_seed(2)
-    again, other = (make_agent(seed=seed, type=type).state_dict() for seed in (5, 6))
-    assert all(torch.equal(value, again[name]) for name, value in first.items())
-    assert not torch.equal(first["actor.weight"], other["actor.weight"])

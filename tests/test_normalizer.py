@@ -83,14 +83,6 @@ def test_a_constant_column_stays_finite():
     assert normalizer(torch.tensor([[7.0], [8.0]])).tolist() == [[0.0], [10.0]]
 
 
-def test_the_state_dict_holds_the_statistics(batches):
-    normalizer, other = normalizer_of(batches), Normalizer(3)
-    other.load_state_dict(normalizer.state_dict())
-    x = torch.from_numpy(batches[2]).float()
-    assert torch.equal(other(x), normalizer(x))
-    assert not list(normalizer.parameters())
-
-
 def test_rows_equal_normalizers_of_their_own():
     generator = torch.Generator().manual_seed(1)
     rows, own = Normalizer(3, rows=4), [Normalizer(3) for _ in range(4)]

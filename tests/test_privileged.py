@@ -58,15 +58,6 @@ def test_a_step_appends_privileged_numbers_to_the_critic_s_observation(backend):
         assert torch.equal(one.final_observation, other.final_observation[:, :O])
 
 
-def test_without_privileged_observations_nothing_is_copied():
-    env = envs.make("hopper", 4, "cpu")
-    env.reset()
-    step = env.step(torch.zeros(4, 4))
-    assert step.observation.data_ptr() == step.critic_observation.data_ptr()
-    assert step.observation.shape == step.critic_observation.shape
-    assert step.final_observation.data_ptr() == step.final_critic_observation.data_ptr()
-
-
 def test_a_blown_up_world_gives_critics_zeros():
     env = envs.make("blind", 2, "cpu", auto_reset=False)
     env.reset()

@@ -38,7 +38,7 @@ def test_the_robot_is_large_and_stays_in_the_picture_for_an_episode(task):
     player = Player(policy, [1.0] * len(policy.objectives))
     following, seen = FollowingCamera(player.model, 4 / 3), []
     following.restart(player.data)
-    steps = round(4.0 / player.env.dt)
+    steps = round(2.0 / player.env.dt)
     with mujoco.Renderer(player.model, 90, 120) as renderer:
         renderer.enable_segmentation_rendering()
         for step in range(steps):
@@ -55,9 +55,8 @@ def test_the_robot_is_large_and_stays_in_the_picture_for_an_episode(task):
 
 
 @pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize("task", ("ant", "cheetah"))
-def test_a_robot_that_is_put_elsewhere_looks_the_same(task, make_policy):
-    player = Player(make_policy(task), (0.5, 0.5))
+def test_a_robot_that_is_put_elsewhere_looks_the_same(make_policy):
+    player = Player(make_policy("ant"), (0.5, 0.5))
     following = FollowingCamera(player.model, 4 / 3)
     with Scene(player.model, 120, 90) as scene:
         following.restart(player.data)

@@ -10,9 +10,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.hparams import metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from tiny import learner, tiny
-from torch import Tensor
 
-from morlax_torch.algorithms.rollout import Episodes, Rollout
 from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.runs import Run
 from morlax_torch.train import train
@@ -76,27 +74,6 @@ def check_hparams(run: Run) -> None:
     tags = {info.name.tag for info in infos}
     assert {"front/hypervolume", "time/train_seconds"} <= tags
     assert tags <= set(found.Tags()["scalars"])
-
-
-def steps(ends: list[list[int]], reward: list[list[float]]) -> Rollout:
-    """Return a rollout of one objective, (T, 1, G): episodes fail at 1 and time out at 2."""
-    over = torch.tensor(ends)[:, None]
-    nothing = torch.zeros(0)
-    return Rollout(nothing, nothing, nothing, tensor(reward), over == 1, over == 2, nothing)
-
-
-def tensor(reward: list[list[float]]) -> Tensor:
-    return torch.tensor(reward)[:, None, :, None]
-
-
-def test_episodes_are_counted_over_several_rollouts():
-    episodes = Episodes(2, 1, torch.device("cpu"))
-    episodes.observe(steps([[0, 0], [0, 1], [0, 0]], [[1, 10], [2, 20], [4, 40]]))
-    assert episodes.totals.tolist() == [30, 2, 1]
-    assert episodes.running.tolist() == [[7, 3], [40, 1]]
-    episodes.observe(steps([[2, 0], [1, 0], [0, 0]], [[8, 80], [16, 160], [32, 320]]))
-    assert episodes.totals.tolist() == [30 + 15 + 16, 2 + 4 + 1, 3]
-    assert episodes.running.tolist() == [[32, 1], [600, 4]]
 
 
 def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
