@@ -26,7 +26,8 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def tiny(env: str = "hopper", **changes: Any) -> Config:
-    return small.tiny(env, **{"ppo.decay_fraction": 0.0, **changes})
+    more = {"sampling.clusters": 8, "evaluation.tradeoffs": 8, "ppo.decay_fraction": 0.0}
+    return small.tiny(env, **{**more, **changes})
 
 
 def rows(run: Run) -> list[dict[str, str]]:

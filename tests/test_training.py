@@ -13,10 +13,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+import tiny as small
 import torch
 from same import assert_same
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from tiny import learner
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.commands import train as train_command
@@ -32,24 +32,15 @@ from morlax_torch.runs.training import make_evaluator, training
 from morlax_torch.terminal.interrupt import exiting_on_signals, interruptible
 from morlax_torch.train import train
 
-TINY = {
-    "device": "cpu",
-    "backend": "mujoco",
-    "worlds": 32,
-    "horizon": 5,
-    "sampling": {"clusters": 4},
-    "ppo": {"minibatches": 2, "epochs": 2},
-    "evaluation": {"tradeoffs": 8, "every": 5 * 32 * 5},
-    "task": {"episode_length": 20},
-}
 
-
-def tiny(**changes: object) -> Config:
-    return load_config(merged({"env": "hopper", **TINY}, changes))
+def tiny(env: str = "hopper", **changes: object) -> Config:
+    """Return a config for ten iterations of 32 steps, without decay."""
+    ten = {"max_env_steps": 320, "evaluation.every": 160, "ppo.decay_fraction": 0.0}
+    return small.tiny(env, **{**ten, **changes})
 
 
 def trainer(config: Config, iterations: int) -> MORLAX:
-    morlax = learner(config)
+    morlax = small.learner(config)
     iterate(morlax, iterations)
     return morlax
 
@@ -91,7 +82,7 @@ def test_runs_that_begin_at_once_get_a_folder_each(tmp_path, monkeypatch):
             "sampling": {"corners": 0, "alpha": 0.5},
             "ppo": {"truncation": "mask"},
         },
-        {"ppo": {"decay_fraction": 0.5, "desired_kl": 0.02}, "max_env_steps": 1600},
+        {"ppo": {"decay_fraction": 0.5, "desired_kl": 0.02}},
     ],
 )
 def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
@@ -103,11 +94,11 @@ def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
 
 @pytest.mark.parametrize(("fraction", "factor"), [(1.0, 0.6), (0.8, 0.75), (0.5, 1.0)])
 def test_learning_rates_and_entropy_decay_until_policies_stop_changing(fraction, factor):
-    config = tiny(max_env_steps=10 * 160, ppo={"decay_fraction": fraction, "entropy": 0.02})
+    config = tiny(ppo={"decay_fraction": fraction, "entropy": 0.02})
     morlax = trainer(config, 5)  # the fifth iteration begins after 40 % of the run
     ppo, seen = morlax.trainer.ppo, morlax.trainer.observation.clone()
     assert ppo.entropy.item() == pytest.approx(0.02 * factor)
-    assert ppo.optimizers[1].rate.item() == pytest.approx(3e-4 * factor)
+    assert ppo.optimizers[1].rate.item() == pytest.approx(5e-4 * factor)
     iterate(morlax, 6)
     assert ppo.optimizers[0].rate.item() == ppo.entropy.item() == 0.0
     policy = Policy(morlax.agent, morlax.config, morlax.env.objectives)
@@ -118,17 +109,17 @@ def test_learning_rates_and_entropy_decay_until_policies_stop_changing(fraction,
 
 def test_the_desired_kl_decays_instead_of_a_rate_that_adapts_to_it():
     ppo = {"decay_fraction": 1.0, "desired_kl": 0.02}
-    morlax = trainer(tiny(max_env_steps=10 * 160, ppo=ppo), 5)
+    morlax = trainer(tiny(ppo=ppo), 5)
     assert morlax.trainer.ppo.desired_kl.item() == pytest.approx(0.02 * 0.6)
     actor, critic = (optimizer.rate.item() for optimizer in morlax.trainer.ppo.optimizers)
-    assert critic == pytest.approx(3e-4 * 0.6)
-    assert actor / 3e-4 == pytest.approx(1.5 ** round(math.log(actor / 3e-4, 1.5)))
+    assert critic == pytest.approx(5e-4 * 0.6)
+    assert actor / 5e-4 == pytest.approx(1.5 ** round(math.log(actor / 5e-4, 1.5)))
 
 
 def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
-    run = train(tiny(max_env_steps=1600), output=tmp_path / "run")
+    run = train(tiny(), output=tmp_path / "run")
     rows = metrics(run)
-    assert [row["env_steps"] for row in rows] == ["0", "800", "1600"]
+    assert [row["env_steps"] for row in rows] == ["0", "160", "320"]
     assert set(rows[0]) == {
         *("iteration", "env_steps", "train_seconds", "total_seconds", "steps_per_second"),
         *("hypervolume", "sparsity", "expected_utility", "cardinality", "obedience"),
@@ -141,8 +132,8 @@ def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
     events = EventAccumulator(str(run.folder)).Reload()
     assert {"figures/front", "figures/returns"} == set(events.Tags()["images"])
     steps = [event.step for event in events.Scalars("front/hypervolume")]
-    assert steps == [0, 800, 1600]
-    assert run.config() == tiny(max_env_steps=1600)
+    assert steps == [0, 160, 320]
+    assert run.config() == tiny()
 
 
 def test_a_few_seconds_of_training_raise_the_hypervolume(tmp_path):
@@ -215,7 +206,7 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
         if morlax.iteration == 3:
             held = rf"is being trained by process {os.getpid()}: wait"
             with pytest.raises(MorlaxError, match=held):
-                Run.open("run").restore(learner(morlax.config))
+                Run.open("run").restore(small.learner(morlax.config))
             os.kill(os.getpid(), number)
 
     monkeypatch.chdir(tmp_path)
@@ -243,15 +234,14 @@ def test_ctrl_c_while_libraries_are_imported_is_one_line(tmp_path):
 
 def test_a_non_finite_loss_stops_the_run_and_keeps_the_checkpoint(tmp_path):
     with pytest.raises(MorlaxError, match=r"loss became (nan|inf) in iterations 1 to 5.*latest.pt"):
-        train(tiny(ppo={"learning_rate": 1.0}, max_env_steps=8000), output=tmp_path / "run")
+        train(tiny(ppo={"learning_rate": 1e30}), output=tmp_path / "run")
     kept = checkpoint.load(tmp_path / "run" / "checkpoints" / "latest.pt")
     assert all(v.isfinite().all() for v in kept.learner["agent"].values())
 
 
 def test_a_contact_overflow_stops_the_run_and_names_the_option_to_raise(tmp_path):
-    config = tiny(
-        env="cheetah", backend="warp", task={"njmax": 8, "episode_length": 500}, max_env_steps=99999
-    )
+    task = {"njmax": 8, "episode_length": 500}
+    config = tiny("cheetah", backend="warp", task=task, max_env_steps=99999)
     with pytest.raises(MorlaxError, match=r"raise --task.njmax above 8"):
         train(config, output=tmp_path / "run")
 
@@ -263,13 +253,13 @@ def test_training_in_a_thread_reports_every_evaluation(tmp_path):
     found, usual = [], signal.getsignal(signal.SIGINT)
 
     def work() -> None:
-        config = tiny(max_env_steps=1600)
+        config = tiny()
         train(config, output=tmp_path / "run", on_evaluation=found.append)
 
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-    assert [evaluation.env_steps for evaluation in found] == [0, 800, 1600]
+    assert [evaluation.env_steps for evaluation in found] == [0, 160, 320]
     rows = metrics(Run.open(tmp_path / "run"))
     assert [str(e.hypervolume) for e in found] == [row["hypervolume"] for row in rows]
     assert signal.getsignal(signal.SIGINT) is usual
@@ -280,15 +270,15 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
         pass
 
     def prune(evaluation: Evaluation) -> None:
-        if evaluation.env_steps == 800:
+        if evaluation.env_steps == 160:
             raise Pruned
 
-    config = tiny(max_env_steps=1600)
+    config = tiny()
     with pytest.raises(Pruned):
         train(config, output=tmp_path / "run", on_evaluation=prune)
     assert iterations(tmp_path / "run") >= 5  # training went on while the evaluation was written
     resumed = train(config, Run.open(tmp_path / "run"))
-    assert [row["env_steps"] for row in metrics(resumed)] == ["0", "800", "1600"]
+    assert [row["env_steps"] for row in metrics(resumed)] == ["0", "160", "320"]
 
 
 def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch, capsys):
@@ -298,7 +288,7 @@ def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch,
     *_, last = evaluations
     assert last.train_seconds >= 0.3
     assert last.iteration == morlax.iteration > 0
-    morlax = trainer(tiny(max_env_steps=1600, evaluation={"every": 320}), 0)
+    morlax = trainer(tiny(evaluation={"every": 64}), 0)
     evaluations = training(morlax, make_evaluator(morlax))
     assert [next(evaluations).iteration for _ in range(3)] == [0, 2, 4]
     evaluations.close()
