@@ -174,8 +174,14 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize(("format", "tradeoff"), [("onnx", None), ("torchscript", (0.2, 0.8))])
-@pytest.mark.parametrize("network", OTHERS)
+@pytest.mark.parametrize(
+    ("network", "format", "tradeoff"),
+    [
+        ("own actor", "onnx", None),
+        ("conditioned", "onnx", None),
+        ("conditioned", "torchscript", (0.2, 0.8)),
+    ],
+)
 def test_other_networks_can_be_exported(network, format, tradeoff, generator, tmp_path):
     changes, actor = OTHERS[network]
     morlax = learner(tiny(**changes), actor=actor)

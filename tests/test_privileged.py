@@ -103,7 +103,7 @@ def test_observations_and_privileged_observations_are_normalized(generator):
     assert torch.equal(normalizer(seen)[:, :O], normalizer(seen[:, :O]))
 
 
-@pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator):
     morlax = learner(blind(), 3)
     checkpoint.save(tmp_path / "whole.pt", morlax, Progress())
@@ -114,7 +114,7 @@ def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator
         found = load(tmp_path / name)
         assert torch.equal(found(observation, (0.2, 0.8)), expected)
         torch.testing.assert_close(found.specialize((0.2, 0.8))(observation), expected)
-        assert export(found, tmp_path / "it.pt2", "torch-export") < 1e-5
+        assert export(found, tmp_path / "it.ts", "torchscript") < 1e-5
         about = manifest(found)
         assert about["observation_size"] == about["observation"][-1]["slice"][1] == O
     assert evaluate(tmp_path / "whole.pt", tradeoffs=4, device="cpu").returns.shape == (4, 2)
