@@ -105,6 +105,13 @@ def generator() -> torch.Generator:
 
 
 @pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a new folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def single_thread() -> Iterator[None]:
     """Run torch on one thread, since many threads would only wait for each other here."""
     with one_thread(torch.device("cpu")):

@@ -16,12 +16,6 @@ from morlax_torch.terminal import cli
 from morlax_torch.viewers.explorer import library, weights
 
 
-@pytest.fixture
-def workplace(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def refused(monkeypatch, capsys, *arguments: str) -> str:
     """Run the command, which must fail, and return its error message."""
     monkeypatch.setattr(sys, "argv", ["explore", *arguments])

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -29,12 +28,6 @@ from morlax_torch.viewers.explorer.serving import Requests
 from morlax_torch.viewers.explorer.session import PUSH, Session
 from morlax_torch.viewers.explorer.stage import ABOVE
 from morlax_torch.viewers.explorer.thresholds import Thresholds, scale
-
-
-@pytest.fixture
-def workplace(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @pytest.fixture

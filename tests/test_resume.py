@@ -1,6 +1,5 @@
 """A resumed run continues exactly, on any simulator, and evaluations repeat themselves."""
 
-import csv
 from typing import Any
 
 import pytest
@@ -12,6 +11,7 @@ from torch import nn
 
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.history import read_rows
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
@@ -31,8 +31,7 @@ def tiny(env: str = "hopper", **changes: Any) -> Config:
 
 
 def rows(run: Run) -> list[dict[str, str]]:
-    with (run.folder / "metrics.csv").open() as file:
-        return list(csv.DictReader(file))
+    return read_rows(run.folder / "metrics.csv")
 
 
 def own_actor() -> nn.Module:

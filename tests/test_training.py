@@ -1,6 +1,5 @@
 """Training learns, is reproducible, resumes at any moment and reports failures clearly."""
 
-import csv
 import math
 import os
 import random
@@ -25,6 +24,7 @@ from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.history import read_rows
 from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.schedule import Schedule
@@ -53,8 +53,7 @@ def iterate(morlax: MORLAX, iterations: int) -> None:
 
 
 def metrics(run: Run) -> list[dict[str, str]]:
-    with (run.folder / "metrics.csv").open() as file:
-        return list(csv.DictReader(file))
+    return read_rows(run.folder / "metrics.csv")
 
 
 def test_runs_that_begin_at_once_get_a_folder_each(tmp_path, monkeypatch):
