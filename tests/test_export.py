@@ -165,25 +165,19 @@ def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
     }
 
 
-OTHERS = {
-    "own actor": (
-        {},
-        nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8)),
-    ),
-    "conditioned": ({"network.type": "conditioned"}, None),
-}
+OWN = nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8))
+CONDITIONED = {"network.type": "conditioned"}
 
 
 @pytest.mark.parametrize(
-    ("network", "format", "tradeoff"),
+    ("changes", "actor", "format", "tradeoff"),
     [
-        ("own actor", "onnx", None),
-        ("conditioned", "onnx", None),
-        ("conditioned", "torchscript", (0.2, 0.8)),
+        ({}, OWN, "onnx", None),
+        (CONDITIONED, None, "onnx", None),
+        (CONDITIONED, None, "torchscript", (0.2, 0.8)),
     ],
 )
-def test_other_networks_can_be_exported(network, format, tradeoff, generator, tmp_path):
-    changes, actor = OTHERS[network]
+def test_other_networks_can_be_exported(changes, actor, format, tradeoff, generator, tmp_path):
     morlax = learner(tiny(**changes), actor=actor)
     found = Policy(morlax.agent, morlax.config, morlax.env.objectives)
     for parameter in morlax.agent.actor.parameters():
@@ -254,14 +248,9 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("typed", MISTAKES)
-def test_a_mistake_prints_one_error_and_writes_nothing(typed, saved, monkeypatch, capsys):
+def test_a_mistake_prints_one_error_and_writes_nothing(typed, saved, refused):
     before = set(saved.iterdir())
-    with pytest.raises(SystemExit) as exit:
-        run(monkeypatch, *typed.split())
-    assert exit.value.code == 2
-    words = capsys.readouterr()
-    assert words.out == "" and words.err.startswith("error: ") and words.err.count("\n") == 1
-    assert MISTAKES[typed] in words.err
+    assert MISTAKES[typed] in refused(export, *typed.split())
     assert set(saved.iterdir()) == before
 
 
@@ -271,18 +260,15 @@ def test_an_unknown_format_is_one_sentence(trained, tmp_path):
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxscript", "onnxruntime"])
-def test_a_missing_package_names_the_extra(saved, package, monkeypatch, capsys):
+def test_a_missing_package_names_the_extra(saved, package, monkeypatch, refused):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(SystemExit):
-        run(monkeypatch, "policy.pt")
-    text = capsys.readouterr().err
+    text = refused(export, "policy.pt")
     assert f"ONNX needs {package}" in text and "pip install 'morlax-torch[onnx]'" in text
     assert not list(saved.glob("*.onnx"))
 
 
-def test_a_run_with_a_custom_actor_explains_how_to_export(tmp_path, monkeypatch, capsys):
+def test_a_run_with_a_custom_actor_explains_how_to_export(tmp_path, refused):
     actor = nn.Sequential(nn.Linear(13, 8))
     checkpoint.save(tmp_path / "own.pt", learner(tiny(), actor=actor), Progress())
-    with pytest.raises(SystemExit):
-        run(monkeypatch, str(tmp_path / "own.pt"))
-    assert "holds a user-made actor, which no config describes" in capsys.readouterr().err
+    text = refused(export, tmp_path / "own.pt")
+    assert "holds a user-made actor, which no config describes" in text

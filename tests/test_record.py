@@ -37,16 +37,6 @@ def run(monkeypatch, *arguments: str) -> None:
     record.main()
 
 
-def refused(monkeypatch, capsys, *arguments: str) -> str:
-    """Run a command that must fail and return its one-line error."""
-    with pytest.raises(SystemExit) as exit:
-        run(monkeypatch, *arguments)
-    assert exit.value.code == 2
-    words = capsys.readouterr()
-    assert words.out == "" and words.err.startswith("error: ") and words.err.count("\n") == 1
-    return words.err
-
-
 def decoded(path: Path) -> tuple[str, np.ndarray]:
     """Return ffmpeg's description of a video and its frames (T, H, W, 3)."""
     command = [recording.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
@@ -258,16 +248,16 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("words", MISTAKES)
-def test_a_mistake_gives_a_one_line_error_and_leaves_no_file(words, saved, monkeypatch, capsys):
-    assert MISTAKES[words] in refused(monkeypatch, capsys, *words.split())
+def test_a_mistake_gives_a_one_line_error_and_leaves_no_file(words, saved, refused):
+    assert MISTAKES[words] in refused(record, *words.split())
     assert os.listdir() == ["policy.pt"]
 
 
-def test_a_missing_extra_or_ffmpeg_is_named_in_the_error(saved, monkeypatch, capsys):
+def test_a_missing_extra_or_ffmpeg_is_named_in_the_error(saved, monkeypatch, refused):
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "nowhere/ffmpeg")
-    assert "set IMAGEIO_FFMPEG_EXE" in refused(monkeypatch, capsys, "policy.pt")
+    assert "set IMAGEIO_FFMPEG_EXE" in refused(record, "policy.pt")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    error = refused(monkeypatch, capsys, "policy.pt")
+    error = refused(record, "policy.pt")
     assert "pip install 'morlax-torch[video]'" in error and os.listdir() == ["policy.pt"]
 
 
