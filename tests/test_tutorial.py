@@ -12,7 +12,8 @@ from morlax_torch.__main__ import command
 
 DOCS = Path(__file__).parents[1] / "docs"
 
-LONG, SHORT = "max_env_steps=300_000", "max_env_steps=4_096"
+LONG = "max_env_steps=300_000"
+SHORT = 'max_env_steps=4_096, evaluation={"tradeoffs": 64}'
 ENDLESS = "morlax explore"  # test_install.py and test_explore.py start it
 WRITE = "%%writefile "
 
