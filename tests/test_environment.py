@@ -36,14 +36,8 @@ def random_actions(env: envs.Environment, steps: int, seed: int = 0) -> Tensor:
 
 def state(env: envs.Environment) -> dict[str, Tensor]:
     """Return the state of each world, without the random generator."""
-    physics = env.physics
-    return {
-        "qpos": physics.qpos.clone(),
-        "qvel": physics.qvel.clone(),
-        "warmstart": physics.warmstart.clone(),
-        "sensors": physics.sensors.clone(),
-        "age": env.age.clone(),
-    }
+    names = ("qpos", "qvel", "warmstart", "sensors")
+    return {name: getattr(env.physics, name).clone() for name in names} | {"age": env.age.clone()}
 
 
 def forward(model: mujoco.MjModel, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:

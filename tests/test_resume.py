@@ -85,7 +85,7 @@ def test_an_unchanged_policy_gets_an_unchanged_front():
 def test_every_training_seed_is_evaluated_in_the_same_worlds_that_training_never_sees():
     found = []
     for seed in (0, 1):
-        learner = trainer(tiny("cheetah", seed=seed, **NOISY), 0)
+        learner = trainer(tiny("cheetah", worlds=16, seed=seed, **NOISY), 0)
         env = make_evaluator(learner).env
         env.reset()
         found.append((env.physics.qpos.clone(), env.state_dict()["model.geom_friction"]))
