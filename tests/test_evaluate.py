@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tiny import TYPED
 
 from morlax_torch import MorlaxError, load
 from morlax_torch.commands import evaluate
@@ -24,11 +25,6 @@ from morlax_torch.reports.comparison import check_comparable, names, quartiles
 from morlax_torch.reports.results import duration, steps
 from morlax_torch.runs import loading
 
-TINY = (
-    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
-    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
-    *("--max-env-steps", "320"),
-)
 FEW = ("--device", "cpu", "--tradeoffs", "6")
 THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"
 
@@ -45,7 +41,7 @@ def runs(tmp_path_factory) -> Path:
         "three": ("--config", str(place / "three.yaml")),
         "cheetah": ("--env", "cheetah"),
     }.items():
-        train([*arguments, *TINY, "--output", str(place / folder)])
+        train([*arguments, *TYPED, "--output", str(place / folder)])
     return place
 
 

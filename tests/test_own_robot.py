@@ -8,6 +8,7 @@ import gymnasium
 import pytest
 import torch
 import yaml
+from tiny import TYPED
 
 from morlax_torch import MorlaxError, envs, load
 from morlax_torch.commands import evaluate, explore, record, train
@@ -16,10 +17,6 @@ from morlax_torch.terminal import arguments
 from morlax_torch.viewers.player import Player
 
 PAGE = Path(__file__).parent.parent / "docs" / "your-own-robot.md"
-TINY = (
-    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
-    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
-)
 
 
 def shown(name: str) -> str:
@@ -45,7 +42,7 @@ def command(monkeypatch, module, *arguments: str) -> None:
 
 @pytest.fixture
 def trained(folder: Path, monkeypatch) -> Path:
-    arguments = ("--env", "crawler.py:Crawler", *TINY, "--max-env-steps", "320")
+    arguments = ("--env", "crawler.py:Crawler", *TYPED)
     command(monkeypatch, train, *arguments)
     (run,) = (folder / "runs" / "Crawler").iterdir()
     return run

@@ -8,6 +8,12 @@ from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs.training import make_worlds
 
+TYPED = (  # on the command line
+    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
+    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
+    *("--max-env-steps", "320"),
+)
+
 
 def tiny(env: str = "hopper", **changes: Any) -> Config:
     """Return a config for two evaluations, with changes named as on the command line."""
