@@ -212,13 +212,8 @@ def saved(trained, tmp_path: Path, monkeypatch) -> Path:
     return tmp_path
 
 
-def run(monkeypatch, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["export", *arguments])
-    export.main()
-
-
-def test_the_default_output_is_beside_the_policy_and_describes_its_run(saved, monkeypatch, capsys):
-    run(monkeypatch, "policy.pt", "--tradeoff", "7,3")
+def test_the_default_output_is_beside_the_policy_and_describes_its_run(saved, capsys):
+    export.command(["policy.pt", "--tradeoff", "7,3"])
     assert "written: policy.onnx (largest difference from the policy: " in capsys.readouterr().out
     about = known("onnx", (saved / "policy.onnx").read_bytes())
     assert about["tradeoff"] == [7, 3] and about["control_rate_hz"] == 100
@@ -234,7 +229,7 @@ def test_a_shipped_policy_is_exported_into_the_working_directory(saved, format, 
     folder = saved / "shipped" / "hopper"
     (folder / "checkpoints").mkdir(parents=True)
     (saved / "policy.pt").rename(folder / "checkpoints" / "best.pt")
-    run(monkeypatch, "hopper", "--format", format)
+    export.command(["hopper", "--format", format])
     about = known(format, (saved / name).read_bytes())
     assert about["task"] == "hopper" and about["tradeoff"] is None
     assert not (folder / name).exists()

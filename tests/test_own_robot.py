@@ -35,15 +35,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def command(monkeypatch, module, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", [module.__name__, *arguments])
-    module.main()
-
-
 @pytest.fixture
-def trained(folder: Path, monkeypatch) -> Path:
-    arguments = ("--env", "crawler.py:Crawler", *TYPED)
-    command(monkeypatch, train, *arguments)
+def trained(folder: Path) -> Path:
+    train.command(["--env", "crawler.py:Crawler", *TYPED])
     (run,) = (folder / "runs" / "Crawler").iterdir()
     return run
 
@@ -59,8 +53,8 @@ def test_the_documented_robot_can_be_resumed_evaluated_played_and_exported(
     elsewhere = folder / "elsewhere"
     elsewhere.mkdir()
     monkeypatch.chdir(elsewhere)
-    command(monkeypatch, train, "--resume", str(trained), "--max-env-steps", "640")
-    command(monkeypatch, evaluate, str(trained), "--tradeoffs", "5")
+    train.command(["--resume", str(trained), "--max-env-steps", "640"])
+    evaluate.command([str(trained), "--tradeoffs", "5"])
     assert (trained / "report.html").is_file()
     printed = capsys.readouterr().out
     assert "Crawler: run, energy" in printed
@@ -78,9 +72,9 @@ def test_the_documented_robot_can_be_resumed_evaluated_played_and_exported(
         assert "crawler.py, which should define the task Crawler" in text
 
 
-def test_a_custom_robot_can_be_recorded(trained, folder, monkeypatch, opengl):
+def test_a_custom_robot_can_be_recorded(trained, folder, opengl):
     small = ("--width", "64", "--height", "64", "--seconds", "0.1")
-    command(monkeypatch, record, str(trained), "--output", "film.gif", *small)
+    record.command([str(trained), "--output", "film.gif", *small])
     assert (folder / "film.gif").stat().st_size > 0
 
 

@@ -32,11 +32,6 @@ def saved(make_policy, tmp_path: Path, monkeypatch) -> Path:
     return tmp_path
 
 
-def run(monkeypatch, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["record", *arguments])
-    record.main()
-
-
 def decoded(path: Path) -> tuple[str, np.ndarray]:
     """Return ffmpeg's description of a video and its frames (T, H, W, 3)."""
     command = [recording.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
@@ -70,8 +65,8 @@ def test_without_opengl_the_error_is_one_line(backend, sentence, tmp_path):
     assert not os.listdir(tmp_path)
 
 
-def test_an_mp4_plays_in_browsers_in_real_time(saved, monkeypatch, capsys):
-    run(monkeypatch, "policy.pt", *SMALL)
+def test_an_mp4_plays_in_browsers_in_real_time(saved, capsys):
+    record.command(["policy.pt", *SMALL])
     assert "written: film.mp4" in capsys.readouterr().out
     about, frames = decoded(saved / "film.mp4")
     assert about.startswith("h264") and "yuv420p" in about
@@ -91,9 +86,9 @@ def test_slow_motion_shows_every_step(make_policy, tmp_path):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_gif_suffix_writes_an_animated_gif(saved, monkeypatch):
+def test_a_gif_suffix_writes_an_animated_gif(saved):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
-    run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, "--output", "film.gif")
+    record.command(["policy.pt", *SMALL, *tradeoffs, "--output", "film.gif"])
     with Image.open("film.gif") as image:
         assert image.format == "GIF"
         assert image.size == (2 * 95 + GAP, 65)
@@ -107,7 +102,7 @@ def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
     strip = ("--output", "strip.png", "--pictures", "5")
     monkeypatch.setattr(recording, "find_ffmpeg", None)  # a PNG needs no ffmpeg
-    run(monkeypatch, "policy.pt", *SMALL, *tradeoffs, *strip)
+    record.command(["policy.pt", *SMALL, *tradeoffs, *strip])
     with Image.open("strip.png") as image:
         pixels = np.asarray(image)
     right = 5 * (95 + GAP) - GAP
@@ -227,9 +222,9 @@ def test_recordings_of_shipped_policies_go_to_the_working_directory(saved, monke
     monkeypatch.setattr(recording, "record", lambda _, output, *__, **___: outputs.append(output))
     checkpoints = shipped / "hopper" / "checkpoints"
     (checkpoints / "best.pt").write_bytes((saved / "policy.pt").read_bytes())
-    run(monkeypatch, "hopper")
-    run(monkeypatch, str(shipped / "hopper"))
-    run(monkeypatch, "policy.pt")
+    record.command(["hopper"])
+    record.command([str(shipped / "hopper")])
+    record.command(["policy.pt"])
     assert outputs == [Path("hopper.mp4"), Path("hopper.mp4"), Path("film.mp4")]
 
 
