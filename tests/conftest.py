@@ -3,9 +3,11 @@
 import gc
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -105,6 +107,29 @@ def generator() -> torch.Generator:
 
 
 @pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a new folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def refused(monkeypatch, capsys) -> Callable[..., str]:
+    """Return a function that runs a command which must fail, and returns its line of error."""
+
+    def run(module: ModuleType, *typed: object) -> str:
+        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, typed)])
+        with pytest.raises(SystemExit) as stopped:
+            module.main()
+        assert stopped.value.code == 2
+        text = capsys.readouterr().err
+        assert text.startswith("error: ") and text.count("\n") == 1
+        return text
+
+    return run
+
+
+@pytest.fixture
 def single_thread() -> Iterator[None]:
     """Run torch on one thread, since many threads would only wait for each other here."""
     with one_thread(torch.device("cpu")):
@@ -160,7 +185,7 @@ def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_policy() -> Callable[..., Policy]:
     """Return a factory of untrained policies whose actions depend on the trade-off."""
 
@@ -176,7 +201,7 @@ def make_policy() -> Callable[..., Policy]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_front() -> Callable[[tuple[str, ...]], Front]:
     """Return a factory of fronts: corners, an even trade-off, and one that the even dominates."""
 
@@ -200,7 +225,7 @@ def opengl() -> None:
         pytest.skip(str(error))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_run(make_front, make_policy) -> Callable[..., Path]:
     """Return a factory of run folders with untrained policies and a front."""
 

@@ -2,10 +2,11 @@
 
 import pytest
 import torch
+from tiny import tiny
 from torch import nn
 from torch.testing import assert_close
 
-from morlax_torch import MorlaxError, config_for, load, train
+from morlax_torch import MorlaxError, load, train
 from morlax_torch.commands.train import command as train_command
 from morlax_torch.evaluate import evaluate
 from morlax_torch.networks.conditioned import Conditioned
@@ -38,6 +39,8 @@ def test_outputs_and_gradients_are_those_of_a_plain_network(network, inputs):
     wanted.square().sum().backward()
     for mine, plain in zip(family.parameters(), network.parameters(), strict=True):
         assert_close(mine.grad, plain.grad)
+    with pytest.raises(MorlaxError, match="must not sum to zero"):
+        family(torch.zeros(1, 2))
 
 
 def test_a_specialized_network_is_the_family_s_under_one_tradeoff(network, inputs):
@@ -49,26 +52,9 @@ def test_a_specialized_network_is_the_family_s_under_one_tradeoff(network, input
     assert_close(alone(inputs[0]), wanted)
 
 
-def test_tradeoffs_must_have_a_sum(network):
-    with pytest.raises(MorlaxError, match="must not sum to zero"):
-        Conditioned(network)(torch.zeros(1, 2))
-
-
 def test_a_run_is_trained_resumed_and_evaluated(tmp_path):
-    config = config_for(
-        "cheetah",
-        worlds=8,
-        horizon=4,
-        device="cpu",
-        max_env_steps=64,
-        network={"type": "conditioned", "actor": (8,), "critic": (8,)},
-        sampling={"clusters": 2},
-        ppo={"minibatches": 2},
-        evaluation={"tradeoffs": 4},
-        task={"episode_length": 10},
-    )
-    run = train(config, output=tmp_path / "run").folder
+    run = train(tiny(**{"network.type": "conditioned"}), output=tmp_path / "run").folder
     train_command(["--resume", str(run), "--max-env-steps", "96"])
     assert evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
-    policy, seen = load(run), torch.randn(3, 17)
+    policy, seen = load(run), torch.randn(3, 13)
     assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))

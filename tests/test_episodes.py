@@ -33,17 +33,8 @@ def test_the_kernels_are_their_definitions(seed):
         action = torch.randn(N, 17, generator=generator)
         observation = torch.randn(N, 9, generator=generator)
         action[7, 2], observation[9, 8], reward[11, 1] = float("nan"), float("inf"), float("nan")
-        ends = module.end(
-            env.physics,
-            action,
-            observation,
-            failed,
-            500,
-            env.age,
-            reward,
-            terms,
-            env.blowups,
-        )
+        reached = failed, 500, env.age
+        ends = module.end(env.physics, action, observation, *reached, reward, terms, env.blowups)
         assert ends.terminated.any() and ends.truncated.any()
         assert ends.blown_up.nonzero().flatten().tolist() == [3, 5, 7, 9, 11, 13, 15]
         assert (reward[ends.blown_up] == 0).all() and (terms[ends.blown_up] == 0).all()

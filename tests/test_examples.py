@@ -5,7 +5,6 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-import pytest
 import torch
 
 from morlax_torch import envs
@@ -23,37 +22,27 @@ def imported(name: str) -> ModuleType:
     return module
 
 
-@pytest.fixture
-def cleanrl_ppo() -> ModuleType:
-    return imported("cleanrl_ppo")
-
-
-def test_the_cleanrl_style_ppo_example_learns(cleanrl_ppo, capsys):
-    settings = cleanrl_ppo.Settings(
+def test_the_cleanrl_style_ppo_example_learns(capsys):
+    example = imported("cleanrl_ppo")
+    settings = example.Settings(
         env_id="morlax_torch/Hopper-v0",
         device="cpu",
-        total_timesteps=60_000,
+        total_timesteps=40_000,
         num_envs=64,
         episode_length=100,
     )
     with one_thread(torch.device("cpu")):
-        returns = cleanrl_ppo.train(settings)
+        returns = example.train(settings)
     assert np.mean(returns[-3:]) > 2 * returns[0]
     assert "steps/s" in capsys.readouterr().out
 
 
-def points_between_goals(two_goals: ModuleType, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return fingertips (number, 2) in m from goal to goal, and their rewards (number, 2)."""
-    env = envs.make(TWO_GOALS, 1, "cpu")
-    left, right = env.goal("left"), env.goal("right")
-    tips = right + np.linspace(0, 1, number)[:, None] * (left - right)
-    return tips, two_goals.nearness(torch.from_numpy(tips), env.goals.cpu()).numpy()
-
-
 def test_the_arm_between_two_goals_earns_what_its_kinematics_say():
     two_goals = imported("two_goals")
-    tips, expected = points_between_goals(two_goals, 21)
     env = envs.make(TWO_GOALS, 21, "cpu", auto_reset=False)
+    left, right = env.goal("left"), env.goal("right")
+    tips = right + np.linspace(0, 1, 21)[:, None] * (left - right)  # m
+    expected = two_goals.nearness(torch.from_numpy(tips), env.goals.cpu()).numpy()
     action = torch.from_numpy(two_goals.joint_angles(tips) - env.initial_qpos()).float()
     for _ in range(env.episode_length):
         step = env.step(action)

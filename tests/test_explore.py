@@ -12,63 +12,35 @@ import pytest
 from browsing import PATIENCE, View, chromium, exploring, middle
 
 from morlax_torch.commands import explore
-from morlax_torch.terminal import cli
 from morlax_torch.viewers.explorer import library, weights
 
 
-@pytest.fixture
-def workplace(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def refused(monkeypatch, capsys, *arguments: str) -> str:
-    """Run the command, which must fail, and return its error message."""
-    monkeypatch.setattr(sys, "argv", ["explore", *arguments])
-    with pytest.raises(SystemExit) as exit:
-        cli.run(explore.command)
-    assert exit.value.code == 2
-    return " ".join(capsys.readouterr().err.split())
-
-
-def test_nothing_to_explore_is_an_error(workplace, monkeypatch, capsys):
+def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refused):
     monkeypatch.setattr(library, "SHIPPED", workplace)
-    assert "there is nothing to explore yet" in refused(monkeypatch, capsys)
-
-
-def test_an_unknown_run_is_an_error(workplace, monkeypatch, capsys):
-    assert "runs/none does not exist" in refused(monkeypatch, capsys, "runs/none")
-
-
-def test_a_run_without_checkpoints_is_an_error(workplace, monkeypatch, capsys):
+    assert "there is nothing to explore yet" in refused(explore)
+    assert "runs/none does not exist" in refused(explore, "runs/none")
     (workplace / "run").mkdir()
-    assert "run has no checkpoints" in refused(monkeypatch, capsys, "run")
+    assert "run has no checkpoints" in refused(explore, "run")
 
 
-def test_a_port_in_use_is_an_error(workplace, make_run, monkeypatch, capsys):
+def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, refused):
     make_run(workplace / "run", "hopper", "best")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        text = refused(monkeypatch, capsys, "run", "--port", port)
+        text = refused(explore, "run", "--port", port)
     assert f"cannot listen on 127.0.0.1, port {port}" in text
-    assert "from 0 to 65535" in refused(monkeypatch, capsys, "run", "--port", "70000")
+    assert "from 0 to 65535" in refused(explore, "run", "--port", "70000")
+    for host in ("192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""):
+        text = refused(explore, "run", "--host", host)
+        assert "cannot listen on" in text and "choose another --port or --host" in text
 
 
-@pytest.mark.parametrize("host", ["192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""])
-def test_a_host_that_cannot_be_listened_on_is_an_error(
-    host, workplace, make_run, monkeypatch, capsys
-):
-    make_run(workplace / "run", "hopper", "best")
-    text = refused(monkeypatch, capsys, "run", "--host", host)
-    assert "cannot listen on" in text and "choose another --port or --host" in text
-
-
-def test_without_viser_the_error_names_the_extra(workplace, make_run, monkeypatch, capsys):
+def test_without_viser_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
     make_run(workplace / "run", "hopper", "best")
     for name in [name for name in sys.modules if name.startswith("morlax_torch.viewers.explorer.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "viser", None)
-    text = refused(monkeypatch, capsys, "run", "--port", "0")
+    text = refused(explore, "run", "--port", "0")
     assert "pip install 'morlax-torch[explore]'" in text
 
 

@@ -19,20 +19,21 @@ from browsing import PATIENCE, POSE, Client, chromium, exploring
 from morlax_torch import MorlaxError, envs, save
 
 
-@pytest.fixture
-def workplace(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+@pytest.fixture(scope="module")
+def address(tmp_path_factory, make_run) -> Iterator[str]:
+    """Serve a run with a velocity command; another run lies beside it, and one outside ./runs.
 
-
-@pytest.fixture
-def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
-    """Serve a run with a velocity command; another run lies beside it, and one outside ./runs."""
-    make_run(workplace / "runs/bruce/a", "bruce", "best")
-    make_run(workplace / "runs/hopper/b", "hopper", "best")
-    make_run(workplace / "secret", "cheetah", "best")
-    with exploring("runs/bruce/a") as process:
-        yield process
+    Yields the page's address; no test may make the server complain.
+    """
+    place = tmp_path_factory.mktemp("served")
+    make_run(place / "runs/bruce/a", "bruce", "best")
+    make_run(place / "runs/hopper/b", "hopper", "best")
+    make_run(place / "secret", "cheetah", "best")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        with exploring("runs/bruce/a") as (printed, process):
+            yield printed
+            assert ended(process) == ""
 
 
 def ended(process: subprocess.Popen) -> str:
@@ -53,10 +54,9 @@ def request(address: str, **headers: str) -> tuple[int, str]:
             return error.code, error.read().decode()
 
 
-def test_only_the_printed_address_opens_the_page(served):
+def test_only_the_printed_address_opens_the_page(address):
     from websockets.exceptions import InvalidStatus
 
-    address, process = served
     base, _, token = address.rpartition("/")
     host = base.removeprefix("http://")
     assert len(token) >= 32
@@ -78,7 +78,6 @@ def test_only_the_printed_address_opens_the_page(served):
     for wrong, origin in ((base, base), (f"{base}/x", base), (address, "http://127.0.0.1:1")):
         with pytest.raises(InvalidStatus, match="403"):
             Client(wrong, {"Origin": origin})
-    assert ended(process) == ""
 
 
 ATTACK = """
@@ -113,10 +112,9 @@ def foreign() -> Iterator[tuple[str, dict[str, str]]]:
 
 
 @pytest.mark.slow
-def test_a_foreign_page_cannot_connect(served, foreign):
+def test_a_foreign_page_cannot_connect(address, foreign):
     import viser
 
-    address, process = served
     elsewhere, pages = foreign
     base = address.rpartition("/")[0]
     for path, target in (("/blind", base), ("/knowing", address)):
@@ -140,7 +138,6 @@ def test_a_foreign_page_cannot_connect(served, foreign):
         stranger = context.new_page()
         assert stranger.goto(base).status == 403
         assert "the command printed" in stranger.inner_text("body")
-    assert ended(process) == ""
 
 
 def test_the_explorer_does_not_start_unprotected(monkeypatch):
@@ -167,10 +164,11 @@ def test_the_explorer_does_not_start_unprotected(monkeypatch):
 FORWARD = "m/s forward"
 
 
-def test_only_values_that_the_page_offers_are_accepted(served):
-    address, process = served
+def test_only_values_that_the_page_offers_are_accepted(address):
     client, other = Client(address), Client(address)
     slider, text, button, box = map(client.uuid, ("pace", "trade-off", "robot", "velocity"))
+    client.set("trade-off", "1, 1, 1, 1, 1, 1")
+    other.until(lambda: 'data-tradeoff="0.167, ' in other.html(), "typing has no effect")
 
     for raw in (b"", b"\xc1", b"\x00" * 1000, b"\x91" * 60_000, "text", '{"type": 1}', "\0"):
         client.send_bytes(raw)
@@ -219,11 +217,9 @@ def test_only_values_that_the_page_offers_are_accepted(served):
         other.until(partial(has, other, label, expected), f"{label} is not clamped")
     client.set("velocity", True)
     other.until(partial(has, other, "velocity", True), "the checkbox has no effect")
-    assert ended(process) == ""
 
 
-def test_robots_are_added_named_and_removed(served):
-    address, process = served
+def test_robots_are_added_named_and_removed(address):
     client = Client(address)
     assert client.names() == []
     client.set("compare", "add a robot")
@@ -242,22 +238,10 @@ def test_robots_are_added_named_and_removed(served):
     client.until(lambda: client.dark, "the page is not dark")
     before = client.moves
     client.until(lambda: client.moves > before + 20, "the robot stands still")
-    assert ended(process) == ""
 
 
 def has(client: Client, label: str, value: float) -> bool:
     return client.value(label) == value
-
-
-def test_a_run_that_cannot_be_shown_is_a_notification(served, workplace):
-    address, process = served
-    client = Client(address)
-    (workplace / "runs/hopper/b/checkpoints/best.pt").write_bytes(b"not a checkpoint")
-    client.set("policy", "runs/hopper/b")
-    client.until(lambda: bool(client.notifications), "there is no notification")
-    assert "best.pt is damaged" in client.notifications[0]
-    client.until(lambda: client.value("policy") == "runs/bruce/a", "the dropdown is wrong")
-    assert ended(process) == ""
 
 
 FRAGILE = """
@@ -272,16 +256,18 @@ class Robot(Hopper):
 """
 
 
-def test_an_error_in_the_robot_s_code_pauses_it(workplace, make_policy):
+def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_policy, make_run):
+    monkeypatch.chdir(tmp_path)
+    damaged = make_run(tmp_path / "runs/hopper/b", "hopper", "best") / "checkpoints/best.pt"
     model = Path(sys.modules[envs.get("hopper").__module__].__file__).parent / "assets/hopper.xml"
-    (workplace / "robot.py").write_text(FRAGILE.format(model=str(model)))
+    (tmp_path / "robot.py").write_text(FRAGILE.format(model=str(model)))
     policy = make_policy("hopper", network={"actor": [8]})
-    object.__setattr__(policy.config, "env", f"{workplace}/robot.py:Robot")
-    (workplace / "run/checkpoints").mkdir(parents=True)
-    save(policy, workplace / "run/checkpoints/best.pt")
+    object.__setattr__(policy.config, "env", f"{tmp_path}/robot.py:Robot")
+    (tmp_path / "run/checkpoints").mkdir(parents=True)
+    save(policy, tmp_path / "run/checkpoints/best.pt")
     with exploring("run", "--trust") as (address, process):
         client = Client(address)
-        (workplace / "broken").touch()
+        (tmp_path / "broken").touch()
         client.until(lambda: bool(client.notifications), "there is no notification")
         assert set(client.notifications) == {"RuntimeError: a joint broke"}
         later = Client(address)  # also learns why the robot stands still
@@ -290,8 +276,15 @@ def test_an_error_in_the_robot_s_code_pauses_it(workplace, make_policy):
         later.close()
         buttons = client.widgets[client.uuid("robot")]
         client.until(lambda: "resume" in buttons["options"], "the robot is not paused")
-        (workplace / "broken").unlink()
+        (tmp_path / "broken").unlink()
         client.set("robot", "resume")
         moments: set[str] = set()
         client.until(lambda: moments.add(client.html()) or len(moments) > 5, "it stands still")
+
+        # a run that cannot be shown is a notification, too
+        shown = client.value("policy")
+        damaged.write_bytes(b"not a checkpoint")
+        client.set("policy", "runs/hopper/b")
+        client.until(lambda: "best.pt is damaged" in client.notifications[-1], "no notification")
+        client.until(lambda: client.value("policy") == shown, "the dropdown is wrong")
         assert ended(process).count("RuntimeError: a joint broke") == 1

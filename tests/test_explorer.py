@@ -4,7 +4,6 @@ import json
 import os
 import re
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -16,20 +15,19 @@ from morlax_torch import MorlaxError, load
 from morlax_torch.choose import choose
 from morlax_torch.envs.worlds.randomization import horizontal
 from morlax_torch.runs.fronts import load_front
-from morlax_torch.viewers.explorer import library, weights
+from morlax_torch.viewers.explorer import camera, library, weights
+from morlax_torch.viewers.explorer.charts import with_ends
 from morlax_torch.viewers.explorer.drawing import Drawing
 from morlax_torch.viewers.explorer.explaining import explain
+from morlax_torch.viewers.explorer.ground import lane_lines
 from morlax_torch.viewers.explorer.history import INTERVAL, SECONDS, History
 from morlax_torch.viewers.explorer.lineup import Lineup
+from morlax_torch.viewers.explorer.overlays import contact_forces, heading, shortened, velocity
+from morlax_torch.viewers.explorer.scene import geom_mesh
 from morlax_torch.viewers.explorer.serving import Requests
 from morlax_torch.viewers.explorer.session import PUSH, Session
+from morlax_torch.viewers.explorer.stage import ABOVE
 from morlax_torch.viewers.explorer.thresholds import Thresholds, scale
-
-
-@pytest.fixture
-def workplace(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @pytest.fixture
@@ -53,19 +51,13 @@ def test_weights_sum_to_one_after_any_slider_moves():
             assert current[index] == np.clip(value, 0, 1)
 
 
-def test_the_other_weights_keep_their_proportions():
+def test_the_other_weights_keep_their_proportions_or_split_the_rest_evenly():
     assert weights.move_slider((0.5, 0.3, 0.2), 0, 0.0) == pytest.approx((0, 0.6, 0.4))
-
-
-def test_leaving_a_corner_splits_the_rest_evenly():
     corner = weights.move_slider((0.5, 0.3, 0.2), 0, 1.0)
     assert corner == (1, 0, 0)
     assert weights.move_slider(corner, 0, 0.5) == pytest.approx((0.5, 0.25, 0.25))
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
-def test_a_non_finite_value_changes_nothing(value):
-    assert weights.move_slider((0.7, 0.3), 1, value) == (0.7, 0.3)
+    for value in (float("nan"), float("inf"), -float("inf")):
+        assert weights.move_slider((0.7, 0.3), 1, value) == (0.7, 0.3)
 
 
 @pytest.mark.parametrize(
@@ -74,6 +66,7 @@ def test_a_non_finite_value_changes_nothing(value):
         ("0.7, 0.3", (0.7, 0.3)),
         ("(3 1)", (0.75, 0.25)),
         ("1;0", (1, 0)),
+        (weights.show((0.125, 0.875)), (0.125, 0.875)),
         ("0.7,", None),
         ("0.7", None),
         ("1, 2, 3", None),
@@ -90,11 +83,6 @@ def test_a_typed_tradeoff_is_parsed_or_ignored(text, expected):
     assert found == (None if expected is None else pytest.approx(expected))
 
 
-def test_a_shown_tradeoff_can_be_parsed_again():
-    tradeoff = (0.125, 0.5, 0.375)
-    assert weights.read(weights.show(tradeoff), 3) == pytest.approx(tradeoff)
-
-
 # simulation in real time
 
 
@@ -107,6 +95,9 @@ def play(session: Session, seconds: float) -> int:
 def test_a_robot_moves_in_real_time(session):
     assert play(session, 1.0) == round(1 / session.dt)
     assert session.time == pytest.approx(1.0)
+    session.reset()
+    assert session.seconds == 0
+    assert not session.player.returns.any()
 
 
 def test_slow_motion_and_pause(session):
@@ -119,6 +110,14 @@ def test_slow_motion_and_pause(session):
 def test_a_long_pause_of_the_clock_is_not_caught_up(session):
     session.advance(0.0)
     assert session.advance(3600.0) * session.dt <= 0.1 + 1e-9
+
+
+def test_twins_act_alike(session):
+    twin = session.twin()
+    for robot in (session, twin):
+        robot.reset()
+        play(robot, 0.3)
+    np.testing.assert_array_equal(session.data.qpos, twin.data.qpos)
 
 
 def test_a_new_tradeoff_acts_on_the_next_step(session):
@@ -141,22 +140,17 @@ def test_a_finished_episode_is_reported_and_a_new_one_starts(session):
     assert session.last_episode.fell == (session.last_episode.seconds < 200 * session.dt - 1e-9)
 
 
-def test_a_reset_starts_a_new_episode(session):
-    play(session, 0.2)
-    session.reset()
-    assert session.seconds == 0
-    assert not session.player.returns.any()
-
-
-def test_a_command_survives_resets(tmp_path, make_run):
-    session = Session.open(library.choose(str(make_run(tmp_path / "run", "bruce", "best"))))
-    session.step()
-    assert session.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
-    session.tell(0, -0.1)
+def test_a_command_survives_resets_and_is_an_arrow(session, tmp_path, make_run):
+    assert session.commanded() is None
+    bruce = Session.open(library.choose(str(make_run(tmp_path / "bruce", "bruce", "best"))))
+    bruce.step()
+    assert bruce.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
+    bruce.tell(1, 0.05)
+    assert bruce.commanded() == pytest.approx([0.12, 0.05])
     for _ in range(2):
-        session.step()
-        assert session.player.observation[0, 144:146].tolist() == pytest.approx([-0.1, 0.0])
-        session.reset()
+        bruce.step()
+        assert bruce.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.05])
+        bruce.reset()
 
 
 @pytest.mark.parametrize(("task", "free"), [("hopper", 1), ("ant", 2)])
@@ -178,14 +172,19 @@ def test_power_is_force_times_velocity(session):
     assert session.power() == pytest.approx(np.abs(torque * data.qvel[joints]).sum())
 
 
-def test_history_keeps_interval_means_of_the_last_seconds():
+def test_history_keeps_interval_means_of_the_last_seconds_and_ends_of_episodes():
     history = History(1)
+    history.end_episode()  # nothing has begun
     for step in range(1, 4001):
         history.add(step * 0.01, [float(step)])
+        if step % 1500 == 0:
+            history.end_episode()
+            history.end_episode()
     time, value = history.columns()
     assert len(time) == round(SECONDS / INTERVAL)
     assert time[-1] == pytest.approx(40.0)
     assert value[-1] == pytest.approx(np.mean([3996, 3997, 3998, 3999, 4000]))
+    assert history.ends() == pytest.approx([30.0])  # the end at 15 s is too long ago
 
 
 # runs to explore
@@ -246,8 +245,6 @@ SHAPES = """
 
 
 def test_geom_meshes_match_mujoco_volumes_and_bounds():
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer.scene import geom_mesh
 
     model = mujoco.MjModel.from_xml_string(SHAPES)
     pi = np.pi
@@ -299,14 +296,6 @@ def test_names_of_robots_with_many_weights_are_short(tmp_path, make_run):
     assert lineup.names() == ["1: 0.20, 0.70, 0.10", "▸ 2: 0.20, 0.70, 0.10"]
     lineup.add()
     assert lineup.names() == ["1: energy 0.70", "2: energy 0.70", "▸ 3: energy 0.70"]
-
-
-def test_twins_act_alike(session):
-    twin = session.twin()
-    for robot in (session, twin):
-        robot.reset()
-        play(robot, 0.3)
-    np.testing.assert_array_equal(session.data.qpos, twin.data.qpos)
 
 
 # thresholds
@@ -376,25 +365,12 @@ def test_a_point_of_the_front_tells_its_tradeoff_and_returns(make_front):
 
 
 def test_ends_of_episodes_are_vertical_lines_in_charts():
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer.charts import with_ends
 
     columns = np.array([[1.0, 2.0, 3.0, 4.0], [5.0, 9.0, 0.5, 2.0]])
     time, marks, value = with_ends(columns, [2.0, 4.0])  # no sample follows the last end
     np.testing.assert_array_equal(time, [1, 2, 3, 3, 3, 3, 4])
     np.testing.assert_array_equal(marks, [0, 0, 0, 9, 0, 0, 0])
     np.testing.assert_array_equal(value, [5, 9, 9, 9, 0.5, 0.5, 2])
-
-
-def test_history_remembers_the_ends_of_episodes():
-    history = History(1)
-    history.end_episode()  # nothing has begun
-    for step in range(1, 4001):
-        history.add(step * 0.01, [float(step)])
-        if step % 1500 == 0:
-            history.end_episode()
-            history.end_episode()
-    assert history.ends() == pytest.approx([30.0])  # the end at 15 s is too long ago
 
 
 def test_an_objective_is_explained_by_its_reward_terms(session):
@@ -412,8 +388,6 @@ def test_an_objective_is_explained_by_its_reward_terms(session):
 
 
 def test_lines_of_a_lane_move_with_the_robot_and_stay_in_the_lane():
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer.ground import lane_lines
 
     for x in (0.0, 0.3, 7.9, -123.4):
         lines = lane_lines(np.array([x, 0.2]), 0.8)
@@ -431,8 +405,6 @@ FALL = """
 
 
 def test_arrows_show_velocity_and_contact_forces():
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer.overlays import contact_forces, heading, shortened, velocity
 
     model = mujoco.MjModel.from_xml_string(FALL)
     data = mujoco.MjData(model)
@@ -452,18 +424,9 @@ def test_arrows_show_velocity_and_contact_forces():
     assert heading(data, 1) @ [0, 1] == pytest.approx([-1, 0, 0], abs=1e-6)
 
 
-def test_only_commanded_velocities_are_arrows(session, tmp_path, make_run):
-    assert session.commanded() is None
-    bruce = Session.open(library.choose(str(make_run(tmp_path / "bruce", "bruce", "best"))))
-    bruce.tell(1, 0.05)
-    assert bruce.commanded() == pytest.approx([0.12, 0.05])
-
-
 @pytest.mark.parametrize("direction", [(0.0, -1.0, 0.2), (3.0, 1.0, 2.0)])
 @pytest.mark.parametrize("width", [1.0, 4.0])
 def test_robots_fit_into_the_picture_and_users_keep_their_direction(direction, width):
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer import camera
 
     view = SimpleNamespace(
         image_width=640, image_height=800, position=np.array(direction), look_at=np.zeros(3)
@@ -479,9 +442,6 @@ def test_robots_fit_into_the_picture_and_users_keep_their_direction(direction, w
 
 @pytest.mark.parametrize("width", [1.0, 2.15])
 def test_a_phone_shows_robots_and_their_names_above_its_sheet(width):
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer import camera
-    from morlax_torch.viewers.explorer.stage import ABOVE
 
     view = SimpleNamespace(
         image_width=390, image_height=844, position=np.array([0.0, -1.0, 0.0]), look_at=np.zeros(3)

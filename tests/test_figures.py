@@ -50,21 +50,15 @@ def labels(figure: Figure) -> list[tuple[str, ...]]:
 @pytest.mark.parametrize("m", (2, 3, 4))
 def test_a_front_has_a_plot_for_each_pair_of_objectives(m):
     figure = figures.front_figure(front(m), "a title")
-    pairs = [
-        (f"{NAMES[x]} (return)", f"{NAMES[y]} (return)") for x in range(m) for y in range(x + 1, m)
-    ]
-    assert set(pairs) <= set(labels(figure))
+    axes = [f"{name} (return)" for name in NAMES[:m]]
+    assert set(combinations(axes, 2)) <= set(labels(figure))
+    assert (tuple(axes) in labels(figure)) == (m <= 3)  # in 3D too
     assert {"a title", "dominated"} <= drawn(figure)
     if m == 2:
         assert any(y == "trade-off: weight of run" for _, y, *_ in labels(figure))  # the colorbar
     else:
         most = "all" if m == 3 else "most"
         assert {f"{most} weight on {name}" for name in NAMES[:m]} <= drawn(figure)
-
-
-def test_three_objectives_get_a_3d_plot():
-    space = ("run (return)", "energy (return)", "height (return)")
-    assert space in labels(figures.front_figure(front(3)))
 
 
 def test_the_legend_omits_dominated_if_no_policy_is():
@@ -75,24 +69,18 @@ def test_the_legend_omits_dominated_if_no_policy_is():
     assert "dominated" not in drawn(figures.returns_figure(whole))
 
 
-def test_returns_of_two_objectives_are_plotted_over_the_first_weight():
+def test_returns_are_plotted_over_weights():
     first, second = labels(figures.returns_figure(front(2)))
     assert first[1] == "run (return)"
     assert second == ("trade-off: weight of run", "energy (return)")
-
-
-def test_returns_of_three_objectives_are_maps_of_the_simplex():
-    figure = figures.returns_figure(front(3))
-    assert {"run only", "energy only", "height only"} <= drawn(figure)
-    assert {x for x, *_ in labels(figure)} >= {f"{name} (return)" for name in NAMES[:3]}
-
-
-def test_returns_of_more_objectives_are_plotted_over_their_own_weights():
+    maps = figures.returns_figure(front(3))  # of the simplex
+    assert {"run only", "energy only", "height only"} <= drawn(maps)
+    assert {x for x, *_ in labels(maps)} >= {f"{name} (return)" for name in NAMES[:3]}
     expected = [(f"weight of {name}", f"{name} (return)") for name in NAMES]
     assert labels(figures.returns_figure(front(4))) == expected
 
 
-@pytest.mark.parametrize("m", (2, 3, 4))
+@pytest.mark.parametrize("m", (2, 4))
 def test_parallel_coordinates_have_one_scaled_axis_per_objective(m):
     some = front(m)
     figure = figures.parallel_figure(some)
@@ -105,7 +93,7 @@ def test_parallel_coordinates_have_one_scaled_axis_per_objective(m):
     assert len(lines) == len(best)
 
 
-@pytest.mark.parametrize("m", (2, 3, 4))
+@pytest.mark.parametrize("m", (2, 4))
 def test_overlaid_fronts_have_different_markers(m):
     runs = {f"seed {seed}": front(m, seed) for seed in range(3)}
     figure = figures.fronts_figure(runs)
@@ -166,7 +154,7 @@ def boxes(figure: Figure) -> list[tuple[str, Bbox]]:
     return found + [("legend", legend.get_window_extent()) for legend in figure.legends]
 
 
-@pytest.mark.parametrize("m", (2, 3, 4, 6))
+@pytest.mark.parametrize("m", (2, 3, 6))
 def test_no_labels_collide(m):
     some = wide(m)
     runs = {"runs/cheetah/20261121-175830-0": some, "another family of policies": some}
@@ -222,7 +210,6 @@ def test_identical_policies_can_be_plotted(m):
     one = one._replace(returns=np.ones_like(one.returns))
     for draw in (figures.front_figure, figures.returns_figure, figures.parallel_figure):
         draw(one).draw_without_rendering()
-    figures.fronts_figure({"one": one}).draw_without_rendering()
 
 
 def test_figures_are_saved_as_png_pdf_and_svg(tmp_path: Path):
@@ -238,18 +225,14 @@ def test_figures_are_saved_as_png_pdf_and_svg(tmp_path: Path):
 
 def test_a_run_s_history_is_read_from_its_metrics(tmp_path: Path):
     path = tmp_path / "metrics.csv"
+    with pytest.raises(MorlaxError, match=r"there is no training curve .*metrics\.csv"):
+        History.load(path)
     path.write_text(
         "iteration,env_steps,train_seconds,hypervolume_approximate\n0,0,0.0,5.5\n3,90,1.5,7\n"
     )
     read = History.load(path)
     assert [column.tolist() for column in read] == [[0, 90], [0, 1.5], [5.5, 7]]
-
-
-@pytest.mark.parametrize("text", ("", "env_steps\n", "a,b\n1,2\n", "hypervolume\nmany\n"))
-def test_damaged_metrics_are_an_error(tmp_path: Path, text):
-    path = tmp_path / "metrics.csv"
-    with pytest.raises(MorlaxError, match=r"there is no training curve .*metrics\.csv"):
-        History.load(path)
-    path.write_text(text)
-    with pytest.raises(MorlaxError, match=r"metrics\.csv is damaged"):
-        History.load(path)
+    for text in ("", "env_steps\n", "a,b\n1,2\n", "hypervolume\nmany\n"):
+        path.write_text(text)
+        with pytest.raises(MorlaxError, match=r"metrics\.csv is damaged"):
+            History.load(path)

@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import pytest
 import torch
+from tiny import Blind
 from torch import nn
 
 from morlax_torch import MORLAX, envs
@@ -20,19 +21,6 @@ pytestmark = [
     pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device"),
 ]
 SMALL = {"worlds": 256, "horizon": 8, "ppo": {"minibatches": 4, "epochs": 2}}
-
-
-class Blind(envs.get("hopper")):
-    """A hopper whose velocities only its critic sees."""
-
-    def observe(self) -> torch.Tensor:
-        return self.physics.qpos[:, 1:]
-
-    def privileged(self) -> torch.Tensor:
-        return self.physics.qvel.clamp(-10, 10)
-
-    def layout(self) -> list[envs.Part]:
-        return super().layout()[:6]
 
 
 def trainer(
@@ -232,7 +220,9 @@ def test_a_learner_trains_on_the_second_gpu():
 def tf32_learner(task: str, device: str = "cuda", **ppo: Any) -> MORLAX:
     """Build a learner whose policies and values depend on the trade-off, unlike at the start."""
     config = load_config({"env": task, **SMALL, "ppo": {**SMALL["ppo"], **ppo}})
+    torch.set_float32_matmul_precision("highest")
     morlax = MORLAX(envs.make(task, config.worlds, device, deterministic=True), config)
+    assert torch.get_float32_matmul_precision() == "high"  # building a learner enables TF32
     generator = torch.Generator(device).manual_seed(0)
     for family in (morlax.agent.actor, morlax.agent.critic):
         nn.init.normal_(family.weight, std=0.01, generator=generator)
@@ -292,13 +282,6 @@ def test_recording_restores_the_garbage_collector_setting():
         gc.enable()
     Graph(lambda: total.add_(1), total.device).record()
     assert gc.isenabled()
-
-
-def test_building_a_learner_enables_tf32():
-    config = load_config({"env": "cheetah", **SMALL})
-    torch.set_float32_matmul_precision("highest")
-    MORLAX(envs.make("cheetah", config.worlds, "cuda"), config)
-    assert torch.get_float32_matmul_precision() == "high"
 
 
 def test_recorded_steps_treat_a_huge_velocity_as_a_blow_up():

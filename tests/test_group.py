@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import torch
@@ -19,18 +18,9 @@ from morlax_torch.gpu.group import ALONE
 def found(tmp_path_factory) -> list[dict]:
     """Return what each of two processes has."""
     folder = tmp_path_factory.mktemp("processes")
-    launch = [
-        sys.executable,
-        "-m",
-        "torch.distributed.run",
-        "--nproc-per-node",
-        "2",
-        "--standalone",
-    ]
-    script = Path(two_processes.__file__)
-    done = subprocess.run(
-        [*launch, str(script), str(folder), *LEARNERS], capture_output=True, text=True, timeout=300
-    )
+    launch = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2"]
+    words = [*launch, "--standalone", two_processes.__file__, str(folder), *LEARNERS]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return [torch.load(folder / f"{rank}.pt") for rank in range(2)]
 
@@ -38,12 +28,10 @@ def found(tmp_path_factory) -> list[dict]:
 @pytest.mark.parametrize("algorithm", LEARNERS)
 def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algorithm):
     one, other = (process[algorithm] for process in found)
-    for name, value in one["agent"].items():
-        assert torch.equal(value, other["agent"][name]), name
-    for mine, theirs in zip(one["optimizers"], other["optimizers"], strict=True):
-        assert torch.equal(mine, theirs)
-    assert one["metrics"] == other["metrics"]
-    assert one["steps"] == 5 * two_processes.WORLDS * two_processes.HORIZON
+    for part in ("agent", "optimizers", "metrics"):
+        assert_same(one[part], other[part])
+    steps = two_processes.ITERATIONS * two_processes.WORLDS * two_processes.HORIZON
+    assert one["steps"] == steps
     assert not torch.equal(one["observation"], other["observation"])
     assert not torch.equal(one["generator"], other["generator"])
 
@@ -58,12 +46,8 @@ def test_all_processes_train_the_first_one_s_own_networks(found, algorithm):
     assert torch.equal(one["agent"][buffer], one["shift"])
 
 
-def test_all_processes_start_from_the_checkpoint_of_the_first(found):
-    one, other = (process["started"] for process in found)
-    assert_same(one, other)
-
-
-def test_networks_of_other_sizes_in_another_process_are_refused(found):
+def test_all_processes_start_from_the_first_one_s_checkpoint_and_sizes(found):
+    assert_same(found[0]["started"], found[1]["started"])
     for process in found:
         assert "process 1 has networks of other sizes than process 0" in process["refusal"]
 

@@ -4,32 +4,30 @@ from pathlib import Path
 
 import pytest
 import torch
-from tiny import tiny
+from tiny import learner, tiny
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.reports.results import facts
 from morlax_torch.runs import Run, hardware
-from morlax_torch.runs.hardware import Machine, device_name, read_machines, resumed
-from morlax_torch.runs.training import make_worlds
+from morlax_torch.runs.hardware import Machine, device_name, read_machines
 
 OTHER = Machine(device="NVIDIA H200", cores=16, torch="2.9.0", simulator="MuJoCo Warp 3.4.0")
 
 
 @pytest.fixture
-def learner() -> MORLAX:
-    config = tiny()
-    return MORLAX(make_worlds(config, config.worlds), config)
+def trainer() -> MORLAX:
+    return learner(tiny())
 
 
 @pytest.fixture
-def folder(learner, tmp_path) -> Path:
-    with Run.create(learner, tmp_path / "run") as run:
+def folder(trainer, tmp_path) -> Path:
+    with Run.create(trainer, tmp_path / "run") as run:
         return run.folder
 
 
-def restore(folder: Path, learner: MORLAX) -> list[Machine]:
+def restore(folder: Path, trainer: MORLAX) -> list[Machine]:
     with Run.open(folder) as run:
-        run.restore(learner)
+        run.restore(trainer)
     return read_machines(folder)
 
 
@@ -42,27 +40,23 @@ def test_a_new_run_names_its_machine(folder):
     assert machine.simulator.startswith(("C MuJoCo ", "MuJoCo Warp ")) and machine.processes == 1
 
 
-def test_a_run_that_is_resumed_elsewhere_names_both_machines_in_order(folder, learner):
+def test_a_run_that_is_resumed_elsewhere_names_both_machines_in_order(folder, trainer):
     (here,) = read_machines(folder)
-    assert restore(folder, learner) == [here]
+    assert restore(folder, trainer) == [here]
     hardware.write_machines(folder, [OTHER])
-    assert restore(folder, learner) == restore(folder, learner) == [OTHER, here]
-
-
-def test_an_older_run_can_be_resumed(folder, learner):
-    (here,) = read_machines(folder)
-    (folder / hardware.FILE).unlink()
+    assert restore(folder, trainer) == restore(folder, trainer) == [OTHER, here]
+    (folder / hardware.FILE).unlink()  # as in an older run
     assert read_machines(folder) == []
-    assert restore(folder, learner) == [Machine(), here]
+    assert restore(folder, trainer) == [Machine(), here]
     assert Machine().hardware() == "unknown"
 
 
-@pytest.mark.parametrize("text", ["machines: []", "machines: 3", "[", "machines: [{cores: x}]"])
-def test_a_damaged_record_is_one_sentence(text, folder, learner):
-    (folder / hardware.FILE).write_text(text)
-    with pytest.raises(MorlaxError, match=r"hardware\.yaml"):
-        restore(folder, learner)
-    assert (folder / hardware.FILE).read_text() == text
+def test_a_damaged_record_is_one_sentence(folder, trainer):
+    for text in ("machines: []", "machines: 3", "[", "machines: [{cores: x}]"):
+        (folder / hardware.FILE).write_text(text)
+        with pytest.raises(MorlaxError, match=r"hardware\.yaml"):
+            restore(folder, trainer)
+        assert (folder / hardware.FILE).read_text() == text
 
 
 def test_the_name_of_a_cpu_is_its_model(tmp_path, monkeypatch):
@@ -87,8 +81,3 @@ def test_facts_name_each_change_of_hardware_and_software():
         "PyTorch 2.9.0, MuJoCo Warp 3.4.0; then PyTorch 2.10.0, MuJoCo Warp 3.4.0; "
         "then PyTorch 2.10.0, mjlab 1.0"
     )
-
-
-def test_a_resumed_run_continues_from_what_it_names():
-    assert resumed([OTHER], OTHER) == [OTHER]
-    assert resumed([OTHER], Machine()) == [OTHER, Machine()]

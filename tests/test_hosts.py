@@ -6,6 +6,7 @@ import sys
 from importlib import metadata
 
 import pytest
+from tiny import TYPED
 
 from morlax_torch import MorlaxError
 
@@ -22,11 +23,6 @@ from morlax_torch.commands import train
 with wandb.init(mode="offline", sync_tensorboard=True):
     train.command(sys.argv[1:])
 """
-TINY = (
-    *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
-    *("--sampling.clusters", "4", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "6"),
-    *("--task.episode-length", "10", "--max-env-steps", "320", "--output", "run"),
-)
 
 
 def import_adapter(name: str, monkeypatch) -> None:
@@ -35,19 +31,14 @@ def import_adapter(name: str, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("name", HOSTS)
-def test_a_missing_library_error_names_the_extra_to_install(name, monkeypatch):
-    def found(package: str) -> str:
+def test_errors_name_the_extra_to_install_and_the_required_version(name, monkeypatch):
+    def missing(package: str) -> str:
         raise metadata.PackageNotFoundError(package)
 
-    monkeypatch.setattr(metadata, "version", found)
-    extra, _, _ = HOSTS[name]
+    extra, old, least = HOSTS[name]
+    monkeypatch.setattr(metadata, "version", missing)
     with pytest.raises(MorlaxError, match=rf"not installed: pip install 'morlax-torch\[{extra}\]'"):
         import_adapter(name, monkeypatch)
-
-
-@pytest.mark.parametrize("name", HOSTS)
-def test_an_outdated_library_error_names_the_required_version(name, monkeypatch):
-    extra, old, least = HOSTS[name]
     monkeypatch.setattr(metadata, "version", lambda package: old)
     expected = rf"{old} is too old, {least} or later is needed: pip .*\[{extra}\]"
     with pytest.raises(MorlaxError, match=expected):
@@ -59,7 +50,10 @@ def test_an_outdated_library_error_names_the_required_version(name, monkeypatch)
 def test_weights_and_biases_syncs_the_indicators_and_losses(tmp_path):
     pytest.importorskip("wandb")
     done = subprocess.run(
-        [sys.executable, "-c", TRAIN_TRACKED, *TINY], capture_output=True, text=True, cwd=tmp_path
+        [sys.executable, "-c", TRAIN_TRACKED, "--env", "hopper", *TYPED, "--output", "run"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
     (log,) = tmp_path.glob("wandb/offline-run-*/*.wandb")

@@ -37,18 +37,30 @@ def built(world: str = "", head: str = "") -> tuple[mujoco.MjModel, mujoco.MjDat
     return model, data
 
 
-def picture(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    following = FollowingCamera(model, 4 / 3)
+def filmed(model: mujoco.MjModel, data: mujoco.MjData, aspect: float = 4 / 3) -> FollowingCamera:
+    following = FollowingCamera(model, aspect)
     following.restart(data)
+    return following
+
+
+def undecorated(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return the picture of MuJoCo's own renderer."""
+    with mujoco.Renderer(model, 120, 160) as renderer:
+        renderer.update_scene(data, filmed(model, data).camera)
+        return renderer.render()
+
+
+def picture(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     with Scene(model, 160, 120) as scene:
-        return scene.draw(data, following.camera).astype(float)
+        return scene.draw(data, filmed(model, data).camera).astype(float)
 
 
 @pytest.mark.usefixtures("opengl")
 @pytest.mark.parametrize("head", ("", '<visual><headlight active="0"/></visual>'))
 @pytest.mark.parametrize("world", ("", '<geom type="plane" size="0 0 1" pos="0 0 -1"/>'))
 def test_a_bare_model_films_bright_and_with_contrast(world, head):
-    image = picture(*built(world, head))
+    model, data = built(world, head)
+    image = picture(model, data)
     light = image.mean(-1)
     assert 130 < light.mean() < 230  # of 255
     assert (light < 20).mean() < 0.01  # nothing is black
@@ -57,24 +69,16 @@ def test_a_bare_model_films_bright_and_with_contrast(world, head):
     assert floor.std(0).max() > 4  # checkered
     pole = (image[..., 0] > image[..., 2] + 60).mean()
     assert pole > 0.01
-
-
-@pytest.mark.usefixtures("opengl")
-def test_without_looks_this_model_would_be_dark():
-    model, data = built()
-    following = FollowingCamera(model, 4 / 3)
-    following.restart(data)
-    with mujoco.Renderer(model, 120, 160) as renderer:
-        renderer.update_scene(data, following.camera)
-        assert (renderer.render().mean(-1) < 20).mean() > 0.8
+    if not world:
+        assert (undecorated(model, data).mean(-1) < 20).mean() > 0.8
 
 
 @pytest.mark.usefixtures("opengl")
 def test_looks_change_neither_model_nor_motion():
-    def motion(filmed: bool) -> np.ndarray:
+    def motion(shown: bool) -> np.ndarray:
         model, data = built()
-        following, states = FollowingCamera(model, 4 / 3), []
-        scene = Scene(model, 64, 64) if filmed else None
+        following, states = filmed(model, data), []
+        scene = Scene(model, 64, 64) if shown else None
         for step in range(200):
             data.ctrl[0] = np.sin(0.05 * step)
             mujoco.mj_step(model, data)
@@ -84,16 +88,11 @@ def test_looks_change_neither_model_nor_motion():
             states.append(np.concatenate([data.qpos, data.qvel, data.qacc_warmstart]))
         if scene:
             scene.close()
-        return np.stack(states)
+        stored = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, stored)
+        return np.append(np.stack(states), stored)
 
     np.testing.assert_array_equal(motion(True), motion(False))
-    model, data = built()
-    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    before, after = buffer.copy(), buffer.copy()
-    mujoco.mj_saveModel(model, None, before)
-    picture(model, data)
-    mujoco.mj_saveModel(model, None, after)
-    np.testing.assert_array_equal(before, after)
 
 
 OWN = """
@@ -115,12 +114,8 @@ def test_the_user_s_own_sky_light_and_floor_are_kept():
     image = picture(model, data)
     assert image[0, 0, 0] > 3 * image[0, 0, 2]  # a red sky
     assert image[-1, 0, 1] > 3 * image[-1, 0, 2]  # a green floor
-    following = FollowingCamera(model, 4 / 3)
-    following.restart(data)
     model.stat.extent = looks.size  # what a film sets in its own copy
-    with mujoco.Renderer(model, 120, 160) as renderer:
-        renderer.update_scene(data, following.camera)
-        np.testing.assert_array_equal(image, renderer.render())
+    np.testing.assert_array_equal(image, undecorated(model, data))
 
 
 def test_looks_find_what_a_model_lacks():
@@ -148,8 +143,7 @@ def test_a_model_without_anything_to_show_has_looks_too():
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert Looks.of(model).sky
-    following = FollowingCamera(model, 1.0)
-    following.restart(data)
+    following = filmed(model, data, 1.0)
     following.follow(data, 0.02)
     assert 0 < following.camera.distance < 10
 
@@ -163,8 +157,7 @@ def test_a_planar_robot_is_seen_from_its_side():
 
 def test_the_camera_follows_a_fast_cart_smoothly():
     model, data = built()
-    following = FollowingCamera(model, 4 / 3)
-    following.restart(data)
+    following = filmed(model, data)
     start = following.camera.lookat[0] - data.qpos[0]
     xs, gaps = [], []
     for step in range(300):
@@ -180,26 +173,18 @@ def test_the_camera_follows_a_fast_cart_smoothly():
 
 def test_the_camera_moves_back_when_the_robot_stretches_and_skips_a_blown_up_state():
     model, data = built()
-    data.joint("pole").qpos[0] = 0.0
-    mujoco.mj_forward(model, data)
-    following = FollowingCamera(model, 3.0)
-    following.restart(data)
+    following = filmed(model, data, 0.5)
     before = following.camera.distance
+    data.qpos[1] = np.pi / 2  # sideways: wider than it was
+    mujoco.mj_forward(model, data)
+    for _ in range(50):
+        following.follow(data, 0.02)
+    wide = following.camera.distance
+    assert wide > 1.2 * before
     data.qpos[:] = np.nan
     data.geom_xpos[:] = np.nan
     following.follow(data, 0.02)
-    assert following.camera.distance == before
-    moved, moved_data = built()
-    moved_data.qpos[1] = np.pi / 2  # sideways: wider than it was
-    narrow = FollowingCamera(moved, 0.5)
-    start = mujoco.MjData(moved)
-    mujoco.mj_forward(moved, start)
-    narrow.restart(start)
-    first = narrow.camera.distance
-    mujoco.mj_forward(moved, moved_data)
-    for _ in range(50):
-        narrow.follow(moved_data, 0.02)
-    assert narrow.camera.distance > 1.2 * first
+    assert following.camera.distance == wide
 
 
 def test_a_geom_has_the_color_that_mujoco_draws():

@@ -1,6 +1,5 @@
 """Tasks of mjlab: their rewards, their last observations, and runs in them."""
 
-import csv
 import json
 import os
 import subprocess
@@ -9,11 +8,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from peers import check_blown_up, check_run, noise
+from tiny import tiny
 
-from morlax_torch import MorlaxError, config_for, envs, load, train
-from morlax_torch.commands.train import command as train_command
+from morlax_torch import MorlaxError, envs, load, train
 from morlax_torch.envs.worlds import mjlab
-from morlax_torch.evaluate import evaluate
 from morlax_torch.exports.exporting import export
 from morlax_torch.terminal.arguments import read
 from morlax_torch.viewers.player import Player
@@ -28,10 +27,6 @@ CARTPOLE = "mjlab:Mjlab-Cartpole-Balance"
 def go1() -> envs.Worlds:
     """Go1s with mjlab's own rewards, and episodes so short that they end at different times."""
     return envs.make(GO1, 4, "cpu", episode_length=7)
-
-
-def noise(env: envs.Worlds) -> torch.Tensor:
-    return 2 * torch.rand(env.num_worlds, env.action_size) - 1
 
 
 def test_the_sum_of_all_objectives_is_the_reward_of_mjlab(go1):
@@ -88,28 +83,7 @@ def test_joints_actions_and_contacts_of_a_last_observation_are_exact(monkeypatch
 
 
 def test_worlds_that_are_not_finite_terminate_and_earn_nothing():
-    env = envs.make(GO1, 3, "cpu")
-    for _ in range(2):
-        action = noise(env)
-        action[1] = torch.nan
-        step = env.step(action)
-        assert step.blown_up.tolist() == step.terminated.tolist() == [False, True, False]
-        assert not step.reward[1].any() and step.reward[0].any()
-        assert step.observation.isfinite().all() and step.final_observation.isfinite().all()
-    assert env.blowups == 2
-
-
-def test_evaluated_worlds_earn_nothing_once_they_are_over():
-    env = envs.make(CARTPOLE, 3, "cpu", auto_reset=False, episode_length=5)
-    env.reset()
-    steps = [env.step(noise(env)) for _ in range(8)]
-    last = steps[4]
-    assert last.truncated.all() and (last.reward != 0).any()
-    for step in steps[5:]:
-        assert step.truncated.all() and not step.reward.any()
-        assert torch.equal(step.observation, last.observation)
-    env.restart(torch.tensor([True, False, False]))
-    assert env.step(noise(env)).truncated.tolist() == [False, True, True]
+    check_blown_up(envs.make(GO1, 3, "cpu"))
 
 
 def test_worlds_draw_from_a_generator_of_their_own():
@@ -125,6 +99,19 @@ def test_worlds_draw_from_a_generator_of_their_own():
     assert not torch.equal(env.reset(), found[0])
 
 
+def test_evaluated_worlds_earn_nothing_once_they_are_over():
+    env = envs.make(CARTPOLE, 3, "cpu", auto_reset=False, episode_length=5)
+    env.reset()
+    steps = [env.step(noise(env)) for _ in range(8)]
+    last = steps[4]
+    assert last.truncated.all() and (last.reward != 0).any()
+    for step in steps[5:]:
+        assert step.truncated.all() and not step.reward.any()
+        assert torch.equal(step.observation, last.observation)
+    env.restart(torch.tensor([True, False, False]))
+    assert env.step(noise(env)).truncated.tolist() == [False, True, True]
+
+
 def test_terms_of_weight_zero_and_terms_of_effort_can_be_used():
     objectives = {"track": {"smooth_reward": 1.0}, "save": {"electrical_power_cost": -0.5}}
     env = envs.make(CARTPOLE, 2, "cpu", objectives=objectives)
@@ -135,95 +122,38 @@ def test_terms_of_weight_zero_and_terms_of_effort_can_be_used():
     torch.testing.assert_close(step.reward[:, 1], -0.5 * step.terms["electrical_power_cost"])
 
 
-def test_the_ranges_of_commands_can_be_set():
-    env = envs.make(GO1, 2, "cpu", commands={"twist.lin_vel_x": (0.5, 0.5)})
-    assert env.env.cfg.commands["twist"].ranges.lin_vel_x == (0.5, 0.5)
-
-
 def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
-    config = config_for(
-        CARTPOLE,
-        worlds=16,
-        horizon=4,
-        device="cpu",
-        max_env_steps=256,
-        **{
-            "sampling.clusters": 4,
-            "ppo.minibatches": 2,
-            "evaluation.tradeoffs": 4,
-            "task.episode_length": 10,
-        },
-    )
-    run = train(config, output=tmp_path / "run").folder
-    assert evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
-    policy = load(run, device="cpu")
-    assert policy(torch.zeros(1, 5), torch.tensor([0.5, 0.5])).shape == (1, 1)
-    train_command(["--resume", str(run), "--max-env-steps", "320"])
-    assert "they start anew" in capsys.readouterr().out
-    with (run / "metrics.csv").open() as file:
-        assert int(list(csv.DictReader(file))[-1]["env_steps"]) == 320
+    check_run(tiny(CARTPOLE, backend=None), tmp_path / "run", capsys)
 
 
-@pytest.mark.parametrize(
-    "task", ["Mjlab-Velocity-Flat-Unitree-Go1", "Mjlab-Velocity-Flat-Unitree-G1"]
-)
-def test_tuned_configs_name_terms_of_the_task(task):
-    config, _, _ = read(["--env", f"mjlab:{task}", "--device", "cpu"])
+@pytest.mark.parametrize("robot", ["Go1", "G1"])
+def test_tuned_configs_name_terms_of_the_task(robot):
+    config, _, _ = read(["--env", f"mjlab:Mjlab-Velocity-Flat-Unitree-{robot}", "--device", "cpu"])
     assert len(config.task.objectives) >= 3
     assert config.task.shared and "tracking" in config.task.objectives
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        (
-            "mjlab:Mjlab-Velocity-Flat-Unitree-Go2",
-            {},
-            r"did you mean 'Mjlab-Velocity-Flat-Unitree-Go1'",
-        ),
-        ("mjlab:nowhere.tasks:Mine", {}, r"cannot import nowhere.tasks"),
-        ("mjlab:Mjlab-Tracking-Flat-Unitree-G1", {}, r"--task.motion-file FILE.npz"),
-        (
-            CARTPOLE,
-            {"objectives": {"a": {"smooth": 1.0}, "b": {}}},
-            r"unknown reward term 'smooth'.*smooth_reward",
-        ),
-        (
-            GO1,
-            {"commands": {"twist.speed": (0.0, 1.0)}},
-            r"range of the command twist 'speed'.*lin_vel_x",
-        ),
-        (GO1, {"commands": {"spin.x": (0.0, 1.0)}}, r"unknown command 'spin'.*twist"),
-    ],
-)
+MISTAKES = [
+    ("mjlab:Mjlab-Velocity-Flat-Unitree-Go2", {}, "did you mean 'Mjlab-Velocity-Flat-Unitree-Go1'"),
+    ("mjlab:nowhere.tasks:Mine", {}, "cannot import nowhere.tasks"),
+    ("mjlab:Mjlab-Tracking-Flat-Unitree-G1", {}, "--task.motion-file FILE.npz"),
+    (CARTPOLE, {"objectives": {"a": {"smooth": 1.0}, "b": {}}}, "unknown reward term 'smooth'"),
+    (CARTPOLE, {"backend": "mujoco"}, "simulator of their own, mjlab: leave --backend mujoco out"),
+    (GO1, {"commands": {"twist.speed": (0.0, 1.0)}}, "range of the command twist 'speed'"),
+    (GO1, {"commands": {"spin.x": (0.0, 1.0)}}, "unknown command 'spin'"),
+]
+
+
+@pytest.mark.parametrize(("name", "options", "message"), MISTAKES)
 def test_mistakes_are_one_sentence(name, options, message):
     with pytest.raises(MorlaxError, match=message):
         envs.make(name, 2, "cpu", **options)
 
 
-def test_only_the_simulator_of_mjlab_is_offered():
-    with pytest.raises(
-        MorlaxError, match=r"a simulator of their own, mjlab: leave --backend mujoco out"
-    ):
-        envs.make(CARTPOLE, 2, "cpu", "mujoco")
-
-
 @pytest.fixture(scope="module")
 def go1_run(tmp_path_factory) -> Path:
-    config = config_for(
-        GO1,
-        worlds=4,
-        horizon=2,
-        device="cpu",
-        max_env_steps=8,
-        **{
-            "sampling.clusters": 2,
-            "sampling.mode": "dense",
-            "ppo.minibatches": 2,
-            "evaluation.tradeoffs": 3,
-            "task.episode_length": 4,
-        },
-    )
+    few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
+    config = tiny(GO1, backend=None, **few, **{"sampling.mode": "dense", "ppo.minibatches": 2})
     return train(config, output=tmp_path_factory.mktemp("go1") / "run").folder
 
 
@@ -238,6 +168,11 @@ def test_a_robot_follows_the_command_that_a_viewer_sets(go1_run):
     torch.testing.assert_close(seen, torch.tensor(player.command))
     assert player.data.qpos[2] > 0.1 and (player.data.qpos != before).any()
     assert [part.size for part in player.env.layout()] == [3, 3, 3, 12, 12, 12, 3]
+    without_ranges = envs.make_robot("mjlab:Mjlab-Lift-Cube-Yam")
+    assert without_ranges.command_limits == {}
+    assert without_ranges.reset().isfinite().all()
+    narrow = envs.make(GO1, 2, "cpu", commands={"twist.lin_vel_x": (0.5, 0.5)})
+    assert narrow.env.cfg.commands["twist"].ranges.lin_vel_x == (0.5, 0.5)
 
 
 @pytest.mark.parametrize(("tradeoff", "least"), [((0.41, 0.17, 0.41), 0.5), ((0.0, 0.7, 0.3), 0.2)])
@@ -317,9 +252,3 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "best tracking" in done.stdout and "mjlab's own" in done.stdout
     assert list(tmp_path.glob("model_*.pt"))
-
-
-def test_a_command_without_ranges_has_no_limits():
-    robot = envs.make_robot("mjlab:Mjlab-Lift-Cube-Yam")
-    assert robot.command_limits == {}
-    assert robot.reset().isfinite().all()

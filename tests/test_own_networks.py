@@ -1,40 +1,33 @@
 """Custom networks train, are checked, and are never confused with the config's."""
 
 import copy
-import sys
 from pathlib import Path
 
 import pytest
 import torch
+from same import assert_same
+from tiny import learner as trainer
+from tiny import tiny
 from torch import nn
 
 from morlax_torch import MORLAX, MorlaxError, Policy, load, save, train
 from morlax_torch.commands import evaluate
 from morlax_torch.commands import train as train_command
-from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.configuration.files import merged
+from morlax_torch.configuration.config import Config
 from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.training import make_worlds
 
 O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
-TINY = {
-    "env": "hopper",
-    "device": "cpu",
-    "backend": "mujoco",
-    "worlds": 32,
-    "horizon": 5,
-    "sampling": {"clusters": 4},
-    "ppo": {"minibatches": 2, "epochs": 2},
-    "evaluation": {"tradeoffs": 4, "every": 320},
-    "task": {"episode_length": 20},
-}
 
 
-def tiny(**changes: object) -> Config:
-    return load_config(merged(TINY, changes))
+def usual(**changes: object) -> Config:
+    return tiny(**{"network.actor": (64, 64), **changes})
+
+
+def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:
+    return morlax.state_dict()["agent"]
 
 
 def normed(inputs: int = O, outputs: int = 2 * A) -> nn.Module:
@@ -49,20 +42,9 @@ def tanh() -> nn.Module:
     return nn.Sequential(*layers)
 
 
-def trainer(config: Config, iterations: int, **networks: nn.Module) -> MORLAX:
-    morlax = MORLAX(make_worlds(config, config.worlds), config, **networks)
-    for _ in range(iterations):
-        morlax.iterate()
-    return morlax
-
-
-def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:
-    return morlax.state_dict()["agent"]
-
-
 @pytest.mark.parametrize("type", ("dual", "single"))
 def test_custom_networks_train(type):
-    config = tiny(network={"type": type})
+    config = usual(network={"type": type})
     networks = {"actor": normed(), "critic": normed(outputs=m)}
     kept = copy.deepcopy(networks)
     before = weights(trainer(config, 0, **networks))
@@ -70,16 +52,14 @@ def test_custom_networks_train(type):
     after = weights(morlax)
     for part in ("actor", "critic"):
         assert not torch.equal(before[f"{part}.bias"], after[f"{part}.bias"])
-        for name, value in networks[part].state_dict().items():
-            assert torch.equal(value, kept[part].state_dict()[name])
+        assert_same(networks[part].state_dict(), kept[part].state_dict())
     assert all(value == value for value in morlax.metrics().values())
-    again = weights(trainer(config, 3, **networks))
-    assert all(torch.equal(value, again[name]) for name, value in after.items())
+    assert_same(weights(trainer(config, 3, **networks)), after)
 
 
 def test_every_tradeoff_starts_with_the_given_network(generator):
     actor, critic = normed(), normed(outputs=m)
-    agent = trainer(tiny(), 0, actor=actor, critic=critic).agent
+    agent = trainer(usual(), actor=actor, critic=critic).agent
     seen = torch.randn(3, 5, O, generator=generator)
     policies, values = agent.policies(torch.eye(3)[:, :2] + 0.1), agent.values(torch.ones(3, 2))
     torch.testing.assert_close(policies(seen).output, actor(seen))
@@ -87,42 +67,33 @@ def test_every_tradeoff_starts_with_the_given_network(generator):
 
 
 MISFITS = {
-    "too few outputs": (
-        {"actor": nn.Linear(O, A)},
-        r"the actor maps observations \(2, 13\) to \(2, 4\), but it should return \(2, 8\)",
-    ),
-    "too few values": (
-        {"critic": nn.Linear(O, 1)},
-        r"the critic maps observations \(2, 13\) to \(2, 1\), but it should return \(2, 2\)",
-    ),
-    "other inputs": (
-        {"actor": nn.Linear(17, 2 * A)},
-        r"the actor cannot take observations \(2, 13\): .*13.*17",
-    ),
-    "no tensor": ({"critic": nn.GRU(O, m)}, "the critic cannot take observations"),
-    "a tuple": (
-        {"actor": type("Two", (nn.Linear,), {"forward": lambda self, x: (x, x)})(O, O)},
-        r"to tuple, but it should return \(2, 8\)",
-    ),
-    "batch norm": (
-        {"actor": nn.Sequential(nn.BatchNorm1d(O), nn.Linear(O, 2 * A))},
-        "the actor cannot take observations",
-    ),
-    "nothing to generate": ({"actor": nn.Identity()}, "the actor has no parameters"),
+    r"the actor maps observations \(2, 13\) to \(2, 4\), but it should return \(2, 8\)": {
+        "actor": nn.Linear(O, A)
+    },
+    r"the critic maps observations \(2, 13\) to \(2, 1\), but it should return \(2, 2\)": {
+        "critic": nn.Linear(O, 1)
+    },
+    r"the actor cannot take observations \(2, 13\): .*13.*17": {"actor": nn.Linear(17, 2 * A)},
+    r"to tuple, but it should return \(2, 8\)": {
+        "actor": type("Two", (nn.Linear,), {"forward": lambda self, x: (x, x)})(O, O)
+    },
+    "the actor cannot take observations": {
+        "actor": nn.Sequential(nn.BatchNorm1d(O), nn.Linear(O, 2 * A))
+    },
+    "the actor has no parameters": {"actor": nn.Identity()},
 }
 
 
-@pytest.mark.parametrize("misfit", MISFITS)
-def test_a_network_that_does_not_fit_raises_a_clear_error(misfit):
-    networks, sentence = MISFITS[misfit]
+@pytest.mark.parametrize("sentence", MISFITS)
+def test_a_network_that_does_not_fit_raises_a_clear_error(sentence):
     with pytest.raises(MorlaxError, match=sentence) as error:
-        trainer(tiny(), 0, **networks)
+        trainer(usual(), **MISFITS[sentence])
     assert "\n" not in str(error.value)
 
 
 @pytest.fixture
 def saved(tmp_path: Path) -> tuple[Path, MORLAX]:
-    morlax = trainer(tiny(), 2, actor=tanh())
+    morlax = trainer(usual(), 2, actor=tanh())
     checkpoint.save(tmp_path / "own.pt", morlax, Progress())
     return tmp_path / "own.pt", morlax
 
@@ -150,17 +121,17 @@ def test_a_custom_actor_is_never_confused_with_the_config_s(saved, tmp_path):
     with pytest.raises(MorlaxError, match=words):
         load(tmp_path / "alone.pt")
     with pytest.raises(MorlaxError, match=words):
-        checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
+        checkpoint.restore(checkpoint.load(path), path, trainer(usual(), 0))
     with pytest.raises(MorlaxError, match=r"the actor passed does not match the one in .*own\.pt"):
         load(path, actor=normed())
-    checkpoint.save(tmp_path / "usual.pt", trainer(tiny(), 0), Progress())
+    checkpoint.save(tmp_path / "usual.pt", trainer(usual(), 0), Progress())
     with pytest.raises(MorlaxError, match=r"holds the actor of its config: leave out actor="):
         load(tmp_path / "usual.pt", actor=tanh())
 
 
 def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator):
     path, critic = tmp_path / "own.pt", normed(outputs=m)
-    morlax = trainer(tiny(), 2, critic=critic)
+    morlax = trainer(usual(), 2, critic=critic)
     checkpoint.save(path, morlax, Progress())
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.5, 0.5))
@@ -168,25 +139,19 @@ def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator)
     save(load(path), tmp_path / "alone.pt")
     assert torch.equal(load(tmp_path / "alone.pt")(observation, (0.5, 0.5)), expected)
     with pytest.raises(MorlaxError, match="user-made critic, which no config describes"):
-        checkpoint.restore(checkpoint.load(path), path, trainer(tiny(), 0))
-    resumed = trainer(tiny(), 0, critic=critic)
+        checkpoint.restore(checkpoint.load(path), path, trainer(usual(), 0))
+    resumed = trainer(usual(), 0, critic=critic)
     checkpoint.restore(checkpoint.load(path), path, resumed)
-    assert all(torch.equal(v, weights(resumed)[n]) for n, v in weights(morlax).items())
+    assert_same(weights(resumed), weights(morlax))
 
 
-def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, monkeypatch, capsys):
+def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, refused):
     networks = {"actor": normed(), "critic": normed(outputs=m)}
-    run = train(tiny(max_env_steps=320), output=tmp_path / "run", **networks)
-    for module, arguments in (
-        (train_command, ("--resume", str(run.folder), "--max-env-steps", "640")),
-        (evaluate, (run.folder,)),
-    ):
-        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
-        with pytest.raises(SystemExit) as exit:
-            module.main()
-        assert exit.value.code == 2
-        assert "user-made actor, which no config describes" in capsys.readouterr().err
-    longer = train(tiny(max_env_steps=640), Run.open(run.folder), **networks)
+    run = train(usual(), output=tmp_path / "run", **networks)
+    resume = "--resume", run.folder, "--max-env-steps", 128
+    for module, arguments in ((train_command, resume), (evaluate, (run.folder,))):
+        assert "user-made actor, which no config describes" in refused(module, *arguments)
+    longer = train(usual(max_env_steps=128), Run.open(run.folder), **networks)
     contents = checkpoint.load(longer.checkpoints / "latest.pt")
     assert contents.learner["iteration"] == 4
     policy = load(run.folder, actor=normed())

@@ -26,13 +26,6 @@ def dominates(a: np.ndarray, b: np.ndarray) -> bool:
     return bool((a >= b).all() and (a > b).any())
 
 
-@pytest.mark.parametrize("m", (2, 3, 4))
-def test_hypervolume_of_one_point_is_a_box(m):
-    point, reference = np.arange(2.0, 2 + m), np.full(m, 0.5)
-    expected = (point - 0.5).prod()
-    assert pareto.hypervolume([point], reference) == pytest.approx(expected)
-
-
 def test_hypervolume_of_a_staircase():
     steps = [[1, 4], [2, 3], [4, 1]]  # columns of width 1, 1 and 2
     assert pareto.hypervolume(steps, [0, 0]) == pytest.approx(4 + 3 + 2)
@@ -98,10 +91,6 @@ def test_non_dominated_points_match_pairwise_comparison(m):
     assert pareto.cardinality(points) == sum(expected)
 
 
-def test_only_the_first_of_equal_points_is_non_dominated():
-    assert pareto.non_dominated([[1, 2], [1, 2], [2, 1], [1, 1]]).tolist() == [1, 0, 1, 0]
-
-
 def sphere(number: int, m: int) -> np.ndarray:
     """Return mutually non-dominated points on the unit sphere, (number, m)."""
     points = np.abs(np.random.default_rng(0).normal(size=(number, m)))
@@ -122,11 +111,7 @@ def test_the_hypervolume_of_many_points_in_five_objectives_is_marked_approximate
     assert "hypervolume" not in indicators
     assert indicators["hypervolume_approximate"] == pytest.approx(exact, rel=0.01)
     assert indicators["hypervolume_approximate"] == pareto.hypervolume(points, np.zeros(5))
-
-
-def test_points_below_the_reference_do_not_affect_an_approximation():
-    points = sphere(520, 5)
-    below = np.concatenate([points, 100 * np.eye(5) - 1])
+    below = np.concatenate([points, 100 * np.eye(5) - 1])  # points below the reference
     expected = pareto.hypervolume(points, np.full(5, 0.01))
     assert pareto.hypervolume(below, np.full(5, 0.01)) == pytest.approx(expected)
 
@@ -136,14 +121,9 @@ def test_the_hypervolume_of_fewer_points_or_objectives_is_exact(number, m):
     points = sphere(number, m)
     exact = moocore.hypervolume(points, ref=np.zeros(m), maximise=True)
     indicators = named(points)
-    assert "hypervolume_approximate" not in indicators
     assert indicators["hypervolume"] == pytest.approx(exact, rel=1e-12)
-    assert list(indicators)[1:] == [
-        "sparsity",
-        "expected_utility",
-        "cardinality",
-        "obedience",
-    ]
+    others = ["sparsity", "expected_utility", "cardinality", "obedience"]
+    assert list(indicators)[1:] == others  # not hypervolume_approximate
 
 
 def test_sparsity_is_the_mean_squared_gap():
@@ -168,23 +148,15 @@ def test_igd_plus_is_the_mean_shortfall():
     reference = [[6, 8], [0, 9], [3, 5]]
     assert pareto.igd_plus([[3, 4], [1, 9]], reference) == pytest.approx((5 + 0 + 1) / 3)
     assert pareto.igd_plus(reference, reference) == 0
-
-
-def test_an_empty_front_is_infinitely_far_from_any_other():
     assert pareto.igd_plus([[NAN, NAN]], [[1, 1]]) == float("inf")
 
 
 @pytest.mark.parametrize("m", (2, 3, 4))
-def test_igd_plus_matches_its_formula_and_moocore(m):
+def test_igd_plus_matches_moocore(m):
     random = np.random.default_rng(m)
     points, reference = random.normal(size=(30, m)), random.normal(0.5, 1, (20, m))
-    shortfall = np.maximum(reference[:, None] - points[None], 0)
-    expected = np.linalg.norm(shortfall, axis=-1).min(1).mean()
+    expected = moocore.igd_plus(-points, ref=-reference)  # which minimizes
     assert pareto.igd_plus(points, reference) == pytest.approx(expected)
-    # maximization is minimization of the negative
-    assert pareto.igd_plus(points, reference) == pytest.approx(
-        moocore.igd_plus(-points, ref=-reference)
-    )
 
 
 def quarter_circle(number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -194,19 +166,15 @@ def quarter_circle(number: int) -> tuple[np.ndarray, np.ndarray]:
     return points, points / points.sum(1, keepdims=True)
 
 
-def test_policies_optimal_for_their_own_tradeoffs_obey():
+def test_policies_obey_where_they_are_optimal_for_their_own_tradeoffs():
     points, tradeoffs = quarter_circle(41)
     assert pareto.obeys(points, tradeoffs, tolerance=0).all()
     assert pareto.obedience(points, tradeoffs) == 1
     assert pareto.obedience(1000 * points + 7, tradeoffs) == 1  # scale and offset are irrelevant
-
-
-def test_policies_optimal_for_other_tradeoffs_do_not_obey():
     points, tradeoffs = quarter_circle(5)
     swapped = points[[1, 0, 2, 4, 3]]
     assert pareto.obeys(swapped, tradeoffs).tolist() == [False, False, True, False, False]
     assert pareto.obedience(swapped, tradeoffs) == pytest.approx(1 / 5)
-    assert pareto.obedience(points[::-1], tradeoffs) == pytest.approx(1 / 5)
 
 
 def test_a_policy_almost_as_good_as_the_best_obeys():

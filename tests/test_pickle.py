@@ -12,8 +12,7 @@ from tiny import tiny
 
 from morlax_torch import Policy, config_for, load
 from morlax_torch.algorithms.registry import LEARNERS
-from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.configuration.files import task_values
+from morlax_torch.configuration.config import Config
 from morlax_torch.networks.agent import Agent
 
 WEIGHTS = (0.3, 0.7)
@@ -26,19 +25,16 @@ class Leaping(envs.get("hopper")):
 """
 
 
-@pytest.mark.parametrize("env", ["bruce", "mo-gymnasium/hopper"])
-def test_configs_of_tasks_survive_pickling(env):
-    config = load_config(task_values(env, "cpu"))
+CASES = [("bruce", "morlax"), ("mo-gymnasium/hopper", "morlax")]
+CASES += [("cheetah", name) for name in LEARNERS]
+
+
+@pytest.mark.parametrize(("env", "algorithm"), CASES)
+def test_configs_survive_pickling(env, algorithm):
+    config = config_for(env, device="cpu", algorithm=algorithm)
     again = pickle.loads(pickle.dumps(config))
-    assert again == config
+    assert again == config == copy.deepcopy(config)
     assert type(again) is type(config)
-
-
-@pytest.mark.parametrize("algorithm", LEARNERS)
-def test_configs_of_all_algorithms_survive_pickling(algorithm):
-    config = config_for("cheetah", device="cpu", algorithm=algorithm)
-    assert pickle.loads(pickle.dumps(config)) == config
-    assert copy.deepcopy(config) == config
 
 
 def saved_and_loaded(policy: Policy) -> Policy:

@@ -23,12 +23,8 @@ CART = """
 
 
 @pytest.fixture
-def policy() -> Policy:
-    config = load_config(task_values("hopper", "cpu"))
-    generator = torch.Generator().manual_seed(3)
-    env = envs.make("hopper", 1, "cpu")
-    agent = Agent(config, env.observation_size, env.action_size, 2, generator)
-    return Policy(agent, config, env.objectives)
+def policy(make_policy) -> Policy:
+    return make_policy("hopper")
 
 
 def test_a_player_s_returns_match_an_evaluation(policy):
@@ -52,27 +48,17 @@ def test_staggering_does_not_shorten_a_player_s_episodes(make_policy):
         player.reset()
 
 
-def test_the_drawn_robot_matches_the_simulated_pose(policy):
+def test_the_drawn_robot_matches_the_simulated_pose_and_restarts(policy):
     player = Player(policy, (1.0, 0.0))
-    for _ in range(5):
-        player.step()
+    first = [player.step().reward.clone() for _ in range(3)]
     fresh = mujoco.MjData(player.model)
     fresh.qpos[:] = player.env.physics.qpos[0].numpy()
     mujoco.mj_kinematics(player.model, fresh)
     np.testing.assert_array_equal(player.data.geom_xpos, fresh.geom_xpos)
-
-
-def test_reset_starts_a_new_episode(policy):
-    player = Player(policy, (1.0, 0.0))
-    first = [player.step().reward.clone() for _ in range(3)]
     player.reset()
     assert player.steps == 0 and not player.returns.any()
     again = [player.step().reward for _ in range(3)]
     assert torch.equal(torch.cat(first), torch.cat(again))
-
-
-def test_an_invalid_tradeoff_keeps_the_old_one(policy):
-    player = Player(policy, (1.0, 0.0))
     with pytest.raises(MorlaxError, match="not negative"):
         player.tradeoff = (-1.0, 2.0)
     assert player.tradeoff.tolist() == [1.0, 0.0]

@@ -1,14 +1,13 @@
 """Tasks of MuJoCo Playground: their rewards, restarts and last observations, and runs in them."""
 
-import csv
 from importlib import metadata
 
 import pytest
 import torch
+from peers import check_blown_up, check_run, noise
+from tiny import tiny
 
-from morlax_torch import MorlaxError, config_for, envs, load, train
-from morlax_torch.commands.train import command as train_command
-from morlax_torch.evaluate import evaluate
+from morlax_torch import MorlaxError, envs
 from morlax_torch.terminal.arguments import read
 
 playground = pytest.importorskip("mujoco_playground", reason="needs the extra playground")
@@ -65,10 +64,6 @@ def raw():
 
 def cartpoles(**options) -> envs.Worlds:
     return envs.make(CARTPOLE, 4, "cpu", episode_length=6, **options)
-
-
-def noise(env: envs.Worlds) -> torch.Tensor:
-    return 2 * torch.rand(env.num_worlds, env.action_size) - 1
 
 
 def close(ours: torch.Tensor, theirs) -> None:
@@ -135,15 +130,7 @@ def test_terms_are_what_the_environment_reports_and_its_reward_is_one_of_them():
 
 
 def test_worlds_that_are_not_finite_terminate_and_earn_nothing():
-    env = cartpoles()
-    for _ in range(2):
-        action = noise(env)
-        action[1] = torch.nan
-        step = env.step(action)
-        assert step.blown_up.tolist() == step.terminated.tolist() == [False, True, False, False]
-        assert not step.reward[1].any() and step.reward[0].any()
-        assert step.observation.isfinite().all() and step.final_observation.isfinite().all()
-    assert env.blowups == 2
+    check_blown_up(cartpoles())
 
 
 def test_evaluated_worlds_earn_nothing_once_they_are_over():
@@ -161,26 +148,7 @@ def test_evaluated_worlds_earn_nothing_once_they_are_over():
 
 
 def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
-    config = config_for(
-        CARTPOLE,
-        worlds=4,
-        horizon=4,
-        device="cpu",
-        max_env_steps=64,
-        **{
-            "sampling.clusters": 2,
-            "ppo.minibatches": 2,
-            "evaluation.tradeoffs": 4,
-            "task.episode_length": 6,
-        },
-    )
-    run = train(config, output=tmp_path / "run").folder
-    assert evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
-    assert load(run, device="cpu")(torch.zeros(1, 5), torch.tensor([0.5, 0.5])).shape == (1, 1)
-    train_command(["--resume", str(run), "--max-env-steps", "80"])
-    assert "they start anew" in capsys.readouterr().out
-    with (run / "metrics.csv").open() as file:
-        assert int(list(csv.DictReader(file))[-1]["env_steps"]) == 80
+    check_run(tiny(CARTPOLE, backend=None, worlds=4), tmp_path / "run", capsys)
 
 
 def test_the_command_line_changes_the_config_of_a_task():
@@ -189,28 +157,20 @@ def test_the_command_line_changes_the_config_of_a_task():
     assert config.task.overrides == {"scales.go": 3.5, "shows": "image"}
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("playground:CartpoleBalanc", {}, r"did you mean 'CartpoleBalance'"),
-        ("playground:nowhere.tasks:Mine", {}, r"cannot import nowhere.tasks"),
-        (DRIFT, {"overrides": {"scale.go": 1.0}}, r"key of the config.*did you mean 'scales.go'"),
-        (DRIFT, {"overrides": {"scales.go": "fast"}}, r"must be float, not 'fast'"),
-        (DRIFT, {"overrides": {"shows": "image"}}, r"shows pixels/view_0, where .*one vector"),
-        (CARTPOLE, {"overrides": {"impl": "fast"}}, r"cannot make .*CartpoleBalance: 'fast' is"),
-        (
-            DRIFT,
-            {"objectives": {"a": {"goo": 1.0}, "b": {}}},
-            r"unknown reward term 'goo': did you mean 'go'",
-        ),
-        (
-            DRIFT,
-            {"backend": "mujoco"},
-            r"a simulator of their own, MuJoCo Playground: leave --backend mujoco out",
-        ),
-        (DRIFT, {"deterministic": True}, r"leave --deterministic out"),
-    ],
-)
+MISTAKES = [
+    ("playground:CartpoleBalanc", {}, "did you mean 'CartpoleBalance'"),
+    ("playground:nowhere.tasks:Mine", {}, "cannot import nowhere.tasks"),
+    (DRIFT, {"overrides": {"scale.go": 1.0}}, "key of the config.*did you mean 'scales.go'"),
+    (DRIFT, {"overrides": {"scales.go": "fast"}}, "must be float, not 'fast'"),
+    (DRIFT, {"overrides": {"shows": "image"}}, "shows pixels/view_0, where .*one vector"),
+    (CARTPOLE, {"overrides": {"impl": "fast"}}, "cannot make .*CartpoleBalance: 'fast' is"),
+    (DRIFT, {"objectives": {"a": {"goo": 1.0}, "b": {}}}, "unknown reward term 'goo': did you"),
+    (DRIFT, {"backend": "mujoco"}, "of their own, MuJoCo Playground: leave --backend mujoco out"),
+    (DRIFT, {"deterministic": True}, "leave --deterministic out"),
+]
+
+
+@pytest.mark.parametrize(("name", "options", "message"), MISTAKES)
 def test_mistakes_are_one_sentence(name, options, message):
     with pytest.raises(MorlaxError, match=message):
         envs.make(name, 2, "cpu", **options)

@@ -1,15 +1,12 @@
 """Rendered images have the right size, and the robot stays large and in view."""
 
-import subprocess
-import sys
-
 import mujoco
 import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError, load
 from morlax_torch.viewers.camera import FollowingCamera
-from morlax_torch.viewers.filming.rendering import Scene
+from morlax_torch.viewers.filming.rendering import Scene, choose_opengl
 from morlax_torch.viewers.player import Player
 
 ROBOTS = ("ant", "bruce", "cheetah", "cheetah3", "hopper", "humanoid", "walker")
@@ -41,7 +38,7 @@ def test_the_robot_is_large_and_stays_in_the_picture_for_an_episode(task):
     player = Player(policy, [1.0] * len(policy.objectives))
     following, seen = FollowingCamera(player.model, 4 / 3), []
     following.restart(player.data)
-    steps = round(4.0 / player.env.dt)
+    steps = round(2.0 / player.env.dt)
     with mujoco.Renderer(player.model, 90, 120) as renderer:
         renderer.enable_segmentation_rendering()
         for step in range(steps):
@@ -58,9 +55,8 @@ def test_the_robot_is_large_and_stays_in_the_picture_for_an_episode(task):
 
 
 @pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize("task", ("ant", "cheetah"))
-def test_a_robot_that_is_put_elsewhere_looks_the_same(task, make_policy):
-    player = Player(make_policy(task), (0.5, 0.5))
+def test_a_robot_that_is_put_elsewhere_looks_the_same(make_policy):
+    player = Player(make_policy("ant"), (0.5, 0.5))
     following = FollowingCamera(player.model, 4 / 3)
     with Scene(player.model, 120, 90) as scene:
         following.restart(player.data)
@@ -79,27 +75,14 @@ def test_a_custom_robot_needs_no_camera():
     data = mujoco.MjData(model)
     data.qpos[0] = 50.0
     mujoco.mj_forward(model, data)
-    with Scene(model, 80, 80) as scene:
-        picture = scene.draw(data, fitted(model, data).camera).astype(int)
-    red = picture[..., 0] > picture[..., 2] + 50
-    assert 0.1 < red.mean() < 0.6
-    np.testing.assert_allclose(np.argwhere(red).mean(0), 40, atol=5)
-
-
-def fitted(model: mujoco.MjModel, data: mujoco.MjData) -> FollowingCamera:
     following = FollowingCamera(model, 1.0)
     following.restart(data)
-    return following
-
-
-@pytest.mark.usefixtures("opengl")
-def test_an_image_can_exceed_the_model_s_offscreen_size():
-    model = mujoco.MjModel.from_xml_string(BALL)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    with Scene(model, 1000, 700) as scene:
-        picture = scene.draw(data, fitted(model, data).camera)
+    with Scene(model, 1000, 700) as scene:  # more than the model's offscreen size
+        picture = scene.draw(data, following.camera)
     assert picture.shape == (700, 1000, 3) and picture.dtype == np.uint8
+    red = picture[..., 0].astype(int) > picture[..., 2].astype(int) + 50
+    assert 0.1 < red.mean() < 0.6
+    np.testing.assert_allclose(np.argwhere(red).mean(0), (350, 500), atol=60)
 
 
 @pytest.mark.parametrize("size", [(0, 360), (480, -1), (5000, 360)])
@@ -108,16 +91,7 @@ def test_an_invalid_image_size_gives_a_clear_error(size):
         Scene(mujoco.MjModel.from_xml_string(BALL), *size)
 
 
-def test_without_opengl_the_error_says_what_to_install():
-    program = (
-        "import os, mujoco\n"
-        "from morlax_torch import MorlaxError\n"
-        "from morlax_torch.viewers.filming.rendering import Scene\n"
-        "os.environ['MUJOCO_GL'] = 'none'\n"
-        "try: Scene(mujoco.MjModel.from_xml_string('<mujoco/>'))\n"
-        "except MorlaxError as error: print(error)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert not done.stderr
-    assert "tried: none" in done.stdout
-    assert "libegl1" in done.stdout and "MUJOCO_GL" in done.stdout
+def test_without_opengl_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "none")
+    with pytest.raises(MorlaxError, match=r"tried: none.*libegl1.*set MUJOCO_GL"):
+        choose_opengl.__wrapped__()

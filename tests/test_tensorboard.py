@@ -9,14 +9,10 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.hparams import metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
-from tiny import tiny
-from torch import Tensor
+from tiny import learner, tiny
 
-from morlax_torch import MORLAX
-from morlax_torch.algorithms.rollout import Episodes, Rollout
 from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.runs import Run
-from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
 
 PAGE = Path(__file__).parent.parent / "docs" / "experiment-tools.md"
@@ -52,14 +48,16 @@ def written(run: Run) -> list[str]:
 def test_the_documented_tags_are_those_written(tmp_path):
     found = set()
     for number, changes in enumerate(({}, *OTHERS)):
-        tags = written(train(tiny(**LONG, **changes), output=tmp_path / str(number)))
+        run = train(tiny(**LONG, **changes), output=tmp_path / str(number))
+        tags = written(run)
         assert len(tags) == len(set(tags))
         found |= set(tags)
     assert found == documented()
+    check_hparams(run)
 
 
-def test_the_hparams_tab_has_the_config_and_names_the_indicators(tmp_path):
-    run = train(tiny(), output=tmp_path / "run")
+def check_hparams(run: Run) -> None:
+    """TensorBoard's HPARAMS tab has the config and names the indicators."""
     found = events(run)
     summaries = found.SummaryMetadata
 
@@ -78,76 +76,46 @@ def test_the_hparams_tab_has_the_config_and_names_the_indicators(tmp_path):
     assert tags <= set(found.Tags()["scalars"])
 
 
-def steps(ends: list[list[int]], reward: list[list[float]]) -> Rollout:
-    """Return a rollout of one objective, (T, 1, G): episodes fail at 1 and time out at 2."""
-    over = torch.tensor(ends)[:, None]
-    nothing = torch.zeros(0)
-    return Rollout(nothing, nothing, nothing, tensor(reward), over == 1, over == 2, nothing)
-
-
-def tensor(reward: list[list[float]]) -> Tensor:
-    return torch.tensor(reward)[:, None, :, None]
-
-
-def test_episodes_are_counted_over_several_rollouts():
-    episodes = Episodes(2, 1, torch.device("cpu"))
-    episodes.observe(steps([[0, 0], [0, 1], [0, 0]], [[1, 10], [2, 20], [4, 40]]))
-    assert episodes.totals.tolist() == [30, 2, 1]
-    assert episodes.running.tolist() == [[7, 3], [40, 1]]
-    episodes.observe(steps([[2, 0], [1, 0], [0, 0]], [[8, 80], [16, 160], [32, 320]]))
-    assert episodes.totals.tolist() == [30 + 15 + 16, 2 + 4 + 1, 3]
-    assert episodes.running.tolist() == [[32, 1], [600, 4]]
-
-
 def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
     config = tiny(horizon=4)  # episodes last 5 steps, and every fifth rollout ends with one
-    learner = MORLAX(make_worlds(config, config.worlds), config)
+    made = learner(config)
     rewards, sums = [], torch.zeros(8, 2)
     for iteration in range(5):
         if iteration == 3:
-            other = MORLAX(make_worlds(config, config.worlds), config)
-            other.load_state_dict(learner.state_dict())
-            other._episodes.totals.copy_(learner._episodes.totals)
-            learner = other
-        learner.iterate()
-        rollout = learner.rollout
+            other = learner(config)
+            other.load_state_dict(made.state_dict())
+            other._episodes.totals.copy_(made._episodes.totals)
+            made = other
+        made.iterate()
+        rollout = made.rollout
         for t in range(4):
             sums += rollout.reward[t].flatten(0, 1)
             over = (rollout.terminated | rollout.truncated)[t].flatten()
             rewards += sums[over].tolist()
             sums[over] = 0
-    totals = learner._episodes.totals
+    totals = made._episodes.totals
     assert len(rewards) == totals[-1] == 32
     torch.testing.assert_close(totals[:2], torch.tensor(rewards).sum(0))
     assert totals[2] / totals[3] == 5
 
 
 def test_metrics_are_means_over_the_episodes_that_ended():
-    config = tiny()
-    learner = MORLAX(make_worlds(config, config.worlds), config)
-    learner.iterate()
-    assert "episode_length" not in learner.metrics()  # none has ended
-    learner.iterate()
-    found = learner.metrics()
-    assert found["episode_length"] == 5 and found["episode_return/run"] > 0
-    assert "episodes" not in found
-    learner.iterate()
-    learner.iterate()
-    assert learner.metrics()["episode_length"] == 5
-
-
-def test_rates_and_action_noise_are_those_in_use():
     rates = {"ppo.learning_rate": 3e-4, "ppo.critic_learning_rate": 7e-4}
-    config = tiny(**rates, **{"ppo.decay_fraction": 0.5})
-    learner = MORLAX(make_worlds(config, config.worlds), config)
-    learner.iterate()
-    found = learner.metrics()
+    made = learner(tiny(**rates, **{"ppo.decay_fraction": 0.5}), 1)
+    found = made.metrics()
+    assert "episode_length" not in found  # none has ended
     assert found["learning_rate/actor"] == pytest.approx(3e-4)
     assert found["learning_rate/critic"] == pytest.approx(7e-4)
-    learner.iterate(done=0.9)
-    assert 0 < learner.metrics()["learning_rate/actor"] < 3e-4  # decayed
     assert 0.1 < found["action_std"] < 2
     assert found["gradient_norm/actor"] > 0
+    made.iterate(done=0.9)
+    found = made.metrics()
+    assert found["episode_length"] == 5 and found["episode_return/run"] > 0
+    assert "episodes" not in found
+    assert 0 < found["learning_rate/actor"] < 3e-4  # decayed
+    made.iterate()
+    made.iterate()
+    assert made.metrics()["episode_length"] == 5
 
 
 DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]

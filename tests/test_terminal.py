@@ -34,6 +34,7 @@ SMALL = (
 SHOWN = {
     "train": ("--env", "--config", "--resume", "--output", "--seed", "--max-seconds"),
     "evaluate": ("RUN", "--tradeoffs", "--protocol", "--output"),
+    "record": ("RUN", "--tradeoff", "--output", "--seconds", "--speed", "--width", "--pictures"),
     "export": ("RUN", "--tradeoff", "--format", "--output", "torch-export"),
 }
 

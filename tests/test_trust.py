@@ -80,24 +80,21 @@ def test_from_python_a_file_is_trusted_by_saying_so(hostile):
 def test_a_module_of_gymnasium_is_code_too_and_a_registered_id_is_not():
     with pytest.raises(MorlaxError, match="would run the code of gymnasium:antigravity:Fly-v0"):
         envs.check_trusted("gymnasium:antigravity:Fly-v0", "run.pt")
-    envs.check_trusted("gymnasium:mo-hopper-v5", "run.pt")
-    envs.check_trusted("hopper", "run.pt")
+    with pytest.raises(MorlaxError, match="if you trust it"):
+        envs.check_trusted("mjlab:my_tasks:Mine", "a file")
+    for name in ("gymnasium:mo-hopper-v5", "mjlab:Mjlab-Velocity-Flat-Unitree-Go1", "hopper"):
+        envs.check_trusted(name, "run.pt")
 
 
-def test_a_lesson_does_not_take_over_code_that_only_a_file_names(hostile_utility, monkeypatch):
+def test_a_utility_of_a_run_is_trusted_by_saying_so(hostile_utility, monkeypatch):
     monkeypatch.chdir(hostile_utility.parent)
-    with pytest.raises(MorlaxError, match=r"would run the code of .*utility.py:best"):
-        command(
-            ["teach", "run", "lesson", "--objective", "tall", "--judge", "height", "--clips", "10"]
-        )
+    lesson = "teach run lesson --objective tall --judge height --clips 10"
+    for use in (lambda: command(lesson.split()), lambda: load("run")):
+        with pytest.raises(MorlaxError, match=r"would run the code of .*utility.py:best"):
+            use()
     assert not Path("lesson").exists() and not Path("sprung").exists()
-
-
-def test_a_utility_of_a_run_is_trusted_by_saying_so(hostile_utility):
-    with pytest.raises(MorlaxError, match=r"would run the code of .*utility.py:best"):
-        load(hostile_utility)
-    assert load(hostile_utility, trust=True).config.scalarization.endswith("utility.py:best")
-    load(hostile_utility)  # this process trusts it now
+    assert load("run", trust=True).config.scalarization.endswith("utility.py:best")
+    load("run")  # this process trusts it now
 
 
 def test_every_field_that_can_name_a_file_needs_trust():
@@ -120,9 +117,3 @@ def test_a_command_line_can_allow_it(hostile, allow, monkeypatch):
 def test_tasks_of_mjlab_name_the_extra_that_they_need():
     with pytest.raises(MorlaxError, match=r"need mjlab: pip install 'morlax-torch\[mjlab\]'"):
         envs.make("mjlab:Mjlab-Velocity-Flat-Unitree-Go1", 2, "cpu")
-
-
-def test_modules_of_mjlab_tasks_run_only_if_they_are_trusted():
-    with pytest.raises(MorlaxError, match="if you trust it"):
-        envs.check_trusted("mjlab:my_tasks:Mine", "a file")
-    envs.check_trusted("mjlab:Mjlab-Velocity-Flat-Unitree-Go1", "a file")

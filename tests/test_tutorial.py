@@ -12,7 +12,8 @@ from morlax_torch.__main__ import command
 
 DOCS = Path(__file__).parents[1] / "docs"
 
-LONG, SHORT = "max_env_steps=300_000", "max_env_steps=4_096"
+LONG = "max_env_steps=300_000"
+SHORT = 'max_env_steps=4_096, evaluation={"tradeoffs": 64}'
 ENDLESS = "morlax explore"  # test_install.py and test_explore.py start it
 WRITE = "%%writefile "
 
@@ -56,14 +57,3 @@ def test_the_notebook_is_the_page():
     page = (DOCS / "tutorial.md").read_text()
     stored = (DOCS / "tutorial.ipynb").read_text()
     assert notebook.notebook(page) == stored, "run python docs/site/notebook.py"
-
-
-def test_blocks_become_cells():
-    page = "# Title\n\n```python\n# robot.py\nx = 1\n```\n\n"
-    page += "```sh\nls\npwd\n```\n\n```yaml\na: 1\n```\n"
-    assert [tuple(cell) for cell in notebook.cells(page)] == [
-        ("markdown", "# Title"),
-        ("code", "%%writefile robot.py\n# robot.py\nx = 1"),
-        ("code", "!ls\n!pwd"),
-        ("markdown", "```yaml\na: 1\n```"),
-    ]

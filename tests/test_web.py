@@ -21,7 +21,7 @@ from morlax_torch.viewers.web.robot import build
 from morlax_torch.viewers.web.tracing import PagePhysics, trace
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
-SLOW = pytest.param("humanoid", marks=pytest.mark.slow)
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid", "Tumbler")]
 LONG = pytest.param("bruce", marks=[pytest.mark.slow, pytest.mark.long])
 
 
@@ -44,27 +44,19 @@ def robots(tmp_path: Path, monkeypatch) -> str:
 # Graphs
 
 
-@pytest.mark.parametrize("name", ["ant", SLOW, LONG])
-def test_graphs_step_like_the_task(name, generator):
-    env = world(name)
-    assert check(env, trace(env), generator) < TOLERANCE
-
-
-def test_a_task_of_a_user_can_be_traced(robots, generator):
-    env = world(f"{robots}:Tumbler")
+@pytest.mark.parametrize("name", [*SLOW, LONG])
+def test_graphs_step_like_the_task(name, robots, generator):
+    env = world(f"{robots}:{name}" if name == "Tumbler" else name)
     traced = trace(env)
-    assert traced.terms == ("vx", "energy")
     assert check(env, traced, generator) < TOLERANCE
+    if name == "Tumbler":
+        assert traced.terms == ("vx", "energy")
 
 
-def test_noise_delays_and_pushes_are_repeated_with_the_same_draws(generator):
-    disturbed = {
-        "observation_noise": {"position": 0.1},
-        "action_delay": (1, 3),
-        "push": 0.5,
-        "push_every": 3,
-    }
-    env = world("hopper", randomization=disturbed, reset_noise=0.01)
+def test_graphs_step_with_the_same_noise_delays_and_pushes(generator):
+    noise = {"observation_noise": {"position": 0.1}, "action_delay": (1, 3)}
+    pushes = {"push": 0.5, "push_every": 3}
+    env = world("hopper", randomization={**noise, **pushes}, reset_noise=0.01)
     traced = trace(env)
     kinds = [draw.kind for graph in traced[:2] for draw in graph.draws.values()]
     assert kinds == ["normal", "uniform", "normal"]
@@ -73,69 +65,62 @@ def test_noise_delays_and_pushes_are_repeated_with_the_same_draws(generator):
 
 @pytest.mark.parametrize(
     ("task", "reason"),
-    [("Deciding", "into Python"), ("Shuffled", "bernoulli")],
+    [
+        ("Deciding", "into Python"),
+        ("Shuffled", "bernoulli"),
+        ("Counting", "keep all state in tensors"),
+    ],
 )
-def test_tasks_that_no_graph_can_express_are_refused(robots, task, reason):
+def test_tasks_that_no_graph_can_express_are_refused(robots, task, reason, generator):
+    env = world(f"{robots}:{task}")
     with pytest.raises(MorlaxError, match=f"{task} cannot run in a browser: .*{reason}"):
-        trace(world(f"{robots}:{task}"))
-
-
-def test_state_outside_tensors_is_found(robots, generator):
-    env = world(f"{robots}:Counting")
-    with pytest.raises(MorlaxError, match=r"Counting cannot run .* keep all state in tensors"):
         check(env, trace(env), generator)
 
 
 # Models
 
 
-@pytest.mark.parametrize("name", ["bruce", "humanoid", "mo-gymnasium/humanoid"])
-def test_the_model_survives_as_text(name):
-    task = get(name)
+@pytest.mark.parametrize("name", ["bruce", "humanoid", "mo-gymnasium/humanoid", "Tumbler"])
+def test_the_model_survives_as_text(name, robots):
+    task = get(f"{robots}:{name}" if name == "Tumbler" else name)
     model, web = compiled(lambda: task.compile_model(task.Options()), name)
     again = mujoco.MjModel.from_xml_string(web.xml, web.assets)
     for field, numbers in web.fields.items():
         getattr(again, field).flat = numbers
+    np.testing.assert_array_equal(model.mesh_vert, again.mesh_vert)
+    assert (name == "Tumbler") == (list(web.assets) == ["asset-0.stl"])
     datas = [mujoco.MjData(x) for x in (model, again)]
     for data, own in zip(datas, (model, again), strict=True):
         mujoco.mj_step(own, data, 100)
     np.testing.assert_array_equal(datas[0].qpos, datas[1].qpos)
 
 
-def test_the_model_brings_its_meshes(robots):
-    task = get(f"{robots}:Tumbler")
-    model, web = compiled(lambda: task.compile_model(task.Options()), "Tumbler")
-    assert list(web.assets) == ["asset-0.stl"]
-    again = mujoco.MjModel.from_xml_string(web.xml, web.assets)
-    np.testing.assert_array_equal(model.mesh_vert, again.mesh_vert)
-
-
-def test_domain_randomization_keeps_to_the_nominal_robot(make_policy):
+def test_a_page_shows_the_nominal_robot_of_a_mujoco_task(make_policy):
     policy = make_policy("hopper", task={"randomization": {"mass": [2.0, 3.0]}})
     env, _ = build(policy)
     np.testing.assert_array_equal(env.physics.model.body_mass, get("hopper").load_model().body_mass)
+    policy.config = policy.config.model_copy(update={"env": "gymnasium:mo-hopper-v5"})
+    with pytest.raises(MorlaxError, match="only MuJoCo robots"):
+        build(policy)
 
 
 # Libraries
 
 
-def test_without_network_or_cache_one_sentence_says_so(tmp_path, monkeypatch):
-    def refuse(*_, **__):
-        raise urllib.error.URLError("no route to host")
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (urllib.error.URLError("no route to host"), r" \(no route to host\)"),
+        (http.client.IncompleteRead(b"half", 999), "IncompleteRead"),
+    ],
+)
+def test_a_download_that_fails_is_one_sentence(error, reason, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise error
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("urllib.request.urlopen", refuse)
-    with pytest.raises(MorlaxError, match=r"cannot download https.* \(no route to host\)"):
-        libraries.files()
-
-
-def test_a_download_that_breaks_off_is_one_sentence(tmp_path, monkeypatch):
-    def broken(*_, **__):
-        raise http.client.IncompleteRead(b"half", 999)
-
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("urllib.request.urlopen", broken)
-    with pytest.raises(MorlaxError, match=r"cannot download https.*IncompleteRead"):
+    monkeypatch.setattr("urllib.request.urlopen", fail)
+    with pytest.raises(MorlaxError, match=f"cannot download https.*{reason}"):
         libraries.files()
 
 
@@ -155,13 +140,6 @@ def no_libraries(monkeypatch):
     monkeypatch.setattr(writing.libraries, "files", dict)
 
 
-def test_foreign_simulators_are_refused(make_policy):
-    policy = make_policy("hopper")
-    policy.config = policy.config.model_copy(update={"env": "gymnasium:mo-hopper-v5"})
-    with pytest.raises(MorlaxError, match="only MuJoCo robots"):
-        build(policy)
-
-
 def test_nothing_is_left_of_a_page_that_cannot_be_written(tmp_path, make_run, no_libraries):
     make_run(tmp_path / "run", "hopper", "best")
     for runs, message in (([str(tmp_path / "none")], "does not exist"), (["nothing"], "shipped")):
@@ -170,17 +148,13 @@ def test_nothing_is_left_of_a_page_that_cannot_be_written(tmp_path, make_run, no
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_a_folder_in_use_is_kept(tmp_path, no_libraries):
-    (tmp_path / "mine").touch()
-    with pytest.raises(MorlaxError, match="exists already"):
-        writing.write_page(["hopper"], tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
-
-
-def test_the_current_folder_is_kept(tmp_path, no_libraries, monkeypatch):
+def test_a_folder_in_use_is_kept(tmp_path, no_libraries, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(MorlaxError, match="exists already"):
-        writing.write_page(["hopper"], Path())
+    (tmp_path / "mine").touch()
+    for folder in (tmp_path, Path()):
+        with pytest.raises(MorlaxError, match="exists already"):
+            writing.write_page(["hopper"], folder)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize("arguments", [[], ["hopper"], ["hopper", "ant", "page"]])

@@ -215,9 +215,12 @@ def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
     assert not visit.complaints
 
 
-def test_buttons_pause_push_and_reset(visit):
+def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
     page = visit()
     runs(page)
+    # without a graphics card the page draws fewer pixels
+    stage, _ = boxes(page)
+    assert page.evaluate("document.getElementById('view').width") == stage["width"] // 2
     page.click("#pause")
     page.wait_for_timeout(500)
     stopped = page.inner_text("#clock")
@@ -228,12 +231,6 @@ def test_buttons_pause_push_and_reset(visit):
     page.wait_for_function("document.getElementById('clock').textContent === '0.0 s'")
     assert page.inner_text("#pace").startswith("0.5")
     page.click("#pause")
-    runs(page)
-    assert not visit.complaints
-
-
-def test_another_robot_can_be_chosen(visit):
-    page = visit()
     runs(page)
     page.select_option("#run", label="Tumbler")
     page.wait_for_function("document.title.startsWith('Tumbler')")
@@ -248,26 +245,24 @@ def test_an_embedded_page_shows_robot_sliders_and_front_only(visit):
     shown = [page.is_visible(f"#{part}") for part in ("view", "weights", "front")]
     hidden = [page.is_visible(part) for part in ("header", "#episode-section", "#controls")]
     assert all(shown) and not any(hidden)
-    stage, panel = (page.locator(part).bounding_box() for part in ("#stage", "#panel"))
+    stage, panel = boxes(page)
     assert stage["height"] == panel["height"] == 500
+
+
+def boxes(page) -> list[dict[str, float]]:
+    """Return where the robot and the panel are."""
+    return [page.locator(part).bounding_box() for part in ("#stage", "#panel")]
 
 
 def test_an_embedded_page_has_a_chooser_if_its_address_names_no_run(visit):
     page = visit("?embed", 390, 640)
     runs(page)
     assert page.is_visible("#run") and page.is_hidden("#theme")
-    stage, panel = (page.locator(part).bounding_box() for part in ("#stage", "#panel"))
+    stage, panel = boxes(page)
     assert stage["height"] >= 200 and panel["y"] == stage["height"]
     page.select_option("#run", label="Tumbler")
     page.wait_for_function("document.title.startsWith('Tumbler')")
     assert page.is_visible("#run")
-
-
-def test_without_a_graphics_card_the_page_draws_fewer_pixels(visit):
-    page = visit("", 900, 560)
-    runs(page)
-    stage = page.locator("#stage").bounding_box()
-    assert page.evaluate("document.getElementById('view').width") == stage["width"] // 2
 
 
 def test_slow_frames_make_the_drawing_coarser(empty, site):
@@ -275,18 +270,13 @@ def test_slow_frames_make_the_drawing_coarser(empty, site):
     assert shares == {"fast": 1, "hidden": 1, "slow": 0.7, "slower": 0.5, "slowest": 0.5}
 
 
-def test_everything_to_tap_on_a_phone_is_large_enough(visit):
+def test_on_a_phone_the_panel_lies_below_the_robot_and_is_large_enough_to_tap(visit):
     page = visit("?run=cheetah3", 390, 844)
     runs(page)
     sizes = page.evaluate(TARGETS)
     assert len(sizes) > 10
     assert all(width >= 44 and height >= 44 for width, height in sizes.values()), sizes
-
-
-def test_on_a_phone_the_panel_lies_below_the_robot(visit):
-    page = visit("", 390, 844)
-    runs(page)
-    stage, panel = (page.locator(part).bounding_box() for part in ("#stage", "#panel"))
+    stage, panel = boxes(page)
     assert stage["width"] == panel["width"] == 390
     assert panel["y"] >= stage["y"] + stage["height"]
     assert page.evaluate("document.documentElement.scrollWidth") == 390

@@ -1,31 +1,18 @@
 """Any subclass of `Worlds` can be trained in, recordable and resumable or not."""
 
-import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
+from peers import check_run
+from tiny import learner, tiny
 from torch import Tensor
 
-from morlax_torch import MORLAX, MorlaxError, config_for, envs, train
+from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import explore, export
-from morlax_torch.commands.train import command as train_command
-from morlax_torch.evaluate import evaluate
-from morlax_torch.runs.history import read_rows
 from morlax_torch.runs.training import make_evaluator
 
 SOURCE = Path(__file__)
-TINY: dict[str, Any] = {
-    "worlds": 16,
-    "horizon": 5,
-    "device": "cpu",
-    "max_env_steps": 240,
-    "sampling.clusters": 4,
-    "ppo.minibatches": 2,
-    "evaluation.tradeoffs": 6,
-    "evaluation.every": 80,
-}
 
 
 class Points(envs.Worlds):
@@ -82,49 +69,31 @@ POINTS = f"{SOURCE}:Points"
 DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    config = config_for(POINTS, **TINY)
-    return train(config, output=tmp_path_factory.mktemp("points") / "run").folder
-
-
 @pytest.mark.parametrize("device", DEVICES)
 def test_they_are_explored_and_evaluated_eagerly(device):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("there is no CUDA device")
-    learner = MORLAX(
-        envs.make(POINTS, 16, device), config_for(POINTS, **{**TINY, "device": device})
-    )
-    evaluator = make_evaluator(learner)
-    learner.compile()
+    made = learner(tiny(POINTS, backend=None, device=device))
+    evaluator = make_evaluator(made)
+    made.compile()
     evaluator.compile()
-    before = learner.agent.actor.bias.clone()
+    before = made.agent.actor.bias.clone()
     for _ in range(3):
-        learner.iterate()
-    assert not torch.equal(learner.agent.actor.bias, before)
-    assert learner.env.x.abs().max() > 0.1
+        made.iterate()
+    assert not torch.equal(made.agent.actor.bias, before)
+    assert made.env.x.abs().max() > 0.1
     front = evaluator.evaluate()
-    assert (front.lengths == 8).all()
+    assert (front.lengths == 5).all()
     assert abs(front.returns[:, 0]).max() > 0
 
 
-def test_their_run_is_evaluated_and_resumed_in_new_worlds(run, tmp_path, capsys):
-    run = shutil.copytree(run, tmp_path / "run")
-    assert evaluate(run, tradeoffs=6, device="cpu").hypervolume > 0
-    before = read_rows(run / "metrics.csv")
-    train_command(["--resume", str(run), "--max-env-steps", "400"])
-    assert "they start anew" in capsys.readouterr().out
-    after = read_rows(run / "metrics.csv")
-    assert after[: len(before)] == before and int(after[-1]["env_steps"]) >= 400
-
-
-@pytest.mark.parametrize(
-    "use", [lambda run: export.command([str(run)]), lambda run: explore.explore(str(run), "x", 0)]
-)
-def test_what_they_cannot_do_is_one_sentence(run, use, monkeypatch):
+def test_their_run_is_evaluated_and_resumed_in_new_worlds(tmp_path, capsys, monkeypatch):
+    check_run(tiny(POINTS, backend=None), tmp_path / "run", capsys)
     monkeypatch.setattr(explore, "check_free", lambda host, port: None)
-    with pytest.raises(MorlaxError, match=r"has no MuJoCo robot, so it cannot be shown"):
-        use(run)
+    run = str(tmp_path / "run")
+    for use in (lambda: export.command([run]), lambda: explore.explore(run, "x", 0)):
+        with pytest.raises(MorlaxError, match=r"has no MuJoCo robot, so it cannot be shown"):
+            use()
 
 
 def test_resumable_worlds_must_have_a_state():

@@ -2,12 +2,10 @@
 
 import csv
 import os
-import shutil
 import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -118,8 +116,15 @@ def test_an_error_in_training_comes_after_what_was_evaluated_before_it(disk, tmp
 def test_closing_waits_until_everything_is_written(disk, tmp_path):
     disk.set()
     trial = Trial(tmp_path / "run", lambda iteration: None)
-    evaluations = training(trial.learner, make_evaluator(trial.learner), trial.run)
-    next(evaluations)
+    evaluator, began = make_evaluator(trial.learner), time.perf_counter() - 1000
+    evaluations = training(trial.learner, evaluator, trial.run, began=began)
+    for number in range(3):
+        evaluation = next(evaluations)  # in order, when its files are complete
+        assert evaluation.iteration == 2 * number == trial.rows[number]
+        assert trial.latest >= evaluation.iteration
+        assert evaluation.total_seconds > 1000 > evaluation.train_seconds >= 0
+        assert len(Front.load(trial.run.folder / "front.npz").returns) == 4
+        assert (trial.run.checkpoints / "best.pt").exists()
     disk.clear()
     threading.Timer(0.2, disk.set).start()
     next(evaluations)
@@ -128,17 +133,6 @@ def test_closing_waits_until_everything_is_written(disk, tmp_path):
     again = Run.open(trial.run.folder)
     again.restore(trial.learner)  # the lock was given back
     again.close()
-
-
-def test_evaluations_are_yielded_in_order_when_their_files_are_complete(tmp_path):
-    trial = Trial(tmp_path / "run", lambda iteration: None, max_env_steps=320)
-    for evaluation in training(trial.learner, make_evaluator(trial.learner), trial.run):
-        trial.found.append(evaluation.iteration)
-        assert trial.rows[: len(trial.found)] == trial.found
-        assert trial.latest >= evaluation.iteration
-        assert len(Front.load(trial.run.folder / "front.npz").returns) == 4
-        assert (trial.run.checkpoints / "best.pt").exists()
-    assert trial.found == [0, 2, 4, 6, 8, 10]
 
 
 def test_a_full_disk_ends_training_with_one_error(tmp_path, monkeypatch, capfd):
@@ -166,7 +160,7 @@ def test_a_run_s_folder_that_disappears_ends_training_with_one_error(tmp_path):
     def replace(iteration: int) -> None:
         if iteration == 3:
             trial.wait_for(2)
-            shutil.rmtree(tmp_path / "run")
+            (tmp_path / "run").rename(tmp_path / "elsewhere")
             (tmp_path / "run").write_text("not a folder")
 
     trial = Trial(tmp_path / "run", replace)
@@ -207,19 +201,21 @@ def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
     assert not list(writer.results())
 
 
-def planned(progress: Progress, iteration: int = 0, **limits: Any) -> dict[str, Any]:
-    """Return the arguments of a schedule whose config has these limits, and none else."""
+def planned(
+    progress: Progress, iteration: int = 0, times: tuple | None = None, **limits: Any
+) -> Schedule:
+    """Return the schedule of a config that has these limits, and none else."""
     unlimited = {"max_env_steps": None, "max_seconds": None, "evaluation.every": None}
     config = tiny(**{**unlimited, "ppo.decay_fraction": 0.0, **limits})
     learner = SimpleNamespace(
         config=config, iteration=iteration, steps_per_iteration=100, env_steps=100 * iteration
     )
-    return {"learner": cast(Any, learner), "progress": progress}
+    return Schedule(cast(Any, learner), progress, evaluate_at=times)
 
 
 def test_evaluations_are_spaced_by_their_cost():
     progress = Progress(train_seconds=3.0)
-    schedule = Schedule(**planned(progress))
+    schedule = planned(progress)
     assert schedule.evaluation_due()
     schedule.evaluated(cost=0.8)  # 8 % of ten seconds
     progress.steps_per_second = 200.0
@@ -231,7 +227,7 @@ def test_evaluations_are_spaced_by_their_cost():
 
 def test_evaluations_at_given_times():
     progress = Progress()
-    schedule = Schedule(**planned(progress, max_seconds=9.0), evaluate_at=(1.0, 3.0))
+    schedule = planned(progress, max_seconds=9.0, times=(1.0, 3.0))
     found = []
     for seconds in range(10):
         progress.train_seconds = float(seconds)
@@ -243,8 +239,7 @@ def test_evaluations_at_given_times():
 
 def test_a_slow_learner_stops_at_its_time_limit():
     progress = Progress(train_seconds=3.0, steps_per_second=50.0)
-    limits = {"max_seconds": 6.5, "evaluation.every": 10**6}
-    schedule = Schedule(**planned(progress, iteration=3, **limits))
+    schedule = planned(progress, 3, max_seconds=6.5, **{"evaluation.every": 10**6})
     assert not schedule.over()
     assert schedule.seconds() == 3.5
     assert schedule.iterations() == 2
@@ -256,15 +251,13 @@ def test_a_slow_learner_stops_at_its_time_limit():
     ("limits", "done"),
     [
         ({}, 0.0),
-        ({"max_env_steps": 1000}, 0.3),
-        ({"max_seconds": 8.0}, 0.5),
         ({"max_env_steps": 1000, "max_seconds": 8.0}, 0.5),
         ({"max_env_steps": 400, "max_seconds": 8.0}, 0.75),
         ({"max_seconds": 2.0}, 1.0),
     ],
 )
 def test_the_share_of_a_run_that_is_over_is_that_of_the_nearer_limit(limits, done):
-    assert Schedule(**planned(Progress(), iteration=3, **limits)).done(4.0) == done
+    assert planned(Progress(), 3, **limits).done(4.0) == done
 
 
 def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tmp_path):
@@ -276,17 +269,6 @@ def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tm
     resumed = train(longer, Run.open(run.folder))
     reached = [int(row["iteration"]) for row in rows(resumed)]
     assert reached == sorted(set(reached)) and {0, 2, 10} <= set(reached)
-
-
-def test_rows_have_both_clocks(tmp_path):
-    run = train(tiny(), output=tmp_path / "run")
-    clocks = [(float(row["train_seconds"]), float(row["total_seconds"])) for row in rows(run)]
-    assert clocks == sorted(clocks)
-    assert all(total >= trained for trained, total in clocks)
-    trial, began = Trial(tmp_path / "other", lambda iteration: None), time.perf_counter() - 1000
-    evaluator = make_evaluator(trial.learner)
-    with closing(training(trial.learner, evaluator, trial.run, began=began)) as evaluations:
-        assert next(evaluations).total_seconds > 1000
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")

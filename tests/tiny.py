@@ -1,12 +1,21 @@
-"""A hopper that trains in a second."""
+"""A hopper that trains in a second, and one whose critic sees more than its policies."""
 
 from typing import Any
 
-from morlax_torch import config_for
+from torch import Tensor, nn
+
+from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.configuration.config import Config
+from morlax_torch.runs.training import make_worlds
+
+TYPED = (  # on the command line
+    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
+    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
+    *("--max-env-steps", "320"),
+)
 
 
-def tiny(**changes: Any) -> Config:
+def tiny(env: str = "hopper", **changes: Any) -> Config:
     """Return a config for two evaluations, with changes named as on the command line."""
     small = {
         "device": "cpu",
@@ -25,4 +34,25 @@ def tiny(**changes: Any) -> Config:
         "evaluation.every": 32,
         "task.episode_length": 5,
     }
-    return config_for("hopper", **{**small, **changes})
+    return config_for(env, **{**small, **changes})
+
+
+def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> MORLAX:
+    """Return a learner after so many iterations."""
+    made = MORLAX(make_worlds(config, config.worlds), config, **networks)
+    for _ in range(iterations):
+        made.iterate()
+    return made
+
+
+class Blind(envs.get("hopper")):
+    """A hopper whose policies see positions only; its critics see velocities too."""
+
+    def observe(self) -> Tensor:
+        return self.physics.qpos[:, 1:]
+
+    def privileged(self) -> Tensor | None:
+        return self.physics.qvel.clamp(-10, 10)
+
+    def layout(self) -> list[envs.Part]:
+        return super().layout()[:6]

@@ -17,6 +17,7 @@ from morlax_torch.runs.loading import start_from
 from morlax_torch.runs.progress import Progress
 
 WORLDS, HORIZON, CLUSTERS = 32, 4, 4
+ITERATIONS = 2
 
 
 def config(algorithm: str, size: int) -> Config:
@@ -43,10 +44,8 @@ def statistics(group: Group) -> dict[str, Any]:
 
     def drawn(part: torch.Tensor) -> torch.Tensor:
         shape = HORIZON, CLUSTERS, WORLDS // CLUSTERS, *part.shape[3:]
-        noise = 3 + torch.randn(shape, generator=generator)
-        return (
-            noise[:, :, share].contiguous() if part.is_floating_point() else noise[:, :, share] > 4
-        )
+        noise = (3 + torch.randn(shape, generator=generator))[:, :, share].contiguous()
+        return noise if part.is_floating_point() else noise > 4
 
     rollout = Rollout(*map(drawn, learner.rollout))
     learner.tradeoffs.copy_(torch.rand(learner.tradeoffs.shape, generator=generator))
@@ -74,16 +73,16 @@ class Shifted(torch.nn.Module):
 
 
 def trained(algorithm: str, group: Group, **networks: torch.nn.Module) -> dict[str, Any]:
-    """Return a learner's state after five iterations."""
+    """Return a learner's state after some iterations."""
     own = config(algorithm, group.size)
     learner = make_learner(envs.make("hopper", own.worlds, "cpu"), own, group=group, **networks)
-    for _ in range(5):
+    for _ in range(ITERATIONS):
         learner.iterate()
     return {**learner.state_dict(), "metrics": learner.metrics(), "steps": learner.env_steps}
 
 
 def with_own_networks(algorithm: str, group: Group) -> dict[str, Any]:
-    """Return a learner's state after five iterations with networks of this process."""
+    """Return the state of a learner with networks of this process."""
     torch.manual_seed(group.rank)
     inputs = 13 + 2 * (algorithm == "amor")  # AMOR's networks see the trade-off too
     actor, critic = Shifted(inputs, 8), Shifted(inputs, 2)
