@@ -1,6 +1,7 @@
 """Every algorithm finds a front that is known in closed form, and does what its paper says."""
 
 import copy
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import MorlaxError, config_for, load, save
-from morlax_torch.algorithms.baselines import AMOR, HyperMORL, IndependentPPO
+from morlax_torch.algorithms.baselines import AMOR, HyperMORL
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
@@ -145,29 +146,22 @@ def test_collapsing_a_hypernetwork_keeps_one_tradeoff_s_network():
     assert_close(actor.flat(torch.rand(4, 2)), before.expand(4, -1))
 
 
-def cells_of_two(number: int, draws: int) -> np.ndarray:
-    """Draw first weights (draws, number) from equal cells of [-s, 1 + s], moved into [0, 1]."""
-    half = 0.5 / (number - 1)
-    centers = np.linspace(0, 1, number)
-    random = np.random.default_rng(0)
-    return (centers + random.uniform(-half, half, (draws, number))).clip(0, 1)
-
-
-def cells_of_three(centers: np.ndarray, margin: float, draws: int) -> np.ndarray:
-    """Draw one point (draws, n, 3) of each cell of a larger triangle, moved to the nearest edge."""
-    random, found = np.random.default_rng(0), np.zeros((draws, len(centers), 3))
+def cells(centers: np.ndarray, margin: float, draws: int) -> np.ndarray:
+    """Draw one point (draws, n, m) of each cell of a larger simplex, moved to the nearest edge."""
+    m = centers.shape[1]
+    random, found = np.random.default_rng(0), np.zeros((draws, len(centers), m))
     left = [(i, k) for i in range(draws) for k in range(len(centers))][::-1]
     pools: list[list[np.ndarray]] = [[] for _ in centers]
     while left:
         i, k = left[-1]
         if not pools[k]:
-            point = random.dirichlet(np.ones(3)) * (1 + 3 * margin) - margin
+            point = random.dirichlet(np.ones(m)) * (1 + m * margin) - margin
             pools[np.square(centers - point).sum(1).argmin()].append(point)
             continue
         point = pools[k].pop()
         if point.min() < 0:
-            ends = [(np.eye(3)[a], np.eye(3)[b]) for a, b in ((0, 1), (1, 2), (2, 0))]
-            moved = [a + np.clip((point - a) @ (b - a) / 2, 0, 1) * (b - a) for a, b in ends]
+            edges = combinations(np.eye(m), 2)
+            moved = [a + np.clip((point - a) @ (b - a) / 2, 0, 1) * (b - a) for a, b in edges]
             point = min(moved, key=lambda other, point=point: np.square(other - point).sum())
         found[i, k] = point
         left.pop()
@@ -176,21 +170,17 @@ def cells_of_three(centers: np.ndarray, margin: float, draws: int) -> np.ndarray
 
 @pytest.mark.parametrize("m", [2, 3])
 def test_cells_of_the_simplex_are_sampled_with_their_corners_as_the_authors_do(m, generator):
-    number, draws = {2: (6, 3000), 3: (15, 800)}[m]
-    grid = [(a / 4, b / 4, 1 - (a + b) / 4) for a in range(5) for b in range(5 - a)]
-    centers = even_tradeoffs(6, 2) if m == 2 else torch.tensor(grid)
-    out, drawn = torch.zeros(number, m), []
+    steps, draws, margin = {2: (5, 3000, 1 / 10), 3: (4, 800, 1 / 8)}[m]
+    grid = product(range(steps + 1), repeat=m)
+    centers = np.array([point for point in grid if sum(point) == steps]) / steps
+    out, drawn = torch.zeros(len(centers), m), []
     for _ in range(draws):
-        sample_cells(out, centers, generator)
+        sample_cells(out, torch.from_numpy(centers).float(), generator)
         drawn.append(out.clone())
     found = torch.stack(drawn)
     assert (found >= 0).all()
-    assert_close(found.sum(-1), torch.ones(draws, number))
-    if m == 2:
-        first = cells_of_two(number, draws)
-        wanted = torch.from_numpy(np.stack([first, 1 - first], -1)).float()
-    else:
-        wanted = torch.from_numpy(cells_of_three(np.array(grid), 1 / 8, draws)).float()
+    assert_close(found.sum(-1), torch.ones(draws, len(centers)))
+    wanted = torch.from_numpy(cells(centers, margin, draws)).float()
     near = 3 * 0.5 / draws**0.5  # of the share of a coin
     for share in (lambda x: (x > 1 - 1e-6).any(-1), lambda x: (x < 1e-6).any(-1)):  # corner, edge
         ours, theirs = (share(x).float().mean(0) for x in (found, wanted))
@@ -302,17 +292,20 @@ def test_pg_morl_measures_policies_like_evaluations_do():
     assert_close(learner._measure().float(), wanted)
 
 
-def test_independent_policies_do_not_know_of_each_other():
-    """Another reward of one trade-off changes that policy alone."""
-    config = small("independent", **{"ppo.max_grad_norm": 0.1})
+@pytest.mark.parametrize(
+    ("algorithm", "worlds"),
+    [("independent", WORLDS), ("independent", CLUSTERS), ("pg-morl", CLUSTERS)],
+)
+def test_another_reward_of_one_tradeoff_changes_that_policy_alone(algorithm, worlds):
+    config = small(algorithm, worlds=worlds, **{"ppo.max_grad_norm": 0.1, "ppo.minibatches": 1})
     one, other = trained(config, 0), trained(config, 0)
-    assert isinstance(one, IndependentPPO)
     for learner, change in ((one, 0.0), (other, 1.0)):
         learner.explore()
-        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 8, 2)
-        learner.agent.value_normalizer.update = lambda *_, **__: None  # the one thing they share
+        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, worlds // CLUSTERS, 2)
+        # the one thing they share
+        learner.trainer.agent.value_normalizer.update = lambda *_, **__: None
         learner.learn()
-    same = (one.agent.actor.rows == other.agent.actor.rows).all(1)
+    same = (one.trainer.agent.actor.rows == other.trainer.agent.actor.rows).all(1)
     assert same.tolist() == [True, True, False, *[True] * 5]
 
 
@@ -331,20 +324,6 @@ def test_an_independent_policy_is_that_of_plain_ppo():
         one.learn()
     assert_close(alone.agent.actor.rows[2], learner.agent.actor.rows[2])
     assert_close(alone.agent.critic.rows[2], learner.agent.critic.rows[2])
-
-
-@pytest.mark.parametrize("algorithm", ["independent", "pg-morl"])
-def test_policies_with_one_world_each_learn_from_their_own(algorithm):
-    """Another reward of one trade-off changes that policy alone."""
-    config = small(algorithm, worlds=CLUSTERS, **{"ppo.minibatches": 1})
-    one, other = trained(config, 0), trained(config, 0)
-    for learner, change in ((one, 0.0), (other, 1.0)):
-        learner.explore()
-        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 1, 2)
-        learner.trainer.agent.value_normalizer.update = lambda *_, **__: None
-        learner.learn()
-    same = (one.trainer.agent.actor.rows == other.trainer.agent.actor.rows).all(1)
-    assert same.tolist() == [True, True, False, *[True] * 5]
 
 
 @pytest.mark.parametrize("algorithm", LEARNERS)
@@ -443,7 +422,6 @@ def test_even_tradeoffs_cover_the_simplex(number):
     ("changes", "message"),
     [
         ({"algorithm": "sac"}, "algorithm.*'morlax', 'amor', 'hyper-morl'"),
-        ({"method.warmup": 0.5}, "unknown method key .warmup"),
         ({"algorithm": "amor", "network.type": "dual"}, "amor needs conditioned: leave it out"),
         ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
         (
