@@ -96,12 +96,6 @@ def replay(request: pytest.FixtureRequest) -> Replay:
     return shown
 
 
-def test_initial_states_match_the_published_ones(replay):
-    assert_equal(replay.qpos[0], replay.reference["qpos"][:, 0])
-    assert_equal(replay.qvel[0], replay.reference["qvel"][:, 0])
-    assert_equal(replay.observations[0], replay.reference["obs"][:, 0])
-
-
 def test_trajectories_match_the_published_ones(replay):
     assert_equal(stacked(replay.qpos), replay.reference["qpos"])
     assert_equal(stacked(replay.qvel), replay.reference["qvel"])
@@ -219,42 +213,32 @@ def test_actions_are_clipped_to_the_box(task):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("task", PUBLISHED)
-def test_a_step_has_a_row_for_each_world(task, backend):
+def test_a_task_exposes_objectives_spaces_and_limits_and_steps_obey_them(task, backend):
     env = make(task, backend, worlds=3)
-    first = env.reset()
-    step = env.step(torch.zeros(3, env.action_size))
-    for seen in (first, step.observation, step.final_observation):
-        assert (seen.shape, seen.dtype) == ((3, env.observation_size), torch.float32)
-        assert env.observation_space.contains(seen[0].numpy())
-    assert (step.reward.shape, step.reward.dtype) == ((3, len(env.objectives)), torch.float32)
-    assert env.reward_space.contains(step.reward[0].numpy())
-    for flag in (step.terminated, step.truncated):
-        assert (flag.shape, flag.dtype) == ((3,), torch.bool)
-    assert tuple(step.terms) == env.reward_terms
-    assert all(term.shape == (3,) for term in step.terms.values())
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("task", PUBLISHED)
-def test_a_task_exposes_objectives_spaces_and_limits(task, backend):
-    env = make(task, backend)
-    assert env.num_worlds == 2
-    assert env.device == torch.device("cpu")
-    assert env.episode_length == 500
-    assert env.dt == pytest.approx(0.02 if task == "bruce" else 0.01)
+    assert (env.num_worlds, env.device, env.episode_length) == (3, torch.device("cpu"), 500)
+    assert env.dt == pytest.approx(0.01)
     assert env.objectives == tuple(env.options.objectives)
     assert env.reference_point == (0.0,) * len(env.objectives)
     for weighted in (env.options.shared, *env.options.objectives.values()):
         assert set(weighted) <= set(env.reward_terms)
-    action, observation, reward = env.action_space, env.observation_space, env.reward_space
-    for space in (action, observation, reward):
+    assert (env.action_space.low == -1).all() and (env.action_space.high == 1).all()
+    first = env.reset()
+    step = env.step(torch.zeros(3, env.action_size))
+    for space, size, *values in (
+        (env.action_space, env.action_size),
+        (env.observation_space, env.observation_size, first, step.observation),
+        (env.observation_space, env.observation_size, step.final_observation),
+        (env.reward_space, len(env.objectives), step.reward),
+    ):
         assert isinstance(space, gymnasium.spaces.Box)
-        assert space.dtype == np.float32
-    assert (action.low == -1).all()
-    assert (action.high == 1).all()
-    assert action.shape == (env.action_size,)
-    assert observation.shape == (env.observation_size,)
-    assert reward.shape == (len(env.objectives),)
+        assert (space.shape, space.dtype) == ((size,), np.float32)
+        for value in values:
+            assert (value.shape, value.dtype) == ((3, size), torch.float32)
+            assert space.contains(value[0].numpy())
+    for flag in (step.terminated, step.truncated):
+        assert (flag.shape, flag.dtype) == ((3,), torch.bool)
+    assert tuple(step.terms) == env.reward_terms
+    assert all(term.shape == (3,) for term in step.terms.values())
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -271,17 +255,6 @@ def test_a_step_returns_both_the_final_and_the_next_first_observation(task, back
     assert not torch.equal(step.final_observation, first)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("task", PUBLISHED)
-def test_equal_actions_give_equal_episodes(task, backend):
-    one, other = make(task, backend), make(task, backend)
-    for action in random_actions(one, 40):
-        first, second = one.step(action), other.step(action)
-        assert torch.equal(first.observation, second.observation)
-        assert torch.equal(first.reward, second.reward)
-        assert torch.equal(first.terminated, second.terminated)
-
-
 # Custom objectives
 
 
@@ -294,22 +267,13 @@ def test_equal_actions_give_equal_episodes(task, backend):
             {"run": {"run": 1.0}, "save": {"energy": 0.5, "run": -0.25}, "rise": {"height": 2.0}},
             {"alive": 0.1, "energy": -0.3},
         ),
-        (
-            "ant",
-            {
-                "east": {"vx": 1.0},
-                "west": {"vx": -1.0},
-                "north": {"vy": 1.0},
-                "south": {"vy": -1.0},
-            },
-            {"alive": 1.0, "energy": 0.5},
-        ),
     ],
 )
 def test_objectives_are_the_configured_weighted_sums(task, objectives, shared):
-    env = make(task, objectives=objectives, shared=shared)
+    point = tuple(range(-1, len(objectives) - 1))
+    env = make(task, objectives=objectives, shared=shared, reference_point=point)
     assert env.objectives == tuple(objectives)
-    assert env.reference_point == (0.0,) * len(objectives)
+    assert env.reference_point == tuple(map(float, point))
     assert env.reward_space.shape == (len(objectives),)
     for action in random_actions(env, 5):
         step = env.step(action)
@@ -323,21 +287,12 @@ def test_objectives_are_the_configured_weighted_sums(task, objectives, shared):
             np.testing.assert_allclose(step.reward[:, column], expected, rtol=1e-6, atol=1e-6)
 
 
-def test_the_reference_point_can_be_set():
-    env = make("hopper", reference_point=(-1, 2.5))
-    assert env.reference_point == (-1.0, 2.5)
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
         (
             {"objectives": {"run": {"rnu": 1.0}, "energy": {"energy": 1.0}}},
             "unknown reward term 'rnu': did you mean 'run'? Known: alive, energy, run.",
-        ),
-        (
-            {"shared": {"alife": 1.0}},
-            "unknown reward term 'alife': did you mean 'alive'? Known: alive, energy, run.",
         ),
         ({"episode_lenght": 100}, "unknown key 'episode_lenght': did you mean 'episode_length'?"),
         ({"objectives": {"run": {"run": 1.0}}}, "a trade-off needs at least two objectives"),

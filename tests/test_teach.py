@@ -162,11 +162,6 @@ def test_a_task_may_not_have_a_term_of_that_name(tmp_path, monkeypatch):
         envs.make("named", 1, "cpu", learned=saved(tmp_path / "learned.pt"))
 
 
-def test_without_a_file_there_is_no_learned_term():
-    with pytest.raises(MorlaxError, match="unknown reward term 'learned'"):
-        envs.make("cheetah", 1, "cpu", objectives=THREE)
-
-
 # clips and comparisons
 
 
@@ -202,11 +197,6 @@ def test_a_second_learned_objective_is_refused(base, lesson, tmp_path):
     with pytest.raises(MorlaxError, match=r"has learned tall already.* --objective tall"):
         Lesson(str(run.folder), tmp_path / "second", "calm", clips=4)
     assert not (tmp_path / "second").exists()
-
-
-def test_an_impossible_seed_is_one_sentence(base, lesson):
-    with pytest.raises(MorlaxError, match="seed is -1"):
-        Lesson(str(base), lesson.folder, "tall", seed=-1)
 
 
 def test_comparisons_are_read_back(tmp_path):
@@ -270,13 +260,6 @@ def test_a_reward_is_learned_from_comparisons():
     means = rated.view(120, -1).mean(1).numpy()
     assert np.corrcoef(means, comparisons.clips.observation[:, :, 0].mean(1))[0, 1] > 0.9
     assert_allclose([means.min(), means.max()], [0, 1], atol=1e-4)
-
-
-def test_too_few_answers_are_one_sentence():
-    comparisons = synthetic(10)
-    comparisons.judge("first", 9, np.random.default_rng(0))
-    with pytest.raises(MorlaxError, match="there are 9 answers: at least 10 are needed"):
-        reward.fit(comparisons)
 
 
 # lessons
