@@ -313,16 +313,6 @@ def test_pg_morl_walker_has_different_foot_frictions():
     assert model.geom("foot_left_geom").friction[0] == 1.9
 
 
-def test_pg_morl_halfcheetah_matches_mo_gymnasium():
-    env = make("pgmorl/halfcheetah")
-    original = open_original(ORIGINS["halfcheetah"], env)
-    for action in random_actions(env):
-        step = env.step(action)
-        _, (speed, cost), *_ = original.step(env.physics.ctrl[0].numpy())
-        assert step.terms["run"][0].item() == pytest.approx(min(speed, 4.0), rel=SINGLE, abs=SINGLE)
-        assert step.terms["energy"][0].item() == pytest.approx(4 + cost, rel=SINGLE)
-
-
 def test_pg_morl_episode_length_and_noise_are_as_published():
     for name in PGMORL:
         options = envs.get(name).Options()
@@ -374,7 +364,7 @@ def test_random_motion_fits_contact_and_constraint_buffers(task):
     model, options = env.physics.model, env.options
     data, random = mujoco.MjData(model), np.random.default_rng(0)
     contacts, rows = [], []
-    for step in range(1500):  # fallen robots have the most contacts
+    for step in range(800):  # fallen robots have the most contacts
         if step % 20 == 0:
             data.ctrl[:] = random.permuted(model.actuator_ctrlrange, axis=1)[:, 0]
         mujoco.mj_step(model, data)

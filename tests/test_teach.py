@@ -205,12 +205,8 @@ def test_comparisons_are_read_back(tmp_path):
     comparisons.judge("first", 7, np.random.default_rng(0))
     comparisons.save(tmp_path / "c.npz")
     found = Comparisons.load(tmp_path / "c.npz")
-    assert (found.task, found.terms, found.answers, found.sources) == (
-        "walk",
-        ["first"],
-        comparisons.answers,
-        ["a run"],
-    )
+    assert (found.task, found.terms, found.sources) == ("walk", ["first"], ["a run"])
+    assert found.answers == comparisons.answers
     for mine, theirs in zip(comparisons.clips, found.clips, strict=True):
         assert np.array_equal(mine, theirs)
 
@@ -223,7 +219,7 @@ def test_every_clip_is_compared():
     assert set(np.ravel(comparisons.answers)) == set(range(10))
 
 
-@pytest.mark.parametrize("change", ["half", "text", "an answer", "a number", "a shape"])
+@pytest.mark.parametrize("change", ["half", "an answer", "a number", "a shape"])
 def test_a_damaged_file_of_comparisons_is_one_sentence(change, tmp_path):
     path, comparisons = tmp_path / "c.npz", synthetic(10)
     if change == "an answer":
@@ -235,8 +231,6 @@ def test_a_damaged_file_of_comparisons_is_one_sentence(change, tmp_path):
     comparisons.save(path)
     if change == "half":
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    if change == "text":
-        path.write_text("no arrays")
     with pytest.raises(MorlaxError, match="is damaged or not a file of comparisons"):
         Comparisons.load(path)
 
@@ -324,14 +318,11 @@ def test_training_continues_with_one_more_objective(lesson, tmp_path):
 def test_a_run_with_a_learned_reward_resumes_exactly(lesson, tmp_path):
     config = load_config(read_yaml(lesson.folder / "config.yaml"))
 
+    ppo = config.ppo.model_copy(update={"decay_fraction": 0.0})
+    config = config.model_copy(update={"ppo": ppo})
+
     def trained(folder: str, steps: int, run: Run | None = None) -> Run:
-        changes = {
-            "max_env_steps": steps,
-            "ppo": config.ppo.model_copy(update={"decay_fraction": 0.0}),
-        }
-        limited = (run.config() if run else config).model_copy(
-            update=changes if run is None else {"max_env_steps": steps}
-        )
+        limited = config.model_copy(update={"max_env_steps": steps})
         return train(limited, run, None if run else tmp_path / folder)
 
     whole, half = trained("whole", 640), trained("half", 320)
@@ -368,15 +359,7 @@ def test_the_policies_of_known_objectives_stay(base, tmp_path):
         assert_allclose(found.detach(), old(observation, two), rtol=1e-4, atol=1e-5)
 
 
-def test_a_run_may_list_its_objectives_in_another_order(base):
-    swapped = {"energy": {"energy": 1.0}, "run": {"run": 1.0}}
-    agent = started(base, task={"objectives": swapped}).agent
-    old, observation = morlax_torch.load(base), torch.ones(1, 17)
-    found = agent.actors(torch.tensor([[0.2, 0.8]])).act(observation[None])[0]
-    assert_allclose(found.detach(), old(observation, (0.8, 0.2)), rtol=1e-4, atol=1e-5)
-
-
-def test_the_critic_stays_if_the_objectives_do(base):
+def test_objectives_may_be_in_another_order_and_the_critic_stays_if_they_do(base):
     def critic(state: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         return {n: v for n, v in state.items() if n.startswith(("critic.", "value_normalizer."))}
 
@@ -386,13 +369,13 @@ def test_the_critic_stays_if_the_objectives_do(base):
     fresh = started(path, task={"objectives": swapped})
     assert_same(critic(kept.agent.state_dict()), critic(trained))
     assert (fresh.agent.critic.weight != trained["critic.weight"]).any()
+    observation = torch.ones(1, 17)
+    found = fresh.agent.actors(torch.tensor([[0.2, 0.8]])).act(observation[None])[0]
+    expected = morlax_torch.load(path)(observation, (0.8, 0.2))
+    assert_allclose(found.detach(), expected, rtol=1e-4, atol=1e-5)
 
 
 STARTS = {
-    "objectives": (
-        {"task": {"objectives": {"run": {"run": 1.0}, "tall": {"height": 1.0}}}},
-        "has the objective energy, which this run lacks",
-    ),
     "sizes": ({"network.actor": [8, 8]}, "have other sizes than this run's"),
     "algorithm": ({"algorithm": "amor"}, "start_from needs hypernetworks"),
 }
@@ -400,13 +383,13 @@ STARTS = {
 
 @pytest.mark.parametrize(("changes", "message"), STARTS.values(), ids=STARTS)
 def test_policies_that_do_not_fit_are_one_sentence(changes, message, base):
-    if "task" in changes:
-        config = config_for("cheetah", **SMALL).model_dump()
-        config["task"]["objectives"] = changes["task"]["objectives"]
-        config = load_config(config)
-        learner = make_learner(make_worlds(config, config.worlds), config)
-        with pytest.raises(MorlaxError, match=message):
-            start_from(str(base), learner)
-        return
     with pytest.raises(MorlaxError, match=message):
         started(base, **changes)
+
+
+def test_an_objective_that_a_run_lacks_is_one_sentence(base):
+    config = config_for("cheetah", **SMALL).model_dump()
+    config["task"]["objectives"] = {"run": {"run": 1.0}, "tall": {"height": 1.0}}
+    config = load_config(config)
+    with pytest.raises(MorlaxError, match="has the objective energy, which this run lacks"):
+        start_from(str(base), make_learner(make_worlds(config, config.worlds), config))
