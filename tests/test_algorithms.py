@@ -79,9 +79,9 @@ def iterate(learner: Any, iterations: int) -> None:
 def test_it_finds_the_front(algorithm, device):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no CUDA device")
-    iterations, changes = 250, {}
+    iterations, changes = 100, {"ppo.learning_rate": 8e-3}
     if algorithm == "pg-morl":
-        changes = {"method.generation": 10, "method.warmup": 40, "method.bins": 30}
+        changes |= {"method.generation": 10, "method.warmup": 20, "method.bins": 30}
     learner = trained(small(algorithm, iterations, device=device, **changes), iterations)
     front = make_evaluator(learner).evaluate()
     tradeoffs = torch.as_tensor(front.tradeoffs)
@@ -90,9 +90,9 @@ def test_it_finds_the_front(algorithm, device):
         grid = even_tradeoffs(CLUSTERS, 2)
         tradeoffs = grid[torch.cdist(tradeoffs, grid).argmin(1)]
     regret = ((best_returns(tradeoffs) - returns) * tradeoffs).sum(1)
-    assert regret.max() < 0.03
+    assert regret.max() < 0.02
     if algorithm != "pg-morl":  # which has a policy of much the same utility
-        assert_close(returns, best_returns(tradeoffs), rtol=0, atol=0.08)
+        assert_close(returns, best_returns(tradeoffs), rtol=0, atol=0.1)
 
 
 @pytest.mark.parametrize("algorithm", LEARNERS)
