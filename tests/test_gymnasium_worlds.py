@@ -132,15 +132,6 @@ def test_objectives_can_be_regrouped(point):
     assert torch.equal(step.reward[:, 1], step.terms["reward_0"] + step.terms["reward_1"])
 
 
-def test_a_non_finite_reward_ends_the_episode_with_zero_reward(point):
-    worlds = point(broken=True)
-    worlds.reset()
-    step = worlds.step(torch.zeros(3, 1))
-    assert step.terminated.all()
-    assert (step.reward == 0).all()
-    assert worlds.blowups == 3
-
-
 class Plain(gymnasium.Env):
     """An environment whose answers a test replaces."""
 

@@ -90,8 +90,8 @@ def gpi_ls(env: gymnasium.Env, **small):
     from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPIPDContinuousAction
 
     agent = GPIPDContinuousAction(env, dyna=False, **small)
-    each = {"timesteps_per_iter": 30, "eval_freq": 30, "num_eval_episodes_for_front": 1}
-    agent.train(60, eval_env=env, ref_point=np.zeros(2), **each)
+    each = {"timesteps_per_iter": 15, "eval_freq": 15, "num_eval_episodes_for_front": 1}
+    agent.train(30, eval_env=env, ref_point=np.zeros(2), **each)
     return agent
 
 
@@ -99,7 +99,7 @@ def capql(env: gymnasium.Env, **small):
     from morl_baselines.multi_policy.capql.capql import CAPQL
 
     agent = CAPQL(env, **small)
-    agent.train(60, eval_env=env, ref_point=np.zeros(2))
+    agent.train(30, eval_env=env, ref_point=np.zeros(2))
     return agent
 
 
@@ -107,7 +107,7 @@ def mosac(env: gymnasium.Env, **small):
     from morl_baselines.single_policy.ser.mosac_continuous_action import MOSAC
 
     agent = MOSAC(env, weights=np.array([0.7, 0.3]), **small)
-    agent.train(60, eval_env=env)
+    agent.train(30, eval_env=env)
     return agent
 
 
