@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import search_methods
 import yaml
-from filelock import FileLock
 from tiny import tiny
 
 from morlax_torch import MorlaxError, pareto
@@ -30,17 +29,6 @@ SPHERE = np.array([[4.0, 1.0], [3.0, 3.0], [1.0, 4.0]])  # hypervolume 11 over t
 
 
 # Statistics
-
-
-def test_a_curve_is_the_best_value_so_far():
-    random = np.random.default_rng(0)
-    for size in (0, 1, 2, 9):
-        x, y = np.sort(random.integers(0, 12, size)), random.normal(5, 1, size)
-        grid = np.linspace(-1, 14, 31)
-        expected = [
-            max([0.0, *(b for a, b in zip(x, y, strict=True) if a <= point)]) for point in grid
-        ]
-        np.testing.assert_array_equal(compare_statistics.best_so_far(x, y, grid), expected)
 
 
 def test_a_band_has_the_quartiles_of_all_runs_at_all_evaluations():
@@ -61,18 +49,6 @@ def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
         assert mean == pytest.approx(sum(left) / len(left))
 
 
-def test_a_profile_is_the_share_of_runs_above_each_threshold():
-    scores, thresholds = np.random.default_rng(0).normal(size=(2, 5, 7)), [-1.0, 0.0, 0.7]
-    found = compare_statistics.profile(scores, thresholds)
-    assert found.shape == (2, 5, 3)
-    for index in np.ndindex(2, 5):
-        shares = [sum(s > t for s in scores[index]) / 7 for t in thresholds]
-        np.testing.assert_allclose(found[index], shares)
-    np.testing.assert_array_equal(
-        compare_statistics.profile([0.5, 1.0], [0.0, 0.5, 1.0]), [1, 0.5, 0]
-    )
-
-
 def test_igd_plus_is_scaled_by_the_range_of_the_reference():
     random = np.random.default_rng(0)
     points, reference = random.uniform(0, 1, (6, 3)), random.uniform(0, 1, (5, 3))
@@ -86,12 +62,6 @@ def test_igd_plus_is_scaled_by_the_range_of_the_reference():
         found = compare_statistics.scaled_igd_plus(points * scale, reference * scale)
         assert found == pytest.approx(total / len(reference))
     assert compare_statistics.scaled_igd_plus(reference + 0.1, reference) == 0
-
-
-def test_scores_are_of_the_reference_or_else_of_the_best_median():
-    found = [[1.0, 2.0, 9.0], [3.0, 4.0]]
-    assert compare_statistics.normalizer(found, None) == 3.5
-    assert compare_statistics.normalizer(found, 8.0) == 8.0
 
 
 # Methods, runs and shares
@@ -135,19 +105,11 @@ def test_amor_has_as_many_parameters_as_morlax():
         ({"a/b": {}}, "cannot name a folder"),
         ({"a": {"seconds": 0}}, "positive number"),
         ({"a": {"tasks": {"ant": {"seed": 3}}}}, "cannot change seed"),
-        ({"a": {"trainer": "sac"}}, "must be a module of this folder"),
     ],
 )
 def test_a_method_that_is_not_valid_is_refused(tmp_path, methods, message):
     with pytest.raises(MorlaxError, match=message):
         compare_jobs.read_methods(written(tmp_path, methods), 1.0)
-
-
-@pytest.mark.parametrize("number", (1, 3, 20))
-def test_shares_are_disjoint_and_complete(number):
-    shares = [compare_jobs.shared(range(13), f"{k}/{number}") for k in range(number)]
-    assert Counter(item for share in shares for item in share) == Counter(range(13))
-    assert max(map(len, shares)) - min(map(len, shares)) <= 1
 
 
 # Training, resumption and crashes
@@ -249,17 +211,6 @@ def test_only_runs_that_are_not_complete_are_trained(start, trainer):
     assert (output / "rows.csv").read_text() == rows
     start(seeds=(0, 1, 2))
     assert trainer.seeds == [0, 1, 0, 1, 1, 2, 2]
-
-
-def test_a_run_that_another_process_trains_is_left_to_it(start, trainer, tmp_path):
-    folder = tmp_path / "out" / "hopper" / "one"
-    folder.mkdir(parents=True)
-    with FileLock(folder / ".1.lock"):
-        output = start()
-    assert trainer.seeds == [0, 0, 1]
-    assert len(table(output / "rows.csv")) == 12
-    start()
-    assert trainer.seeds == [0, 0, 1, 1]
 
 
 def test_runs_of_other_settings_are_not_mixed(start, trainer):

@@ -22,7 +22,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tiny import tiny
 
-from morlax_torch import MORLAX, MorlaxError, config_for, load
+from morlax_torch import MORLAX, MorlaxError, config_for, envs, load
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import file_values
 from morlax_torch.evaluation.front import Front
@@ -80,16 +80,7 @@ def one_sentence():
 
 # Configs
 
-TASKS = ("ant", "bruce", "cheetah", "cheetah3", "hopper", "humanoid", "walker")
-TERMS = {
-    "ant": ("vx", "vy"),
-    "bruce": ("gait", "energy"),
-    "cheetah": ("run", "energy"),
-    "cheetah3": ("run", "energy"),
-    "hopper": ("run", "jump"),
-    "humanoid": ("run", "energy"),
-    "walker": ("run", "energy"),
-}
+TASKS = [name for name in envs.names() if "/" not in name]
 ODD = st.one_of(
     st.floats(),
     st.integers(-(2**70), 2**70),
@@ -156,7 +147,9 @@ def configs(draw: st.DrawFn) -> tuple[str, dict[str, Any]]:
     changes = {name: draw(USUAL[name]) for name in names}
     if draw(st.booleans()):
         objectives = draw(st.lists(NAMES, unique=True, min_size=2, max_size=4))
-        weights = st.dictionaries(st.sampled_from(TERMS[env]), WEIGHT, max_size=2)
+        usual = envs.get(env).Options().objectives.values()
+        terms = sorted({term for weights in usual for term in weights})
+        weights = st.dictionaries(st.sampled_from(terms), WEIGHT, max_size=2)
         changes["task.objectives"] = {name: draw(weights) for name in objectives}
     if draw(st.integers(0, 2)) == 0:
         changes[draw(st.sampled_from([*sorted(USUAL), "task.reference_point", "x"]))] = draw(ODD)

@@ -169,12 +169,6 @@ def test_a_vector_environment_renders_each_world():
     env.close()
 
 
-def test_without_a_render_mode_nothing_is_rendered():
-    for env in (gymnasium.make(HOPPER), vector()):
-        env.reset()
-        assert env.render() is None
-
-
 def test_the_viewer_window_follows_the_simulation(monkeypatch):
     import glfw
     import mujoco.viewer
@@ -299,23 +293,6 @@ def test_statistics_sum_each_objective_over_whole_episodes():
     assert len(lengths) > 8 and len(set(lengths)) == 4
 
 
-def test_the_array_conversion_wrapper_gives_numpy_arrays():
-    pytest.importorskip("array_api_compat")
-    from gymnasium.wrappers.vector import ArrayConversion
-
-    env = EpisodeStatistics(vector(HOPPER, tradeoff=(0.5, 0.5), episode_length=2))
-    numpy_env = ArrayConversion(env, env_xp=torch, target_xp=np, env_device=env.unwrapped.device)
-    observation, _ = numpy_env.reset(seed=0)
-    assert observation in numpy_env.observation_space
-    actions = numpy_env.action_space.sample()
-    for _ in range(2):
-        observation, reward, _, truncated, info = numpy_env.step(actions)
-    assert isinstance(reward, np.ndarray) and truncated.dtype == bool and truncated.all()
-    assert observation in numpy_env.observation_space
-    assert isinstance(info["episode"]["r"], np.ndarray)
-    assert isinstance(info["final_info"]["vector_reward"], np.ndarray)
-
-
 def test_gymnasium_s_wrappers_for_one_reward_work_under_a_tradeoff():
     pytest.importorskip("array_api_compat")
     from gymnasium.wrappers.vector import ArrayConversion, NormalizeReward, RecordEpisodeStatistics
@@ -416,12 +393,6 @@ def test_an_unknown_option_is_also_a_type_error_in_python_s_words(make):
         make(HOPPER, frameskip=2)
     assert isinstance(error.value, MorlaxError)
     assert "unknown option 'frameskip'. Known: episode_length" in str(error.value)
-
-
-def test_a_task_without_a_robot_cannot_be_rendered():
-    pytest.importorskip("mo_gymnasium")
-    with pytest.raises(MorlaxError, match="no MuJoCo robot to draw: leave render_mode out"):
-        GymnasiumVectorEnv("gymnasium:mo-hopper-2obj-v5", 1, "cpu", render_mode="rgb_array")
 
 
 def test_two_tasks_cannot_have_one_gymnasium_id(monkeypatch):

@@ -57,35 +57,6 @@ def test_policy_evaluation_mo_gives_the_returns_of_the_worlds(make_policy):
     assert scalar_discounted == pytest.approx(tradeoff @ discounted, rel=1e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_capql_trains_in_the_environment():
-    capql = pytest.importorskip("morl_baselines.multi_policy.capql.capql", exc_type=ImportError)
-    from morl_baselines.common.evaluation import policy_evaluation_mo
-
-    torch.manual_seed(1)
-    env = gymnasium.make(TASK, episode_length=100)
-    env.action_space.seed(1)
-    agent = capql.CAPQL(
-        env,
-        learning_rate=1e-3,
-        gamma=0.97,
-        net_arch=[64, 64],
-        batch_size=64,
-        learning_starts=200,
-        log=False,
-        seed=1,
-        device="cpu",
-    )
-    tradeoff = np.array([0.5, 0.5], dtype=np.float32)
-    with one_thread(torch.device("cpu")):
-        before = policy_evaluation_mo(agent, env, tradeoff, rep=1)[0]
-        agent.train(total_timesteps=3000, eval_env=env, ref_point=np.zeros(2))
-        after = policy_evaluation_mo(agent, env, tradeoff, rep=1)[0]
-    assert agent.num_episodes > 10
-    assert after > 1.5 * before
-
-
 def gpi_ls(env: gymnasium.Env, **small):
     from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPIPDContinuousAction
 

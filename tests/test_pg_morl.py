@@ -219,22 +219,6 @@ def test_neighborhoods_equal_a_slow_search(m, kinds):
         assert {i: found[i] for i in expected} == pytest.approx(expected)
 
 
-def test_only_the_nearest_of_many_stretches_count():
-    before = np.linspace(0, 1, 1000)[:, None] * [1.0, 2.0]
-    weights = np.random.default_rng(0).dirichlet(np.ones(2), 1000)
-    nearest, closeness = prediction.neighborhoods(before, weights, 0 * before, before[[500]])
-    assert nearest.shape == closeness.shape == (1, prediction.MOST_NEIGHBORS)
-    assert nearest.min() in (436, 437)
-    assert nearest.max() in (563, 564)
-
-
-def test_a_range_leaves_out_outliers_unless_all_others_are_equal():
-    values = np.array([[*range(11), 99, NAN], [5] * 11 + [9, NAN], [7, 3, 4] + [NAN] * 10])
-    low, extent = prediction.trimmed_range(values, np.isfinite(values))
-    assert low.tolist() == [1, 5, 3]
-    assert extent.tolist() == [9, 4, 4]
-
-
 @pytest.mark.parametrize(("number", "noise"), [(6, 0.1), (60, 0.2)])
 def test_fits_are_as_good_as_those_of_scipy(number, noise):
     optimize = pytest.importorskip("scipy.optimize")
@@ -279,16 +263,6 @@ def test_predictions_scale_with_the_units_of_the_returns(m):
 
 
 @pytest.mark.parametrize("m", (2, 3))
-def test_more_weight_never_predicts_less(m):
-    before, weights, change = history(30, m, noise=30)
-    x = np.linspace(0, 1, 21)
-    candidates = np.stack([x, *[(1 - x) / (m - 1)] * (m - 1)], -1)[None]
-    predicted = prediction.predict(before, weights, change, np.full((1, m), 100.0), candidates)
-    assert (np.diff(predicted[0, :, 0]) >= 0).all()
-    assert (np.diff(predicted[0, :, 1]) <= 0).all()
-
-
-@pytest.mark.parametrize("m", (2, 3))
 def test_without_differences_the_same_change_is_predicted_everywhere(m):
     points = np.full((3, m), 5.0)
     candidates = np.random.default_rng(0).dirichlet(np.ones(m), (3, 4))
@@ -314,16 +288,6 @@ def test_stretches_that_are_not_finite_are_ignored():
     change = np.concatenate([change, [[0, 0], [np.inf, 0]]])
     weights = np.concatenate([weights, weights[:2]])
     assert (prediction.predict(before, weights, change, points, candidates) == expected).all()
-
-
-def test_an_objective_that_never_changed_does_not_separate_policies():
-    before, weights, change = history(30, 2, noise=1)
-    points, candidates = before[:3], np.tile(weights[:5], (3, 1, 1))
-    before[:, 1], change[:, 1] = 7, 0
-    expected = prediction.predict(before, weights, change, points * [1, 0] + [0, 7], candidates)
-    assert expected[..., 1] == pytest.approx(np.full((3, 5), 7))
-    predicted = prediction.predict(before, weights, change, points * [1, 0] + [0, 9], candidates)
-    assert predicted == pytest.approx(expected + np.array([0, 2]))
 
 
 def slow_selection(
@@ -388,16 +352,6 @@ def exact_gains(points: np.ndarray, front: np.ndarray) -> list[float]:
         return moocore.hypervolume(points, ref=np.zeros(points.shape[1]), maximise=True)
 
     return [volume(np.vstack([front, point])) - volume(front) for point in points]
-
-
-@pytest.mark.parametrize("m", (3, 5))
-def test_gains_along_many_rays_approach_exact_ones(m):
-    front, points = sphere(30, m), 1.1 * sphere(4, m, seed=1)
-    rays = population.uniform_directions(20_000, m)
-    found = [selection.volume_along_rays(point, front, rays) for point in points]
-    assert found == pytest.approx(exact_gains(points, front), rel=0.1)
-    box = selection.volume_along_rays(points[0], front[:0], rays)
-    assert box == pytest.approx(points[0].prod(), rel=0.2)
 
 
 @pytest.mark.parametrize("m", (5, 6))
@@ -506,24 +460,6 @@ def test_policies_that_return_to_training_are_what_was_stored():
     assert (counts > 0).all() and (learner.trainer.agent.value_normalizer.count > 0).all()
     means = learner.agent.observation_normalizer.mean[: learner._archived]
     assert len(means.unique(dim=0)) > 1
-
-
-def test_snapshots_within_a_generation_are_measured_at_its_end(monkeypatch):
-    monkeypatch.setattr(pg_morl, "intervals", lambda *_: (5, 2))
-    learner = made(tiny(**{"method.warmup": 10}))
-    rows = []
-    for iteration in range(1, 6):
-        before = learner._state["archived"].clone()
-        learner.iterate()
-        if iteration in (1, 3, 5):
-            rows.append(learner.trainer.agent.actor.rows.detach().clone())
-        assert iteration == 5 or torch.equal(learner._state["archived"], before)
-    assert torch.equal(learner._snapshots[0], torch.cat(rows))
-    state = learner.state_dict()["population"]
-    returns = learner._measure()
-    kept = population.pareto_archive(returns.numpy(), 20)
-    archived = state["archived"][: state["archive_size"]]
-    assert archived.numpy() == pytest.approx(returns[kept].numpy())
 
 
 @pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])

@@ -72,12 +72,6 @@ def test_an_epoch_uses_every_step_once_in_whole_trajectories():
     assert len(orders) == 3
 
 
-def test_clusters_are_shuffled_independently():
-    ((_, first), _), *_ = drawn(marked(3, 32, 1), TRADEOFFS, number=2)
-    worlds = [set((row % 10_000 // 100).tolist()) for row in codes(first)]
-    assert worlds[0] != worlds[1] != worlds[2] != worlds[0]
-
-
 def test_dense_minibatches_hold_whole_clusters_with_their_own_tradeoffs():
     N, T = 12, 5
     tradeoffs = torch.stack([torch.arange(N) / N, 1 - torch.arange(N) / N], -1)
@@ -357,19 +351,3 @@ def test_repeated_improvement_lowers_the_value_loss_and_raises_good_actions(
     last = losses_of(ppo, samples, generator)
     assert last["value_loss"] < 0.9 * first["value_loss"]
     assert last["policy_loss"] < first["policy_loss"] - 0.05
-
-
-@pytest.mark.parametrize("type", ("dual", "single"))
-def test_metrics_are_means_over_the_minibatches(learner, samples, generator, type):
-    agent = learner(type=type)
-    samples = near(samples, agent)
-    parts = [
-        (TRADEOFFS, Batch(*(x[:, half] for x in samples))) for half in (slice(8), slice(8, 20))
-    ]
-    ppo = PPO(agent, PPOConfig(learning_rate=1e-12))  # so that both minibatches see the same agent
-    expected = [losses_of(ppo, part, generator) for _, part in parts]
-    found = dict(zip(PPO.metrics, ppo.improve(parts, generator).tolist(), strict=True))
-    for name, value in found.items():
-        mean = sum(losses[name] for losses in expected) / 2
-        tolerance = 0.5 if name == "entropy" else 1e-4  # the entropy is a Monte Carlo estimate
-        assert value == pytest.approx(mean, abs=tolerance), name

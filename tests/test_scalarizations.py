@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from closed_form import Broken, Concave, Quadratic, Sphere, Sprint, covered
+from closed_form import Concave, Quadratic, Sphere, Sprint, covered
 from numpy.testing import assert_allclose
 from same import assert_same
 
@@ -68,7 +68,7 @@ NARROW = {
     "network.max_std": 0.2,
     "ppo.learning_rate": 2e-3,
 }
-FRONTS = {"concave": Concave, "broken": Broken, "sprint": Sprint, "sphere": Sphere}
+FRONTS = {"concave": Concave, "sprint": Sprint, "sphere": Sphere}
 BETWEEN = {  # covered shares and IGD+ that tell linear and Chebyshev scalarizations apart
     "concave": (0.75, 0.013),
     "sphere": (0.45, 0.045),

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import gymnasium
-import mujoco
 import numpy as np
 import pytest
 import torch
@@ -332,69 +331,3 @@ def test_a_wrong_argument_is_explained(arguments, sentence):
 def test_the_cpu_default_backend_is_c_mujoco():
     assert type(envs.make("hopper", 1, "cpu").physics).__name__ == "MujocoPhysics"
     assert type(make("hopper", "warp", worlds=1).physics).__name__ == "WarpPhysics"
-
-
-# Custom tasks
-
-
-class Cart(envs.Environment):
-    """A cart on a rail, with the objectives of going far and of staying near."""
-
-    class Options(envs.TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"far": {"x": 1.0}, "near": {"x": -1.0}}
-
-    @classmethod
-    def load_model(cls) -> mujoco.MjModel:
-        return mujoco.MjModel.from_xml_string(
-            """
-            <mujoco>
-              <worldbody>
-                <body>
-                  <joint name="rail" type="slide" axis="1 0 0"/>
-                  <geom size="0.1"/>
-                </body>
-              </worldbody>
-              <actuator><motor joint="rail"/></actuator>
-            </mujoco>
-            """
-        )
-
-    def initial_qpos(self) -> np.ndarray:
-        return np.zeros(1)
-
-    def observe(self) -> Tensor:
-        return torch.cat([self.physics.qpos, self.physics.qvel], -1)
-
-    def apply(self, action: Tensor) -> None:
-        self.physics.ctrl.copy_(action)
-
-    def terms(self) -> dict[str, Tensor]:
-        return {"x": self.physics.qpos[:, 0]}
-
-    def failed(self) -> Tensor:
-        return self.physics.qpos[:, 0] > 1.0
-
-
-@pytest.fixture
-def cart(monkeypatch: pytest.MonkeyPatch) -> type[envs.Environment]:
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    envs.register("cart", Cart)
-    return Cart
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_a_registered_task_is_made_like_any_other(cart, backend):
-    assert "cart" in envs.names()
-    assert envs.get("cart") is cart
-    env = make("cart", backend, episode_length=4)
-    step = env.step(torch.tensor([[1.0], [-1.0]]))
-    pushed, pulled = step.reward[:, 0].tolist()
-    assert pushed > 0 > pulled
-    assert torch.equal(step.reward[:, 1], -step.reward[:, 0])
-
-
-def test_a_name_belongs_to_one_class(cart):
-    envs.register("cart", cart)  # registering the same class twice is allowed
-    with pytest.raises(MorlaxError, match="there is already an environment called 'cheetah'"):
-        envs.register("cheetah", cart)
-    assert envs.get("cheetah") is not cart
