@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from closed_form import PLACES, STEPS, Quadratic, Sprint, best_returns
+from closed_form import STEPS, Quadratic, Sprint, best_returns
 from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -20,11 +20,11 @@ from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
-from morlax_torch.configuration.tradeoffs import even_tradeoffs, onto_simplex, sample_cells
+from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
+from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.generated import Independent
-from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds
@@ -93,18 +93,6 @@ def test_it_finds_the_front(algorithm, device):
     assert regret.max() < 0.02
     if algorithm != "pg-morl":  # which has a policy of much the same utility
         assert_close(returns, best_returns(tradeoffs), rtol=0, atol=0.1)
-
-
-@pytest.mark.parametrize("algorithm", LEARNERS)
-def test_a_run_is_trained_resumed_evaluated_and_specialized(algorithm, tmp_path):
-    config = small(algorithm, 4)
-    folder = train(config, output=tmp_path / "run").folder
-    resumed = ["--resume", str(folder), "--trust", "--max-env-steps", "2048"]
-    command(resumed)
-    policy, seen = load(folder, "cpu", trust=True), torch.ones(3, 1)
-    assert evaluate(folder, tradeoffs=4, device="cpu").returns.shape == (4, 2)
-    assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))
-    assert policy.config.algorithm == algorithm
 
 
 @pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)
@@ -191,19 +179,6 @@ def test_cells_of_the_simplex_are_sampled_with_their_corners_as_the_authors_do(m
     assert_close(found.std(0), wanted.std(0), rtol=0.15, atol=1e-3)
 
 
-def test_points_move_to_the_nearest_point_of_the_simplex(generator):
-    points = torch.randn(50, 4, generator=generator)
-    moved = onto_simplex(points)
-    others = torch.distributions.Dirichlet(torch.full((4,), 0.3)).sample((20_000,))
-    assert (moved >= 0).all()
-    assert_close(moved.sum(1), torch.ones(50))
-    nearest = torch.cdist(points, others).amin(1)
-    own = (points - moved).norm(dim=1)
-    assert (own <= nearest + 1e-5).all() and (own > nearest - 0.1).all()
-    inside = others[:5]
-    assert_close(onto_simplex(inside), inside)
-
-
 def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
     changes = {"method.warmup": 0.25, "ppo.decay_fraction": 1.0, "network.initial_std": 0.4}
     learner = trained(small("hyper-morl", 40, **changes), 0)
@@ -283,15 +258,6 @@ def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy():
     assert pareto.non_dominated(archived).all()
 
 
-def test_pg_morl_measures_policies_like_evaluations_do():
-    learner = trained(small("pg-morl", 60), 1)
-    seen = torch.ones(CLUSTERS, 1, 1)
-    action = learner.trainer.agent.actors(learner.tradeoffs).act(seen)[:, 0]
-    wanted = 1 - (action[:, None] - PLACES).square().sum(-1)
-    learner._keep_snapshot(0)
-    assert_close(learner._measure().float(), wanted)
-
-
 @pytest.mark.parametrize(
     ("algorithm", "worlds"),
     [("independent", WORLDS), ("independent", CLUSTERS), ("pg-morl", CLUSTERS)],
@@ -327,17 +293,19 @@ def test_an_independent_policy_is_that_of_plain_ppo():
 
 
 @pytest.mark.parametrize("algorithm", LEARNERS)
-def test_a_stored_policy_still_returns_what_was_measured(algorithm, tmp_path):
+def test_a_resumed_run_s_policies_still_return_what_was_measured(algorithm, tmp_path):
     """Loaded, saved without training's state and loaded again, and as the policy of a trade-off."""
     task = TASK.replace(Quadratic.__name__, Sprint.__name__)
-    learner = trained(small(algorithm, 12, env=task), 12)
-    measured = make_evaluator(learner).evaluate()
-    checkpoint.save(tmp_path / "whole.pt", learner, Progress())
-    save(load(tmp_path / "whole.pt", trust=True), tmp_path / "policies.pt")
-    for name in ("whole", "policies"):
-        found = evaluate(load(tmp_path / f"{name}.pt", trust=True), device="cpu")
+    folder = train(small(algorithm, 6, env=task), output=tmp_path / "run").folder
+    steps = 12 * WORLDS * HORIZON
+    command(["--resume", str(folder), "--trust", "--max-env-steps", str(steps)])
+    measured = Front.load(folder / "front.npz")
+    save(load(folder, trust=True), tmp_path / "policies.pt")
+    for path in (folder, tmp_path / "policies.pt"):
+        policy = load(path, "cpu", trust=True)
+        assert policy.config.algorithm == algorithm
+        found = evaluate(policy, device="cpu")
         assert_close(found.returns, measured.returns, rtol=1e-5, atol=1e-5)
-    policy = load(tmp_path / "policies.pt", trust=True)
     for tradeoff, wanted in zip(measured.tradeoffs, measured.returns, strict=True):
         single, x, energy = policy.specialize(tradeoff.tolist()), 0.0, 0.0
         for step in range(STEPS):

@@ -185,12 +185,15 @@ def test_only_feet_and_floor_collide(closed):
     np.testing.assert_allclose(published.geom("left_foot").size, [0.038, 0.014, 0.0035])
 
 
-def test_crank_coordinates_satisfy_the_closed_chains(closed):
+def test_at_the_default_pose_chains_are_closed_and_soles_level(closed):
     data = mujoco.MjData(closed)
+    data.qpos[2] = bruce.DEFAULT_HEIGHT
     data.qpos[7:] = bruce.joints_from_crank(closed) @ bruce.DEFAULT_POSE
     mujoco.mj_forward(closed, data)
     assert data.ne == 10  # two tendons and a point for each leg
     assert np.abs(data.efc_pos[: data.ne]).max() < 1.5e-4  # m, rad
+    for side in bruce.SIDES:
+        assert data.site(f"{side}_sole").xpos[2] == pytest.approx(0.03, abs=1e-4)
 
 
 @pytest.mark.parametrize("chains", CHAINS)
@@ -204,15 +207,6 @@ def test_crank_joint_and_motor_coordinates_are_consistent(chains):
     np.testing.assert_allclose(back @ bruce.joints_from_crank(model), np.eye(16), atol=1e-15)
     measured = data.actuator_length[:16]
     np.testing.assert_allclose(measured, bruce.motors_from_crank() @ crank, atol=1e-12)
-
-
-def test_soles_are_level_at_the_default_pose(closed):
-    data = mujoco.MjData(closed)
-    data.qpos[2] = bruce.DEFAULT_HEIGHT
-    data.qpos[7:] = bruce.joints_from_crank(closed) @ bruce.DEFAULT_POSE
-    mujoco.mj_forward(closed, data)
-    for side in bruce.SIDES:
-        assert data.site(f"{side}_sole").xpos[2] == pytest.approx(0.03, abs=1e-4)
 
 
 def standing(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

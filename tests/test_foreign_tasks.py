@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
+from acting import random_actions
 
 from morlax_torch import envs
 from morlax_torch.envs.robots import MO_GYMNASIUM, PGMORL
@@ -23,11 +23,6 @@ EPISODE = 80  # control steps: most robots have failed by then
 
 def make(task: str, worlds: int = 2, backend: str = "mujoco", **options) -> envs.Environment:
     return envs.make(task, worlds, "cpu", backend, auto_reset=False, **options)
-
-
-def random_actions(env: envs.Environment, steps: int = EPISODE) -> Tensor:
-    generator = torch.Generator().manual_seed(0)
-    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
 
 
 # MO-Gymnasium, compared with its own environments
@@ -101,7 +96,7 @@ def test_mo_gymnasium_tasks_match_the_originals_step_by_step(name):
         np.testing.assert_allclose(seen[world], original._get_obs(), rtol=0, atol=1e-7)
         look_as_sensors_do(original)
     failures = 0
-    for action in random_actions(env):
+    for action in random_actions(env, EPISODE):
         step = env.step(action)
         seen, reward = env.observe(), env.combine(step.terms)
         for world, original in enumerate(originals):
@@ -231,7 +226,7 @@ def test_pg_morl_rewards_and_failures_match_the_formulas(name):
     env = make(f"pgmorl/{name}")
     unobserved = 2 if name in ("ant", "humanoid", "swimmer") else 1
     clipped = 10.0 if name in ("hopper", "hopper3", "walker2d") else math.inf
-    for action in random_actions(env):
+    for action in random_actions(env, EPISODE):
         before = env.place().numpy().copy() if name == "humanoid" else env.physics.qpos.clone()
         step = env.step(action)
         reward, seen = env.combine(step.terms), env.observe().numpy()

@@ -52,10 +52,7 @@ def fuzz(request: pytest.FixtureRequest) -> Fuzz:
             assert time.monotonic() - begun < HANG, "it hung"
 
         unhurried = settings(
-            max_examples=few,
-            deadline=None,
-            database=None,
-            suppress_health_check=list(HealthCheck),
+            max_examples=few, deadline=None, database=None, suppress_health_check=list(HealthCheck)
         )
         attempt = unhurried(given(values)(timed))
         if not minutes:
@@ -182,7 +179,7 @@ def assume_small(config: Config) -> None:
 
 
 def test_a_random_config_trains_or_is_refused(fuzz):
-    fuzz(trains_or_is_refused, configs(), 6)
+    fuzz(trains_or_is_refused, configs(), 4)
 
 
 YAML = """env: cheetah

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 import warnings
+from unittest.mock import MagicMock
 
 import gymnasium
 import numpy as np
@@ -57,7 +58,7 @@ def test_ids_are_registered_before_any_adapter_is_imported():
     assert done.stdout.strip() == "(13,)"
 
 
-def test_a_custom_task_gets_an_id(monkeypatch):
+def test_a_custom_task_gets_an_id_of_its_own(monkeypatch):
     class Sprinter(Cheetah):
         class Options(Cheetah.Options):
             objectives: dict[str, dict[str, float]] = {"fast": {"run": 2.0}, "up": {"height": 1.0}}
@@ -66,6 +67,10 @@ def test_a_custom_task_gets_an_id(monkeypatch):
     envs.register("my_sprinter", Sprinter)
     envs.register("my_sprinter", Sprinter)
     assert vector("morlax_torch/MySprinter-v0").objectives == ("fast", "up")
+    with pytest.raises(MorlaxError, match="'hopper' is morlax_torch/Hopper-v0 in Gymnasium"):
+        envs.register("Hopper", Sprinter)
+    with pytest.raises(MorlaxError, match="unknown environment 'Hopper'"):
+        envs.get("Hopper")
 
 
 @pytest.mark.parametrize("task", IDS)
@@ -135,68 +140,43 @@ def test_a_seed_for_each_world_determines_the_initial_states(form):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_rgb_array_frames_are_valid_and_show_motion():
-    env = gymnasium.make(HOPPER, render_mode="rgb_array", width=120, height=90)
-    assert env.metadata["render_fps"] == 100
-    with pytest.raises(MorlaxError, match="call reset first"):
-        env.render()
-    env.reset()
-    before = env_render_passive_checker(env.unwrapped)
+def test_frames_are_valid_and_show_each_world_s_motion():
+    look = {"render_mode": "rgb_array", "width": 120, "height": 90}
+    vectors, single = vector(num_envs=2, **look), gymnasium.make(HOPPER, **look)
+    for env in (vectors, single):
+        assert env.metadata["render_fps"] == 100
+        with pytest.raises(MorlaxError, match="call reset first"):
+            env.render()
+        env.reset()
+    before = env_render_passive_checker(single.unwrapped)
     for _ in range(20):
-        env.step(np.ones(4))
-    after = env.render()
-    assert before.shape == after.shape == (90, 120, 3)
-    assert (before != after).any()
-    env.close()
-    env.close()
-
-
-@pytest.mark.usefixtures("opengl")
-def test_a_vector_environment_renders_each_world():
-    env = vector(num_envs=2, render_mode="rgb_array", width=120, height=90)
-    with pytest.raises(MorlaxError, match="call reset first"):
-        env.render()
-    env.reset()
-    for _ in range(20):
-        env.step(torch.tensor([[0.0] * 4, [1.0] * 4]))
-    single = gymnasium.make(HOPPER, render_mode="rgb_array", width=120, height=90)
-    single.reset()
-    for _ in range(20):
+        vectors.step(torch.tensor([[0.0] * 4, [1.0] * 4]))
         single.step(np.ones(4))
-    still, moving = env.render()
-    assert still.shape == (90, 120, 3) and (still != moving).any()
-    np.testing.assert_array_equal(moving, single.render())
-    env.close()
+    still, moving = vectors.render()
+    after = single.render()
+    assert before.shape == after.shape == still.shape == (90, 120, 3)
+    assert (before != after).any() and (still != moving).any()
+    np.testing.assert_array_equal(moving, after)
+    for env in (vectors, single, single):
+        env.close()
 
 
 def test_the_viewer_window_follows_the_simulation(monkeypatch):
     import glfw
     import mujoco.viewer
 
-    heights, closed = [], []
-
-    class Viewer:
-        def __init__(self, model, data, **_):
-            self.data = data
-
-        def is_running(self) -> bool:
-            return True
-
-        def sync(self) -> None:
-            heights.append(self.data.qpos[1])
-
-        def close(self) -> None:
-            closed.append(True)
-
+    heights, launch = [], MagicMock()
+    viewer = launch.return_value
+    viewer.sync.side_effect = lambda: heights.append(launch.call_args.args[1].qpos[1])
     monkeypatch.setattr(glfw, "init", lambda: True)
-    monkeypatch.setattr(mujoco.viewer, "launch_passive", Viewer)
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", launch)
     env = gymnasium.make(HOPPER, render_mode="human")
     env.reset()
     for _ in range(3):
         env.step(np.zeros(4))
     assert len(heights) == 4 and heights[0] > heights[-1]
     env.close()
-    assert closed == [True]
+    viewer.close.assert_called_once_with()
 
 
 def test_human_rendering_without_a_display_raises_a_clear_error(monkeypatch):
@@ -393,13 +373,3 @@ def test_an_unknown_option_is_also_a_type_error_in_python_s_words(make):
         make(HOPPER, frameskip=2)
     assert isinstance(error.value, MorlaxError)
     assert "unknown option 'frameskip'. Known: episode_length" in str(error.value)
-
-
-def test_two_tasks_cannot_have_one_gymnasium_id(monkeypatch):
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    monkeypatch.setattr(gymnasium, "registry", dict(gymnasium.registry))
-    task = envs.get("hopper")
-    with pytest.raises(MorlaxError, match="'hopper' is morlax_torch/Hopper-v0 in Gymnasium"):
-        envs.register("Hopper", task)
-    with pytest.raises(MorlaxError, match="unknown environment 'Hopper'"):
-        envs.get("Hopper")

@@ -3,10 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-import torch
 from gymnasium.utils.env_checker import check_env
-
-from morlax_torch.adapters.episode_statistics import EpisodeStatistics
 
 mo_gymnasium = pytest.importorskip("mo_gymnasium", reason="MO-Gymnasium is not installed")
 wrappers = mo_gymnasium.wrappers
@@ -89,25 +86,3 @@ def test_mo_sync_vector_env_runs_the_environments(rewards):
         _, reward, _, truncated, _ = envs.step(np.tile(ACTION, (2, 1)))
         np.testing.assert_array_equal(reward, np.tile(expected, (2, 1)))
     assert truncated.all()
-
-
-def test_episode_statistics_match_mo_record_episode_statistics():
-    """Only the first episode is compared: MO-Gymnasium omits a step of later episodes."""
-    pytest.importorskip("array_api_compat")
-    from gymnasium.wrappers.vector import ArrayConversion
-
-    def made() -> gymnasium.vector.VectorEnv:
-        return gymnasium.make_vec(TASK, num_envs=2, device="cpu", episode_length=20)
-
-    found = ArrayConversion(EpisodeStatistics(made(), gamma=0.9), torch, np)
-    expected = wrappers.vector.MORecordEpisodeStatistics(ArrayConversion(made(), torch, np), 0.9)
-    for env in (found, expected):
-        env.reset(seed=0)
-    for _ in range(20):
-        infos = [
-            env.step(np.tile(ACTION, (2, 1)).astype(np.float32))[-1] for env in (found, expected)
-        ]
-    one, other = (info["episode"] for info in infos)
-    assert one.keys() == other.keys()
-    for name in ("r", "dr", "l"):
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-5)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
+from acting import random_actions, still
 
 from morlax_torch import envs
 from morlax_torch.envs.physics.warp import WarpPhysics
@@ -25,15 +25,6 @@ def backend(request: pytest.FixtureRequest) -> str:
 
 def make(task: str, backend: str, worlds: int = 4, **options) -> envs.Environment:
     return envs.make(task, worlds, "cpu", backend=backend, **options)
-
-
-def still(env: envs.Environment) -> Tensor:
-    return torch.zeros(env.num_worlds, env.action_size)
-
-
-def random_actions(env: envs.Environment, steps: int) -> Tensor:
-    generator = torch.Generator().manual_seed(0)
-    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
 
 
 # Agreement of MuJoCo Warp with other engines

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from acting import random_actions, still
 from same import assert_same
 from tiny import tiny
-from torch import Tensor
 
 from morlax_torch import MORLAX, MorlaxError, envs
 from morlax_torch.configuration.config import load_config
@@ -42,15 +42,6 @@ def make(
 ) -> envs.Environment:
     options["randomization"] = randomization
     return envs.make(task, worlds, "cpu", backend, seed, **options)
-
-
-def random_actions(env: envs.Environment, steps: int) -> Tensor:
-    generator = torch.Generator().manual_seed(0)
-    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
-
-
-def still(env: envs.Environment) -> Tensor:
-    return torch.zeros(env.num_worlds, env.action_size)
 
 
 # Models
@@ -163,7 +154,7 @@ def test_randomization_is_disabled_by_default(backend):
         state = env.state_dict()
         assert torch.equal(state.pop("generator"), untouched)
         assert {name.split(".")[0] for name in state} == {
-            *("qpos", "qvel", "act", "warmstart", "sensors", "age", "blowups", "memory"),
+            *("qpos", "qvel", "act", "warmstart", "sensors", "age", "blowups", "memory")
         }
 
 

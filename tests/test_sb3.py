@@ -11,12 +11,7 @@ pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not instal
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
-    VecMonitor,
-    VecNormalize,
-    VecVideoRecorder,
-)
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
 from toppling import falling
 
 from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from acting import random_actions
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
@@ -39,11 +40,6 @@ PUBLISHED = {
 
 def make(task: str, backend: str = "mujoco", worlds: int = 2, **options) -> envs.Environment:
     return envs.make(task, worlds, "cpu", backend=backend, **options)
-
-
-def random_actions(env: envs.Environment, steps: int) -> Tensor:
-    generator = torch.Generator().manual_seed(0)
-    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
 
 
 def stacked(frames: list[Tensor]) -> np.ndarray:
@@ -197,16 +193,6 @@ def test_planar_robots_clip_observed_velocities_to_ten(task):
     assert (seen[1] == -10.0).all()
 
 
-@pytest.mark.parametrize("task", ("cheetah", "cheetah3", "walker", "ant"))
-def test_actions_are_clipped_to_the_box(task):
-    env = make(task, auto_reset=False)
-    action = torch.ones(2, env.action_size)
-    action[1] *= 7.0
-    step = env.step(action)
-    assert torch.equal(step.reward[0], step.reward[1])
-    assert torch.equal(step.observation[0], step.observation[1])
-
-
 # Properties of every built-in task
 
 
@@ -238,20 +224,6 @@ def test_a_task_exposes_objectives_spaces_and_limits_and_steps_obey_them(task, b
         assert (flag.shape, flag.dtype) == ((3,), torch.bool)
     assert tuple(step.terms) == env.reward_terms
     assert all(term.shape == (3,) for term in step.terms.values())
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("task", PUBLISHED)
-def test_a_step_returns_both_the_final_and_the_next_first_observation(task, backend):
-    env = make(task, backend, episode_length=3)
-    endless = make(task, backend, episode_length=3, auto_reset=False)
-    first = env.reset()
-    for action in random_actions(env, 3):
-        step, last = env.step(action), endless.step(action)
-    assert step.truncated.all()
-    assert torch.equal(step.observation, first)
-    assert torch.equal(step.final_observation, last.observation)
-    assert not torch.equal(step.final_observation, first)
 
 
 # Custom objectives

@@ -190,18 +190,6 @@ def test_a_second_learned_objective_is_refused(base, lesson, tmp_path):
     assert not (tmp_path / "second").exists()
 
 
-def test_comparisons_are_read_back(tmp_path):
-    comparisons = synthetic(10)
-    comparisons.sources.append("a run")
-    comparisons.judge("first", 7, np.random.default_rng(0))
-    comparisons.save(tmp_path / "c.npz")
-    found = Comparisons.load(tmp_path / "c.npz")
-    assert (found.task, found.terms, found.sources) == ("walk", ["first"], ["a run"])
-    assert found.answers == comparisons.answers
-    for mine, theirs in zip(comparisons.clips, found.clips, strict=True):
-        assert np.array_equal(mine, theirs)
-
-
 def test_every_clip_is_compared():
     comparisons, random = synthetic(10), np.random.default_rng(0)
     for _ in range(10):

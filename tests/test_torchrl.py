@@ -14,14 +14,7 @@ from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from toppling import falling
 from torch import nn
-from torchrl.envs import (
-    GymEnv,
-    GymWrapper,
-    LineariseRewards,
-    MOGymEnv,
-    RewardSum,
-    TransformedEnv,
-)
+from torchrl.envs import GymEnv, GymWrapper, LineariseRewards, MOGymEnv, RewardSum, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 from torchrl.modules import MLP, NormalParamExtractor, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import ClipPPOLoss
