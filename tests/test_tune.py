@@ -66,6 +66,14 @@ def run(monkeypatch, *arguments: str) -> None:
     tune.main()
 
 
+def refused(monkeypatch, capsys, *arguments: str) -> str:
+    """Return the sentence with which the command ends."""
+    with pytest.raises(SystemExit) as ended:
+        run(monkeypatch, *arguments)
+    assert ended.value.code == 2
+    return " ".join(capsys.readouterr().err.split())
+
+
 def rows(folder: Path = Path("tuning/hopper")) -> list[dict[str, str]]:
     with (folder / "trials.csv").open(newline="") as file:
         return list(csv.DictReader(file))
@@ -232,11 +240,8 @@ def test_a_trial_that_fails_does_not_end_the_study(workplace, monkeypatch, capsy
 
 def test_a_study_whose_trials_all_fail_says_so(workplace, monkeypatch, capsys):
     failing_with(monkeypatch, MorlaxError("it is wrong."), MorlaxError("it is broken."))
-    with pytest.raises(SystemExit) as ended:
-        run(monkeypatch, "--trials", "2")
-    assert ended.value.code == 2
-    told = capsys.readouterr().err
-    assert "every trial failed, the last one because: it is broken." in " ".join(told.split())
+    told = refused(monkeypatch, capsys, "--trials", "2")
+    assert "every trial failed, the last one because: it is broken." in told
 
 
 def test_other_errors_are_not_hidden_and_lose_no_trial(workplace, monkeypatch):
@@ -267,11 +272,12 @@ def test_the_base_config_is_never_pruned(tmp_path):
     assert scripted(study, first, [1.0] * 9) == "complete"
 
 
+def measured(volume: float) -> dict[str, float]:
+    return {**dict.fromkeys(get_args(Indicator), 0.0), "hypervolume": volume}
+
+
 def test_a_trial_reports_other_episodes_than_it_is_chosen_by(tmp_path, monkeypatch):
     study = study_at(tmp_path)
-
-    def measured(volume: float) -> dict[str, float]:
-        return {**dict.fromkeys(get_args(Indicator), 0.0), "hypervolume": volume}
 
     def evaluations(config: Config, stopped: Any) -> Iterator[Evaluation]:
         for seconds, reported, choosing in ((1.0, 9.0, 3.0), (2.0, 4.0, 5.0), (9.0, 6.0, 4.0)):
@@ -289,8 +295,7 @@ def test_a_trial_is_the_best_only_with_other_seeds_too(tmp_path, monkeypatch):
 
     def evaluations(config: Config, stopped: Any) -> Iterator[Evaluation]:
         value = script[claim.trial.number][config.seed - tiny().seed]
-        indicators = {**dict.fromkeys(get_args(Indicator), 0.0), "hypervolume": value}
-        yield Evaluation(1, 10, 9.0, 9.0, 1, 0, None, indicators)
+        yield Evaluation(1, 10, 9.0, 9.0, 1, 0, None, measured(value))
 
     monkeypatch.setattr(trial_module, "evaluations", evaluations)
     monkeypatch.setattr(trial_module, "release_memory", lambda: None)  # nothing is held
@@ -392,11 +397,7 @@ BAD_SPACES = {
 def test_a_bad_space_is_one_sentence(mistake, workplace, monkeypatch, capsys):
     text, sentence = BAD_SPACES[mistake]
     (workplace / "bad.yaml").write_text(text)
-    with pytest.raises(SystemExit) as ended:
-        run(monkeypatch, "--space", "bad.yaml")
-    captured = capsys.readouterr()
-    assert ended.value.code == 2 and captured.out == ""
-    assert sentence in " ".join(captured.err.split())
+    assert sentence in refused(monkeypatch, capsys, "--space", "bad.yaml")
     assert not Path("tuning").exists()
 
 
@@ -418,10 +419,7 @@ BAD_OPTIONS = {
 def test_a_bad_option_is_one_sentence(mistake, workplace, monkeypatch, capsys):
     options, sentence = BAD_OPTIONS[mistake]
     (workplace / "line.yaml").write_text("env: hopper")
-    with pytest.raises(SystemExit) as ended:
-        run(monkeypatch, *options)
-    assert ended.value.code == 2
-    assert sentence in " ".join(capsys.readouterr().err.split())
+    assert sentence in refused(monkeypatch, capsys, *options)
     assert (workplace / "line.yaml").read_text() == "env: hopper"
 
 
@@ -521,9 +519,7 @@ def test_a_missing_optuna_names_the_extra(workplace, monkeypatch, capsys):
     for name in [name for name in sys.modules if name.startswith("morlax_torch.tuning.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "optuna", None)
-    with pytest.raises(SystemExit):
-        run(monkeypatch)
-    assert "pip install 'morlax-torch[tune]'" in capsys.readouterr().err
+    assert "pip install 'morlax-torch[tune]'" in refused(monkeypatch, capsys)
 
 
 def test_torchrun_is_refused(monkeypatch):
