@@ -314,7 +314,7 @@ FOREIGN = [name for name in (*PGMORL, *MO_GYMNASIUM) if "2" not in name and "3" 
 FOREIGN += ["mo-gymnasium/walker2d", "pgmorl/walker2d"]
 
 
-@pytest.mark.parametrize("task", FOREIGN)
+@pytest.mark.parametrize("task", FOREIGN[::2])  # each robot once
 def test_both_simulators_agree_on_the_first_steps(task):
     c_mujoco, warp = make(task), make(task, backend="warp")
     np.testing.assert_allclose(c_mujoco.reset(), warp.reset(), rtol=1e-5, atol=1e-5)
