@@ -179,10 +179,18 @@ WRONG_STEPS = {
 }
 
 
-@pytest.mark.parametrize(("members", "sentence"), WRONG_STARTS.values(), ids=WRONG_STARTS)
-def test_starts_that_do_not_fit_the_spaces_are_one_sentence(members, sentence):
+WRONG = WRONG_STARTS | {
+    f"a step: {name}": ({"answer": answer}, sentence)
+    for name, (answer, sentence) in WRONG_STEPS.items()
+}
+
+
+@pytest.mark.parametrize(("members", "sentence"), WRONG.values(), ids=WRONG)
+def test_answers_that_do_not_fit_the_spaces_are_one_sentence(members, sentence):
     with pytest.raises(MorlaxError) as caught:
-        plain(**members).reset()
+        worlds = plain(**members)
+        worlds.reset()
+        worlds.step(torch.zeros(2, 2))
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -192,15 +200,6 @@ def test_actions_of_another_shape_are_one_sentence(shape):
     worlds.reset()
     with pytest.raises(MorlaxError, match=r"step needs actions of shape \(2, 2\)"):
         worlds.step(torch.zeros(shape))
-
-
-@pytest.mark.parametrize(("answer", "sentence"), WRONG_STEPS.values(), ids=WRONG_STEPS)
-def test_steps_that_do_not_fit_the_spaces_are_one_sentence(answer, sentence):
-    worlds = plain(answer=answer)
-    worlds.reset()
-    with pytest.raises(MorlaxError) as caught:
-        worlds.step(torch.zeros(2, 2))
-    assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
