@@ -181,14 +181,6 @@ def test_episodes_that_fail_at_once_give_no_clips(make_policy):
         record(make_policy("hopper", task={"episode_length": 3}), 4)
 
 
-def test_a_second_learned_objective_is_refused(base, lesson, tmp_path):
-    config = lesson.config().model_copy(update={"device": "cpu", "start_from": None})
-    run = train(config, output=tmp_path / "run")
-    with pytest.raises(MorlaxError, match=r"has learned tall already.* --objective tall"):
-        Lesson(str(run.folder), tmp_path / "second", "calm", clips=4)
-    assert not (tmp_path / "second").exists()
-
-
 def test_every_clip_is_compared():
     comparisons, random = synthetic(10), np.random.default_rng(0)
     for _ in range(10):
@@ -286,6 +278,9 @@ def test_training_continues_with_one_more_objective(lesson, tmp_path):
         player = Player(policy, (0.0, 0.0, 1.0))
         player.step()
         assert player.returns[2] != 0
+        with pytest.raises(MorlaxError, match=r"has learned tall already.* --objective tall"):
+            Lesson(str(moved), tmp_path / "second", "calm", clips=4)
+        assert not (tmp_path / "second").exists()
         pack(str(moved), tmp_path / "packed", "cpu")
         shutil.rmtree(moved)
         assert Player(morlax_torch.load(tmp_path / "packed"), (0, 0, 1)).env.objectives[2] == "tall"
