@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from morlax_torch import envs
-from morlax_torch.evaluation import pareto
 
 PLACES = torch.tensor([[-0.5, 0.0], [0.5, 0.0]])  # of `Quadratic` and `Concave`, one per objective
-WAVES, HEIGHT = 2, 0.1  # of `Broken`
 STEPS, GROWTH = 10, 4.0  # of `Sprint`
 
 
@@ -100,29 +98,6 @@ class Concave(Quadratic):
     @staticmethod
     def near(squared_distance: Tensor) -> Tensor:
         return torch.exp(-4 * squared_distance)
-
-
-class Broken(OneStep):
-    """A wavy trade of one return for another: a concave front in pieces, in the manner of ZDT3.
-
-    (Zitzler, Deb and Thiele, 2000.) With t in [0, 1] from the first action, the returns are 1 - t
-    and t² + HEIGHT sin(2 pi WAVES t), less the square of the second action.
-    """
-
-    @classmethod
-    def returns(cls, action: Tensor) -> Tensor:
-        t = (1 + action[:, 0]) / 2
-        return torch.stack([1 - t, cls.wave(t)], 1) - action[:, 1:].square()
-
-    @staticmethod
-    def wave(t: Tensor) -> Tensor:
-        return t.square() + HEIGHT * (2 * math.pi * WAVES * t).sin()
-
-    @classmethod
-    def front(cls, number: int) -> Tensor:
-        first = torch.linspace(-1, 1, number)
-        points = cls.returns(torch.stack([first, torch.zeros_like(first)], 1))
-        return points[torch.from_numpy(pareto.non_dominated(points))]
 
 
 class Sphere(OneStep):

@@ -154,13 +154,7 @@ class TorchRLAdapter(Adapter):
         return self.env.worlds.state_dict()
 
 
-ADAPTERS = [
-    GymnasiumAdapter,
-    RslRlAdapter,
-    SkrlAdapter,
-    StableBaselines3Adapter,
-    TorchRLAdapter,
-]
+ADAPTERS = [GymnasiumAdapter, RslRlAdapter, SkrlAdapter, StableBaselines3Adapter, TorchRLAdapter]
 every = pytest.mark.parametrize("adapter", ADAPTERS, ids=lambda a: a.__name__[: -len("Adapter")])
 clipping = pytest.mark.parametrize("adapter", [a for a in ADAPTERS if a.clips])
 pytestmark = pytest.mark.usefixtures("single_thread")

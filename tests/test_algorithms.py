@@ -1,29 +1,30 @@
 """Every algorithm finds a front that is known in closed form, and does what its paper says."""
 
 import copy
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from closed_form import PLACES, STEPS, Quadratic, Sprint, best_returns
+from closed_form import STEPS, Quadratic, Sprint, best_returns
 from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import MorlaxError, config_for, load, save
 from morlax_torch.algorithms.batch import make_batch
-from morlax_torch.algorithms.methods import AMOR, HyperMORL, IndependentPPO
+from morlax_torch.algorithms.methods import AMOR, HyperMORL
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
-from morlax_torch.configuration.tradeoffs import even_tradeoffs, onto_simplex, sample_cells
+from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
+from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.generated import Independent
-from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds
@@ -78,9 +79,9 @@ def iterate(learner: Any, iterations: int) -> None:
 def test_it_finds_the_front(algorithm, device):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no CUDA device")
-    iterations, changes = 250, {}
+    iterations, changes = 100, {"ppo.learning_rate": 8e-3}
     if algorithm == "pg-morl":
-        changes = {"method.generation": 10, "method.warmup": 40, "method.bins": 30}
+        changes |= {"method.generation": 10, "method.warmup": 20, "method.bins": 30}
     learner = trained(small(algorithm, iterations, device=device, **changes), iterations)
     front = make_evaluator(learner).evaluate()
     tradeoffs = torch.as_tensor(front.tradeoffs)
@@ -89,21 +90,9 @@ def test_it_finds_the_front(algorithm, device):
         grid = even_tradeoffs(CLUSTERS, 2)
         tradeoffs = grid[torch.cdist(tradeoffs, grid).argmin(1)]
     regret = ((best_returns(tradeoffs) - returns) * tradeoffs).sum(1)
-    assert regret.max() < 0.03
+    assert regret.max() < 0.02
     if algorithm != "pg-morl":  # which has a policy of much the same utility
-        assert_close(returns, best_returns(tradeoffs), rtol=0, atol=0.08)
-
-
-@pytest.mark.parametrize("algorithm", LEARNERS)
-def test_a_run_is_trained_resumed_evaluated_and_specialized(algorithm, tmp_path):
-    config = small(algorithm, 4)
-    folder = train(config, output=tmp_path / "run").folder
-    resumed = ["--resume", str(folder), "--trust", "--max-env-steps", "2048"]
-    command(resumed)
-    policy, seen = load(folder, "cpu", trust=True), torch.ones(3, 1)
-    assert evaluate(folder, tradeoffs=4, device="cpu").returns.shape == (4, 2)
-    assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))
-    assert policy.config.algorithm == algorithm
+        assert_close(returns, best_returns(tradeoffs), rtol=0, atol=0.1)
 
 
 @pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)
@@ -145,29 +134,22 @@ def test_collapsing_a_hypernetwork_keeps_one_tradeoff_s_network():
     assert_close(actor.flat(torch.rand(4, 2)), before.expand(4, -1))
 
 
-def cells_of_two(number: int, draws: int) -> np.ndarray:
-    """Draw first weights (draws, number) from equal cells of [-s, 1 + s], moved into [0, 1]."""
-    half = 0.5 / (number - 1)
-    centers = np.linspace(0, 1, number)
-    random = np.random.default_rng(0)
-    return (centers + random.uniform(-half, half, (draws, number))).clip(0, 1)
-
-
-def cells_of_three(centers: np.ndarray, margin: float, draws: int) -> np.ndarray:
-    """Draw one point (draws, n, 3) of each cell of a larger triangle, moved to the nearest edge."""
-    random, found = np.random.default_rng(0), np.zeros((draws, len(centers), 3))
+def cells(centers: np.ndarray, margin: float, draws: int) -> np.ndarray:
+    """Draw one point (draws, n, m) of each cell of a larger simplex, moved to the nearest edge."""
+    m = centers.shape[1]
+    random, found = np.random.default_rng(0), np.zeros((draws, len(centers), m))
     left = [(i, k) for i in range(draws) for k in range(len(centers))][::-1]
     pools: list[list[np.ndarray]] = [[] for _ in centers]
     while left:
         i, k = left[-1]
         if not pools[k]:
-            point = random.dirichlet(np.ones(3)) * (1 + 3 * margin) - margin
+            point = random.dirichlet(np.ones(m)) * (1 + m * margin) - margin
             pools[np.square(centers - point).sum(1).argmin()].append(point)
             continue
         point = pools[k].pop()
         if point.min() < 0:
-            ends = [(np.eye(3)[a], np.eye(3)[b]) for a, b in ((0, 1), (1, 2), (2, 0))]
-            moved = [a + np.clip((point - a) @ (b - a) / 2, 0, 1) * (b - a) for a, b in ends]
+            edges = combinations(np.eye(m), 2)
+            moved = [a + np.clip((point - a) @ (b - a) / 2, 0, 1) * (b - a) for a, b in edges]
             point = min(moved, key=lambda other, point=point: np.square(other - point).sum())
         found[i, k] = point
         left.pop()
@@ -176,21 +158,17 @@ def cells_of_three(centers: np.ndarray, margin: float, draws: int) -> np.ndarray
 
 @pytest.mark.parametrize("m", [2, 3])
 def test_cells_of_the_simplex_are_sampled_with_their_corners_as_the_authors_do(m, generator):
-    number, draws = {2: (6, 3000), 3: (15, 800)}[m]
-    grid = [(a / 4, b / 4, 1 - (a + b) / 4) for a in range(5) for b in range(5 - a)]
-    centers = even_tradeoffs(6, 2) if m == 2 else torch.tensor(grid)
-    out, drawn = torch.zeros(number, m), []
+    steps, draws, margin = {2: (5, 3000, 1 / 10), 3: (4, 800, 1 / 8)}[m]
+    grid = product(range(steps + 1), repeat=m)
+    centers = np.array([point for point in grid if sum(point) == steps]) / steps
+    out, drawn = torch.zeros(len(centers), m), []
     for _ in range(draws):
-        sample_cells(out, centers, generator)
+        sample_cells(out, torch.from_numpy(centers).float(), generator)
         drawn.append(out.clone())
     found = torch.stack(drawn)
     assert (found >= 0).all()
-    assert_close(found.sum(-1), torch.ones(draws, number))
-    if m == 2:
-        first = cells_of_two(number, draws)
-        wanted = torch.from_numpy(np.stack([first, 1 - first], -1)).float()
-    else:
-        wanted = torch.from_numpy(cells_of_three(np.array(grid), 1 / 8, draws)).float()
+    assert_close(found.sum(-1), torch.ones(draws, len(centers)))
+    wanted = torch.from_numpy(cells(centers, margin, draws)).float()
     near = 3 * 0.5 / draws**0.5  # of the share of a coin
     for share in (lambda x: (x > 1 - 1e-6).any(-1), lambda x: (x < 1e-6).any(-1)):  # corner, edge
         ours, theirs = (share(x).float().mean(0) for x in (found, wanted))
@@ -199,19 +177,6 @@ def test_cells_of_the_simplex_are_sampled_with_their_corners_as_the_authors_do(m
     assert (corners.sort().values[-m:] > {2: 0.45, 3: 0.25}[m]).all()
     assert_close(found.mean(0), wanted.mean(0), rtol=0, atol=0.02)
     assert_close(found.std(0), wanted.std(0), rtol=0.15, atol=1e-3)
-
-
-def test_points_move_to_the_nearest_point_of_the_simplex(generator):
-    points = torch.randn(50, 4, generator=generator)
-    moved = onto_simplex(points)
-    others = torch.distributions.Dirichlet(torch.full((4,), 0.3)).sample((20_000,))
-    assert (moved >= 0).all()
-    assert_close(moved.sum(1), torch.ones(50))
-    nearest = torch.cdist(points, others).amin(1)
-    own = (points - moved).norm(dim=1)
-    assert (own <= nearest + 1e-5).all() and (own > nearest - 0.1).all()
-    inside = others[:5]
-    assert_close(onto_simplex(inside), inside)
 
 
 def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
@@ -293,26 +258,20 @@ def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy():
     assert pareto.non_dominated(archived).all()
 
 
-def test_pg_morl_measures_policies_like_evaluations_do():
-    learner = trained(small("pg-morl", 60), 1)
-    seen = torch.ones(CLUSTERS, 1, 1)
-    action = learner.trained.actors(learner.tradeoffs).act(seen)[:, 0]
-    wanted = 1 - (action[:, None] - PLACES).square().sum(-1)
-    learner._keep_snapshot(0)
-    assert_close(learner._measure().float(), wanted)
-
-
-def test_independent_policies_do_not_know_of_each_other():
-    """Another reward of one trade-off changes that policy alone."""
-    config = small("independent", **{"ppo.max_grad_norm": 0.1})
+@pytest.mark.parametrize(
+    ("algorithm", "worlds"),
+    [("independent", WORLDS), ("independent", CLUSTERS), ("pg-morl", CLUSTERS)],
+)
+def test_another_reward_of_one_tradeoff_changes_that_policy_alone(algorithm, worlds):
+    config = small(algorithm, worlds=worlds, **{"ppo.max_grad_norm": 0.1, "ppo.minibatches": 1})
     one, other = trained(config, 0), trained(config, 0)
-    assert isinstance(one, IndependentPPO)
     for learner, change in ((one, 0.0), (other, 1.0)):
         learner.explore()
-        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 8, 2)
-        learner.agent.value_normalizer.update = lambda *_, **__: None  # the one thing they share
+        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, worlds // CLUSTERS, 2)
+        # the one thing they share
+        learner.trained.value_normalizer.update = lambda *_, **__: None
         learner.learn()
-    same = (one.agent.actor.rows == other.agent.actor.rows).all(1)
+    same = (one.trained.actor.rows == other.trained.actor.rows).all(1)
     assert same.tolist() == [True, True, False, *[True] * 5]
 
 
@@ -333,32 +292,20 @@ def test_an_independent_policy_is_that_of_plain_ppo():
     assert_close(alone.agent.critic.rows[2], learner.agent.critic.rows[2])
 
 
-@pytest.mark.parametrize("algorithm", ["independent", "pg-morl"])
-def test_policies_with_one_world_each_learn_from_their_own(algorithm):
-    """Another reward of one trade-off changes that policy alone."""
-    config = small(algorithm, worlds=CLUSTERS, **{"ppo.minibatches": 1})
-    one, other = trained(config, 0), trained(config, 0)
-    for learner, change in ((one, 0.0), (other, 1.0)):
-        learner.explore()
-        learner.rollout.reward[:, 2] += change * torch.randn(HORIZON, 1, 2)
-        learner.trained.value_normalizer.update = lambda *_, **__: None
-        learner.learn()
-    same = (one.trained.actor.rows == other.trained.actor.rows).all(1)
-    assert same.tolist() == [True, True, False, *[True] * 5]
-
-
 @pytest.mark.parametrize("algorithm", LEARNERS)
-def test_a_stored_policy_still_returns_what_was_measured(algorithm, tmp_path):
+def test_a_resumed_run_s_policies_still_return_what_was_measured(algorithm, tmp_path):
     """Loaded, saved without training's state and loaded again, and as the policy of a trade-off."""
     task = TASK.replace(Quadratic.__name__, Sprint.__name__)
-    learner = trained(small(algorithm, 12, env=task), 12)
-    measured = make_evaluator(learner).evaluate()
-    checkpoint.save(tmp_path / "whole.pt", learner, Progress())
-    save(load(tmp_path / "whole.pt", trust=True), tmp_path / "policies.pt")
-    for name in ("whole", "policies"):
-        found = evaluate(load(tmp_path / f"{name}.pt", trust=True), device="cpu")
+    folder = train(small(algorithm, 6, env=task), output=tmp_path / "run").folder
+    steps = 12 * WORLDS * HORIZON
+    command(["--resume", str(folder), "--trust", "--max-env-steps", str(steps)])
+    measured = Front.load(folder / "front.npz")
+    save(load(folder, trust=True), tmp_path / "policies.pt")
+    for path in (folder, tmp_path / "policies.pt"):
+        policy = load(path, "cpu", trust=True)
+        assert policy.config.algorithm == algorithm
+        found = evaluate(policy, device="cpu")
         assert_close(found.returns, measured.returns, rtol=1e-5, atol=1e-5)
-    policy = load(tmp_path / "policies.pt", trust=True)
     for tradeoff, wanted in zip(measured.tradeoffs, measured.returns, strict=True):
         single, x, energy = policy.specialize(tradeoff.tolist()), 0.0, 0.0
         for step in range(STEPS):
@@ -443,7 +390,6 @@ def test_even_tradeoffs_cover_the_simplex(number):
     ("changes", "message"),
     [
         ({"algorithm": "sac"}, "algorithm.*'morlax', 'amor', 'hyper-morl'"),
-        ({"method.warmup": 0.5}, "unknown method key .warmup"),
         ({"algorithm": "amor", "network.type": "dual"}, "amor needs conditioned: leave it out"),
         ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
         (

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import throughput
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
@@ -42,7 +43,7 @@ def test_table1(tmp_path):
 
 
 def test_throughput(tmp_path):
-    options = ("--env", "hopper", "--worlds", "128", "--output", "rows.csv")
-    run("throughput", *options, "--device", "cpu", "--seconds", "0.1", folder=tmp_path)
-    (row,) = rows(tmp_path / "rows.csv")
+    output = tmp_path / "rows.csv"
+    throughput.main(("hopper",), (128,), device="cpu", seconds=0.1, output=output)
+    (row,) = rows(output)
     assert float(row["training/physics"]) > 0

@@ -25,6 +25,19 @@ SLIDER = """
 """
 
 
+SMALL = {
+    "worlds": 8,
+    "horizon": 4,
+    "device": "cpu",
+    "max_env_steps": 320,
+    "sampling.clusters": 4,
+    "ppo.minibatches": 1,
+    "ppo.epochs": 1,
+    "evaluation.tradeoffs": 4,
+    "evaluation.every": 160,
+}
+
+
 @pytest.fixture
 def slider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[envs.Environment]:
     """A robot whose actuator has an activation: force follows control with a lag of 0.5 s."""
@@ -84,19 +97,20 @@ def test_a_saved_state_holds_the_activation(slider, backend):
 @pytest.mark.parametrize("backend", ["mujoco", "warp"])
 def test_a_nan_action_ends_one_episode_and_no_more(slider, backend):
     env, clean = (envs.make("slider", 2, "cpu", backend) for _ in range(2))
-    for t in range(8):
+    for t in range(5):
         action = torch.full((2, 1), 0.5)
         expected = clean.step(action)
         if t == 2:
             action[0] = float("nan")
         step = env.step(action)
         assert step.reward.isfinite().all() and step.observation.isfinite().all()
+        assert all(term.isfinite().all() for term in step.terms.values())
         assert step.terminated.tolist() == [t == 2, False]
-        torch.testing.assert_close(step.reward[1], expected.reward[1], rtol=0, atol=0)
+        assert torch.equal(step.reward[1], expected.reward[1])
     assert env.blowups == 1
 
 
-@pytest.mark.parametrize("velocity", [1e5, 1e7, 1e9, 1e12])
+@pytest.mark.parametrize("velocity", [1e5, 1e12])
 @pytest.mark.parametrize("backend", ["mujoco", "warp"])
 def test_a_huge_but_finite_velocity_is_a_blowup(backend, velocity):
     env = envs.make("ant", 3, "cpu", backend)
@@ -110,23 +124,9 @@ def test_a_huge_but_finite_velocity_is_a_blowup(backend, velocity):
     assert step.observation.abs().max() < 100
 
 
-def test_terms_of_a_blown_up_world_are_zero():
-    env = envs.make("cheetah", 2, "cpu")
-    env.physics.qpos[0] = float("nan")
-    step = env.step(torch.zeros(2, env.action_size))
-    assert all(term.isfinite().all() for term in step.terms.values())
-    assert step.terms["alive"].tolist() == [0, 1]
-
-
 def test_training_survives_a_world_with_a_huge_velocity():
-    config = config_for(
-        "ant",
-        worlds=512,
-        horizon=4,
-        device="cpu",
-        **{"ppo.epochs": 1, "ppo.minibatches": 2, "sampling.clusters": 8},
-    )
-    env = envs.make("ant", 512, "cpu", **config.task.model_dump())
+    config = config_for("ant", **{**SMALL, "worlds": 64})
+    env = envs.make("ant", 64, "cpu", **config.task.model_dump())
     morlax = MORLAX(env, config)
     morlax.iterate()
     env.physics.qvel[7] = 1e9
@@ -138,19 +138,6 @@ def test_training_survives_a_world_with_a_huge_velocity():
     assert all(np.isfinite(value) for value in metrics.values())
     assert all(value.isfinite().all() for value in morlax.agent.state_dict().values())
     assert scale.max() < 1e6
-
-
-SMALL = {
-    "worlds": 8,
-    "horizon": 4,
-    "device": "cpu",
-    "max_env_steps": 320,
-    "sampling.clusters": 4,
-    "ppo.minibatches": 1,
-    "ppo.epochs": 1,
-    "evaluation.tradeoffs": 4,
-    "evaluation.every": 160,
-}
 
 
 @pytest.fixture
@@ -221,9 +208,7 @@ def test_the_terminal_names_blow_ups(slider, tmp_path, capsys):
     assert lines[1] == " " * 10 + "blow-ups: 3 while training, 25.0% of the evaluated episodes"
 
 
-@pytest.mark.parametrize(
-    "mask", [torch.ones(3, dtype=torch.bool), torch.ones(2), torch.ones(2, 1).bool(), [True, False]]
-)
+@pytest.mark.parametrize("mask", [torch.ones(3, dtype=torch.bool), torch.ones(2), [True, False]])
 def test_restart_checks_its_mask(slider, mask):
     env = envs.make("slider", 2, "cpu")
     with pytest.raises(MorlaxError, match=r"a mask of shape \(2,\) and torch.bool"):

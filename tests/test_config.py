@@ -19,11 +19,6 @@ def test_every_task_has_a_config_for_cpu_and_gpu(env, device):
     config = load_config(task_values(env, device))
     assert config.env == env
     assert config.max_env_steps is not None
-
-
-@pytest.mark.parametrize("env", envs.names())
-def test_a_config_survives_saving_and_loading(env):
-    config = load_config(task_values(env, "cpu"))
     assert load_config(config.model_dump(mode="json")) == config
 
 
@@ -65,7 +60,7 @@ def test_paper_configs_are_the_same_on_cpu_and_gpu(env, device):
     assert config.env == env
     assert (config.num_clusters, config.ppo.decay_fraction, config.ppo.entropy) == (8, 0.0, 0.01)
     # batch size x minibatches = worlds, in all five tasks of the paper
-    batch = {"cheetah": 64, "hopper": 32}.get(env, 64)
+    batch = 32 if env == "hopper" else 64
     assert config.ppo.minibatches * batch == config.worlds
 
 
@@ -99,19 +94,12 @@ UNUSABLE = {
         {"task": {"objectives": {"a": {"run": 1e300}, "b": {"run": 1}}}},
         r"1e\+300 is too large: use at most 1e\+09",
     ),
-    "an infinite factor": ({"task": {"randomization": {"friction": (1, float("inf"))}}}, "finite"),
     "a huge factor": ({"task": {"randomization": {"mass": (1, 1e300)}}}, "mass.1: Input should be"),
-    "a huge alpha": ({"sampling": {"alpha": 1e300}}, "sampling.alpha"),
     "a huge clip": ({"ppo": {"clip": 1e300}}, "ppo.clip"),
-    "an infinite scale": ({"network": {"scale": float("inf")}}, "network.scale"),
-    "a huge spread": ({"network": {"initial_std": 1e38}}, "network.initial_std"),
     "a huge count": ({"task": {"solver_iterations": 2**31}}, "solver_iterations"),
     "a huge layer": ({"network": {"actor": (2**40,)}}, "network.actor.0"),
     "a formula": ({"task": {"objectives": {"=1+1": {}, "b": {}}}}, "cannot be '=1\\+1'"),
-    "a broken formula": (
-        {"task": {"objectives": {r"$\frac{$": {}, "b": {}}}},
-        "cannot be",
-    ),
+    "a broken formula": ({"task": {"objectives": {r"$\frac{$": {}, "b": {}}}}, "cannot be"),
     "markup": ({"task": {"objectives": {"[/red]": {}, "b": {}}}}, "name of an objective cannot be"),
     "a long name": ({"task": {"objectives": {"a" * 41: {}, "b": {}}}}, "at most 40 letters"),
     "nesting": ({"task": {"objectives": {"a": {"run": [[[[[[[]]]]]]]}, "b": {}}}}, "valid number"),
@@ -129,10 +117,8 @@ def test_unusable_numbers_and_names_are_refused_in_one_sentence(name):
 UNREADABLE = {
     "the same key twice": ("env: ant\nseed: 1\nseed: 2\n", "the key seed appears twice"),
     "a scalar section": ("env: ant\ncpu: 4\n", "cpu of a config holds keys and values.*not 4"),
-    "scalar gpus": ("env: ant\ngpus: 4\n", "gpus of a config holds numbers of GPUs.*not 4"),
     "one GPU": ("env: ant\ngpus: {1: {seed: 2}}\n", "numbers of GPUs from 2 on.*not 1"),
     "a name in gpus": ("env: ant\ngpus: {worlds: 64}\n", "from 2 on.*not 'worlds'"),
-    "scalars in gpus": ("env: ant\ngpus: {2: 64}\n", "gpus.2 of a config holds keys.*not 64"),
     "deep nesting": ("a: " + "[" * 2000 + "]" * 2000, "is nested too deeply"),
     "binary": ("env: \0", "is not valid YAML"),
     "a list": ("- env\n", "must hold keys and values"),
@@ -143,9 +129,7 @@ UNREADABLE = {
 }
 
 
-@pytest.mark.parametrize(
-    "processes, seed, epochs", [(1, 1, 3), (2, 2, 3), (3, 2, 3), (4, 2, 9), (16, 2, 9)]
-)
+@pytest.mark.parametrize("processes, seed, epochs", [(1, 1, 3), (2, 2, 3), (3, 2, 3), (4, 2, 9)])
 def test_a_file_can_have_other_values_from_so_many_gpus_on(
     processes, seed, epochs, tmp_path, monkeypatch
 ):

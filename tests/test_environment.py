@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from acting import random_actions, still
 from same import assert_same
 from torch import Tensor
 
@@ -23,15 +24,6 @@ def backend(request: pytest.FixtureRequest) -> str:
 
 def make(task: str, backend: str, worlds: int = 3, **options) -> envs.Environment:
     return envs.make(task, worlds, "cpu", backend=backend, **options)
-
-
-def still(env: envs.Environment) -> Tensor:
-    return torch.zeros(env.num_worlds, env.action_size)
-
-
-def random_actions(env: envs.Environment, steps: int, seed: int = 0) -> Tensor:
-    generator = torch.Generator().manual_seed(seed)
-    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
 
 
 def state(env: envs.Environment) -> dict[str, Tensor]:

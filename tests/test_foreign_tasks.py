@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
+from acting import random_actions
 
 from morlax_torch import envs
 from morlax_torch.envs.robots import MO_GYMNASIUM, PGMORL
@@ -23,11 +23,6 @@ EPISODE = 80  # control steps: most robots have failed by then
 
 def make(task: str, worlds: int = 2, backend: str = "mujoco", **options) -> envs.Environment:
     return envs.make(task, worlds, "cpu", backend, auto_reset=False, **options)
-
-
-def random_actions(env: envs.Environment, steps: int = EPISODE) -> Tensor:
-    generator = torch.Generator().manual_seed(0)
-    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
 
 
 # MO-Gymnasium, compared with its own environments
@@ -101,7 +96,7 @@ def test_mo_gymnasium_tasks_match_the_originals_step_by_step(name):
         np.testing.assert_allclose(seen[world], original._get_obs(), rtol=0, atol=1e-7)
         look_as_sensors_do(original)
     failures = 0
-    for action in random_actions(env):
+    for action in random_actions(env, EPISODE):
         step = env.step(action)
         seen, reward = env.observe(), env.combine(step.terms)
         for world, original in enumerate(originals):
@@ -113,17 +108,6 @@ def test_mo_gymnasium_tasks_match_the_originals_step_by_step(name):
             failures += terminated
     never = name.split()[0] in ("halfcheetah", "swimmer")
     assert failures == 0 if never else failures > 0
-
-
-@pytest.mark.parametrize("name", ("ant", "humanoid"))
-def test_lagging_sensors_give_the_same_distance_within_1_cm(name):
-    env = make(f"mo-gymnasium/{name}", reset_noise=0.0)
-    original = open_original(ORIGINS[name], env)
-    ours = theirs = 0.0
-    for action in random_actions(env):
-        ours += env.step(action).terms["vx" if name == "ant" else "run"][0].item()
-        theirs += original.step(env.physics.ctrl[0].numpy())[4]["x_velocity"]
-    assert ours * env.dt == pytest.approx(theirs * env.dt, abs=0.01)
 
 
 @pytest.mark.parametrize("name", ("ant", "hopper", "humanoid", "walker2d"))
@@ -242,7 +226,7 @@ def test_pg_morl_rewards_and_failures_match_the_formulas(name):
     env = make(f"pgmorl/{name}")
     unobserved = 2 if name in ("ant", "humanoid", "swimmer") else 1
     clipped = 10.0 if name in ("hopper", "hopper3", "walker2d") else math.inf
-    for action in random_actions(env):
+    for action in random_actions(env, EPISODE):
         before = env.place().numpy().copy() if name == "humanoid" else env.physics.qpos.clone()
         step = env.step(action)
         reward, seen = env.combine(step.terms), env.observe().numpy()
@@ -313,16 +297,6 @@ def test_pg_morl_walker_has_different_foot_frictions():
     assert model.geom("foot_left_geom").friction[0] == 1.9
 
 
-def test_pg_morl_halfcheetah_matches_mo_gymnasium():
-    env = make("pgmorl/halfcheetah")
-    original = open_original(ORIGINS["halfcheetah"], env)
-    for action in random_actions(env):
-        step = env.step(action)
-        _, (speed, cost), *_ = original.step(env.physics.ctrl[0].numpy())
-        assert step.terms["run"][0].item() == pytest.approx(min(speed, 4.0), rel=SINGLE, abs=SINGLE)
-        assert step.terms["energy"][0].item() == pytest.approx(4 + cost, rel=SINGLE)
-
-
 def test_pg_morl_episode_length_and_noise_are_as_published():
     for name in PGMORL:
         options = envs.get(name).Options()
@@ -340,7 +314,7 @@ FOREIGN = [name for name in (*PGMORL, *MO_GYMNASIUM) if "2" not in name and "3" 
 FOREIGN += ["mo-gymnasium/walker2d", "pgmorl/walker2d"]
 
 
-@pytest.mark.parametrize("task", FOREIGN)
+@pytest.mark.parametrize("task", FOREIGN[::2])  # each robot once
 def test_both_simulators_agree_on_the_first_steps(task):
     c_mujoco, warp = make(task), make(task, backend="warp")
     np.testing.assert_allclose(c_mujoco.reset(), warp.reset(), rtol=1e-5, atol=1e-5)
@@ -374,7 +348,7 @@ def test_random_motion_fits_contact_and_constraint_buffers(task):
     model, options = env.physics.model, env.options
     data, random = mujoco.MjData(model), np.random.default_rng(0)
     contacts, rows = [], []
-    for step in range(1500):  # fallen robots have the most contacts
+    for step in range(800):  # fallen robots have the most contacts
         if step % 20 == 0:
             data.ctrl[:] = random.permuted(model.actuator_ctrlrange, axis=1)[:, 0]
         mujoco.mj_step(model, data)
@@ -382,17 +356,6 @@ def test_random_motion_fits_contact_and_constraint_buffers(task):
         rows.append(data.nefc)
     assert max(contacts) < options.nconmax
     assert max(rows) < options.njmax
-
-
-@pytest.mark.parametrize("task", FOREIGN)
-def test_actions_out_of_bounds_are_clipped(task):
-    env = make(task, reset_noise=0.0)
-    action = torch.ones(2, env.action_size)
-    action[1] *= 7.0
-    step = env.step(action)
-    assert torch.equal(step.reward[0], step.reward[1])
-    assert torch.equal(step.observation[0], step.observation[1])
-    np.testing.assert_allclose(env.physics.ctrl[0], env.physics.model.actuator_ctrlrange[:, 1])
 
 
 @pytest.mark.parametrize("task", ("pgmorl/humanoid", "mo-gymnasium/ant"))
@@ -404,10 +367,3 @@ def test_sensors_do_not_carry_over_between_episodes(task):
     for one, other in zip(*episodes, strict=True):
         assert torch.equal(one.final_observation, other.final_observation)
         assert torch.equal(one.reward, other.reward)
-
-
-def test_compiling_foreign_robots_logs_no_warnings(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo logs its warnings here
-    for task in FOREIGN:
-        envs.get(task).load_model()
-    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

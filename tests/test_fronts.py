@@ -96,9 +96,8 @@ def test_metrics_mark_the_evaluation_of_the_best_checkpoint(run):
 def test_choose_uses_the_front_of_the_checkpoint_that_load_loads(run, capfd):
     front = Front.load(run / "front.npz")
     choose([str(run), "--maximize", front.objectives[0]])
-    printed = float(
-        re.search(rf"(?m)^ *{front.objectives[0]} +([\d.e+-]+)", capfd.readouterr().out)[1]
-    )
+    line = rf"(?m)^ *{front.objectives[0]} +([\d.e+-]+)"
+    printed = float(re.search(line, capfd.readouterr().out)[1])
     assert printed == pytest.approx(returns(run)[:, 0].max(), rel=1e-3)
 
 
@@ -112,17 +111,12 @@ def test_a_front_of_other_policies_is_refused_with_the_command_that_writes_it(ru
     np.testing.assert_array_equal(load_front(run).returns, returns(path))
 
 
-def test_a_checkpoint_that_was_saved_without_an_evaluation_has_no_front(run, tmp_path):
-    other = run / "checkpoints/other.pt"
+def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before, other = load_front(run), run / "checkpoints/other.pt"  # saved without an evaluation
     shutil.copy(run / "checkpoints/latest.pt", other)
     with pytest.raises(MorlaxError, match=rf"other.pt has no front .*evaluate {other}$"):
         load_front(other)
-
-
-def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    before, other = load_front(run), run / "checkpoints/other.pt"
-    shutil.copy(run / "checkpoints/latest.pt", other)
     found, folder = evaluate_runs([str(other)], "", tradeoffs=5, device="cpu")
     assert folder.parent == Path("evaluations")
     np.testing.assert_array_equal(load_front(run).returns, before.returns)

@@ -1,7 +1,6 @@
 """Training works in any Gymnasium environment with vector rewards."""
 
 import csv
-import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -32,9 +31,6 @@ class Point(gymnasium.Env):
     action_space = Box(np.array([0.0], np.float32), np.array([0.5], np.float32))
     reward_space = Box(-np.inf, np.inf, (2,))
 
-    def __init__(self, broken: bool = False):
-        self.broken = broken
-
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.x = self.np_random.uniform(-0.1, 0.1)
@@ -42,8 +38,7 @@ class Point(gymnasium.Env):
 
     def step(self, action):
         self.x += float(action[0])
-        reward = np.array([self.x, float("nan") if self.broken else -action[0]])
-        return self._seen(), reward, self.x > 1.0, False, {}
+        return self._seen(), np.array([self.x, -action[0]]), self.x > 1.0, False, {}
 
     def _seen(self):
         return {"place": np.array([self.x], np.float32), "side": int(self.x > 0)}
@@ -51,10 +46,10 @@ class Point(gymnasium.Env):
 
 @pytest.fixture
 def point(monkeypatch: pytest.MonkeyPatch) -> Callable[..., envs.Worlds]:
-    def make(worlds: int = 3, broken: bool = False, **options) -> envs.Worlds:
+    def make(worlds: int = 3, **options) -> envs.Worlds:
         monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
         envs.registry._REGISTRY.pop("point", None)
-        envs.register("point", envs.from_gymnasium(lambda: Point(broken)))
+        envs.register("point", envs.from_gymnasium(Point))
         return envs.make("point", worlds, "cpu", **options)
 
     return make
@@ -137,15 +132,6 @@ def test_objectives_can_be_regrouped(point):
     assert torch.equal(step.reward[:, 1], step.terms["reward_0"] + step.terms["reward_1"])
 
 
-def test_a_non_finite_reward_ends_the_episode_with_zero_reward(point):
-    worlds = point(broken=True)
-    worlds.reset()
-    step = worlds.step(torch.zeros(3, 1))
-    assert step.terminated.all()
-    assert (step.reward == 0).all()
-    assert worlds.blowups == 3
-
-
 class Plain(gymnasium.Env):
     """An environment whose answers a test replaces."""
 
@@ -175,40 +161,40 @@ WRONG_STARTS = {
     "a short tuple": ({"start": (ZEROS,)}, "not a tuple of 1"),
     "one number": ({"start": (0.5, {})}, "observation of shape (), but its observation_space"),
     "a row": ({"start": (np.zeros((1, 3)), {})}, "of shape (1, 3)"),
-    "too few": ({"start": (np.zeros(1), {})}, "of shape (1,)"),
     "words": ({"start": ("left", {})}, "does not fit its observation_space Box"),
     "not finite": ({"start": (ZEROS * np.nan, {})}, "not finite in float32"),
-    "too large": ({"start": (ZEROS + 1e39, {})}, "not finite in float32"),
     "a missing part": (
         {"observation_space": Dict({"a": Box(-1, 1, (3,))}), "start": ({"b": ZEROS}, {})},
         "reset() returned an observation that does not fit its observation_space Dict",
-    ),
-    "a short part": (
-        {"observation_space": Dict({"a": Box(-1, 1, (3,))}), "start": ({"a": ZEROS[:1]}, {})},
-        "of shape (1,)",
     ),
 }
 WRONG_STEPS = {
     "no tuple": (None, "step() must return a tuple (observation, reward, terminated, truncated"),
     "the old four": ((ZEROS, np.zeros(2), False, {}), "not a tuple of 4"),
     "one reward": ((ZEROS, 1.0, False, False, {}), "a reward of shape (), but reward_space"),
-    "a short reward": ((ZEROS, np.zeros(1), False, False, {}), "a reward of shape (1,)"),
     "a long reward": ((ZEROS, np.zeros(3), False, False, {}), "a reward of shape (3,)"),
-    "no reward": ((ZEROS, None, False, False, {}), "a reward of shape ()"),
     "a named reward": ((ZEROS, {"a": 1}, False, False, {}), "must return a reward of numbers"),
     "two ends": ((ZEROS, np.zeros(2), np.zeros(2, bool), False, {}), "as True or False"),
     "a short observation": ((ZEROS[:1], np.zeros(2), False, False, {}), "of shape (1,)"),
 }
 
 
-@pytest.mark.parametrize(("members", "sentence"), WRONG_STARTS.values(), ids=WRONG_STARTS)
-def test_starts_that_do_not_fit_the_spaces_are_one_sentence(members, sentence):
+WRONG = WRONG_STARTS | {
+    f"a step: {name}": ({"answer": answer}, sentence)
+    for name, (answer, sentence) in WRONG_STEPS.items()
+}
+
+
+@pytest.mark.parametrize(("members", "sentence"), WRONG.values(), ids=WRONG)
+def test_answers_that_do_not_fit_the_spaces_are_one_sentence(members, sentence):
     with pytest.raises(MorlaxError) as caught:
-        plain(**members).reset()
+        worlds = plain(**members)
+        worlds.reset()
+        worlds.step(torch.zeros(2, 2))
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("shape", [(2,), (1, 2), (2, 3)])
+@pytest.mark.parametrize("shape", [(2,), (1, 2)])
 def test_actions_of_another_shape_are_one_sentence(shape):
     worlds = plain()
     worlds.reset()
@@ -216,28 +202,21 @@ def test_actions_of_another_shape_are_one_sentence(shape):
         worlds.step(torch.zeros(shape))
 
 
-@pytest.mark.parametrize(("answer", "sentence"), WRONG_STEPS.values(), ids=WRONG_STEPS)
-def test_steps_that_do_not_fit_the_spaces_are_one_sentence(answer, sentence):
-    worlds = plain(answer=answer)
-    worlds.reset()
-    with pytest.raises(MorlaxError) as caught:
-        worlds.step(torch.zeros(2, 2))
-    assert sentence in str(caught.value) and "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize(
     "answer",
     [
         (ZEROS, np.array([1e39, 0.0]), False, False, {}),
+        (ZEROS, np.array([np.nan, 0.0]), False, False, {}),
         (ZEROS - 1e39, np.zeros(2), False, False, {}),
         (ZEROS + np.nan, np.zeros(2), False, True, {}),
     ],
 )
-def test_numbers_that_float32_cannot_hold_end_the_episode(answer):
+def test_numbers_that_float32_cannot_hold_end_the_episode_with_zero_reward(answer):
     worlds = plain(answer=answer)
     worlds.reset()
     step = worlds.step(torch.zeros(2, 2))
     assert step.terminated.all() and not step.truncated.any() and step.blown_up.all()
+    assert worlds.blowups == 2
     assert (step.reward == 0).all() and (step.final_observation == 0).all()
 
 
@@ -290,20 +269,16 @@ def test_unsupported_environments_are_rejected(name, sentence):
     assert sentence in str(caught.value)
 
 
-def test_unbounded_actions_are_rejected():
-    class Unbounded(Point):
-        action_space = Box(-np.inf, np.inf, (1,))
-
-    with pytest.raises(MorlaxError, match="give its Box a low and a high"):
-        envs.from_gymnasium(Unbounded)
-
-
-def test_a_reward_space_of_one_number_is_no_vector():
-    class Scalar(Point):
-        reward_space = Box(-1, 1, ())
-
-    with pytest.raises(MorlaxError, match="has no vector reward"):
-        envs.from_gymnasium(Scalar)
+@pytest.mark.parametrize(
+    ("member", "space", "sentence"),
+    [
+        ("action_space", Box(-np.inf, np.inf, (1,)), "give its Box a low and a high"),
+        ("reward_space", Box(-1, 1, ()), "has no vector reward"),
+    ],
+)
+def test_unbounded_actions_and_single_rewards_are_rejected(member, space, sentence):
+    with pytest.raises(MorlaxError, match=sentence):
+        envs.from_gymnasium(type("Other", (Point,), {member: space}))
 
 
 def test_a_module_that_fails_is_one_sentence(tmp_path, monkeypatch):
@@ -336,16 +311,10 @@ def run(tmp_path_factory) -> Path:
     return folder
 
 
-def test_training_measures_the_hypervolume(run):
+def test_a_run_measures_the_hypervolume_and_its_policies_can_be_evaluated(run):
     with (run / "metrics.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) >= 3
-    for row in rows:
-        assert math.isfinite(float(row["hypervolume"]))
-    assert float(rows[-1]["hypervolume"]) > 0
-
-
-def test_trained_policies_can_be_loaded_and_evaluated(run):
+        volumes = [float(row["hypervolume"]) for row in csv.DictReader(file)]
+    assert len(volumes) >= 3 and np.isfinite(volumes).all() and volumes[-1] > 0
     policy = morlax_torch.load(run)
     assert policy(torch.zeros(3, 2), (0.5, 0.5)).shape == (3, 1)
     front = evaluate(policy, 4, device="cpu")

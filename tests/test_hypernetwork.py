@@ -29,12 +29,12 @@ class Scaled(nn.Module):
 
 
 class TwoInputs(nn.Module):
-    """A target with two inputs and a parameter outside its submodules."""
+    """A target with two inputs and a scalar parameter outside its submodules."""
 
     def __init__(self):
         super().__init__()
         self.left, self.right = nn.Linear(3, 2), nn.Linear(4, 2)
-        self.gain = nn.Parameter(torch.tensor([1.5]))
+        self.gain = nn.Parameter(torch.tensor(1.5))
 
     def forward(self, x: Tensor, y: Tensor) -> Tensor:
         return self.gain * self.left(x) * self.right(y)
@@ -96,14 +96,6 @@ def test_a_batched_family_equals_its_members_run_one_by_one(target, inputs):
     assert not torch.allclose(found[0], found[1], atol=1e-2)
 
 
-def test_a_family_of_mlps_equals_batched_matrix_products(generator):
-    family = family_of(nn.Sequential(nn.Linear(3, 6), nn.SiLU(), nn.Linear(6, 2)))
-    parameters, x = family(TRADEOFFS), torch.randn(K, B, 3, generator=generator)
-    hidden = silu(torch.bmm(x, parameters["0.weight"].mT) + parameters["0.bias"][:, None])
-    expected = torch.bmm(hidden, parameters["2.weight"].mT) + parameters["2.bias"][:, None]
-    torch.testing.assert_close(family.run(parameters, x), expected)
-
-
 def test_generated_parameters_are_affine_in_the_trade_off_s_features(target):
     family = family_of(target)
     generated = family(TRADEOFFS)
@@ -157,16 +149,6 @@ def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
         torch.testing.assert_close(member(*(x[k] for x in inputs)), outputs[k])
 
 
-def test_a_specialized_network_is_a_copy():
-    family, x = family_of(nn.Linear(3, 2)), torch.ones(1, 3)
-    member = family.specialize(TRADEOFFS[0])
-    before = member(x)
-    with torch.no_grad():
-        family.bias += 1.0
-    assert torch.equal(member(x), before)
-    assert not torch.allclose(family.specialize(TRADEOFFS[0])(x), before)
-
-
 def test_the_state_dict_includes_buffers():
     other = Scaled()
     other.scale.mul_(10)
@@ -176,22 +158,6 @@ def test_the_state_dict_includes_buffers():
     expected = source.run(source(TRADEOFFS), x)
     torch.testing.assert_close(family.run(family(TRADEOFFS), x), expected)
     torch.testing.assert_close(family.specialize(TRADEOFFS[0])(x[0]), expected[0])
-
-
-def test_scalar_parameters_are_supported():
-    class Gain(nn.Module):
-        def __init__(self):
-            super().__init__()
-            self.gain = nn.Parameter(torch.tensor(1.5))
-
-        def forward(self, x: Tensor) -> Tensor:
-            return self.gain * x
-
-    family, x = family_of(Gain()), torch.ones(K, B)
-    parameters = family(TRADEOFFS)
-    assert parameters["gain"].shape == (K,)
-    expected = parameters["gain"][:, None].expand(K, B)
-    torch.testing.assert_close(family.run(parameters, x), expected)
 
 
 def test_the_target_passed_in_is_not_changed(target, inputs):
@@ -207,30 +173,14 @@ def test_the_target_passed_in_is_not_changed(target, inputs):
     assert all(p.requires_grad and p.grad is None for p in target.parameters())
 
 
-def test_only_the_affine_map_and_the_features_are_trainable(target):
-    family = family_of(target)
-    features = {f"features.{name}" for name, _ in family.features.named_parameters()}
-    assert {name for name, _ in family.named_parameters()} == {"weight", "bias", *features}
-    size = sum(p.numel() for p in target.parameters())
-    assert family.weight.shape == (size, 4)
-    assert family.bias.shape == (size,)
-
-
-def gradients(family: Hypernetwork, inputs: list[Tensor]) -> dict[str, Tensor]:
-    family.run(family(TRADEOFFS), *inputs).square().sum().backward()
-    return {name: parameter.grad for name, parameter in family.named_parameters()}
-
-
-def test_every_parameter_gets_a_gradient(target, inputs):
-    for name, gradient in gradients(family_of(target), inputs).items():
-        assert gradient.abs().sum() > 0, name
-
-
-def test_with_a_zero_affine_map_the_features_have_no_gradient(generator):
-    family = family_of(nn.Linear(3, 2), scale=0.0)
-    found = gradients(family, [torch.randn(K, B, 3, generator=generator)])
-    assert found["weight"].abs().sum() > 0
-    assert all(not value.any() for name, value in found.items() if name.startswith("features"))
+def test_all_parameters_get_a_gradient_but_the_features_of_a_zero_affine_map(target, inputs):
+    for scale in (0.5, 0.0):
+        family = family_of(target, scale)
+        features = {f"features.{name}" for name, _ in family.features.named_parameters()}
+        family.run(family(TRADEOFFS), *inputs).square().sum().backward()
+        found = {name: parameter.grad.any().item() for name, parameter in family.named_parameters()}
+        expected = {"weight": True, "bias": True, **dict.fromkeys(features, scale > 0)}
+        assert found == expected
 
 
 def test_gradients_match_finite_differences():
@@ -254,12 +204,6 @@ def test_two_families_can_share_their_features():
     assert second.features is first.features
     assert second.weight is not first.weight
     assert second.weight.shape == (4, 4)
-
-
-def test_equal_generators_draw_equal_families():
-    target = nn.Linear(3, 2)
-    first, second = family_of(target).state_dict(), family_of(target).state_dict()
-    assert all(torch.equal(value, second[name]) for name, value in first.items())
 
 
 @pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])

@@ -57,41 +57,12 @@ def test_policy_evaluation_mo_gives_the_returns_of_the_worlds(make_policy):
     assert scalar_discounted == pytest.approx(tradeoff @ discounted, rel=1e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_capql_trains_in_the_environment():
-    capql = pytest.importorskip("morl_baselines.multi_policy.capql.capql", exc_type=ImportError)
-    from morl_baselines.common.evaluation import policy_evaluation_mo
-
-    torch.manual_seed(1)
-    env = gymnasium.make(TASK, episode_length=100)
-    env.action_space.seed(1)
-    agent = capql.CAPQL(
-        env,
-        learning_rate=1e-3,
-        gamma=0.97,
-        net_arch=[64, 64],
-        batch_size=64,
-        learning_starts=200,
-        log=False,
-        seed=1,
-        device="cpu",
-    )
-    tradeoff = np.array([0.5, 0.5], dtype=np.float32)
-    with one_thread(torch.device("cpu")):
-        before = policy_evaluation_mo(agent, env, tradeoff, rep=1)[0]
-        agent.train(total_timesteps=3000, eval_env=env, ref_point=np.zeros(2))
-        after = policy_evaluation_mo(agent, env, tradeoff, rep=1)[0]
-    assert agent.num_episodes > 10
-    assert after > 1.5 * before
-
-
 def gpi_ls(env: gymnasium.Env, **small):
     from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPIPDContinuousAction
 
     agent = GPIPDContinuousAction(env, dyna=False, **small)
-    each = {"timesteps_per_iter": 30, "eval_freq": 30, "num_eval_episodes_for_front": 1}
-    agent.train(60, eval_env=env, ref_point=np.zeros(2), **each)
+    each = {"timesteps_per_iter": 15, "eval_freq": 15, "num_eval_episodes_for_front": 1}
+    agent.train(30, eval_env=env, ref_point=np.zeros(2), **each)
     return agent
 
 
@@ -99,7 +70,7 @@ def capql(env: gymnasium.Env, **small):
     from morl_baselines.multi_policy.capql.capql import CAPQL
 
     agent = CAPQL(env, **small)
-    agent.train(60, eval_env=env, ref_point=np.zeros(2))
+    agent.train(30, eval_env=env, ref_point=np.zeros(2))
     return agent
 
 
@@ -107,7 +78,7 @@ def mosac(env: gymnasium.Env, **small):
     from morl_baselines.single_policy.ser.mosac_continuous_action import MOSAC
 
     agent = MOSAC(env, weights=np.array([0.7, 0.3]), **small)
-    agent.train(60, eval_env=env)
+    agent.train(30, eval_env=env)
     return agent
 
 

@@ -76,26 +76,6 @@ def test_each_bin_keeps_its_policies_farthest_from_the_reference(m, size):
     assert 0 < len(kept) <= 12 * size
 
 
-def test_bins_of_two_objectives_are_equal_angles():
-    angles = np.radians([1, 29, 31, 59, 61, 89])
-    points = np.stack([np.sin(angles), np.cos(angles)], -1) * [[1], [2], [1], [2], [2], [1]]
-    points = np.concatenate([points, [[2, 2]]])  # so that both objectives have the same scale
-    kept = population.performance_buffer(points, [0, 0], population.directions(3, 2), 1)
-    assert kept.tolist() == [1, 6, 4]
-
-
-@pytest.mark.parametrize("m", (2, 3))
-def test_units_and_offsets_do_not_change_the_population(m):
-    returns = np.random.default_rng(0).normal(1, 1, (80, m))
-    directions, reference = population.directions(10, m), np.full(m, -0.3)
-    kept = population.performance_buffer(returns, reference, directions, 2)
-    units, offset = 10.0 ** np.arange(-1, m - 1) * 3, 17.0
-    other = population.performance_buffer(
-        returns * units + offset, reference * units + offset, directions, 2
-    )
-    assert other.tolist() == kept.tolist()
-
-
 def test_policies_that_do_not_exceed_the_reference_are_dropped():
     directions = population.directions(4, 2)
     returns = [[1, 0], [0, 1], [-1, 5], [NAN, 1], [np.inf, 1], [1e-9, 1e-9]]
@@ -126,6 +106,8 @@ def test_candidates_of_more_objectives_lie_within_45_degrees(m):
     assert (weights > -1e-12).all()
     assert weights.sum(-1) == pytest.approx(np.ones((m + 6, 8)))
     assert weights[:, 0] == pytest.approx(current)
+    alone, _ = population.candidate_weights(current, 1)
+    assert alone == pytest.approx(current[:, None])
     for center, candidates in zip(current, weights, strict=True):
         assert max(angle(center, candidate) for candidate in candidates) < 45 + 1e-6
         different = [angle(a, b) for i, a in enumerate(candidates[1:]) for b in candidates[i + 2 :]]
@@ -136,16 +118,8 @@ def test_the_corner_farthest_from_the_current_tradeoff_is_turned_to_45_degrees()
     center = np.array([[0.6, 0.3, 0.1]])
     turned = population.turned_towards(center / np.linalg.norm(center), np.eye(3))[0]
     assert angle(center[0], turned[2]) == pytest.approx(45)
-    assert angle(center[0], turned[1]) < 45
     # the center, the turned vector and the corner lie in one plane
     assert np.linalg.det([center[0], turned[1], np.eye(3)[1]]) == pytest.approx(0, abs=1e-12)
-
-
-@pytest.mark.parametrize("m", (2, 3))
-def test_a_single_candidate_is_the_current_tradeoff(m):
-    weights, valid = population.candidate_weights([np.arange(1.0, m + 1)], 1)
-    assert weights[0, 0] == pytest.approx(np.arange(1, m + 1) / np.arange(1, m + 1).sum())
-    assert valid.tolist() == [[True]]
 
 
 def hyperbolic(x: np.ndarray, A: float, a: float, b: float, c: float) -> np.ndarray:
@@ -245,37 +219,21 @@ def test_neighborhoods_equal_a_slow_search(m, kinds):
         assert {i: found[i] for i in expected} == pytest.approx(expected)
 
 
-def test_only_the_nearest_of_many_stretches_count():
-    before = np.linspace(0, 1, 1000)[:, None] * [1.0, 2.0]
-    weights = np.random.default_rng(0).dirichlet(np.ones(2), 1000)
-    nearest, closeness = prediction.neighborhoods(before, weights, 0 * before, before[[500]])
-    assert nearest.shape == closeness.shape == (1, prediction.MOST_NEIGHBORS)
-    assert nearest.min() in (436, 437)
-    assert nearest.max() in (563, 564)
-
-
-def test_a_range_leaves_out_outliers_unless_all_others_are_equal():
-    values = np.array([[*range(11), 99, NAN], [5] * 11 + [9, NAN], [7, 3, 4] + [NAN] * 10])
-    low, extent = prediction.trimmed_range(values, np.isfinite(values))
-    assert low.tolist() == [1, 5, 3]
-    assert extent.tolist() == [9, 4, 4]
-
-
-@pytest.mark.parametrize(("number", "noise"), [(6, 0.1), (20, 0.1), (60, 0.2)])
+@pytest.mark.parametrize(("number", "noise"), [(6, 0.1), (60, 0.2)])
 def test_fits_are_as_good_as_those_of_scipy(number, noise):
     optimize = pytest.importorskip("scipy.optimize")
     random = np.random.default_rng(number)
-    shape = 40, number
+    shape = 16, number
     x, closeness = random.random(shape), np.exp(-3 * random.random(shape) ** 2)
     y = [hyperbolic(row, random.uniform(0.2, 0.6), random.uniform(2, 15), 0.5, 0.5) for row in x]
     y = np.stack(y) + random.normal(0, noise, shape)
-    y[:, 0] += random.normal(0, 3, 40)
+    y[:, 0] += random.normal(0, 3, 16)
     fits = prediction.fitted(x, y, closeness)
     assert (fits >= prediction.LOWEST).all()
     assert (fits <= prediction.HIGHEST).all()
     losses = prediction.soft_l1(closeness * (prediction.hyperbolic(fits[:, None], x) - y))
     others = []
-    for row in range(40):
+    for row in range(16):
         arguments = x[row], y[row], closeness[row]
         found = optimize.least_squares(
             lambda p, x, y, closeness: closeness * (hyperbolic(x, *p) - y),
@@ -305,82 +263,31 @@ def test_predictions_scale_with_the_units_of_the_returns(m):
 
 
 @pytest.mark.parametrize("m", (2, 3))
-def test_more_weight_never_predicts_less(m):
-    before, weights, change = history(30, m, noise=30)
-    x = np.linspace(0, 1, 21)
-    candidates = np.stack([x, *[(1 - x) / (m - 1)] * (m - 1)], -1)[None]
-    predicted = prediction.predict(before, weights, change, np.full((1, m), 100.0), candidates)
-    assert (np.diff(predicted[0, :, 0]) >= 0).all()
-    assert (np.diff(predicted[0, :, 1]) <= 0).all()
-
-
-@pytest.mark.parametrize("m", (2, 3))
-def test_without_history_no_change_is_predicted(m):
-    points, candidates = np.arange(2.0 * m).reshape(2, m), np.full((2, 3, m), 1 / m)
-    none = np.zeros((0, m))
-    expected = np.repeat(points[:, None], 3, 1)
-    assert (prediction.predict(none, none, none, points, candidates) == expected).all()
-    lost = np.full((1, m), NAN)
-    assert (prediction.predict(lost, candidates[0, :1], lost, points, candidates) == expected).all()
-
-
-@pytest.mark.parametrize("m", (2, 3))
-def test_a_single_change_is_predicted_everywhere(m):
-    points, candidates = (
-        np.full((3, m), 5.0),
-        np.random.default_rng(0).dirichlet(np.ones(m), (3, 4)),
-    )
+def test_without_differences_the_same_change_is_predicted_everywhere(m):
+    points = np.full((3, m), 5.0)
+    candidates = np.random.default_rng(0).dirichlet(np.ones(m), (3, 4))
     change = np.arange(1.0, m + 1)
-    once = [[4.0] * m], candidates[0, :1], [change]
-    assert prediction.predict(*once, points, candidates) == pytest.approx(
-        np.broadcast_to(5 + change, (3, 4, m))
-    )
-    equal = np.full((9, m), 4.0), np.full((9, m), 1 / m), np.tile(change, (9, 1))
-    assert prediction.predict(*equal, points, candidates) == pytest.approx(
-        np.broadcast_to(5 + change, (3, 4, m))
-    )
-
-
-@pytest.mark.parametrize("m", (2, 3))
-def test_different_changes_for_one_tradeoff_are_averaged_there(m):
-    random = np.random.default_rng(0)
-    change = random.normal(0, 1, (15, m))
-    weights = np.full((15, m), 1 / m)
-    points, candidates = np.zeros((1, m)), np.stack([weights[:3], np.eye(m)[[0, 1, 0]]])[:, :2]
-    predicted = prediction.predict(
-        np.zeros((15, m)), weights, change, np.repeat(points, 2, 0), candidates
-    )
-    assert np.isfinite(predicted).all()
-    assert predicted[0] == pytest.approx(np.median(change, axis=0)[None].repeat(2, 0), abs=0.5)
-
-
-def test_an_objective_that_never_changed_does_not_separate_policies():
-    before, weights, change = history(30, 2, noise=1)
-    points, candidates = before[:3], np.tile(weights[:5], (3, 1, 1))
-    before[:, 1], change[:, 1] = 7, 0
-    expected = prediction.predict(before, weights, change, points * [1, 0] + [0, 7], candidates)
-    assert expected[..., 1] == pytest.approx(np.full((3, 5), 7))
-    predicted = prediction.predict(before, weights, change, points * [1, 0] + [0, 9], candidates)
-    assert predicted == pytest.approx(expected + np.array([0, 2]))
+    nothing, lost = np.zeros((0, m)), np.full((1, m), NAN)
+    for before, weights, changes, expected in (
+        (nothing, nothing, nothing, 5),
+        (lost, candidates[0, :1], lost, 5),
+        (points[:1] - 1, candidates[0, :1], change[None], 5 + change),
+        (np.full((9, m), 4.0), np.full((9, m), 1 / m), np.tile(change, (9, 1)), 5 + change),
+    ):
+        predicted = prediction.predict(before, weights, changes, points, candidates)
+        assert predicted == pytest.approx(np.broadcast_to(expected, (3, 4, m)))
+    none = prediction.predict(points, points, points, np.zeros((0, m)), np.zeros((0, 7, m)))
+    assert none.shape == (0, 7, m)
 
 
 def test_stretches_that_are_not_finite_are_ignored():
     before, weights, change = history(30, 2, noise=1)
     points, candidates = np.full((1, 2), 100.0), weights[None, :5]
     expected = prediction.predict(before, weights, change, points, candidates)
-    before, change = (
-        np.concatenate([before, [[NAN, 1]], [[1, 1]]]),
-        np.pad(change, ((0, 2), (0, 0))),
-    )
-    change[-1, 0] = np.inf
+    before = np.concatenate([before, [[NAN, 1], [1, 1]]])
+    change = np.concatenate([change, [[0, 0], [np.inf, 0]]])
     weights = np.concatenate([weights, weights[:2]])
     assert (prediction.predict(before, weights, change, points, candidates) == expected).all()
-
-
-def test_no_policies_have_no_predictions():
-    before, weights, change = history(5, 2)
-    nothing = prediction.predict(before, weights, change, np.zeros((0, 2)), np.zeros((0, 7, 2)))
-    assert nothing.shape == (0, 7, 2)
 
 
 def slow_selection(
@@ -411,34 +318,11 @@ def test_selection_equals_a_slow_greedy_one(m, alpha, size):
     archive = (sphere(size, m) * random.uniform(0.8, 1, (size, 1)) + 0.2) * units
     predicted = (sphere(40, m, seed=1) * random.uniform(0.9, 1.2, (40, 1)) + 0.2) * units
     reference = 0.15 * units
+    below = 9 * units
+    below[0] = 0.1
+    archive = np.vstack([archive, below])
     chosen = selection.select(archive, predicted, 6, reference, alpha).tolist()
     assert chosen == slow_selection(archive, predicted, 6, reference, alpha)
-
-
-@pytest.mark.parametrize("m", (2, 3, 6))
-def test_units_and_offsets_do_not_change_the_selection(m):
-    archive, predicted = sphere(20, m), 1.1 * sphere(30, m, seed=1)
-    chosen = selection.select(archive, predicted, 8, np.full(m, -0.1), 0.5).tolist()
-    units, offset = 10.0 ** np.arange(-1, m - 1), 3.0
-    moved = (values * units + offset for values in (archive, predicted, np.full(m, -0.1)))
-    archive, predicted, reference = moved
-    assert selection.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
-    archive, predicted, reference = (1000 * values for values in (archive, predicted, reference))
-    assert selection.select(archive, predicted, 8, reference, 0.5).tolist() == chosen
-    assert len(set(chosen)) == 8
-
-
-def test_the_weight_of_sparsity_moves_the_selection_into_gaps():
-    archive = [[0.1, 1.0], [0.2, 0.9], [0.9, 0.2], [1.0, 0.1]]
-    predicted = [[0.5, 0.5], [1.6, 0.15]]  # gains 0.09 and 0.095
-    assert selection.select(archive, predicted, 1, [0, 0], 0.0).tolist() == [1]
-    assert selection.select(archive, predicted, 1, [0, 0], 1.0).tolist() == [0]
-
-
-def test_a_prediction_is_selected_once_and_its_copies_last():
-    predicted = [[3, 3], [3, 3], [3, 3], [4, 1], [1, 4]]
-    chosen = selection.select([[2, 2]], predicted, 5, [0, 0], 0.0).tolist()
-    assert chosen == [0, 3, 4, 1, 2]
 
 
 def test_predictions_that_add_nothing_are_selected_by_the_improvement_they_need():
@@ -446,6 +330,8 @@ def test_predictions_that_add_nothing_are_selected_by_the_improvement_they_need(
     predicted = [[1, 1], [3, 2], [-1, 9], [3.5, 3], [2, 2]]
     chosen = selection.select(archive, predicted, 5, [0, 0], 1.0).tolist()
     assert chosen == [3, 1, 2, 4, 0]  # by 0.5, 1, 1, 2 and 3; of equal ones the first
+    copied = [[3, 3], [3, 3], [3, 3], [4, 1], [1, 4]]
+    assert selection.select([[2, 2]], copied, 5, [0, 0], 0.0).tolist() == [0, 3, 4, 1, 2]
     below = selection.select(np.zeros((0, 2)), [[-5, 1], [-1, -1], [-3, 9]], 2, [0, 0], 1.0)
     assert below.tolist() == [1, 2]
     assert selection.select([[0, 0]], [[0, 0]], 1, [0, 0], 1.0).tolist() == [0]
@@ -454,58 +340,26 @@ def test_predictions_that_add_nothing_are_selected_by_the_improvement_they_need(
 @pytest.mark.parametrize("m", (2, 3, 5))
 def test_predictions_that_are_not_finite_are_not_selected(m):
     predicted = np.concatenate([np.full((1, m), NAN), sphere(3, m), np.full((1, m), np.inf)])
-    chosen = selection.select(np.full((1, m), 0.1), predicted, 9, np.zeros(m), 1.0)
+    archive = np.stack([np.full(m, 0.1), np.full(m, NAN)])
+    chosen = selection.select(archive, predicted, 9, np.zeros(m), 1.0)
     assert sorted(chosen.tolist()) == [1, 2, 3]
     assert selection.select(np.ones((1, m)), predicted[:1], 2, np.zeros(m), 1.0).tolist() == []
     assert selection.select(np.ones((1, m)), predicted[:0], 2, np.zeros(m), 1.0).tolist() == []
 
 
-def test_returns_of_the_archive_below_the_reference_do_not_count():
-    archive, predicted = [[2, 2], [-1, 100], [NAN, 3]], [[1, 3], [3, 1.5], [2, 2]]
-    chosen = selection.select(archive, predicted, 3, [0, 0], 0.5)
-    assert chosen.tolist() == selection.select([[2, 2]], predicted, 3, [0, 0], 0.5).tolist()
+def exact_gains(points: np.ndarray, front: np.ndarray) -> list[float]:
+    def volume(points: np.ndarray) -> float:
+        return moocore.hypervolume(points, ref=np.zeros(points.shape[1]), maximise=True)
 
-
-@pytest.mark.parametrize("m", (2, 3, 4))
-def test_gains_are_differences_of_hypervolumes(m):
-    front, points = sphere(40, m), 1.05 * sphere(30, m, seed=1)
-    points = points[selection.shortfalls(points, front) < 0]
-    zero = np.zeros(m)
-    expected = [
-        pareto.hypervolume([*front, point], zero) - pareto.hypervolume(front, zero)
-        for point in points
-    ]
-    assert len(points) > 10
-    assert selection.gained(points, front) == pytest.approx(expected)
-    assert selection.gained(points, front[:0]) == pytest.approx(points.prod(1))
-
-
-@pytest.mark.parametrize("m", (3, 5))
-def test_gains_along_many_rays_approach_exact_ones(m):
-    front, points = sphere(30, m), 1.1 * sphere(4, m, seed=1)
-    rays = population.uniform_directions(20_000, m)
-    exact = [
-        moocore.hypervolume([*front, point], ref=np.zeros(m), maximise=True)
-        - moocore.hypervolume(front, ref=np.zeros(m), maximise=True)
-        for point in points
-    ]
-    found = [selection.volume_along_rays(point, front, rays) for point in points]
-    assert found == pytest.approx(exact, rel=0.1)
-    box = selection.volume_along_rays(points[0], front[:0], rays)
-    assert box == pytest.approx(points[0].prod(), rel=0.2)
+    return [volume(np.vstack([front, point])) - volume(front) for point in points]
 
 
 @pytest.mark.parametrize("m", (5, 6))
 def test_estimated_gains_select_a_candidate_about_as_good_as_the_best(m):
     front, points = sphere(40, m), 1.1 * sphere(60, m, seed=1)
-    gains = [
-        moocore.hypervolume([*front, point], ref=np.zeros(m), maximise=True)
-        - moocore.hypervolume(front, ref=np.zeros(m), maximise=True)
-        for point in points
-    ]
+    gains = exact_gains(points, front)
     first = selection.select(front, points, 1, np.zeros(m), 0.0)[0]
-    assert gains[first] > 0.7 * max(gains)
-    assert max(gains) > 5 * np.median(gains)
+    assert gains[first] > 0.7 * max(gains) > 3.5 * np.median(gains)
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
@@ -553,14 +407,21 @@ TINY: dict[str, Any] = {
     "method.generation": 4,
     "method.warmup": 8,
     "method.bins": 10,
-    "evaluation.tradeoffs": 24,
-    "task.episode_length": 100,
+    "evaluation.tradeoffs": 12,
+    "task.episode_length": 50,
     "max_env_steps": 20_000,
 }
 
 
 def tiny(**changes: Any) -> Config:
     return config_for("cheetah", **{**TINY, **changes})
+
+
+def made(config: Config, iterations: int = 0) -> PGMORL:
+    learner = PGMORL(make_worlds(config, config.worlds), config)
+    for _ in range(iterations):
+        learner.iterate()
+    return learner
 
 
 def simulated_again(learner: PGMORL, number: int) -> np.ndarray:
@@ -573,12 +434,11 @@ def simulated_again(learner: PGMORL, number: int) -> np.ndarray:
     return pg_morl.measuring(again, learner.config, 2).evaluate().returns
 
 
-def test_the_whole_archive_returns_what_was_stored_at_five_times_of_a_run(monkeypatch):
+def test_the_whole_archive_returns_what_was_stored_at_three_times_of_a_run(monkeypatch):
     monkeypatch.setattr(pg_morl, "intervals", lambda *_: (4, 2))
-    config = tiny()
-    learner = PGMORL(make_worlds(config, config.worlds), config)
+    learner = made(tiny())
     evaluator, sizes = make_evaluator(learner), []
-    for _ in range(5):
+    for _ in range(3):
         for _ in range(4):
             learner.iterate()
         state = learner.state_dict()["population"]
@@ -592,10 +452,7 @@ def test_the_whole_archive_returns_what_was_stored_at_five_times_of_a_run(monkey
 
 
 def test_policies_that_return_to_training_are_what_was_stored():
-    config = tiny()
-    learner = PGMORL(make_worlds(config, config.worlds), config)
-    for _ in range(12):
-        learner.iterate()
+    learner = made(tiny(), 12)
     start = learner.state_dict()["population"]["start"]
     learner._keep_snapshot(0)
     assert learner._measure()[-4:].numpy() == pytest.approx(start.numpy(), rel=1e-3)
@@ -603,25 +460,6 @@ def test_policies_that_return_to_training_are_what_was_stored():
     assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
     means = learner.agent.observation_normalizer.mean[: learner._archived]
     assert len(means.unique(dim=0)) > 1
-
-
-def test_snapshots_within_a_generation_are_measured_at_its_end(monkeypatch):
-    monkeypatch.setattr(pg_morl, "intervals", lambda *_: (5, 2))
-    config = tiny(**{"method.warmup": 10})
-    learner = PGMORL(make_worlds(config, config.worlds), config)
-    rows = []
-    for iteration in range(1, 6):
-        before = learner._state["archived"].clone()
-        learner.iterate()
-        if iteration in (1, 3, 5):
-            rows.append(learner.trained.actor.rows.detach().clone())
-        assert iteration == 5 or torch.equal(learner._state["archived"], before)
-    assert torch.equal(learner._snapshots[0], torch.cat(rows))
-    state = learner.state_dict()["population"]
-    returns = learner._measure()
-    kept = population.pareto_archive(returns.numpy(), 20)
-    archived = state["archived"][: state["archive_size"]]
-    assert archived.numpy() == pytest.approx(returns[kept].numpy())
 
 
 @pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])
@@ -646,9 +484,7 @@ def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatc
 @pytest.mark.parametrize("format", ["onnx", "torchscript"])
 def test_exported_policies_have_their_own_statistics(format, tmp_path):
     config = tiny()
-    learner = PGMORL(make_worlds(config, config.worlds), config)
-    for _ in range(4):
-        learner.iterate()
+    learner = made(config, 4)
     size = learner._archived
     means = learner.agent.observation_normalizer.mean[:size]
     with torch.no_grad():  # as different as after a long training
@@ -665,10 +501,7 @@ def test_exported_policies_have_their_own_statistics(format, tmp_path):
 
 
 def test_checkpoints_with_a_normalizer_for_all_policies_still_load(tmp_path):
-    config = tiny()
-    learner = PGMORL(make_worlds(config, config.worlds), config)
-    for _ in range(4):
-        learner.iterate()
+    learner = made(tiny(), 4)
     contents = checkpoint.snapshot(learner)
     state = contents["learner"]["agent"]
     for name in list(state):

@@ -1,6 +1,7 @@
 """PPO updates: advantages and targets, minibatches, losses and optimizer steps."""
 
 import copy
+from collections.abc import Iterable
 
 import pytest
 import torch
@@ -69,17 +70,6 @@ def test_an_epoch_uses_every_step_once_in_whole_trajectories():
         assert len(seen.unique()) == seen.numel() == K * G * T
         orders.add(tuple(seen.flatten().tolist()))
     assert len(orders) == 3
-
-
-def test_clusters_are_shuffled_independently():
-    ((_, first), _), *_ = drawn(marked(3, 32, 1), TRADEOFFS, number=2)
-    worlds = [set((row % 10_000 // 100).tolist()) for row in codes(first)]
-    assert worlds[0] != worlds[1] != worlds[2] != worlds[0]
-
-
-def test_one_minibatch_holds_everything():
-    [[(_, part)]] = drawn(marked(3, 4, 5), TRADEOFFS, number=1)
-    assert len(codes(part).unique()) == 60
 
 
 def test_dense_minibatches_hold_whole_clusters_with_their_own_tradeoffs():
@@ -170,15 +160,6 @@ def test_make_batch_updates_only_the_value_normalizer(learner, make_rollout, nor
     assert not any(column.requires_grad for column in batch)
 
 
-def test_a_perfect_critic_explains_all_variance(learner, make_rollout):
-    agent, rollout = learner(), make_rollout()
-    seen = agent.observation_normalizer(rollout.observation)
-    value = torch.stack([agent.values(TRADEOFFS)(step) for step in seen]).detach()
-    perfect = rollout._replace(reward=agent.value_normalizer.inverse(value))
-    _, explained = make_batch(agent, TRADEOFFS, perfect, PPOConfig(discount=0.0), TRADEOFFS)
-    torch.testing.assert_close(explained, torch.ones(2), rtol=0, atol=1e-5)
-
-
 @pytest.fixture
 def samples(generator) -> Batch:
     """Make samples near the policies' means, so that their densities can be compared."""
@@ -254,52 +235,25 @@ def test_the_policy_loss_is_the_surrogate_minus_the_entropy_bonus(learner, sampl
     torch.testing.assert_close(total, surrogate - 0.25 * entropy)
 
 
-def test_an_unchanged_policy_has_zero_kl_and_no_clipping(learner, samples, generator):
-    agent = learner()
-    samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)
-    losses = losses_of(PPO(agent, PPOConfig()), samples, generator)
-    assert abs(losses["kl"]) < 1e-6
-    assert losses["clip_fraction"] == 0
-    assert losses["policy_loss"] == pytest.approx(-samples.advantage.mean().item(), rel=1e-4)
+def gradients(loss: Tensor, parameters: Iterable[Tensor]) -> tuple[Tensor | None, ...]:
+    return torch.autograd.grad(loss, list(parameters), retain_graph=True, allow_unused=True)
 
 
-def gradients(loss: Tensor, part: torch.nn.Module) -> list[Tensor | None]:
-    parameters = list(part.parameters())
-    return list(torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True))
-
-
-@pytest.mark.parametrize("entropy", (0.0, 0.1))
-def test_dual_network_losses_reach_only_their_own_hypernetwork(
-    learner, samples, generator, entropy
+@pytest.mark.parametrize("type", ("dual", "single"))
+def test_losses_reach_only_their_own_hypernetwork_and_shared_features(
+    learner, samples, generator, type
 ):
-    agent = learner(type="dual")
-    ppo, samples = PPO(agent, PPOConfig(entropy=entropy)), near(samples, agent)
+    agent = learner(type=type)
+    ppo, samples = PPO(agent, PPOConfig(entropy=0.1)), near(samples, agent)
+    policy_loss, _ = ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))
+    value_loss = ppo.value_loss(TRADEOFFS, samples)
     for loss, own, other in (
-        (
-            ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))[0],
-            agent.actor,
-            agent.critic,
-        ),
-        (ppo.value_loss(TRADEOFFS, samples), agent.critic, agent.actor),
+        (policy_loss, agent.actor, agent.critic),
+        (value_loss, agent.critic, agent.actor),
     ):
-        assert all(gradient.any() for gradient in gradients(loss, own))
-        assert all(gradient is None for gradient in gradients(loss, other))
-
-
-def test_single_network_losses_both_reach_the_features(learner, samples, generator):
-    agent = learner(type="single")
-    ppo, samples = PPO(agent, PPOConfig()), near(samples, agent)
-    for loss, own, other in (
-        (
-            ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))[0],
-            agent.actor,
-            agent.critic,
-        ),
-        (ppo.value_loss(TRADEOFFS, samples), agent.critic, agent.actor),
-    ):
-        assert all(gradient.any() for gradient in gradients(loss, own))
-        heads = torch.autograd.grad(loss, (other.weight, other.bias), allow_unused=True)
-        assert all(gradient is None for gradient in heads)
+        assert all(gradient.any() for gradient in gradients(loss, own.parameters()))
+        others = other.parameters() if type == "dual" else (other.weight, other.bias)
+        assert all(gradient is None for gradient in gradients(loss, others))
 
 
 def steps_of(agent, config: PPOConfig, samples: Batch, count: int = 1) -> dict[str, Tensor]:
@@ -347,51 +301,6 @@ def test_updates_are_adam_steps_on_clipped_gradients(learner, samples, type):
         torch.testing.assert_close(step, expected, rtol=1e-2, atol=1e-4, msg=name)
 
 
-def norms_of(steps: dict[str, Tensor]) -> dict[str, float]:
-    """Recover gradient norms from Adam's first steps at a learning rate of 1.
-
-    Such a step is g / (|g| + 1e-8), which can be inverted while gradients are tiny.
-    """
-    squares = {"actor": 0.0, "critic": 0.0}
-    for name, step in steps.items():
-        gradient = 1e-8 * step.double() / (1 - step.double().abs())
-        squares[name.split(".")[0]] += gradient.square().sum().item()
-    return {name: square**0.5 for name, square in squares.items()}
-
-
-@pytest.mark.parametrize("type", ("dual", "single"))
-def test_gradients_of_each_group_are_clipped_separately(learner, samples, type):
-    agent, limit = learner(type=type), 1e-8
-    config = PPOConfig(learning_rate=1.0, max_grad_norm=limit)
-    norms = norms_of(steps_of(agent, config, near(samples, agent)))
-    if type == "dual":
-        assert norms == pytest.approx({"actor": limit, "critic": limit}, rel=1e-3)
-    else:
-        assert sum(norm**2 for norm in norms.values()) ** 0.5 == pytest.approx(limit, rel=1e-3)
-
-
-def test_a_gradient_below_the_limit_is_not_scaled(learner, samples, generator):
-    agent, limit = learner(type="dual"), 1e-5
-    config = PPOConfig(learning_rate=1.0, max_grad_norm=limit, entropy=0.0)
-    samples = near(samples, agent)
-    samples = samples._replace(advantage=1e-5 * samples.advantage)
-    loss, _ = PPO(agent, config).policy_loss(TRADEOFFS, samples, noise(samples, generator))
-    own = torch.cat([gradient.flatten() for gradient in gradients(loss, agent.actor)])
-    expected = own.double().norm().item()
-    assert 0.1 * limit < expected < 0.9 * limit
-    norms = norms_of(steps_of(agent, config, samples))
-    assert norms == pytest.approx({"actor": expected, "critic": limit}, rel=1e-2)
-
-
-def test_the_critic_can_have_its_own_learning_rate(learner, samples):
-    agent = learner()
-    config = PPOConfig(learning_rate=1e-3, critic_learning_rate=5e-2)
-    steps = steps_of(agent, config, near(samples, agent))
-    for part, rate in (("actor.", 1e-3), ("critic.", 5e-2)):
-        longest = max(step.abs().max() for name, step in steps.items() if name.startswith(part))
-        assert longest.item() == pytest.approx(rate, rel=1e-2)
-
-
 @pytest.mark.parametrize("type", ("dual", "single"))
 @pytest.mark.parametrize(("rate", "wanted"), ((1e-2, 1e-3), (1e-5, 1e-1)))
 def test_a_desired_kl_adapts_the_actor_s_learning_rate(
@@ -412,18 +321,11 @@ def test_an_adapted_learning_rate_brings_the_kl_near_the_desired_one(learner, sa
     samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)
     ppo = PPO(agent, PPOConfig(learning_rate=1e-6, desired_kl=0.02))
     start, kls = copy.deepcopy(agent.state_dict()), []
-    for _ in range(40):  # iterations that all start from the policies that acted
+    for _ in range(28):  # iterations that all start from the policies that acted
         agent.load_state_dict(start)
         kls.append(ppo.improve([(TRADEOFFS, samples)] * 10, generator)[3].item())
     assert kls[0] < 1e-6
-    assert 0.002 < sum(kls[-20:]) / 20 < 0.06
-
-
-def test_without_advantage_and_entropy_only_the_critic_moves(learner, samples):
-    agent = learner()
-    samples = near(samples, agent)._replace(advantage=torch.zeros(3, 20, 1))
-    steps = steps_of(agent, PPOConfig(entropy=0.0), samples)
-    assert all(step.any() == name.startswith("critic") for name, step in steps.items())
+    assert 0.002 < sum(kls[-8:]) / 8 < 0.06
 
 
 def test_the_entropy_bonus_increases_the_policies_std(learner, samples, generator):
@@ -449,19 +351,3 @@ def test_repeated_improvement_lowers_the_value_loss_and_raises_good_actions(
     last = losses_of(ppo, samples, generator)
     assert last["value_loss"] < 0.9 * first["value_loss"]
     assert last["policy_loss"] < first["policy_loss"] - 0.05
-
-
-@pytest.mark.parametrize("type", ("dual", "single"))
-def test_metrics_are_means_over_the_minibatches(learner, samples, generator, type):
-    agent = learner(type=type)
-    samples = near(samples, agent)
-    parts = [
-        (TRADEOFFS, Batch(*(x[:, half] for x in samples))) for half in (slice(8), slice(8, 20))
-    ]
-    ppo = PPO(agent, PPOConfig(learning_rate=1e-12))  # so that both minibatches see the same agent
-    expected = [losses_of(ppo, part, generator) for _, part in parts]
-    found = dict(zip(PPO.metrics, ppo.improve(parts, generator).tolist(), strict=True))
-    for name, value in found.items():
-        mean = sum(losses[name] for losses in expected) / 2
-        tolerance = 0.5 if name == "entropy" else 1e-4  # the entropy is a Monte Carlo estimate
-        assert value == pytest.approx(mean, abs=tolerance), name

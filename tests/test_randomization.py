@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
+from acting import random_actions, still
+from same import assert_same
+from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, envs
-from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.config import load_config
 from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs.training import make_worlds
@@ -40,15 +42,6 @@ def make(
 ) -> envs.Environment:
     options["randomization"] = randomization
     return envs.make(task, worlds, "cpu", backend, seed, **options)
-
-
-def random_actions(env: envs.Environment, steps: int) -> Tensor:
-    generator = torch.Generator().manual_seed(0)
-    return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
-
-
-def still(env: envs.Environment) -> Tensor:
-    return torch.zeros(env.num_worlds, env.action_size)
 
 
 # Models
@@ -130,15 +123,6 @@ def test_friction_varies_by_world_mass_by_body_and_strength_by_motor():
         assert np.abs(np.corrcoef(drawn.T) - np.eye(drawn[0].size)).max() < 0.1
 
 
-def test_the_seed_determines_the_randomized_models(backend):
-    def masses(seed: int) -> Tensor:
-        env = make("hopper", backend, {"mass": (0.5, 2)}, seed=seed)
-        return env.state_dict()["model.body_mass"]
-
-    assert torch.equal(masses(1), masses(1))
-    assert not torch.equal(masses(1), masses(2))
-
-
 @pytest.mark.parametrize("worlds", [1, 3])
 def test_one_factor_for_all_worlds_changes_derived_constants_too(worlds, backend):
     env = make("humanoid", backend, {"mass": (1.5, 1.5)}, worlds)
@@ -152,12 +136,6 @@ def test_one_factor_for_all_worlds_changes_derived_constants_too(worlds, backend
         mujoco.mj_forward(model, data)
         center = env.physics.sensors[world].numpy()
         np.testing.assert_allclose(center, data.sensordata, atol=0.05)  # of the step before
-
-
-def test_a_world_keeps_its_model_in_every_episode(backend):
-    env = make("hopper", backend, MODELS, episode_length=8)
-    first, second = ([env.step(still(env)).reward for _ in range(8)] for _ in range(2))
-    assert torch.equal(torch.stack(first), torch.stack(second))
 
 
 # Disabled randomization
@@ -176,23 +154,15 @@ def test_randomization_is_disabled_by_default(backend):
         state = env.state_dict()
         assert torch.equal(state.pop("generator"), untouched)
         assert {name.split(".")[0] for name in state} == {
-            *("qpos", "qvel", "act", "warmstart", "sensors", "age", "blowups", "memory"),
+            *("qpos", "qvel", "act", "warmstart", "sensors", "age", "blowups", "memory")
         }
-
-
-def test_factors_of_one_change_nothing(backend):
-    ones = {"friction": (1, 1), "mass": (1, 1), "strength": (1, 1)}
-    plain, same = envs.make("cheetah", 3, "cpu", backend), make("cheetah", backend, ones, worlds=3)
-    for action in random_actions(plain, 30):
-        one, other = plain.step(action), same.step(action)
-        torch.testing.assert_close(one.observation, other.observation, rtol=0, atol=1e-4)
 
 
 # Noise
 
 
 def test_noise_has_the_configured_std_and_affects_only_observations(backend):
-    deviations = {"position": 0.01, "position.knee": 0.3, "velocity": 0.2}
+    deviations = {"position": 0.01, "position.knee": 0.3, "velocity.knee": 0.2}
     clean = envs.make("hopper", 512, "cpu", backend)
     noisy = make("hopper", backend, {"observation_noise": deviations}, worlds=512)
     found = []
@@ -203,31 +173,14 @@ def test_noise_has_the_configured_std_and_affects_only_observations(backend):
         found.append(with_it.observation - without.observation)
     noise = torch.stack(found)  # (steps, worlds, O)
     names = [part.name for part in clean.layout() for _ in range(part.size)]
-    expected = [deviations.get(name, deviations[name.split(".")[0]]) for name in names]
+    expected = [deviations.get(name, deviations.get(name.split(".")[0], 0)) for name in names]
     samples = noise[..., 0].numel()
     for index, deviation in enumerate(expected):
         values = noise[..., index]
-        assert values.mean().abs() < 5 * deviation / math.sqrt(samples)
+        assert values.mean().abs() <= 5 * deviation / math.sqrt(samples)
         assert values.std().item() == pytest.approx(deviation, rel=0.03)
     along = torch.corrcoef(noise[..., 0].reshape(40, -1))  # correlation between steps
     assert (along - torch.eye(40)).abs().max() < 5 / math.sqrt(512)
-
-
-def test_parts_without_configured_noise_are_exact(backend):
-    clean = envs.make("hopper", 4, "cpu", backend)
-    noisy = make("hopper", backend, {"observation_noise": {"velocity.knee": 1.0}})
-    names = [part.name for part in clean.layout()]
-    differs = (noisy.reset() != clean.reset()).any(0)
-    assert [name for name, other in zip(names, differs, strict=True) if other] == ["velocity.knee"]
-
-
-def test_repeated_observations_have_the_same_noise(backend):
-    env = make("hopper", backend, {"observation_noise": {"position": 1.0}})
-    seen = env.reset()
-    assert torch.equal(env.critic_observation(), seen)
-    step = env.step(still(env))
-    assert torch.equal(step.observation, step.final_observation)
-    assert torch.equal(env.critic_observation(), step.observation)
 
 
 # Action delay
@@ -318,39 +271,17 @@ def test_randomized_worlds_resume_exactly_from_a_saved_state(task, backend):
             assert torch.equal(step.truncated, then.truncated)
 
 
-def config() -> Config:
-    return load_config(
-        {
-            "env": "hopper",
-            "device": "cpu",
-            "worlds": 32,
-            "horizon": 6,
-            "sampling": {"clusters": 4},
-            "ppo": {"minibatches": 2},
-            "task": {"episode_length": 10, "randomization": {**MODELS, **MOMENTS}},
-        }
-    )
-
-
 def test_training_with_randomization_resumes_exactly():
-    def trainer() -> MORLAX:
-        return MORLAX(make_worlds(config(), 32), config())
-
-    whole, first, second = trainer(), trainer(), trainer()
-    for _ in range(4):
-        whole.iterate()
-    for _ in range(2):
-        first.iterate()
+    config = tiny(**{"task.randomization": {**MODELS, **MOMENTS}, "task.episode_length": 10})
+    assert load_config(config.model_dump(mode="json")) == config
+    whole, first, second = (MORLAX(make_worlds(config, 8), config) for _ in range(3))
+    for learner, iterations in ((whole, 4), (first, 2)):
+        for _ in range(iterations):
+            learner.iterate()
     second.load_state_dict(first.state_dict())
     for _ in range(2):
         second.iterate()
-    assert torch.equal(second.observation, whole.observation)
-    for name, value in whole.agent.state_dict().items():
-        assert torch.equal(second.agent.state_dict()[name], value), name
-
-
-def test_a_config_with_randomization_round_trips():
-    assert load_config(config().model_dump(mode="json")) == config()
+    assert_same(second.state_dict(), whole.state_dict())
 
 
 def test_more_evaluation_seeds_use_other_randomized_worlds(make_policy):
@@ -364,12 +295,9 @@ def test_more_evaluation_seeds_use_other_randomized_worlds(make_policy):
     [
         ({"friction": (2, 1)}, "a range goes from the smaller to the larger"),
         ({"mass": (0, 1)}, "greater than 0"),
-        ({"action_delay": (3, 1)}, "a range goes from the smaller to the larger"),
         ({"frction": (1, 2)}, "did you mean 'friction'"),
         ({"observation_noise": {"positon": 1.0}}, "did you mean 'position'"),
         ({"fields": {"no_such": (1, 2)}}, "cannot vary 'no_such' between worlds"),
-        ({"fields": {"jnt_type": (1, 2)}}, "cannot vary 'jnt_type' between worlds"),
-        ({"fields": {"opt.gravity": (1, 2)}}, "cannot vary 'opt.gravity' between worlds"),
         ({"fields": {"tendon_range": (1, 2)}}, "that this robot has"),
     ],
 )

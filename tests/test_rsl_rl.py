@@ -44,7 +44,7 @@ def test_rsl_rl_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
     torch.manual_seed(0)
     env = worlds("hopper", 64, (1.0, 0.0), episode_length=100)
     runner = make_runner(env, settings(), log_dir=str(tmp_path))
-    runner.learn(20)
+    runner.learn(14)
     logged = EventAccumulator(str(tmp_path)).Reload()
     run, jump, reward = (
         [event.value for event in logged.Scalars(tag)]
@@ -55,11 +55,8 @@ def test_rsl_rl_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
     assert "Return/jump" in capsys.readouterr().out
 
     policy = runner.get_inference_policy("cpu")
-    paid = torch.zeros(64)
     with torch.no_grad():
-        for _ in range(100):
-            _, reward, _, _ = env.step(policy(env.get_observations()))
-            paid += reward
+        paid = sum(env.step(policy(env.get_observations()))[1] for _ in range(100))
     assert paid.mean() > 2 * run[0]
 
 

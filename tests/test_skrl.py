@@ -26,13 +26,8 @@ def worlds(task: str = "walker", num_envs: int = 4, **options) -> SkrlEnv:
 
 
 class Actor(GaussianMixin, Model):
-    def __init__(self, env: SkrlEnv):
-        Model.__init__(
-            self,
-            observation_space=env.observation_space,
-            action_space=env.action_space,
-            device=env.device,
-        )
+    def __init__(self, **spaces):
+        Model.__init__(self, **spaces)
         GaussianMixin.__init__(self)
         self.net = nn.Sequential(
             nn.Linear(self.num_observations, 64), nn.Tanh(), nn.Linear(64, self.num_actions)
@@ -44,43 +39,27 @@ class Actor(GaussianMixin, Model):
 
 
 class Critic(DeterministicMixin, Model):
-    def __init__(self, env: SkrlEnv):
-        Model.__init__(
-            self,
-            observation_space=env.observation_space,
-            state_space=env.state_space,
-            action_space=env.action_space,
-            device=env.device,
-        )
+    def __init__(self, **spaces):
+        Model.__init__(self, **spaces)
         DeterministicMixin.__init__(self)
-        self.seen = "states" if env.state_space else "observations"
-        size = self.num_states if env.state_space else self.num_observations
-        self.net = nn.Sequential(nn.Linear(size, 64), nn.Tanh(), nn.Linear(64, 1))
+        self.net = nn.Sequential(nn.Linear(self.num_observations, 64), nn.Tanh(), nn.Linear(64, 1))
 
     def compute(self, inputs, role):
-        return self.net(inputs[self.seen]), {}
+        return self.net(inputs["observations"]), {}
 
 
 def train(env: SkrlEnv, steps: int, folder: str) -> None:
     torch.manual_seed(0)
+    logged = {"directory": folder, "experiment_name": "run"}
+    logged |= {"write_interval": 100, "checkpoint_interval": 0}
+    cfg = {"rollouts": 50, "mini_batches": 4, "discount_factor": 0.97, "experiment": logged}
+    names = ("observation_space", "state_space", "action_space", "device")
+    spaces = {name: getattr(env, name) for name in names}
     agent = PPO(
-        models={"policy": Actor(env), "value": Critic(env)},
+        models={"policy": Actor(**spaces), "value": Critic(**spaces)},
         memory=RandomMemory(memory_size=50, num_envs=env.num_envs, device=env.device),
-        observation_space=env.observation_space,
-        state_space=env.state_space,
-        action_space=env.action_space,
-        device=env.device,
-        cfg={
-            "rollouts": 50,
-            "mini_batches": 4,
-            "discount_factor": 0.97,
-            "experiment": {
-                "directory": folder,
-                "experiment_name": "run",
-                "write_interval": 100,
-                "checkpoint_interval": 0,
-            },
-        },
+        cfg=cfg,
+        **spaces,
     )
     cfg = {"timesteps": steps, "headless": True, "disable_progressbar": True}
     cfg |= {"close_environment_at_exit": False}  # it would log after pytest has closed its output
@@ -90,7 +69,7 @@ def train(env: SkrlEnv, steps: int, folder: str) -> None:
 
 def test_skrl_ppo_learns_to_run_and_logs_each_objective(tmp_path):
     env = SkrlEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
-    train(env, 1000, str(tmp_path))
+    train(env, 700, str(tmp_path))
     logged = EventAccumulator(str(tmp_path / "run")).Reload()
     tags = {tag.split("/ ")[-1]: tag for tag in logged.Tags()["scalars"]}
     run = [event.value for event in logged.Scalars(tags["run"])]

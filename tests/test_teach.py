@@ -25,7 +25,6 @@ from morlax_torch.preferences.comparisons import Comparisons
 from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import start_from
-from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
@@ -119,15 +118,6 @@ def test_ratings_are_those_of_plain_networks():
     assert_allclose(learned(before, action, after).detach(), -0.25)
 
 
-def test_worlds_with_a_learned_reward_continue_exactly(tmp_path):
-    options = {"objectives": THREE, "learned": saved(tmp_path / "learned.pt")}
-    one, other = (envs.make("cheetah", 3, "cpu", **options) for _ in range(2))
-    action = torch.full((3, 6), 0.3)
-    one.step(action)
-    other.load_state_dict(one.state_dict())
-    assert_same(list(one.step(action)[:5]), list(other.step(action)[:5]))
-
-
 class Named(envs.get("cheetah")):  # type: ignore[misc]
     def terms(self):
         return {**super().terms(), "learned": self.physics.qpos[:, 0]}
@@ -162,11 +152,6 @@ def test_a_task_may_not_have_a_term_of_that_name(tmp_path, monkeypatch):
         envs.make("named", 1, "cpu", learned=saved(tmp_path / "learned.pt"))
 
 
-def test_without_a_file_there_is_no_learned_term():
-    with pytest.raises(MorlaxError, match="unknown reward term 'learned'"):
-        envs.make("cheetah", 1, "cpu", objectives=THREE)
-
-
 # clips and comparisons
 
 
@@ -196,35 +181,6 @@ def test_episodes_that_fail_at_once_give_no_clips(make_policy):
         record(make_policy("hopper", task={"episode_length": 3}), 4)
 
 
-def test_a_second_learned_objective_is_refused(base, lesson, tmp_path):
-    config = lesson.config().model_copy(update={"device": "cpu", "start_from": None})
-    run = train(config, output=tmp_path / "run")
-    with pytest.raises(MorlaxError, match=r"has learned tall already.* --objective tall"):
-        Lesson(str(run.folder), tmp_path / "second", "calm", clips=4)
-    assert not (tmp_path / "second").exists()
-
-
-def test_an_impossible_seed_is_one_sentence(base, lesson):
-    with pytest.raises(MorlaxError, match="seed is -1"):
-        Lesson(str(base), lesson.folder, "tall", seed=-1)
-
-
-def test_comparisons_are_read_back(tmp_path):
-    comparisons = synthetic(10)
-    comparisons.sources.append("a run")
-    comparisons.judge("first", 7, np.random.default_rng(0))
-    comparisons.save(tmp_path / "c.npz")
-    found = Comparisons.load(tmp_path / "c.npz")
-    assert (found.task, found.terms, found.answers, found.sources) == (
-        "walk",
-        ["first"],
-        comparisons.answers,
-        ["a run"],
-    )
-    for mine, theirs in zip(comparisons.clips, found.clips, strict=True):
-        assert np.array_equal(mine, theirs)
-
-
 def test_every_clip_is_compared():
     comparisons, random = synthetic(10), np.random.default_rng(0)
     for _ in range(10):
@@ -233,7 +189,7 @@ def test_every_clip_is_compared():
     assert set(np.ravel(comparisons.answers)) == set(range(10))
 
 
-@pytest.mark.parametrize("change", ["half", "text", "an answer", "a number", "a shape"])
+@pytest.mark.parametrize("change", ["half", "an answer", "a number", "a shape"])
 def test_a_damaged_file_of_comparisons_is_one_sentence(change, tmp_path):
     path, comparisons = tmp_path / "c.npz", synthetic(10)
     if change == "an answer":
@@ -245,8 +201,6 @@ def test_a_damaged_file_of_comparisons_is_one_sentence(change, tmp_path):
     comparisons.save(path)
     if change == "half":
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    if change == "text":
-        path.write_text("no arrays")
     with pytest.raises(MorlaxError, match="is damaged or not a file of comparisons"):
         Comparisons.load(path)
 
@@ -270,13 +224,6 @@ def test_a_reward_is_learned_from_comparisons():
     means = rated.view(120, -1).mean(1).numpy()
     assert np.corrcoef(means, comparisons.clips.observation[:, :, 0].mean(1))[0, 1] > 0.9
     assert_allclose([means.min(), means.max()], [0, 1], atol=1e-4)
-
-
-def test_too_few_answers_are_one_sentence():
-    comparisons = synthetic(10)
-    comparisons.judge("first", 9, np.random.default_rng(0))
-    with pytest.raises(MorlaxError, match="there are 9 answers: at least 10 are needed"):
-        reward.fit(comparisons)
 
 
 # lessons
@@ -331,6 +278,9 @@ def test_training_continues_with_one_more_objective(lesson, tmp_path):
         player = Player(policy, (0.0, 0.0, 1.0))
         player.step()
         assert player.returns[2] != 0
+        with pytest.raises(MorlaxError, match=r"has learned tall already.* --objective tall"):
+            Lesson(str(moved), tmp_path / "second", "calm", clips=4)
+        assert not (tmp_path / "second").exists()
         pack(str(moved), tmp_path / "packed", "cpu")
         shutil.rmtree(moved)
         assert Player(morlax_torch.load(tmp_path / "packed"), (0, 0, 1)).env.objectives[2] == "tall"
@@ -338,23 +288,16 @@ def test_training_continues_with_one_more_objective(lesson, tmp_path):
         hidden.rename(lesson.folder)
 
 
-def test_a_run_with_a_learned_reward_resumes_exactly(lesson, tmp_path):
+def test_training_with_a_learned_reward_resumes_exactly(lesson):
     config = load_config(read_yaml(lesson.folder / "config.yaml"))
-
-    def trained(folder: str, steps: int, run: Run | None = None) -> Run:
-        changes = {
-            "max_env_steps": steps,
-            "ppo": config.ppo.model_copy(update={"decay_fraction": 0.0}),
-        }
-        limited = (run.config() if run else config).model_copy(
-            update=changes if run is None else {"max_env_steps": steps}
-        )
-        return train(limited, run, None if run else tmp_path / folder)
-
-    whole, half = trained("whole", 640), trained("half", 320)
-    trained("half", 640, Run.open(half.folder))
-    found = [checkpoint.load(run.checkpoints / "latest.pt").learner for run in (whole, half)]
-    assert_same(*found)
+    whole, half, resumed = (make_learner(make_worlds(config, 32), config) for _ in range(3))
+    for learner, iterations in ((whole, 4), (half, 2)):
+        for _ in range(iterations):
+            learner.iterate()
+    resumed.load_state_dict(half.state_dict())
+    for _ in range(2):
+        resumed.iterate()
+    assert_same(resumed.state_dict(), whole.state_dict())
 
 
 # starting from another run
@@ -385,15 +328,7 @@ def test_the_policies_of_known_objectives_stay(base, tmp_path):
         assert_allclose(found.detach(), old(observation, two), rtol=1e-4, atol=1e-5)
 
 
-def test_a_run_may_list_its_objectives_in_another_order(base):
-    swapped = {"energy": {"energy": 1.0}, "run": {"run": 1.0}}
-    agent = started(base, task={"objectives": swapped}).agent
-    old, observation = morlax_torch.load(base), torch.ones(1, 17)
-    found = agent.actors(torch.tensor([[0.2, 0.8]])).act(observation[None])[0]
-    assert_allclose(found.detach(), old(observation, (0.8, 0.2)), rtol=1e-4, atol=1e-5)
-
-
-def test_the_critic_stays_if_the_objectives_do(base):
+def test_objectives_may_be_in_another_order_and_the_critic_stays_if_they_do(base):
     def critic(state: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         return {n: v for n, v in state.items() if n.startswith(("critic.", "value_normalizer."))}
 
@@ -403,13 +338,13 @@ def test_the_critic_stays_if_the_objectives_do(base):
     fresh = started(path, task={"objectives": swapped})
     assert_same(critic(kept.agent.state_dict()), critic(trained))
     assert (fresh.agent.critic.weight != trained["critic.weight"]).any()
+    observation = torch.ones(1, 17)
+    found = fresh.agent.actors(torch.tensor([[0.2, 0.8]])).act(observation[None])[0]
+    expected = morlax_torch.load(path)(observation, (0.8, 0.2))
+    assert_allclose(found.detach(), expected, rtol=1e-4, atol=1e-5)
 
 
 STARTS = {
-    "objectives": (
-        {"task": {"objectives": {"run": {"run": 1.0}, "tall": {"height": 1.0}}}},
-        "has the objective energy, which this run lacks",
-    ),
     "sizes": ({"network.actor": [8, 8]}, "have other sizes than this run's"),
     "algorithm": ({"algorithm": "amor"}, "start_from needs hypernetworks"),
 }
@@ -417,13 +352,13 @@ STARTS = {
 
 @pytest.mark.parametrize(("changes", "message"), STARTS.values(), ids=STARTS)
 def test_policies_that_do_not_fit_are_one_sentence(changes, message, base):
-    if "task" in changes:
-        config = config_for("cheetah", **SMALL).model_dump()
-        config["task"]["objectives"] = changes["task"]["objectives"]
-        config = load_config(config)
-        learner = make_learner(make_worlds(config, config.worlds), config)
-        with pytest.raises(MorlaxError, match=message):
-            start_from(str(base), learner)
-        return
     with pytest.raises(MorlaxError, match=message):
         started(base, **changes)
+
+
+def test_an_objective_that_a_run_lacks_is_one_sentence(base):
+    config = config_for("cheetah", **SMALL).model_dump()
+    config["task"]["objectives"] = {"run": {"run": 1.0}, "tall": {"height": 1.0}}
+    config = load_config(config)
+    with pytest.raises(MorlaxError, match="has the objective energy, which this run lacks"):
+        start_from(str(base), make_learner(make_worlds(config, config.worlds), config))
