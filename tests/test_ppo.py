@@ -72,6 +72,12 @@ def test_an_epoch_uses_every_step_once_in_whole_trajectories():
     assert len(orders) == 3
 
 
+def test_clusters_are_shuffled_independently():
+    ((_, first), _), *_ = drawn(marked(3, 32, 1), TRADEOFFS, number=2)
+    worlds = [set((row % 10_000 // 100).tolist()) for row in codes(first)]
+    assert worlds[0] != worlds[1] != worlds[2] != worlds[0]
+
+
 def test_dense_minibatches_hold_whole_clusters_with_their_own_tradeoffs():
     N, T = 12, 5
     tradeoffs = torch.stack([torch.arange(N) / N, 1 - torch.arange(N) / N], -1)

@@ -138,6 +138,12 @@ def test_one_factor_for_all_worlds_changes_derived_constants_too(worlds, backend
         np.testing.assert_allclose(center, data.sensordata, atol=0.05)  # of the step before
 
 
+def test_a_world_keeps_its_model_in_every_episode(backend):
+    env = make("hopper", backend, MODELS, episode_length=8)
+    first, second = ([env.step(still(env)).reward for _ in range(8)] for _ in range(2))
+    assert torch.equal(torch.stack(first), torch.stack(second))
+
+
 # Disabled randomization
 
 
@@ -181,6 +187,15 @@ def test_noise_has_the_configured_std_and_affects_only_observations(backend):
         assert values.std().item() == pytest.approx(deviation, rel=0.03)
     along = torch.corrcoef(noise[..., 0].reshape(40, -1))  # correlation between steps
     assert (along - torch.eye(40)).abs().max() < 5 / math.sqrt(512)
+
+
+def test_repeated_observations_have_the_same_noise(backend):
+    env = make("hopper", backend, {"observation_noise": {"position": 1.0}})
+    seen = env.reset()
+    assert torch.equal(env.critic_observation(), seen)
+    step = env.step(still(env))
+    assert torch.equal(step.observation, step.final_observation)
+    assert torch.equal(env.critic_observation(), step.observation)
 
 
 # Action delay
