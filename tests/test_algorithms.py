@@ -75,7 +75,10 @@ def iterate(learner: Any, iterations: int) -> None:
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
-@pytest.mark.parametrize("algorithm", LEARNERS)
+@pytest.mark.parametrize(
+    "algorithm",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name != "morlax")) for name in LEARNERS],
+)
 def test_it_finds_the_front(algorithm, device):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no CUDA device")
@@ -357,6 +360,7 @@ def test_a_scalar_critic_learns_the_weighted_reward():
     assert explained.shape == (1,) and "explained_variance/utility" in learner.metrics()
 
 
+@pytest.mark.slow
 def test_nsga2_finds_the_front_without_gradients(tmp_path):
     nsga2 = pytest.importorskip("nsga2")  # of benchmarks/, which needs EvoX
     population = 128

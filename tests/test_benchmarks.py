@@ -42,6 +42,7 @@ def test_table1(tmp_path):
     assert "| cheetah |" not in (tmp_path / "table1.md").read_text()  # it misses the target
 
 
+@pytest.mark.slow
 def test_throughput(tmp_path):
     output = tmp_path / "rows.csv"
     throughput.main(("hopper",), (128,), device="cpu", seconds=0.1, output=output)

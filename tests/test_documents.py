@@ -116,6 +116,7 @@ def commands_of_shown_scripts() -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("script", "line"), commands_of_shown_scripts())
+@pytest.mark.slow
 def test_shown_scripts_run(script, line, workplace, monkeypatch):
     for module in re.findall(r"^(?:import|from) (\w+)", Path(script).read_text(), re.MULTILINE):
         pytest.importorskip(module, reason=f"{module} is not installed")

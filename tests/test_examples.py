@@ -5,6 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pytest
 import torch
 
 from morlax_torch import envs
@@ -22,6 +23,7 @@ def imported(name: str) -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 def test_the_cleanrl_style_ppo_example_learns(capsys):
     example = imported("cleanrl_ppo")
     settings = example.Settings(

@@ -256,6 +256,7 @@ class Robot(Hopper):
 """
 
 
+@pytest.mark.slow
 def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_policy, make_run):
     monkeypatch.chdir(tmp_path)
     damaged = make_run(tmp_path / "runs/hopper/b", "hopper", "best") / "checkpoints/best.pt"

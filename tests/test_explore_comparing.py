@@ -125,6 +125,7 @@ def test_a_skipped_question_is_not_answered(asked):
     client.close()
 
 
+@pytest.mark.slow
 def test_an_objective_is_taught_by_answers(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ("cheetah", "lesson", "--objective", "tall", "--clips", "12", "--answers", "12")

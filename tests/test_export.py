@@ -175,6 +175,7 @@ CONDITIONED = {"network.type": "conditioned"}
         (CONDITIONED, None, "torchscript", (0.2, 0.8)),
     ],
 )
+@pytest.mark.slow
 def test_other_networks_can_be_exported(changes, actor, format, tradeoff, generator, tmp_path):
     morlax = learner(tiny(**changes), actor=actor)
     found = Policy(morlax.agent, morlax.config, morlax.env.objectives)

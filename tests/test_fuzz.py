@@ -178,6 +178,7 @@ def assume_small(config: Config) -> None:
     hypothesis.assume(max(sizes) <= 128 and config.task.episode_length <= 500)
 
 
+@pytest.mark.slow
 def test_a_random_config_trains_or_is_refused(fuzz):
     fuzz(trains_or_is_refused, configs(), 4)
 
@@ -357,6 +358,7 @@ def deliver(client: Any, message: tuple[str, str, Any]) -> None:
                 client.send_bytes(content)
 
 
+@pytest.mark.slow
 def test_random_messages_leave_the_explorer_at_work(fuzz, make_run, tmp_path, monkeypatch):
     from browsing import Client, exploring
 

@@ -26,6 +26,7 @@ def found(tmp_path_factory) -> list[dict]:
 
 
 @pytest.mark.parametrize("algorithm", LEARNERS)
+@pytest.mark.slow
 def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algorithm):
     one, other = (process[algorithm] for process in found)
     for part in ("agent", "optimizers", "metrics"):
@@ -37,6 +38,7 @@ def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algor
 
 
 @pytest.mark.parametrize("algorithm", LEARNERS)
+@pytest.mark.slow
 def test_all_processes_train_the_first_one_s_own_networks(found, algorithm):
     one, other = (process["own"][algorithm] for process in found)
     assert_same(one["agent"], other["agent"])
@@ -46,12 +48,14 @@ def test_all_processes_train_the_first_one_s_own_networks(found, algorithm):
     assert torch.equal(one["agent"][buffer], one["shift"])
 
 
+@pytest.mark.slow
 def test_all_processes_start_from_the_first_one_s_checkpoint_and_sizes(found):
     assert_same(found[0]["started"], found[1]["started"])
     for process in found:
         assert "process 1 has networks of other sizes than process 0" in process["refusal"]
 
 
+@pytest.mark.slow
 def test_statistics_of_two_processes_are_those_of_one_with_all_worlds(found):
     whole, halves = two_processes.statistics(ALONE), [one["statistics"] for one in found]
     for half in halves:

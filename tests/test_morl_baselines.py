@@ -83,6 +83,7 @@ def mosac(env: gymnasium.Env, **small):
 
 
 @pytest.mark.parametrize("train", [capql, gpi_ls, mosac])
+@pytest.mark.slow
 def test_agents_train_and_are_evaluated_under_float64_weights(train, tmp_path, monkeypatch):
     evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
     monkeypatch.chdir(tmp_path)  # agents save themselves in the working directory

@@ -482,6 +482,7 @@ def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatc
 
 
 @pytest.mark.parametrize("format", ["onnx", "torchscript"])
+@pytest.mark.slow
 def test_exported_policies_have_their_own_statistics(format, tmp_path):
     config = tiny()
     learner = made(config, 4)

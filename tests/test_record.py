@@ -75,6 +75,7 @@ def test_an_mp4_plays_in_browsers_in_real_time(saved, capsys):
 
 
 @pytest.mark.usefixtures("opengl")
+@pytest.mark.slow
 def test_slow_motion_shows_every_step(make_policy, tmp_path):
     shares, path = [], tmp_path / "slow.MP4"
     options = {"width": 64, "height": 64, "speed": 0.1, "watch": shares.append}
@@ -141,6 +142,7 @@ def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
 
 
 @pytest.mark.usefixtures("opengl")
+@pytest.mark.slow
 def test_gifs_are_small(tmp_path):
     film = Film(load("cheetah"), [(1.0, 0.0)], 320, 240)
     every, fps = film.pace(1.0, recording.FASTEST[".gif"])
@@ -166,6 +168,7 @@ def test_a_progress_bar_is_shown_on_terminals_only(monkeypatch):
 
 
 @pytest.mark.usefixtures("opengl")
+@pytest.mark.slow
 def test_frames_show_different_motion_per_tradeoff(make_policy):
     film = Film(make_policy(), [(1.0, 0.0), (0.0, 1.0)], 160, 120)
     frames = list(film.frames(0.3, every=10))
@@ -181,6 +184,7 @@ def test_frames_show_different_motion_per_tradeoff(make_policy):
 
 
 @pytest.mark.usefixtures("opengl")
+@pytest.mark.slow
 def test_a_fallen_robot_freezes_while_the_other_continues(make_policy):
     family, tradeoffs = make_policy(), [(1.0, 0.0), (0.0, 1.0)]
     fell = []

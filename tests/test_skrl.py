@@ -67,6 +67,7 @@ def train(env: SkrlEnv, steps: int, folder: str) -> None:
     agent.writer.close()  # a thread of its own writes the events
 
 
+@pytest.mark.slow
 def test_skrl_ppo_learns_to_run_and_logs_each_objective(tmp_path):
     env = SkrlEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
     train(env, 700, str(tmp_path))

@@ -108,6 +108,7 @@ def test_gymnasium_environments_support_partial_resets(monkeypatch):
 
 
 @pytest.mark.usefixtures("single_thread")
+@pytest.mark.slow
 def test_torchrl_ppo_learns_a_tradeoff():
     torch.manual_seed(0)
     objectives = worlds("hopper", 48, episode_length=100)

@@ -80,12 +80,14 @@ def state(run: Path) -> checkpoint.Contents:
     return checkpoint.load(run / "checkpoints" / "latest.pt")
 
 
+@pytest.mark.slow
 def test_each_process_has_worlds_of_its_own(whole):
     learner = state(whole).learner
     assert learner is not None and len(learner["processes"]) == 1
     assert not torch.equal(learner["observation"], learner["processes"][0]["observation"])
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_in_one_process_with_new_worlds(whole, tmp_path, capsys):
     run = shutil.copytree(whole, tmp_path / "run")
     train.command(["--resume", str(run), "--max-env-steps", str(STEPS + 1600)])
@@ -189,6 +191,7 @@ def wait_for_lines(run: Path, number: int, launchers: Sequence[subprocess.Popen]
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_a_signal_to_one_process_ends_all(tmp_path):
     both = start_both(*SMALL, "--output", str(tmp_path / "run"))
     wait_for_lines(tmp_path / "run", 3, both)
@@ -198,6 +201,7 @@ def test_a_signal_to_one_process_ends_all(tmp_path):
     assert state(tmp_path / "run").progress.env_steps > 1600
 
 
+@pytest.mark.slow
 def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
     (tmp_path / "broken.py").write_text(BROKEN)
     task = ("--env", f"{tmp_path / 'broken.py'}:Broken", "--output", str(tmp_path / "run"))
@@ -246,6 +250,7 @@ def test_a_process_that_waits_for_one_that_has_ended_heeds_a_signal():
         assert process.wait(timeout=80) == 143
 
 
+@pytest.mark.slow
 def test_a_missing_process_is_told():
     first = start(0, free_port(), *SMALL, patience=3)
     _, message = ended([first])
@@ -253,6 +258,7 @@ def test_a_missing_process_is_told():
     assert "the 2 processes of this run did not find each other" in message
 
 
+@pytest.mark.slow
 def test_processes_with_different_configs_do_not_train():
     port = free_port()
     for process in [start(rank, port, *SMALL, "--seed", str(rank)) for rank in range(2)]:
@@ -261,6 +267,7 @@ def test_processes_with_different_configs_do_not_train():
         assert "process 1 has another config than process 0" in message
 
 
+@pytest.mark.slow
 def test_a_host_without_the_folder_of_a_resumed_run_is_told(whole):
     port, longer = free_port(), ("--max-env-steps", str(2 * STEPS))
     first = start(0, port, "--resume", str(whole), *longer)

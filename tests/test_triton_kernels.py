@@ -45,6 +45,7 @@ def draw_family(sizes: tuple[int, ...], K: int) -> tuple[nn.Module, dict[str, Te
 
 
 @pytest.mark.parametrize(("sizes", "K", "S"), NETWORKS)
+@pytest.mark.slow
 def test_mlps_and_their_gradients_equal_vmap_and_repeat(sizes, K, S):
     target, parameters = draw_family(sizes, K)
     table = torch.randn(K, S, sizes[0] + 5, device=DEVICE)

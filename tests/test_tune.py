@@ -146,6 +146,7 @@ def test_best_yaml_of_an_own_robot_trains_with_the_same_config(workplace):
     assert config.task.objectives == objectives and config.ppo.clip == 0.3
 
 
+@pytest.mark.slow
 def test_searches_share_the_trials_of_one_storage(workplace):
     study = None
     for folder, trials in (("one", 2), ("other", 4)):
@@ -157,6 +158,7 @@ def test_searches_share_the_trials_of_one_storage(workplace):
     assert len({tuple(result.options.values()) for result in found}) == 4
 
 
+@pytest.mark.slow
 def test_workers_share_a_study_and_a_signal_ends_all_of_them(workplace):
     command = typed("--trials", "500", "--workers", "2")
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

@@ -40,6 +40,7 @@ def run_cells(cells: list[str]) -> dict:
     return names
 
 
+@pytest.mark.slow
 def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
     pytest.importorskip("onnxruntime")
     monkeypatch.chdir(tmp_path)

@@ -53,6 +53,7 @@ def test_graphs_step_like_the_task(name, robots, generator):
         assert traced.terms == ("vx", "energy")
 
 
+@pytest.mark.slow
 def test_graphs_step_with_the_same_noise_delays_and_pushes(generator):
     noise = {"observation_noise": {"position": 0.1}, "action_delay": (1, 3)}
     pushes = {"push": 0.5, "push_every": 3}
@@ -71,6 +72,7 @@ def test_graphs_step_with_the_same_noise_delays_and_pushes(generator):
         ("Counting", "keep all state in tensors"),
     ],
 )
+@pytest.mark.slow
 def test_tasks_that_no_graph_can_express_are_refused(robots, task, reason, generator):
     env = world(f"{robots}:{task}")
     with pytest.raises(MorlaxError, match=f"{task} cannot run in a browser: .*{reason}"):
