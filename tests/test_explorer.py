@@ -18,7 +18,6 @@ from morlax_torch.runs.fronts import load_front
 from morlax_torch.viewers.explorer import camera, library, weights
 from morlax_torch.viewers.explorer.charts import with_ends
 from morlax_torch.viewers.explorer.drawing import Drawing
-from morlax_torch.viewers.explorer.explaining import explain
 from morlax_torch.viewers.explorer.ground import lane_lines
 from morlax_torch.viewers.explorer.history import INTERVAL, SECONDS, History
 from morlax_torch.viewers.explorer.lineup import Lineup
@@ -27,6 +26,7 @@ from morlax_torch.viewers.explorer.scene import geom_mesh
 from morlax_torch.viewers.explorer.serving import Requests
 from morlax_torch.viewers.explorer.session import PUSH, Session
 from morlax_torch.viewers.explorer.stage import ABOVE
+from morlax_torch.viewers.explorer.steering import explain
 from morlax_torch.viewers.explorer.thresholds import Thresholds, scale
 
 

@@ -75,7 +75,7 @@ def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:
     """Serve a page that asks a user, until Ctrl-C."""
     with importing_viser():
         from ..viewers.explorer.comparing import ComparisonPage
-        from ..viewers.explorer.teaching import questions
+        from ..viewers.explorer.comparisons import questions
 
     with interruptible() as ended:
         page = ComparisonPage(questions(lesson, answers), host, port)

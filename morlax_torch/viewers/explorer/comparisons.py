@@ -1,12 +1,15 @@
 """Which two behaviors a user compares next, and who learns from the answer."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import mujoco
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from ... import envs
 from ...evaluation.front import Front
+from ...preferences.teaching import Lesson
 from ...preferences.tradeoff import Preference
 from .behavior import Behavior
 from .clip import Clip
@@ -101,3 +104,28 @@ class ClipComparisons:
 
     def answer(self, preferred: int) -> None:
         self._answered(self._number, preferred)
+
+
+def questions(lesson: Lesson, most: int) -> ClipComparisons:
+    """Ask about pairs of a lesson's clips, and save each answer.
+
+    Args:
+        lesson: whose clips to compare.
+        most: number of questions.
+    """
+    config = lesson.policy.config
+    robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
+    asked: list[tuple[int, int]] = []
+
+    def pairs() -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        for _ in range(most):
+            asked.append(lesson.pair())
+            first, second = asked[-1]
+            yield lesson.comparisons.clips.qpos[first], lesson.comparisons.clips.qpos[second]
+
+    def answered(number: int, preferred: int) -> None:
+        pair = asked[number]
+        lesson.comparisons.answer(pair[preferred], pair[1 - preferred])
+        lesson.save()
+
+    return ClipComparisons(robot.physics.model, robot.dt, pairs(), answered)

@@ -10,9 +10,8 @@ from typing import Any
 from ...colors import mix
 from ...evaluation.front import Front
 from . import picking, svg
-from .colors import INK
 from .pair import PairPlot
-from .svg import Box
+from .svg import INK, Box
 from .triangle import Triangle
 from .weights import Weights, show
 

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from ...colors import mix
 from ...evaluation.front import Front
 from . import svg
-from .colors import GRAY, INK
-from .svg import Box
+from .svg import GRAY, INK, Box
 from .weights import show
 
 LEFT, TOP, RIGHT, BOTTOM = 46, 8, 10, 32  # margins of the axes, for tick labels and names

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+GRAY, INK = "#9aa3ad", "currentColor"  # readable on light and on dark pages
+
 
 class Box(NamedTuple):
     """A rectangle."""

@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from ...colors import mix, of_objectives
 from . import svg
-from .colors import GRAY
-from .svg import Box
+from .svg import GRAY, Box
 
 ROOM = 22  # beside and below the triangle, for names
 SHADES = 20  # colored dots along an edge
