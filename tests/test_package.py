@@ -29,7 +29,7 @@ def test_a_folder_of_the_checkout_is_imported_under_one_name_only(name):
 
 
 def test_folders_beside_the_package_belong_to_it():
-    code = "import morlax_torch.envs.worlds.robot, morlax_torch.configs; print('found')"
+    code = "import morlax_torch.envs.errors, morlax_torch.configs; print('found')"
     assert python(code, ROOT).stdout == "found\n"
 
 

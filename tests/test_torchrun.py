@@ -242,6 +242,7 @@ with exiting_on_signals(), exiting_when_stuck():
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_waits_for_one_that_has_ended_heeds_a_signal():
     command = [sys.executable, "-c", WAITING]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
