@@ -13,7 +13,6 @@ import tyro
 from throughput import milliseconds
 
 from morlax_torch import MORLAX, config_for
-from morlax_torch.envs import resolve_device
 from morlax_torch.envs.replacing import replaced
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.terminal.cli import console
@@ -30,9 +29,6 @@ KERNELS = {  # name of the kernel: where its definition stands
 
 def main(
     env: tuple[str, ...] = ("cheetah", "walker", "hopper", "ant", "humanoid"),
-    kernels: tuple[str, ...] = tuple(KERNELS),
-    compiled: bool = True,
-    device: str | None = None,
     seconds: float = 0.5,
     output: Path | None = None,
 ) -> None:
@@ -40,36 +36,30 @@ def main(
 
     Args:
         env: Tasks to measure.
-        kernels: Kernels to leave out, one at a time.
-        compiled: Measure torch.compile as well.
-        device: cuda or cpu (None: CUDA if available).
         seconds: Approximate duration of each measurement, in seconds.
         output: CSV file to write.
     """
-    place, rows = resolve_device(device), []
+    rows = []
     for task in env:
-        config = config_for(task, device=str(place))
+        config = config_for(task, device="cuda")
         worlds = make_worlds(config, config.worlds)
 
-        def measure(kernel: str, instead: str, task=task, config=config, worlds=worlds) -> None:
+        def measure(kernel: str, instead: str, config=config, worlds=worlds) -> None:
             start = time.perf_counter()
             learner = MORLAX(worlds, config)
             learner.compile()
             ready = time.perf_counter() - start
             taken = milliseconds(learner.iterate, seconds)
-            rows.append([task, kernel, instead, f"{taken:.3f}", f"{ready:.2f}"])
+            rows.append([config.env, kernel, instead, f"{taken:.3f}", f"{ready:.2f}"])
             console.print(*rows[-1])
 
         measure("all", "")
-        for kernel in kernels:
-            module, name = KERNELS[kernel]
+        for kernel, (module, name) in KERNELS.items():
             owner = import_module(f"morlax_torch.{module}")
             definition = getattr(owner, name).__wrapped__
-            with replaced(owner, name, definition):
-                measure(kernel, "definition")
-            if compiled:
-                with replaced(owner, name, torch.compile(definition)):
-                    measure(kernel, "torch.compile")
+            for way, run in (("definition", definition), ("compiled", torch.compile(definition))):
+                with replaced(owner, name, run):
+                    measure(kernel, way)
         measure("all", "")
     if output:
         with output.open("w", newline="") as file:

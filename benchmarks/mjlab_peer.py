@@ -13,12 +13,7 @@ import torch
 def runner(task: str, worlds: int, device: str, seed: int = 0, log: Path | None = None) -> Any:
     """Return mjlab's runner of one of its tasks, as its command `train` builds it.
 
-    Args:
-        task: name in mjlab's registry.
-        worlds: number of worlds.
-        device: where to simulate and learn.
-        seed: seed of worlds and learner.
-        log: folder for TensorBoard and checkpoints (None: write nothing).
+    TensorBoard and checkpoints go to the folder `log` (None: nowhere).
     """
     with contextlib.redirect_stdout(io.StringIO()):
         importlib.import_module("mjlab.tasks")

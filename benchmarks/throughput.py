@@ -56,14 +56,7 @@ def main(
 def measure(
     task: str, worlds: int, device: torch.device, seconds: float
 ) -> dict[str, str | int | float]:
-    """Measure one row: milliseconds per phase of an iteration, and environment steps per second.
-
-    Args:
-        task: name of the task.
-        worlds: number of worlds.
-        device: where to simulate and learn.
-        seconds: approximate duration of each measurement.
-    """
+    """Measure one row: milliseconds per phase of an iteration, and environment steps per second."""
     config = config_for(task, worlds=worlds, device=str(device))
     env = make_worlds(config, worlds)
     morlax = MORLAX(env, config)
