@@ -33,7 +33,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "python benchmarks/": "takes minutes to hours; test_benchmarks.py imports them",
     "python docs/examples/": "test_examples.py does",
     "train_hydra.py": "test_documents.py does",
-    "morlax export runs/cheetah": "test_documents.py does, and test_tutorial.py",
+    "morlax export runs/cheetah": "test_documents.py and test_export.py do",
     "python -m pytest": "starts the tests",
     "morlax explore": "a server; .ci/smoke.py starts it",
     "mjlab:": "needs older simulators; test_mjlab.py trains",

@@ -7,11 +7,17 @@ from torch import Tensor
 
 from ..configuration.config import Config
 from ..configuration.sections import HyperMORLOptions
-from ..configuration.tradeoffs import even_tradeoffs, sample_cells
+from ..configuration.tradeoffs import even_tradeoffs, sample_cells, sample_tradeoffs
 from ..envs import Worlds
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
 from .trainer import Trainer
+
+
+def draw(config: Config, tradeoffs: Tensor, generator: torch.Generator) -> None:
+    """Draw trade-offs (K, m) as `config.sampling` says, in place."""
+    corners = config.num_corners(tradeoffs.shape[1])
+    sample_tradeoffs(tradeoffs, corners, config.sampling.alpha, generator)
 
 
 class MORLAX(Trainer):
@@ -37,6 +43,9 @@ class MORLAX(Trainer):
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
 
+    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+        draw(self.config, tradeoffs, generator)
+
 
 class AMOR(Trainer):
     """Trains one conditioned actor and one conditioned critic with MORLAX's updates.
@@ -60,7 +69,7 @@ class AMOR(Trainer):
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
         kept = tradeoffs.clone()
-        super()._draw(tradeoffs, generator)
+        draw(self.config, tradeoffs, generator)
         if self.config.sampling.mode == "dense":
             tradeoffs.copy_(torch.where(self._ended, tradeoffs, kept))
 
@@ -75,7 +84,9 @@ class IndependentPPO(Trainer):
     It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
-    keeps_tradeoffs = True
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, **others)
+        self.tradeoffs.copy_(even_tradeoffs(*self.tradeoffs.shape))
 
 
 class HyperMORL(Trainer):

@@ -7,7 +7,6 @@ import torch
 from torch import Tensor, nn
 
 from ..configuration.config import Config
-from ..configuration.tradeoffs import even_tradeoffs, sample_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import restore_generator, seed_of
 from ..gpu.graph import Graph
@@ -50,7 +49,6 @@ class Trainer(Learner):
     Arguments and errors are those of `MORLAX`.
     """
 
-    keeps_tradeoffs = False  # trains K even trade-offs, instead of new ones in every iteration
     in_order = False  # trains K independent networks, each with the trade-off in its place
 
     def __init__(
@@ -85,8 +83,6 @@ class Trainer(Learner):
         self.generator = torch.Generator(env.device).manual_seed(seed_of(config.seed, group.rank))
         clusters, m = config.num_clusters, len(env.objectives)
         self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
-        if self.keeps_tradeoffs:
-            self.tradeoffs.copy_(even_tradeoffs(clusters, m))
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
         env.reset()
@@ -151,14 +147,14 @@ class Trainer(Learner):
         self._episodes.running.zero_()
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
-        """Choose the trade-offs (K, m) of an iteration, in place."""
-        corners = self.config.num_corners(tradeoffs.shape[1])
-        sample_tradeoffs(tradeoffs, corners, self.config.sampling.alpha, generator)
+        """Choose the trade-offs (K, m) of an iteration, in place; by default, they stay.
+
+        Runs inside a recorded graph.
+        """
 
     def _explore(self, steps: int | None = None) -> None:
         """Collect a rollout, or only its first `steps`."""
-        if not self.keeps_tradeoffs:
-            self._draw(self.tradeoffs, self.generator)
+        self._draw(self.tradeoffs, self.generator)
         with torch.no_grad(), one_thread(self.env.device):
             collect(
                 self.env,

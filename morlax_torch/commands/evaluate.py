@@ -66,8 +66,20 @@ def command(arguments: Sequence[str]) -> None:
         from ..reports.evaluating import evaluate_runs, table  # imports torch
 
         typed = f"{program('evaluate')} {shlex.join(arguments)}"
-        how = tradeoffs, protocol, device, backend, seed, seeds
-        found, folder = evaluate_runs(runs, typed, *how, reference, output, trust, _portrait)
+        found, folder = evaluate_runs(
+            runs,
+            typed,
+            tradeoffs=tradeoffs,
+            protocol=protocol,
+            device=device,
+            backend=backend,
+            seed=seed,
+            seeds=seeds,
+            reference=reference,
+            output=output,
+            trust=trust,
+            portrait=_portrait,
+        )
         cli.console.print(table(found))
         names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
         cli.console.print(f"evaluated: {names}")

@@ -25,8 +25,15 @@ def command(arguments: Sequence[str]) -> None:
     from ..tuning.searching import folder_of, open_study, search
 
     folder = folder_of(config, options.output)
-    given = options.space, options.output, options.seconds, options.indicators
-    study = open_study(config, *given, options.storage, options.study)
+    study = open_study(
+        config,
+        options.space,
+        options.output,
+        options.seconds,
+        options.indicators,
+        options.storage,
+        options.study,
+    )
     display = TuneDisplay(study, folder, options.trials)
     end = time.monotonic() + 60 * (options.minutes or math.inf)
 

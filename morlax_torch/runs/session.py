@@ -70,8 +70,15 @@ class Session:
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the config, and yield each evaluation; see `training`."""
         run = self.run if self.learner.group.rank == 0 else None
-        own = self.learner, self.evaluator, run, self.progress
-        return training(*own, began, stopped=stopped, evaluate_at=evaluate_at)
+        return training(
+            self.learner,
+            self.evaluator,
+            run,
+            self.progress,
+            began,
+            stopped=stopped,
+            evaluate_at=evaluate_at,
+        )
 
 
 def _shared(run: Run | None, group: Group) -> Run | None:

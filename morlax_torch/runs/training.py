@@ -116,10 +116,16 @@ def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: 
         if run:
             mark = checkpoint.fingerprint(contents["learner"]["agent"])
             front = front._replace(fingerprint=mark)
-        spent = now.train_seconds, now.total_seconds, now.steps_per_second, now.blowups
-        chosen_by = others[0].indicators() if others else None
         evaluation = Evaluation(
-            iteration, env_steps, *spent, front, front.indicators(), selection=chosen_by
+            iteration,
+            env_steps,
+            now.train_seconds,
+            now.total_seconds,
+            now.steps_per_second,
+            now.blowups,
+            front,
+            front.indicators(),
+            selection=others[0].indicators() if others else None,
         )
         best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
         evaluation = evaluation._replace(best=best)

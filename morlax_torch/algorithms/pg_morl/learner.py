@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ...configuration.config import Config
 from ...configuration.sections import PGMORLOptions
+from ...configuration.tradeoffs import even_tradeoffs
 from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator
 from ...evaluation.making import evaluation_worlds
@@ -48,10 +49,11 @@ class PGMORL(Trainer):
     It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
-    keeps_tradeoffs = in_order = True
+    in_order = True
 
     def __init__(self, env: Worlds, config: Config, *, group: Group = ALONE, **networks: Any):
         super().__init__(env, config, group=group, **networks)
+        self.tradeoffs.copy_(even_tradeoffs(*self.tradeoffs.shape))
         self.agent = make_agent(env, config, **networks)  # the archive
         group.share(self.agent)
         assert isinstance(config.method, PGMORLOptions)
