@@ -173,6 +173,7 @@ def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize):
 # the command
 
 
+@pytest.mark.slow
 def test_the_command_prints_values_that_other_commands_take(monkeypatch, capsys):
     arguments = ["cheetah", "--constrain", "run >= 2000", "--maximize", "energy", "--device", "cpu"]
     monkeypatch.setattr("sys.argv", ["choose", *arguments])

@@ -56,6 +56,7 @@ def rows(path: Path | str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys, rendered):
     evaluate.command(["a/hopper", *FEW])
     folder = workplace / "a" / "hopper"

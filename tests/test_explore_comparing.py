@@ -156,6 +156,7 @@ def _draws() -> np.random.Generator:
 # policies on the explorer's page
 
 
+@pytest.mark.slow
 def test_a_run_without_a_front_says_so(tmp_path, make_run):
     folder = make_run(tmp_path / "run", "hopper", "best")
     (folder / "front.npz").unlink()

@@ -199,6 +199,7 @@ CUTS = st.lists(
 )
 
 
+@pytest.mark.slow
 def test_a_random_yaml_file_is_read_or_refused(fuzz, tmp_path):
     file = tmp_path / "x.yaml"
 

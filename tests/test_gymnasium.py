@@ -46,6 +46,7 @@ def python(program: str) -> subprocess.CompletedProcess:
     return subprocess.run(command, env=no_display, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_ids_are_registered_before_any_adapter_is_imported():
     done = python(
         "import gymnasium, sys, morlax_torch\n"

@@ -72,6 +72,7 @@ def act(policy: Policy, config: Config, observation: torch.Tensor) -> tuple[list
     return policy(observation, WEIGHTS).tolist(), config.model_copy(update={"seed": 1})
 
 
+@pytest.mark.slow
 def test_a_spawned_process_uses_a_policy_and_a_config(tmp_path):
     (tmp_path / "leaping.py").write_text(TASK)
     config = config_for(f"{tmp_path / 'leaping.py'}:Leaping", device="cpu", **{"task.leap": 3.0})

@@ -44,6 +44,7 @@ def decoded(path: Path) -> tuple[str, np.ndarray]:
 SMALL = ("--width", "95", "--height", "65", "--seconds", "0.4")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
 @pytest.mark.parametrize(
     ("backend", "sentence"),
@@ -65,6 +66,7 @@ def test_without_opengl_the_error_is_one_line(backend, sentence, tmp_path):
     assert not os.listdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_an_mp4_plays_in_browsers_in_real_time(saved, capsys):
     record.command(["policy.pt", *SMALL])
     assert "written: film.mp4" in capsys.readouterr().out

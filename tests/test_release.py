@@ -59,6 +59,7 @@ IMPORTS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", [IMPORTS, IMPORTS[::-1]], ids=["package first", "module first"])
 def test_public_functions_can_be_imported_and_called_in_any_order(orders):
     lines = ["import gc, sys", "before = gc.get_threshold(), sys.excepthook", "import morlax_torch"]

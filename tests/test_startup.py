@@ -102,6 +102,7 @@ def test_mistakes_are_told_without_torch(tmp_path, no_torch):
     assert "did you mean 'cheetah'?" in done.stderr and done.returncode == 2
 
 
+@pytest.mark.slow
 def test_training_on_c_mujoco_imports_no_warp_no_viewer_and_no_optional_library(tmp_path):
     done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch.train", *TINY)
     modules = imported(done)

@@ -214,6 +214,7 @@ def test_the_loss_is_that_of_bradley_and_terry():
     assert float(reward._loss(gain)) == pytest.approx(-np.log(chance).mean(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_reward_is_learned_from_comparisons():
     comparisons = synthetic(noise=2.0)
     comparisons.judge("first", 200, np.random.default_rng(0))

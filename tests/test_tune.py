@@ -104,6 +104,7 @@ def claimed(study: Study, most: int = 1000) -> Claim:
     return claim
 
 
+@pytest.mark.slow
 def test_a_search_writes_trials_and_a_config_that_trains(workplace, monkeypatch, capsys):
     run(monkeypatch, "--trials", "3")
     lines = capsys.readouterr().out.splitlines()
