@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -13,6 +14,7 @@ from tiny import tiny
 
 from morlax_torch import MorlaxError, envs, load, train
 from morlax_torch.envs.worlds import mjlab
+from morlax_torch.envs.worlds.mjlab_mirror import mirror_of
 from morlax_torch.exports.exporting import export
 from morlax_torch.terminal.arguments import read
 from morlax_torch.viewers.player import Player
@@ -252,3 +254,51 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "best tracking" in done.stdout and "mjlab's own" in done.stdout
     assert list(tmp_path.glob("model_*.pt"))
+
+
+def calm(name: str, num_envs: int = 2) -> Any:
+    """Return an environment of mjlab without noise, pushes and differences between worlds."""
+
+    def config() -> Any:
+        cfg = mjlab.load(name)
+        cfg.scene.num_envs, cfg.seed, cfg.auto_reset = num_envs, 0, False
+        cfg.events = {key: cfg.events[key] for key in ("reset_base", "reset_robot_joints")}
+        cfg.events["reset_base"].params["pose_range"] = {"z": (0.02, 0.02)}
+        cfg.observations["actor"].enable_corruption = False
+        cfg.commands["twist"].resampling_time_range = (1e9, 1e9)
+        return cfg
+
+    mjlab.load(name)  # imports mjlab, whose warnings are not ours
+    env = mjlab.build(name, config, torch.device("cpu"))
+    env.reset()
+    return env
+
+
+@pytest.mark.parametrize("name", [GO1, GO1.replace("Go1", "G1")])
+def test_a_robot_moves_like_its_mirror_image(name, generator):
+    env = calm(name)
+    mirror = mirror_of(env, ["actor", "critic"])
+    twist = env.command_manager.get_term("twist")
+    for attribute in ("is_heading_env", "is_standing_env", "is_world_env", "is_forward_env"):
+        getattr(twist, attribute).zero_()
+    twist.command.copy_(torch.tensor([[0.5, 0.3, 0.4], [0.5, -0.3, -0.4]]))
+    action = torch.zeros(env.action_manager.total_action_dim)
+    apart, moved = [], []
+    for _ in range(15):
+        action = 0.8 * action + 0.4 * torch.randn(action.shape, generator=generator)
+        groups, *_ = env.step(torch.stack([action, mirror.action(action)]))
+        one, other = torch.cat([groups["actor"], groups["critic"]], 1)
+        apart.append((mirror.observation(one) - other).abs())
+        moved.append((one - other).abs())
+    # models are made of measured parts, whose left and right differ by millimeters
+    assert torch.stack(apart).mean() < 0.03 * torch.stack(moved).mean()
+
+
+def test_a_robot_without_a_mirrored_partner_is_refused():
+    env = calm(GO1, 1)
+    env.sim.mj_model.jnt_pos[env.sim.mj_model.joint("robot/FL_hip_joint").id, 1] += 0.05
+    with pytest.raises(MorlaxError, match="FR_hip_joint has no mirrored partner on the robot"):
+        mirror_of(env, ["actor", "critic"])
+    other = envs.make(CARTPOLE, 1, "cpu")
+    with pytest.raises(MorlaxError, match=r"the mirror image of the observation .* is not known"):
+        other.mirror()

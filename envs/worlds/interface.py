@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, unknown
+from .mirror import Mirror
 from .options import ObjectiveOptions
 
 
@@ -122,6 +123,17 @@ class Worlds(ABC):
                 f"restart needs a mask of shape ({self.num_worlds},) and torch.bool, one answer "
                 f"for each world, not {shape} of {kind}."
             )
+
+    def mirror(self) -> Mirror:
+        """Return how observations and actions change if left and right are exchanged.
+
+        Raises:
+            MorlaxError: that is not known.
+        """
+        raise MorlaxError(
+            "network.symmetric needs worlds that know left from right, and these do not: set it to "
+            "false, or override `mirror` in the task."
+        )
 
     def overflow(self) -> Tensor:
         """Return (N,) int32, non-zero where the simulator's buffers overflowed."""

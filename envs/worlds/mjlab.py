@@ -18,6 +18,8 @@ from ..devices import drawing_from
 from ..errors import MorlaxError, installation, unknown
 from ..physics import compiling
 from .foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, imported, joined
+from .mirror import Mirror
+from .mjlab_mirror import mirror_of
 from .options import Count, ObjectiveOptions, Objectives, Point
 
 _rehearsed: set[str] = set()
@@ -92,6 +94,10 @@ class MjlabWorlds(ForeignWorlds):
         cfg.auto_reset = self.auto_reset and not remembers(cfg)
         watch_endings(cfg)
         return cfg
+
+    def mirror(self) -> Mirror:
+        groups = self.env.observation_manager.active_terms
+        return mirror_of(self.env, [name for name in (self.actor_group, CRITIC) if name in groups])
 
     def _start(self) -> Tensor:
         with drawing_from(self.generator):

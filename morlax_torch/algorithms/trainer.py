@@ -33,6 +33,7 @@ def make_agent(
         len(env.objectives),
         torch.Generator().manual_seed(config.seed),
         privileged_size=env.privileged_size,
+        mirror=env.mirror() if config.network.symmetric else None,
         in_order=in_order,
         **networks,
     ).to(env.device)
@@ -85,6 +86,8 @@ class Trainer(Learner):
         self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
+        symmetric = config.network.symmetric
+        self._reflection = env.mirror().observation.to(env.device) if symmetric else None
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
         if self.scalarization.uses_returns:
@@ -193,7 +196,10 @@ class Trainer(Learner):
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)
+        seen = self.rollout.observation
+        if self._reflection:  # statistics are symmetric too
+            seen = torch.cat([seen, self._reflection(seen)])
+        self.trained.observation_normalizer.update(seen, decay, self.group)
         self._episodes.observe(self.rollout)
         reward = self.rollout.reward.mean((0, 1, 2))
         terminated = self.rollout.terminated.float().mean()[None]

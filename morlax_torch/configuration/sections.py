@@ -48,6 +48,9 @@ class NetworkConfig(Section):
     max_std: float | None = Field(default=None, gt=MIN_STD, le=100)
     """Smooth limit of the standard deviation (None: no limit). A small one keeps policies from
     gambling between two behaviors, which concave fronts reward."""
+    symmetric: bool = False
+    """Answer mirrored observations by mirrored actions, and give them the same value; for robots
+    whose left and right are alike, in worlds that know how they look in a mirror."""
     output_scale: float = Field(default=1.0, ge=0, le=100)
     """Factor on the initial weights of the actors' output layer: a small one starts from actions
     close to zero."""

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs
+from ..envs.worlds.mirror import Mirror, Reflection
 from .conditioned import Conditioned
 from .family import Family
 from .gaussian import TanhNormal, limited, spread_of
@@ -16,6 +17,7 @@ from .generated import Independent, InOrder
 from .hypernetwork import Hypernetwork
 from .mlp import check_network, mlp
 from .normalizer import Normalizer
+from .symmetric import Symmetric
 
 
 class Actors(NamedTuple):
@@ -82,6 +84,7 @@ class Agent(nn.Module):
         actor: replaces the config's actor: a module from (B, O) to (B, 2A). One that is conditioned
             takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to the values.
+        mirror: of the robot, for `network.symmetric`; None: a checkpoint will tell.
         in_order: have so many independent networks, and give the k-th of as many trade-offs the
             k-th one, instead of the one for that trade-off.
 
@@ -100,6 +103,7 @@ class Agent(nn.Module):
         privileged_size: int = 0,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
+        mirror: Mirror | None = None,
         in_order: int = 0,
     ):
         super().__init__()
@@ -124,6 +128,15 @@ class Agent(nn.Module):
             critic = mlp(critic_inputs, sizes.critic, num_values, generator)
         else:
             check_network("critic", critic, critic_inputs, num_values)
+        if sizes.symmetric:
+            none = Reflection.none
+            seen, acted = mirror or Mirror(none(whole), none(action_size))
+            spread = acted._replace(sign=torch.ones(action_size))
+            outputs = Reflection.joined([acted, spread])
+            inputs = [seen.first(observation_size), none(conditions)]
+            actor = Symmetric(actor, Reflection.joined(inputs), outputs)
+            inputs = [seen, none(conditions)]
+            critic = Symmetric(critic, Reflection.joined(inputs), none(num_values))
 
         def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
             return Hypernetwork(

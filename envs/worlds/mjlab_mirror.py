@@ -1,0 +1,148 @@
+"""The mirror of a robot of mjlab, found in its model.
+
+Joints and feet are partners if they lie at mirrored places in the model's zero pose. A hinge turns
+around an axial vector: a mirror that flips y turns the axis (x, y, z) into (-x, y, -z).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ..errors import MorlaxError
+from .mirror import Mirror, Reflection
+
+FLIP = np.array([1.0, -1.0, 1.0])  # of positions and velocities
+NEAR, PARALLEL = 0.01, 0.99  # meters between partners; cosine of the angle between their axes
+POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROMETER)
+
+
+def mirror_of(env: Any, groups: Sequence[str]) -> Mirror:
+    """Return the mirror of an environment of mjlab whose policies and critics see `groups`.
+
+    Raises:
+        MorlaxError: the robot's left and right differ, or a term of the observation or action has
+            no known reflection.
+    """
+    robot, manager = _Robot(env), env.observation_manager
+    parts = []
+    for group in groups:
+        for term in manager.active_terms[group]:
+            cfg = manager.get_term_cfg(group, term)
+            find = robot.terms.get(cfg.func.__name__)
+            found = find(cfg.params) if find and not cfg.history_length else None
+            if found is None:
+                raise MorlaxError(
+                    f"the mirror image of the observation {term} is not known: set "
+                    "network.symmetric to false."
+                )
+            parts.append(found)
+    return Mirror(Reflection.joined(parts), robot.actions({}))
+
+
+class _Robot:
+    """The robot of an environment in its zero pose."""
+
+    def __init__(self, env: Any):
+        self.env, self.model = env, env.sim.mj_model
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self.name, self.entity = next(
+            (name, entity) for name, entity in env.scene.entities.items() if entity.num_joints
+        )
+        self.root = self.model.body(f"{self.name}/{self.entity.body_names[0]}").id
+        self.frame = self.data.xmat[self.root].reshape(3, 3)
+        self.terms: dict[str, Callable[[dict[str, Any]], Reflection | None]] = {
+            "builtin_sensor": self.sensor,
+            "projected_gravity": lambda _: _vector(FLIP),
+            "base_lin_vel": lambda _: _vector(FLIP),
+            "base_ang_vel": lambda _: _vector(-FLIP),
+            "joint_pos_rel": self.joints,
+            "joint_vel_rel": self.joints,
+            "last_action": self.actions,
+            "generated_commands": self.command,
+            "foot_height": lambda params: Reflection.of(*self.heights(params)),
+            "foot_air_time": lambda params: Reflection.of(*self.contacts(params)),
+            "foot_contact": lambda params: Reflection.of(*self.contacts(params)),
+            "foot_contact_forces": self.forces,
+        }
+
+    def at(self, position: np.ndarray) -> np.ndarray:
+        """Return a position in the robot's own frame."""
+        return (position - self.data.xpos[self.root]) @ self.frame
+
+    def of_joints(self, names: Sequence[str]) -> Reflection:
+        joints = [self.model.joint(f"{self.name}/{name}").id for name in names]
+        places = np.array([self.at(self.data.xanchor[joint]) for joint in joints])
+        axes = np.array([self.data.xaxis[joint] @ self.frame for joint in joints])
+        apart = np.linalg.norm(places[:, None] * FLIP - places, axis=-1)
+        alike = (axes[:, None] * -FLIP * axes).sum(-1)
+        order = _partners(apart + (abs(alike) < PARALLEL) * NEAR, names)
+        return Reflection.of(order, np.sign([alike[i, k] for i, k in enumerate(order)]).tolist())
+
+    def joints(self, params: dict[str, Any]) -> Reflection:
+        names = np.array(self.entity.joint_names)
+        chosen = params["asset_cfg"].joint_ids if "asset_cfg" in params else slice(None)
+        return self.of_joints(names[chosen].tolist())
+
+    def actions(self, params: dict[str, Any]) -> Reflection:
+        manager = self.env.action_manager
+        terms = [manager.get_term(name) for name in manager.active_terms]
+        return self.of_joints([name for term in terms for name in term.target_names])
+
+    def command(self, params: dict[str, Any]) -> Reflection | None:
+        term = self.env.command_manager.get_term(params["command_name"])
+        known = type(term).__name__ == "UniformVelocityCommand"
+        return _vector([1.0, -1.0, -1.0]) if known else None
+
+    def sensor(self, params: dict[str, Any]) -> Reflection | None:
+        sensor = self.model.sensor(params["sensor_name"])
+        frame = self.data.site_xmat[sensor.objid[0]].reshape(3, 3)
+        reflected = frame.T @ self.frame @ np.diag(FLIP) @ self.frame.T @ frame
+        signs = np.round(np.diag(reflected))
+        if abs(reflected - np.diag(signs)).max() > 1 - PARALLEL:
+            return None
+        if sensor.type[0] == mujoco.mjtSensor.mjSENS_GYRO:
+            return _vector(-signs)
+        return _vector(signs) if sensor.type[0] in POLAR else None
+
+    def heights(self, params: dict[str, Any]) -> tuple[list[int], list[float]]:
+        frames = self.env.scene[params["sensor_name"]].cfg.frame
+        places = [(frame.type, f"{frame.entity}/{frame.name}") for frame in frames]
+        return self.pairs(places)
+
+    def contacts(self, params: dict[str, Any]) -> tuple[list[int], list[float]]:
+        sensor = self.env.scene[params["sensor_name"]]
+        match = sensor.cfg.primary
+        kind = "geom" if match.mode == "geom" else "body"
+        names = [name.removeprefix(f"{match.entity}/") for name in sensor.primary_names]
+        return self.pairs([(kind, f"{match.entity}/{name}") for name in names])
+
+    def pairs(self, places: Sequence[tuple[str, str]]) -> tuple[list[int], list[float]]:
+        """Return the partners of bodies, geoms or sites, given as (type, name)."""
+        found = [self.at(getattr(self.data, kind)(name).xpos) for kind, name in places]
+        points = np.array(found)
+        apart = np.linalg.norm(points[:, None] * FLIP - points, axis=-1)
+        return _partners(apart, [name for _, name in places]), [1.0] * len(places)
+
+    def forces(self, params: dict[str, Any]) -> Reflection:
+        """Reflect a force in the frame of the world for each foot."""
+        order, _ = self.contacts(params)
+        each = [3 * k + axis for k in order for axis in range(3)]
+        return Reflection.of(each, FLIP.tolist() * len(order))
+
+
+def _vector(signs: Sequence[float] | np.ndarray) -> Reflection:
+    return Reflection.of(range(3), list(signs))
+
+
+def _partners(apart: np.ndarray, names: Sequence[str]) -> list[int]:
+    """Return the index of the nearest one for each, if partners choose each other."""
+    order = apart.argmin(1)
+    for i, k in enumerate(order):
+        if order[k] != i or apart[i, k] >= NEAR:
+            raise MorlaxError(
+                f"{names[i]} has no mirrored partner on the robot: set network.symmetric to false."
+            )
+    return order.tolist()
