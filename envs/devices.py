@@ -98,14 +98,21 @@ def _hashed(data: bytes) -> int:
     return int.from_bytes(hashlib.sha256(data).digest()[:8], "little") >> 1
 
 
+def global_generator(device: torch.device) -> torch.Generator:
+    """Return the generator of a device that torch draws from unless another one is named."""
+    if device.type == "cpu":
+        return torch.default_generator
+    torch.cuda.init()  # before that, there are none
+    return torch.cuda.default_generators[device.index or 0]
+
+
 @contextmanager
 def drawing_from(generator: torch.Generator) -> Iterator[None]:
     """Let torch's global generator continue `generator`, and put it back afterwards."""
-    if generator.device.type == "cuda":
-        torch.cuda.init()  # before that, there are no generators
-        usual = torch.cuda.default_generators[generator.device.index or 0]
-    else:
-        usual = torch.default_generator
+    usual = global_generator(generator.device)
+    if usual is generator:
+        yield
+        return
     state = usual.get_state()
     usual.set_state(generator.get_state())
     try:

@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +13,22 @@ import pytest
 import torch
 from peers import check_blown_up, check_run, noise
 from tiny import tiny
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import MorlaxError, envs, load, train
 from morlax_torch.envs.worlds import mjlab
 from morlax_torch.envs.worlds.mjlab_mirror import mirror_of
+from morlax_torch.envs.worlds.mjlab_step import MaskedStep
 from morlax_torch.exports.exporting import export
+from morlax_torch.gpu.graph import Graph
+from morlax_torch.runs.fronts import load_front
 from morlax_torch.terminal.arguments import read
 from morlax_torch.viewers.player import Player
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
 GO1 = "mjlab:Mjlab-Velocity-Flat-Unitree-Go1"
+G1 = "mjlab:Mjlab-Velocity-Flat-Unitree-G1"
 CARTPOLE = "mjlab:Mjlab-Cartpole-Balance"
 
 
@@ -256,35 +263,44 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
     assert list(tmp_path.glob("model_*.pt"))
 
 
-def calm(name: str, num_envs: int = 2) -> Any:
-    """Return an environment of mjlab without noise, pushes and differences between worlds."""
+def calm(name: str, num_envs: int, device: str = "cpu", **changes: Any) -> Any:
+    """Return an environment of mjlab without noise and without differences between worlds.
+
+    All worlds get the same command, and the same push every 0.2 s. `changes` are of the config.
+    """
 
     def config() -> Any:
         cfg = mjlab.load(name)
-        cfg.scene.num_envs, cfg.seed, cfg.auto_reset = num_envs, 0, False
-        cfg.events = {key: cfg.events[key] for key in ("reset_base", "reset_robot_joints")}
+        cfg.scene.num_envs, cfg.seed = num_envs, 0
+        kept = ("reset_base", "reset_robot_joints", "push_robot")
+        cfg.events = {key: cfg.events[key] for key in kept}
         cfg.events["reset_base"].params["pose_range"] = {"z": (0.02, 0.02)}
+        cfg.events["push_robot"].interval_range_s = (0.2, 0.2)
+        cfg.events["push_robot"].params["velocity_range"] = {"x": (0.4, 0.4)}
         cfg.observations["actor"].enable_corruption = False
-        cfg.commands["twist"].resampling_time_range = (1e9, 1e9)
-        return cfg
+        twist = cfg.commands["twist"]
+        twist.resampling_time_range = (0.5, 0.5)
+        twist.ranges = replace(twist.ranges, lin_vel_x=(0.5, 0.5), lin_vel_y=(0.2, 0.2))
+        twist.ranges = replace(twist.ranges, ang_vel_z=(0.1, 0.1))
+        for share in ("standing", "heading", "world", "forward"):
+            setattr(twist, f"rel_{share}_envs", -1.0)
+        cfg.curriculum = {}
+        return replace(cfg, **changes)
 
     mjlab.load(name)  # imports mjlab, whose warnings are not ours
-    env = mjlab.build(name, config, torch.device("cpu"))
+    env = mjlab.build(name, config, torch.device(device))
     env.reset()
     return env
 
 
-@pytest.mark.parametrize("name", [GO1, GO1.replace("Go1", "G1")])
+@pytest.mark.parametrize("name", [GO1, G1])
 def test_a_robot_moves_like_its_mirror_image(name, generator):
-    env = calm(name)
+    env = calm(name, 2)
     mirror = mirror_of(env, ["actor", "critic"])
-    twist = env.command_manager.get_term("twist")
-    for attribute in ("is_heading_env", "is_standing_env", "is_world_env", "is_forward_env"):
-        getattr(twist, attribute).zero_()
-    twist.command.copy_(torch.tensor([[0.5, 0.3, 0.4], [0.5, -0.3, -0.4]]))
+    env.command_manager.get_command("twist")[1, 1:] *= -1
     action = torch.zeros(env.action_manager.total_action_dim)
     apart, moved = [], []
-    for _ in range(15):
+    for _ in range(9):  # before the first push
         action = 0.8 * action + 0.4 * torch.randn(action.shape, generator=generator)
         groups, *_ = env.step(torch.stack([action, mirror.action(action)]))
         one, other = torch.cat([groups["actor"], groups["critic"]], 1)
@@ -302,3 +318,88 @@ def test_a_robot_without_a_mirrored_partner_is_refused():
     other = envs.make(CARTPOLE, 1, "cpu")
     with pytest.raises(MorlaxError, match=r"the mirror image of the observation .* is not known"):
         other.mirror()
+
+
+class NoSync(TorchDispatchMode):
+    """Fails at operations that wait for a GPU, which a recording cannot hold."""
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        name = str(func)
+        assert not any(part in name for part in ("nonzero", "_local_scalar_dense", "masked_select"))
+        if "index" in name and isinstance(args[1], (list, tuple)):
+            assert not any(isinstance(x, torch.Tensor) and x.dtype == torch.bool for x in args[1])
+        return func(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("name", [GO1, G1])
+def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
+    own, ours = (calm(name, 3, episode_length_s=0.4) for _ in range(2))
+    ages = torch.tensor([0, 7, 13])  # of episodes of 20 steps
+    for env in (own, ours):
+        env.episode_length_buf.copy_(ages)
+    step, feet = MaskedStep(ours, ("actor", "critic")), 4 if name == GO1 else 2
+    for number in range(45):
+        action = 0.3 * torch.randn(3, own.action_manager.total_action_dim, generator=generator)
+        groups, _, terminated, timed_out, _ = own.step(action)
+        with NoSync() if number else nullcontext():  # the first one compiles and allocates
+            found = step(action)
+        # mjlab reads contacts anew only in steps in which some world restarts
+        known = slice(None) if (terminated | timed_out).any() else slice(0, -4 * feet)
+        assert torch.equal(groups["actor"], found.groups["actor"])
+        assert torch.equal(groups["critic"][:, known], found.groups["critic"][:, known])
+        assert torch.equal(own.reward_manager._step_reward, ours.reward_manager._step_reward)
+        assert torch.equal(terminated, found.terminated) and torch.equal(timed_out, found.timed_out)
+        over = terminated | timed_out
+        assert torch.equal((found.final["actor"] != found.groups["actor"]).any(1), over)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", [GO1, G1])
+def test_a_recorded_step_follows_mjlab_s(name, generator):
+    own, ours = (calm(name, 3, "cuda", episode_length_s=0.4) for _ in range(2))
+    for env in (own, ours):
+        env.episode_length_buf.copy_(torch.tensor([0, 7, 13]))
+    step, size = MaskedStep(ours, ("actor",)), own.action_manager.total_action_dim
+    action, seen = torch.zeros(3, size, device="cuda"), torch.zeros_like(own.obs_buf["actor"])
+    graph = Graph(lambda: seen.copy_(step(action).groups["actor"]), seen.device)
+    graph.record()  # takes one step
+    own.step(action)
+    for number in range(45):
+        action.copy_(0.3 * torch.randn(3, size, generator=generator))
+        graph()
+        groups, *_ = own.step(action)
+        assert torch.equal(own.episode_length_buf, ours.episode_length_buf)
+        if number < 5:  # then chaos has made sums of another order visible
+            torch.testing.assert_close(groups["actor"], seen, rtol=0.01, atol=0.01)
+
+
+def test_commands_that_a_recorded_step_draws_are_distributed_like_mjlab_s(monkeypatch):
+    found = []
+    for recorded in (True, False):
+        monkeypatch.setattr(mjlab, "can_record", lambda cfg, device, answer=recorded: answer)
+        go1 = envs.make(GO1, 512, "cpu", seed=3)
+        go1.step(torch.zeros(512, 12))
+        go1.env.episode_length_buf.fill_(go1.episode_length - 1)
+        step = go1.step(torch.zeros(512, 12))
+        assert step.truncated.all()
+        term = go1.env.command_manager.get_term("twist")
+        shares = [
+            getattr(term, f"is_{kind}_env").float().mean()
+            for kind in ("standing", "heading", "world", "forward")
+        ]
+        command = term.command[~(term.is_heading_env | term.is_standing_env)]
+        spread = [*command.mean(0), *command.std(0), term.time_left.mean(), term.time_left.std()]
+        found.append(torch.stack([*shares, *spread]))
+    torch.testing.assert_close(found[0], found[1], rtol=0.1, atol=0.09)
+
+
+def test_worlds_that_can_be_recorded_train_and_are_evaluated(monkeypatch, tmp_path):
+    monkeypatch.setattr(mjlab, "can_record", lambda cfg, device: mjlab.supported(cfg))
+    before = torch.get_rng_state()
+    config = tiny(GO1, backend=None, **{"network.symmetric": True})
+    train(config, output=tmp_path / "run")
+    front = load_front(tmp_path / "run")
+    assert (front.lengths == 5).all() and (front.falls == 0).all()
+    policy = load(tmp_path / "run")
+    assert policy(torch.zeros(1, 48), (0.3, 0.3, 0.4)).shape == (1, 12)
+    torch.set_rng_state(before)

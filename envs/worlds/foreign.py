@@ -61,7 +61,10 @@ class ForeignWorlds(Worlds):
         self.blowups = torch.zeros((), dtype=torch.int64, device=device)
         self._open(seed)
         self.define_objectives()
-        self.reset()
+        # in place, since a recorded step reads what the one before wrote
+        self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
+        self._timed_out = torch.zeros_like(self._failed)
+        self._seen = self._start()
 
     @classmethod
     def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
@@ -89,16 +92,17 @@ class ForeignWorlds(Worlds):
         """Step every world; with automatic reset, also restart those whose episode is over."""
 
     def reset(self) -> Tensor:
-        self._seen = self._start()
-        self._failed = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
-        self._timed_out = torch.zeros_like(self._failed)
-        return self._policy(self._seen)
+        self._seen.copy_(self._start())
+        self._failed.zero_()
+        self._timed_out.zero_()
+        return self._policy(self._seen.clone())
 
     def restart(self, which: Tensor) -> Tensor:
         self.check_mask(which)
-        self._seen = self._restart(which, self._seen)
-        self._failed, self._timed_out = self._failed & ~which, self._timed_out & ~which
-        return self._policy(self._seen)
+        self._seen.copy_(self._restart(which, self._seen))
+        self._failed &= ~which
+        self._timed_out &= ~which
+        return self._policy(self._seen.clone())
 
     def step(self, action: Tensor) -> TimeStep:
         self.check_action(action)
@@ -112,8 +116,9 @@ class ForeignWorlds(Worlds):
             failed = torch.where(standing, self._failed, failed)
             timed_out = torch.where(standing, self._timed_out, timed_out)
             seen = torch.where((failed | timed_out)[:, None], final, seen)
-            self._failed, self._timed_out = failed, timed_out
-        self._seen = seen
+            self._failed.copy_(failed)
+            self._timed_out.copy_(timed_out)
+        self._seen.copy_(seen)
         self.blowups += blown_up.sum()
         return TimeStep(
             observation=self._policy(seen),

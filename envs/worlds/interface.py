@@ -36,7 +36,7 @@ class Worlds(ABC):
 
     Options: ClassVar[type[ObjectiveOptions]]
     resumable: ClassVar[bool] = False  # `state_dict` holds everything that the future depends on
-    recordable: ClassVar[bool] = False  # on CUDA, `step` can be recorded in a CUDA graph
+    recordable: bool = False  # on CUDA, `step` can be recorded in a CUDA graph
     shows_endings: ClassVar[bool] = True  # `final_observation` is what an episode ended with
     simulator: str  # name of the simulator
     options: ObjectiveOptions

@@ -14,12 +14,13 @@ import torch
 from pydantic import PositiveFloat
 from torch import Tensor
 
-from ..devices import drawing_from
+from ..devices import drawing_from, global_generator
 from ..errors import MorlaxError, installation, unknown
 from ..physics import compiling
 from .foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, imported, joined
 from .mirror import Mirror
 from .mjlab_mirror import mirror_of
+from .mjlab_step import MaskedStep, supported
 from .options import Count, ObjectiveOptions, Objectives, Point
 
 _rehearsed: set[str] = set()
@@ -78,6 +79,10 @@ class MjlabWorlds(ForeignWorlds):
     simulator = "mjlab"
 
     def _open(self, seed: int) -> None:
+        cfg = changed(self.name, self.options, self.num_worlds, seed)
+        self.recordable = can_record(cfg, self.device)
+        if self.recordable:  # a recording draws from no other generator than torch's own
+            self.generator = global_generator(self.device).manual_seed(seed)
         with drawing_from(self.generator):
             self.env = build(self.name, partial(self.config, seed), self.device)
             groups, _ = self.env.reset()
@@ -87,6 +92,8 @@ class MjlabWorlds(ForeignWorlds):
         self.action_size = self.env.action_manager.total_action_dim
         self.observation_size = groups[self.actor_group].shape[1]
         self.privileged_size = joined(groups, self.actor_group).shape[1] - self.observation_size
+        used = {self.actor_group, CRITIC} & set(groups)
+        self._step = MaskedStep(self.env, tuple(used)) if self.recordable else None
 
     def config(self, seed: int) -> Any:
         """Return mjlab's config of these worlds."""
@@ -116,10 +123,13 @@ class MjlabWorlds(ForeignWorlds):
         return torch.where(which[:, None], fresh, seen)
 
     def _advance(self, action: Tensor) -> Outcome:
+        given = action.clamp(-1, 1) * self.options.action_scale
+        if self._step is not None:
+            groups, before, failed, timed_out = self._step(given)
+            seen, final = (joined(each, self.actor_group) for each in (groups, before))
+            return self._outcome(seen, final, failed, timed_out & ~failed)
         with drawing_from(self.generator):
-            groups, _, failed, timed_out, _ = self.env.step(
-                action.clamp(-1, 1) * self.options.action_scale
-            )
+            groups, _, failed, timed_out, _ = self.env.step(given)
         if self.env.cfg.is_finite_horizon:
             failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
         timed_out = timed_out & ~failed
@@ -129,9 +139,12 @@ class MjlabWorlds(ForeignWorlds):
             seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
         elif (before := take_ending(self.env)) is not None:
             final = torch.where(over[:, None], joined(before, self.actor_group), final)
+        return self._outcome(seen, final, failed.clone(), timed_out)
+
+    def _outcome(self, seen: Tensor, final: Tensor, failed: Tensor, timed_out: Tensor) -> Outcome:
         terms = self.env.reward_manager._step_reward * self._time_step
         blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
-        return Outcome(seen, final, terms, failed.clone(), timed_out, blown_up)
+        return Outcome(seen, final, terms, failed, timed_out, blown_up)
 
 
 def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
@@ -154,6 +167,11 @@ def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
             compiling.start(rehearse)
             compiling.finish()
         return environment(config(), device=str(device))
+
+
+def can_record(cfg: Any, device: torch.device) -> bool:
+    """Return whether steps of environments with this config can be recorded in a CUDA graph."""
+    return device.type == "cuda" and supported(cfg) and not remembers(cfg)
 
 
 def watch_endings(cfg: Any) -> None:

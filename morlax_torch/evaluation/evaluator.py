@@ -120,6 +120,8 @@ class Evaluator:
         for first in range(0, len(self.tradeoffs), size):
             own = slice(first, first + size)
             self._actors.copy_(self.agent.actors(self.tradeoffs[own]), own)
+        generator = self.env.generator
+        state = generator.get_state()  # which training worlds of another library may share
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
@@ -130,6 +132,7 @@ class Evaluator:
         with one_thread(self.env.device):
             for _ in range(self.env.episode_length // self._stride):
                 self._steps()
+        generator.set_state(state)
         return self._fronts()
 
     def _fronts(self) -> list[Front]:

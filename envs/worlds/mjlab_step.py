@@ -1,0 +1,271 @@
+"""mjlab's step of velocity tasks, without reading a GPU value on the CPU, so it can be recorded.
+
+mjlab looks up which worlds are over, pushed or get a new command, and works on these alone. Here
+every world draws, and a mask keeps what is due. Steps of the same state are equal; what is drawn
+has the same distribution. mjlab's logs and metrics are left out.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import mujoco_warp
+import torch
+import warp as wp
+from torch import Tensor
+
+EVENTS = ("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting_velocity")
+COMMAND = "UniformVelocityCommand"
+STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
+
+Slot = tuple[dict[Any, Any], Any]  # where a tensor is kept: a dictionary and its key
+
+
+class Stepped(NamedTuple):
+    """The outcome of a step of N worlds."""
+
+    groups: dict[str, Tensor]  # observations after restarts
+    final: dict[str, Tensor]  # before restarts
+    terminated: Tensor  # (N,) bool
+    timed_out: Tensor  # (N,) bool
+
+
+class MaskedStep:
+    """Steps an environment of mjlab whose config is `supported`, and restarts worlds that are over.
+
+    Args:
+        env: the environment.
+        groups: of observations to return.
+    """
+
+    def __init__(self, env: Any, groups: tuple[str, ...]):
+        self.env, self.groups = env, groups
+        self.everyone = torch.arange(env.num_envs, device=env.device)
+        manager = env.command_manager
+        self.twists = [_Twist(manager.get_term(name)) for name in manager.active_terms]
+        for sensor in env.scene.sensors.values():
+            if hasattr(sensor, "_extract_yaw_rotation"):  # mjlab's looks for special cases
+                sensor._extract_yaw_rotation = _yaw
+        data = env.sim.data
+        self.physics = [getattr(data, name)[:] for name in STATE]
+
+    def __call__(self, action: Tensor) -> Stepped:
+        env, sim = self.env, self.env.sim
+        _join_streams(sim)
+        graphs, env.extras["log"] = sim.use_cuda_graph, {}
+        # a recording cannot hold mjlab's own recordings
+        sim.use_cuda_graph = graphs and not torch.cuda.is_current_stream_capturing()
+        slots = [(holder, key, holder[key]) for holder, key in _slots(env)]
+        env.action_manager.process_action(action)
+        for _ in range(env.cfg.decimation):
+            env.action_manager.apply_action()
+            env.scene.write_data_to_sim()
+            sim.step()
+            env.scene.update(dt=env.physics_dt)
+        env.episode_length_buf += 1
+        over = env.termination_manager.compute()
+        terminated = env.termination_manager.terminated.clone()
+        timed_out = env.termination_manager.time_outs.clone()
+        env.reward_manager.compute(dt=env.step_dt)
+        self._disturb()
+        ending = self._observe()  # velocities are one physics step old
+        self._restart(over)
+        sim.forward()
+        for twist in self.twists:
+            twist.advance(torch.where(over, 0.0, env.step_dt))
+        sim.sense()
+        groups = self._observe()
+        final = {
+            name: torch.where(over[:, None], ending[name], seen) for name, seen in groups.items()
+        }
+        for holder, key, value in slots:  # a replay reads what the recording read
+            if (found := holder[key]) is not value and found.shape == value.shape:
+                value.copy_(found)
+                holder[key] = value
+        sim.use_cuda_graph = graphs
+        return Stepped(groups, final, terminated, timed_out)
+
+    def _observe(self) -> dict[str, Tensor]:
+        manager = self.env.observation_manager
+        return {name: manager.compute_group(name) for name in self.groups}
+
+    def _disturb(self) -> None:
+        """Trigger the events whose time has come."""
+        events = self.env.event_manager
+        for term, left in zip(_terms(events, "interval"), _intervals(events), strict=True):
+            left -= self.env.step_dt
+            due = left < 1e-6
+            _keep(left, due, torch.empty_like(left).uniform_(*term.interval_range_s))
+            self._masked(due, lambda term=term: self._run(term))
+
+    def _restart(self, over: Tensor) -> None:
+        """Start new episodes in the worlds of a mask (N,)."""
+        env, sim = self.env, self.env.sim
+        sim._reset_mask[:] = over
+        with wp.ScopedDevice(sim.wp_device):
+            mujoco_warp.reset_data(sim.wp_model, sim.wp_data, reset=sim._reset_mask_wp)
+
+        def restart() -> None:
+            env.scene.reset(self.everyone)
+            for term in _terms(env.event_manager, "reset"):
+                self._run(term)
+            env.action_manager.reset(self.everyone)
+            for manager in (env.reward_manager, env.termination_manager, env.observation_manager):
+                for term in _resettable(manager):
+                    term.func.reset(env_ids=self.everyone)
+            env.episode_length_buf.zero_()
+
+        self._masked(over, restart)
+        events = env.event_manager
+        for term, left in zip(_terms(events, "interval"), _intervals(events), strict=True):
+            _keep(left, over, torch.empty_like(left).uniform_(*term.interval_range_s))
+        for twist in self.twists:
+            twist.draw(over)
+        env.scene.write_data_to_sim()
+
+    def _run(self, term: Any) -> None:
+        term.func(self.env, self.everyone, **term.params)
+
+    def _masked(self, mask: Tensor, run: Callable[[], None]) -> None:
+        """Let `run` change all worlds, and keep its changes where the mask (N,) is true."""
+        number = self.env.num_envs
+        held = [holder[key] for holder, key in _slots(self.env)]
+        rows = [value for value in held if value.ndim and len(value) == number]
+        state = [*self.physics, *rows]
+        before = [value.clone() for value in state]
+        run()
+        for value, old in zip(state, before, strict=True):
+            value.copy_(torch.where(_beside(mask, value), value, old))
+
+
+class _Twist:
+    """A term that draws velocity commands, in operations on all worlds."""
+
+    def __init__(self, term: Any):
+        self.term, self.cfg = term, term.cfg
+
+    def draw(self, mask: Tensor) -> None:
+        """Draw a new command in the worlds of a mask (N,)."""
+        term, cfg, ranges = self.term, self.cfg, self.cfg.ranges
+
+        def drawn(low: float, high: float) -> Tensor:
+            return torch.empty_like(term.time_left).uniform_(low, high)
+
+        _keep(term.time_left, mask, drawn(*cfg.resampling_time_range))
+        each = (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)
+        wish = torch.stack([drawn(*limits) for limits in each], 1)
+        if cfg.heading_command:
+            _keep(term.heading_target, mask, drawn(*ranges.heading))
+            _keep(term.is_heading_env, mask, drawn(0, 1) <= cfg.rel_heading_envs)
+        _keep(term.is_standing_env, mask, drawn(0, 1) <= cfg.rel_standing_envs)
+        _keep(term.is_world_env, mask, drawn(0, 1) <= cfg.rel_world_envs)
+        _keep(term.is_forward_env, mask, drawn(0, 1) <= cfg.rel_forward_envs)
+        _keep(term.vel_command_w, mask, wish)
+        ahead = torch.zeros_like(wish)
+        ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
+        _keep(term.vel_command_b, mask, torch.where(term.is_forward_env[:, None], ahead, wish))
+
+    def advance(self, dt: Tensor) -> None:
+        """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
+        term, cfg, command = self.term, self.cfg, self.term.vel_command_b
+        term.time_left -= dt
+        self.draw(term.time_left <= 0)
+        heading = term.robot.data.heading_w
+        if cfg.heading_command:
+            error = term.heading_target - heading
+            term.heading_error = torch.atan2(error.sin(), error.cos())
+            turn = (cfg.heading_control_stiffness * term.heading_error).clamp(*cfg.ranges.ang_vel_z)
+            _keep(command[:, 2], term.is_heading_env, turn)
+        x, y = term.vel_command_w[:, :2].unbind(1)
+        turned = torch.stack(
+            [heading.cos() * x + heading.sin() * y, heading.cos() * y - heading.sin() * x], 1
+        )
+        _keep(command[:, :2], term.is_world_env, turned)
+        for kept in (command, term.vel_command_w):
+            kept.masked_fill_(term.is_standing_env[:, None], 0.0)
+
+
+def supported(cfg: Any) -> bool:
+    """Return whether `MaskedStep` can step environments with this config."""
+    events = [
+        event.func.__name__ in EVENTS
+        and not event.is_global_time
+        and not event.min_step_count_between_reset
+        for event in cfg.events.values()
+        if event is not None and event.mode != "startup"
+    ]
+    commands = [
+        type(command).__name__ == f"{COMMAND}Cfg" and not command.init_velocity_prob
+        for command in cfg.commands.values()
+    ]
+    return all(events) and all(commands) and not cfg.curriculum and not cfg.is_finite_horizon
+
+
+def _yaw(frames: Tensor) -> Tensor:
+    """Return rotations (B, 3, 3) around z, as far as frames (B, 3, 3) are turned.
+
+    A frame whose x axis is upright is turned as far as its y axis.
+    """
+    x, (left, right) = frames[:, :2, 0], frames[:, :2, 1].unbind(1)
+    upright = x.norm(dim=1, keepdim=True) < 0.1
+    ahead = torch.nn.functional.normalize(torch.where(upright, torch.stack([right, -left], 1), x))
+    cos, sin = ahead.unbind(1)
+    zero, one = torch.zeros_like(cos), torch.ones_like(cos)
+    return torch.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], 1).view(-1, 3, 3)
+
+
+def _keep(target: Tensor, mask: Tensor, value: Tensor) -> None:
+    """Put `value` (N, ...) into `target` where the mask (N,) is true."""
+    target.copy_(torch.where(_beside(mask, target), value, target))
+
+
+def _beside(mask: Tensor, value: Tensor) -> Tensor:
+    return mask.view(-1, *[1] * (value.ndim - 1))
+
+
+def _terms(manager: Any, mode: str) -> list[Any]:
+    return manager._mode_term_cfgs.get(mode, [])
+
+
+def _intervals(manager: Any) -> list[Tensor]:
+    return getattr(manager, "_interval_term_time_left", [])
+
+
+def _resettable(manager: Any) -> list[Any]:
+    """Return the terms of a manager that are objects with a state."""
+    groups = getattr(manager, "_group_obs_class_term_cfgs", None)
+    if groups is None:
+        return manager._class_term_cfgs
+    return [term for group in groups.values() for term in group]
+
+
+def _join_streams(sim: Any) -> None:
+    """Let writes to mjlab's arrays happen on the current stream, which may be recorded."""
+    arrays = [sim._reset_mask]
+    for bridge in (sim.data, sim.model):
+        arrays += bridge._wrapped_cache.values()
+    for array in arrays:
+        if hasattr(type(array), "_setup_stream"):
+            array._torch_stream = None
+
+
+def _slots(root: Any) -> Iterator[Slot]:
+    """Find where mjlab's objects keep tensors."""
+    seen, waiting = set(), [root]
+    while waiting:
+        thing = waiting.pop()
+        if id(thing) in seen:
+            continue
+        seen.add(id(thing))
+        if isinstance(thing, (list, tuple, set)):
+            waiting += thing
+            continue
+        known = thing if isinstance(thing, dict) else getattr(thing, "__dict__", {})
+        module = f"{type(thing).__module__}."
+        ours = isinstance(thing, dict) or (
+            module.startswith("mjlab.") and not module.startswith("mjlab.sim.")
+        )
+        for key, value in known.items() if ours else ():
+            if isinstance(value, Tensor):
+                yield known, key
+            else:
+                waiting.append(value)
