@@ -9,16 +9,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from peers import check_blown_up, check_run, noise
 from tiny import tiny
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from morlax_torch import MorlaxError, envs, load, train
-from morlax_torch.envs.worlds import mjlab
+from morlax_torch import Front, MorlaxError, Policy, envs, evaluate, load, train
+from morlax_torch.envs.worlds import mjlab, mjlab_quantities
 from morlax_torch.envs.worlds.mjlab_mirror import mirror_of
 from morlax_torch.envs.worlds.mjlab_step import MaskedStep
+from morlax_torch.evaluation import figures
 from morlax_torch.exports.exporting import export
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.fronts import load_front
@@ -403,3 +405,33 @@ def test_worlds_that_can_be_recorded_train_and_are_evaluated(monkeypatch, tmp_pa
     policy = load(tmp_path / "run")
     assert policy(torch.zeros(1, 48), (0.3, 0.3, 0.4)).shape == (1, 12)
     torch.set_rng_state(before)
+
+
+def test_evaluations_measure_velocity_power_and_cost_of_transport(tmp_path):
+    policy = load("go1")
+    task = policy.config.task.model_copy(update={"episode_length": 40})
+    policy = Policy(
+        policy.agent, policy.config.model_copy(update={"task": task}), policy.objectives
+    )
+    front = evaluate(policy, 3, device="cpu", seeds=4)
+    error, speed, power, torque, cost = front.quantities.T
+    assert front.quantity_names == mjlab_quantities.NAMES and len(error) == 3
+    assert ((error > 0) & (error < 1.5) & (speed > 0) & (speed < 1.5) & (torque < 24)).all()
+    weight = 9.81 * 12.7  # of a Go1, about 12.7 kg in mjlab
+    np.testing.assert_allclose(cost, power / weight / speed, rtol=0.1)
+    front.save(tmp_path / "front.npz")
+    np.testing.assert_array_equal(Front.load(tmp_path / "front.npz").quantities, front.quantities)
+    figures.quantities_figure(front)
+
+    env = envs.make(GO1, 2, "cpu")
+    term = env.env.command_manager.get_term("twist")
+    term.time_left.fill_(1e9)
+    for kind in ("heading", "standing", "world"):
+        getattr(term, f"is_{kind}_env").zero_()
+    term.metrics["error_vel_xy"].zero_()
+    errors = 0.0
+    for _ in range(5):
+        env.step(noise(env))
+        errors += env.measure()[:, 0]
+    steps = term.cfg.resampling_time_range[1] / env.env.step_dt  # by which mjlab divides
+    torch.testing.assert_close(term.metrics["error_vel_xy"] * steps, errors)

@@ -50,6 +50,7 @@ class Worlds(ABC):
     reward_terms: tuple[str, ...]
     objectives: tuple[str, ...]
     reference_point: tuple[float, ...]
+    quantities: tuple[str, ...] = ()  # with units, that evaluations measure beside returns
     generator: torch.Generator  # of every random draw while stepping
     blowups: Tensor  # () int64: how often a world left sane bounds
     _weights: Tensor  # (terms, m)
@@ -123,6 +124,14 @@ class Worlds(ABC):
                 f"restart needs a mask of shape ({self.num_worlds},) and torch.bool, one answer "
                 f"for each world, not {shape} of {kind}."
             )
+
+    def measure(self) -> Tensor:
+        """Return numbers of the last step (N, S), for `quantify`."""
+        raise NotImplementedError
+
+    def quantify(self, means: np.ndarray) -> np.ndarray:
+        """Compute the `quantities` (K, q) from means of `measure` over the steps of K policies."""
+        raise NotImplementedError
 
     def mirror(self) -> Mirror:
         """Return how observations and actions change if left and right are exchanged.

@@ -10,6 +10,7 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
 from pydantic import PositiveFloat
 from torch import Tensor
@@ -17,10 +18,11 @@ from torch import Tensor
 from ..devices import drawing_from, global_generator
 from ..errors import MorlaxError, installation, unknown
 from ..physics import compiling
+from . import mjlab_quantities
 from .foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, imported, joined
 from .mirror import Mirror
 from .mjlab_mirror import mirror_of
-from .mjlab_step import MaskedStep, supported
+from .mjlab_step import COMMAND, MaskedStep, supported
 from .options import Count, ObjectiveOptions, Objectives, Point
 
 _rehearsed: set[str] = set()
@@ -92,6 +94,10 @@ class MjlabWorlds(ForeignWorlds):
         self.action_size = self.env.action_manager.total_action_dim
         self.observation_size = groups[self.actor_group].shape[1]
         self.privileged_size = joined(groups, self.actor_group).shape[1] - self.observation_size
+        manager = self.env.command_manager
+        terms = [manager.get_term(name) for name in manager.active_terms]
+        self._command = next((x for x in terms if type(x).__name__ == COMMAND), None)
+        self.quantities = mjlab_quantities.NAMES if self._command else ()
         used = {self.actor_group, CRITIC} & set(groups)
         self._step = MaskedStep(self.env, tuple(used)) if self.recordable else None
 
@@ -101,6 +107,12 @@ class MjlabWorlds(ForeignWorlds):
         cfg.auto_reset = self.auto_reset and not remembers(cfg)
         watch_endings(cfg)
         return cfg
+
+    def measure(self) -> Tensor:
+        return mjlab_quantities.measure(self._command)
+
+    def quantify(self, means: np.ndarray) -> np.ndarray:
+        return mjlab_quantities.quantify(self.env.sim.mj_model, means)
 
     def mirror(self) -> Mirror:
         groups = self.env.observation_manager.active_terms

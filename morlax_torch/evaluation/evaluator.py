@@ -81,6 +81,9 @@ class Evaluator:
         self._blown_up = torch.zeros_like(self._alive)
         self._knows_blowups = True
         self._lengths = torch.zeros(len(tradeoffs), dtype=torch.int32, device=env.device)
+        # sums of what the worlds measure, then the number of measured steps
+        size = env.measure().shape[1] + 1 if env.quantities else 0
+        self._measured = self._returns.new_zeros(len(tradeoffs), size)
         with torch.no_grad():
             actors = agent.actors(self.tradeoffs)
         # a recorded graph reads parameters at fixed addresses
@@ -125,7 +128,8 @@ class Evaluator:
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
-        for values in (self._fallen, self._blown_up, self._lengths, self._returns):
+        sums = self._returns, self._measured
+        for values in (self._fallen, self._blown_up, self._lengths, *sums):
             values.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
@@ -138,7 +142,7 @@ class Evaluator:
     def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
         flags = (self._lengths, self._fallen, self._blown_up, self.env.overflow())
-        columns = (self._returns, *(values[:, None] for values in flags))
+        columns = (self._returns, self._measured, *(values[:, None] for values in flags))
         own = torch.cat([values.double() for values in columns], 1).cpu().numpy()
         table = np.empty((self._sets * len(self._points), own.shape[1]))
         for rank, part in enumerate(self._group.gather(own)):
@@ -150,17 +154,25 @@ class Evaluator:
 
     def _front(self, rows: np.ndarray) -> Front:
         """Return the front of one set of episodes, a row of results each."""
-        *returns, lengths, falls, blowups, _ = rows.T.copy()
+        m = len(self.env.objectives)
+        returns, measured = rows[:, :m].copy(), rows[:, m:-4]
+        lengths, falls, blowups, _ = rows[:, -4:].T.copy()
         front = Front(
             self.env.objectives,
             self._points.copy(),
-            np.stack(returns, 1),
+            returns,
             lengths.astype(np.int32),
             np.array(self.env.reference_point),
             falls,
             blowups if self._knows_blowups else None,
         )
-        return front if self._seeds == 1 else front.averaged(self._seeds)
+        if self._seeds > 1:
+            front = front.averaged(self._seeds)
+        if not self.env.quantities:
+            return front
+        *sums, steps = measured.reshape(self._seeds, -1, measured.shape[1]).sum(0).T
+        found = self.env.quantify((np.stack(sums) / steps.clip(1)).T)
+        return front._replace(quantities=found, quantity_names=self.env.quantities)
 
     def _some_steps(self) -> None:
         for _ in range(self._stride):
@@ -178,6 +190,10 @@ class Evaluator:
             self._alive.copy_(~step.terminated)
         self._returns += torch.where(self._alive[:, None], step.reward, 0.0)
         self._lengths += self._alive
+        over = step.terminated | step.truncated
+        if self.env.quantities:  # after the last step of an episode, a new one may have begun
+            sample = torch.cat([self.env.measure(), torch.ones_like(self._measured[:, :1])], 1)
+            self._measured += torch.where((self._alive & ~over)[:, None], sample, 0.0)
         if latched:
-            self._alive &= ~(step.terminated | step.truncated)
+            self._alive &= ~over
         self._observation.copy_(step.observation)

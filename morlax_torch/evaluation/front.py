@@ -27,6 +27,8 @@ class Front(NamedTuple):
     reference_point: np.ndarray  # (m,)
     falls: np.ndarray | None = None  # (K,) share of episodes that failed; None: unknown
     blowups: np.ndarray | None = None  # (K,) share of episodes that blew up; None: unknown
+    quantities: np.ndarray | None = None  # (K, q) means over episodes; None: not measured
+    quantity_names: tuple[str, ...] = ()  # with units, such as "power (W)"
     fingerprint: str = ""  # of the evaluated policies, see `runs.checkpoint`; "": unknown
     checkpoint: str = ""  # file of the evaluated policies, such as "best.pt"; "": unknown
 
@@ -107,8 +109,9 @@ class Front(NamedTuple):
                 needed = [f for f in cls._fields if f in arrays or f not in cls._field_defaults]
                 fields = {name: arrays[name] for name in needed}
             texts = {name: str(fields[name]) for name in TEXTS if name in fields}
-            objectives = tuple(map(str, fields["objectives"]))
-            front = cls(**{**fields, **texts, "objectives": objectives})
+            named = ("objectives", "quantity_names")
+            names = {name: tuple(map(str, fields[name])) for name in named if name in fields}
+            front = cls(**{**fields, **texts, **names})
             front._check()
             return front
         except MemoryError:
@@ -122,12 +125,13 @@ class Front(NamedTuple):
         check_objectives(self.objectives)
         K, m = len(self.tradeoffs), len(self.objectives)
         shapes = {"tradeoffs": (K, m), "returns": (K, m), "reference_point": (m,)}
+        shapes["quantities"] = K, len(self.quantity_names)
         for name, values in self._asdict().items():
             if name in TEXTS:
                 if len(values) > LONGEST or not values.isprintable():
                     raise ValueError(f"{name} must be a short text")
                 continue
-            if name == "objectives" or values is None:
+            if name in ("objectives", "quantity_names") or values is None:
                 continue
             shape = shapes.get(name, (K,))
             if values.shape != shape or values.dtype.kind not in "fiu":

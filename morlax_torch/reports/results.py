@@ -126,6 +126,9 @@ def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
     if len(front.objectives) > 3:
         caption = "the front, one line per policy."
         found.append(("parallel", caption, figures.parallel_figure(front, title)))
+    if front.quantities is not None:
+        caption = "what each policy does, in physical units, colored by trade-off."
+        found.append(("quantities", caption, figures.quantities_figure(front, title)))
     return found
 
 
@@ -134,9 +137,11 @@ def front_rows(front: Front) -> list[list]:
     heads = [
         *(f"tradeoff_{name}" for name in front.objectives),
         *(f"return_{name}" for name in front.objectives),
+        *front.quantity_names,
         *("length", "falls", "non_dominated", "obeys"),
     ]
-    numbers = np.column_stack([front.tradeoffs, front.returns]).tolist()
+    measured = () if front.quantities is None else (front.quantities,)
+    numbers = np.column_stack([front.tradeoffs, front.returns, *measured]).tolist()
     marks = np.column_stack([front.lengths, front.falls, front.non_dominated, front.obeys])
     pairs = zip(numbers, marks, strict=True)
     return [heads, *([*row, *(f"{mark:g}" for mark in some)] for row, some in pairs)]

@@ -5,6 +5,7 @@
 
 from .front import front_figure, fronts_figure, parallel_figure, spaces_figure
 from .hypervolume import hypervolume_figure
+from .quantities import quantities_figure
 from .returns import returns_figure
 from .style import pixels, save
 
@@ -14,6 +15,7 @@ __all__ = [
     "hypervolume_figure",
     "parallel_figure",
     "pixels",
+    "quantities_figure",
     "returns_figure",
     "save",
     "spaces_figure",
