@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+import torch
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError
@@ -49,9 +50,10 @@ class Trial:
             self.found.append(evaluation.iteration)
 
     def wait_for(self, iteration: int) -> None:
-        """Wait until the checkpoint of an iteration is written."""
-        limit = time.monotonic() + 60
-        while self.latest < iteration:
+        """Wait until the checkpoint of an iteration is written, and then its front."""
+        limit, file = time.monotonic() + 60, self.run.checkpoints / "latest.pt"
+        front = checkpoint.front_path(file)
+        while self.latest < iteration or front.stat().st_mtime_ns < file.stat().st_mtime_ns:
             assert time.monotonic() < limit
             time.sleep(0.01)
 
@@ -202,13 +204,22 @@ def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
 
 
 def planned(
-    progress: Progress, iteration: int = 0, times: tuple | None = None, **limits: Any
+    progress: Progress,
+    iteration: int = 0,
+    times: tuple | None = None,
+    device: str = "cpu",
+    **limits: Any,
 ) -> Schedule:
     """Return the schedule of a config that has these limits, and none else."""
     unlimited = {"max_env_steps": None, "max_seconds": None, "evaluation.every": None}
     config = tiny(**{**unlimited, "ppo.decay_fraction": 0.0, **limits})
+    env = SimpleNamespace(device=torch.device(device), recordable=False, episode_length=40)
     learner = SimpleNamespace(
-        config=config, iteration=iteration, steps_per_iteration=100, env_steps=100 * iteration
+        config=config,
+        env=env,
+        iteration=iteration,
+        steps_per_iteration=100,
+        env_steps=100 * iteration,
     )
     return Schedule(cast(Any, learner), progress, evaluate_at=times)
 
@@ -223,6 +234,16 @@ def test_evaluations_are_spaced_by_their_cost():
         progress.train_seconds = seconds
         assert schedule.evaluation_due() == due
         assert schedule.iterations() == iterations
+
+
+def test_where_few_worlds_take_as_long_as_many_training_starts_without_an_evaluation():
+    progress = Progress()
+    schedule = planned(progress, device="cuda")  # horizon 4, so an episode takes ten rollouts
+    assert not schedule.evaluation_due() and schedule.seconds() == 0  # after one iteration
+    progress.train_seconds, progress.steps_per_second = 0.5, 200.0
+    for seconds, due in ((0.5, False), (57.9, False), (58.1, True)):  # 8 % of 62.5 s are 5 s
+        progress.train_seconds = seconds
+        assert schedule.evaluation_due() == due
 
 
 def test_evaluations_at_given_times():

@@ -15,7 +15,9 @@ class Schedule:
 
     Evaluations come at the training seconds `evaluate_at`, else at the config's interval. Without
     both they are spaced by their cost, so that they take about EVALUATION_SHARE of the training
-    loop's time. `progress` is read live while training updates it.
+    loop's time. Where a GPU steps worlds from Python, few worlds take as long as many, so the first
+    evaluation comes only when its expected cost is that share. `progress` is read live while
+    training updates it.
     """
 
     def __init__(
@@ -28,6 +30,8 @@ class Schedule:
         if config.evaluation.every is not None and evaluate_at is None:
             self._interval = max(1, config.evaluation.every // steps)
         self._next_second = progress.train_seconds
+        env = learner.env
+        self._expects_cost = env.device.type == "cuda" and not env.recordable
 
     def over(self) -> bool:
         timed_out = self._max_seconds and self._progress.train_seconds >= self._max_seconds
@@ -43,6 +47,12 @@ class Schedule:
 
     def evaluation_due(self) -> bool:
         if self._interval is None:
+            if self._expects_cost and self._evaluate_at is None:
+                if not self.pace():
+                    return False
+                self._expects_cost = False
+                steps = self._learner.env.episode_length / self._learner.config.horizon
+                self.evaluated(steps * self.pace())
             return self._until_evaluation() <= 0
         return self._learner.iteration % self._interval == 0
 
