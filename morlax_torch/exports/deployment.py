@@ -1,0 +1,71 @@
+"""Files beside an exported policy, with which it drives a robot without this package."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..envs import Robot
+from ..files import write_file
+from ..version import __version__
+
+SETTINGS, MODEL = "deploy.yaml", "robot.zip"
+HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/export.md.\n"
+
+
+def deploy(
+    robot: Robot,
+    policy: Path,
+    task: str,
+    objectives: Sequence[str],
+    tradeoff: Sequence[float] | None = None,
+    slew: float | None = None,
+) -> list[str] | None:
+    """Write deploy.yaml and robot.zip beside an exported policy.
+
+    Args:
+        robot: the task's.
+        policy: file of the policy.
+        task: name of the task.
+        objectives: m names.
+        tradeoff: (m,) of the policy; None if it is an input.
+        slew: largest change of a trade-off's weight per second; None for any.
+
+    Returns:
+        The driven joints whose gains are not known. None, and no file is written, unless the
+        robot's actions are positions of joints.
+
+    Raises:
+        MorlaxError: a file cannot be written.
+    """
+    deployment = robot.deployment()
+    if deployment is None:
+        return None
+    settings = deployment.settings
+    settings["morlax_torch"] = {
+        "version": __version__,
+        "task": task,
+        "policy": policy.name,
+        "model": MODEL,
+        "objectives": list(objectives),
+        "tradeoff": None if tradeoff is None else list(tradeoff),
+        "slew": slew,
+        **settings["morlax_torch"],
+    }
+    text = yaml.safe_dump(_short(settings), default_flow_style=None, sort_keys=False, width=100)
+    write_file(policy.with_name(MODEL), deployment.model)
+    write_file(policy.with_name(SETTINGS), HEADER + text)
+    action = settings["actions"]["JointPositionAction"]
+    driven = action["joint_ids"] or range(len(settings["stiffness"]))
+    names = zip(driven, action["joint_names"], strict=True)
+    return [name for index, name in names if settings["stiffness"][index] is None]
+
+
+def _short(value: Any) -> Any:
+    """Return plain values with seven digits, as float32 has."""
+    if isinstance(value, float):
+        return float(f"{value:.7g}")
+    if isinstance(value, dict):
+        return {key: _short(part) for key, part in value.items()}
+    return [_short(part) for part in value] if isinstance(value, list | tuple) else value
