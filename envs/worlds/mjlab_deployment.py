@@ -156,9 +156,7 @@ def _clip(terms: list[Any]) -> list[list[float]] | None:
     return [
         row
         for term in terms
-        for row in (
-            [free] * term.action_dim if term.cfg.clip is None else term._clip[0].tolist()
-        )
+        for row in ([free] * term.action_dim if term.cfg.clip is None else term._clip[0].tolist())
     ]
 
 
