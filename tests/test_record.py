@@ -16,7 +16,7 @@ from morlax_torch import MorlaxError, load, save
 from morlax_torch.commands import record
 from morlax_torch.runs import loading
 from morlax_torch.terminal import cli
-from morlax_torch.viewers.filming import panels, video
+from morlax_torch.viewers.filming import panels, recording, video
 from morlax_torch.viewers.filming.film import Film
 from morlax_torch.viewers.filming.video import write_video
 from morlax_torch.viewers.player import Player
@@ -147,7 +147,7 @@ def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
 @pytest.mark.slow
 def test_gifs_are_small(tmp_path):
     film = Film(load("cheetah"), [(1.0, 0.0)], 320, 240)
-    every, fps = film.pace(1.0, recording.FASTEST[".gif"])
+    every, fps = film.pace(1.0, video.FASTEST[".gif"])
     frames = list(film.frames(1.0, every))
     write_video(tmp_path / "film.gif", iter(frames), fps)
     assert fps == 20 and len(frames) == 21

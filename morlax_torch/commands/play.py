@@ -38,7 +38,7 @@ def command(arguments: Sequence[str]) -> None:
             episodes: Run so many episodes as fast as possible, and print a table of falls,
                 tracking errors and power.
             seconds: Duration of an episode or film, or after which the window closes (None: 30
-                in episodes, 8 in a film, no limit in a window).
+                in episodes, 5 in a film, no limit in a window).
             output: Write a film, FILE.mp4 or FILE.gif, instead of opening a window (None:
                 film.mp4 if there is no display).
             gamepad: Device of a gamepad that steers the robot too, such as /dev/input/js0.
@@ -66,7 +66,7 @@ def command(arguments: Sequence[str]) -> None:
         else:
             place = output or Path("film.mp4")
             with cli.bar("filming") as watch:
-                falls = film(deployment, strengths, place, seconds or 8.0, seed, watch)
+                falls = film(deployment, strengths, place, seconds or 5.0, seed, watch)
             cli.console.print(f"written: {place}")
         cli.console.print(f"falls: {falls}")
 

@@ -10,7 +10,7 @@ import mujoco
 import yaml
 
 from ..envs import MorlaxError
-from ..files import is_folder, read
+from ..files import exists, is_folder, read
 
 SETTINGS, XML = "deploy.yaml", "robot.xml"
 
@@ -46,7 +46,11 @@ def open_export(path: Path) -> Deployment:
         MorlaxError: a file is missing or damaged, or gains or the command are not known.
     """
     folder = path if is_folder(path) else path.parent
-    if not (folder / SETTINGS).exists():
+    if not exists(path):
+        raise MorlaxError(
+            f"there is no export {path}: name the folder of one."
+        )
+    if not exists(folder / SETTINGS):
         raise MorlaxError(
             f"{folder} has no {SETTINGS}: morlax export writes one for policies whose actions are "
             "positions of joints, such as those of mjlab's velocity tasks."

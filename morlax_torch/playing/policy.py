@@ -29,10 +29,10 @@ class Policy:
             raise MorlaxError(
                 f"play needs onnxruntime, which is not installed: {installation('onnx')}."
             ) from None
-        options = onnxruntime.SessionOptions()
+        content, options = read(file, "policy"), onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1  # the network is small
         try:
-            self._session = onnxruntime.InferenceSession(read(file, "policy"), options)
+            self._session = onnxruntime.InferenceSession(content, options)
         except Exception as error:  # its own classes, which have no common base but this
             reason = " ".join(str(error).split())
             raise MorlaxError(f"onnxruntime cannot load {file}: {reason}.") from None

@@ -18,7 +18,7 @@ from .robot import Robot
 from .steering import Gamepad, Steering
 from .wishes import Wishes
 
-SIZE = 640, 480  # pixels of a film
+SIZE = 480, 360  # pixels of a film
 FASTEST = 30.0  # frames per second of a film
 
 
@@ -51,13 +51,13 @@ def show(
     Raises:
         MorlaxError: the gamepad or the window cannot be opened.
     """
-    import mujoco.viewer  # opens a library of windows
+    from mujoco import viewer  # loads a library of windows
 
     robot, policy, falls = Robot(deployment, disturbances, seed), policy_of(deployment), 0
     steering = Steering(deployment, policy)
     pad = None if gamepad is None else Gamepad(gamepad)
     try:
-        window = mujoco.viewer.launch_passive(
+        window = viewer.launch_passive(
             robot.model, robot.data, key_callback=steering.press, show_left_ui=False
         )
     except RuntimeError as error:  # on macOS, only mjpython may open a window
@@ -106,6 +106,8 @@ def film(
     if output.suffix.lower() not in ENDINGS:
         raise MorlaxError(f"{output} must end in {' or '.join(ENDINGS)}.")
     robot = Robot(deployment, disturbances, seed)
+    robot.model.light_castshadow[:] = 0  # shadows and reflections of fine meshes take a CPU a
+    robot.model.mat_reflectance[:] = 0  # second per frame
     every = max(1, round(1 / (robot.dt * FASTEST)))
     falls: list[float] = []
     frames = _frames(robot, deployment, round(seconds / robot.dt), every, seed, falls, watch)
