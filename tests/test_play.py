@@ -34,7 +34,7 @@ CART = """<mujoco><option timestep="0.005"/><worldbody><light pos="0 0 3"/>
 <position name="b" joint="right" kp="9" kv="1" forcerange="-2 2"/></actuator>
 <sensor><gyro name="gyro" site="imu"/></sensor></mujoco>"""
 ARM = (
-    '<body pos="0 {1} .1"><joint name="{0}" axis="0 1 0" range="-1 1"/>'
+    '<body pos="0 {1} .1"><joint name="{0}" axis="0 1 0" range="-57 57"/>'
     '<geom type="capsule" fromto="0 0 0 0 0 .2" size=".02" mass=".1" contype="0"/></body>'
 )
 XML = CART.format(ARM.format("left", 0.25) + ARM.format("right", -0.25))
