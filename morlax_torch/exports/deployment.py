@@ -11,7 +11,7 @@ from ..files import write_file
 from ..version import __version__
 
 SETTINGS, MODEL = "deploy.yaml", "robot.zip"
-HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/export.md.\n"
+HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/mjlab.md.\n"
 
 
 def deploy(
