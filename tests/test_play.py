@@ -1,6 +1,8 @@
 """An export is played in C MuJoCo: disturbances, trade-offs, steering, and mistakes."""
 
 import io
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 from types import SimpleNamespace
@@ -246,3 +248,15 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     (folder / "deploy.yaml").write_text(text)
     (folder / "robot.zip").write_bytes(b"no zip")
     assert "cannot load the model" in refused(play, folder)
+
+
+def test_play_imports_neither_torch_nor_the_simulator_of_the_training(cart):
+    code = (
+        "import sys\n"
+        "from morlax_torch.__main__ import command\n"
+        f"command(['play', {str(cart.policy.parent)!r}, '--episodes', '1', '--seconds', '0.2'])\n"
+        "print('found', {'torch', 'warp', 'mjlab', 'mujoco_warp'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "found set()" in done.stdout, done.stderr
+    assert "cost of transport" in done.stdout

@@ -91,7 +91,7 @@ def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     driven = model.actuator_trnid[:, 0] == model.joint(joint).id
     found = (of_joint & driven).nonzero()[0]
-    nothing = {"stiffness": None, "damping": None, "torque": None}
+    nothing: dict[str, float | None] = {"stiffness": None, "damping": None, "torque": None}
     if len(found) != 1:
         return nothing
     (index,) = found
@@ -118,13 +118,14 @@ def _observations(
     """Return each term in unitree_rl_lab's shape, and what else is known about it."""
     manager = env.observation_manager
     found = []
+    name: str
     for name, size in zip(
         manager.active_terms[group], manager.group_obs_term_dim[group], strict=True
     ):
         cfg = manager.get_term_cfg(group, name)
         history = max(1, cfg.history_length)
         width = torch.Size(size).numel() // history
-        function = cfg.func.__name__
+        function: str = cfg.func.__name__
         theirs = name if function == "builtin_sensor" else NAMES.get(function, function)
         scale = torch.ones(width) * (1.0 if cfg.scale is None else cfg.scale)
         clip = None if cfg.clip is None else list(cfg.clip)
@@ -167,7 +168,7 @@ def _zipped(env: Any) -> bytes:
     fixing.strip_buffer_textures(spec)
     env.cfg.sim.mujoco.apply(SimpleNamespace(opt=spec.option))
     text = fixing.fix_spec_xml(spec.to_xml(), meshdir="")
-    named = {node.get("file") for node in ET.fromstring(text).iter()} - {None}
+    named = {node.get("file", "") for node in ET.fromstring(text).iter()} - {""}
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(XML, text)

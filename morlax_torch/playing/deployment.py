@@ -47,7 +47,7 @@ def open_export(path: Path) -> Deployment:
     """
     folder = path if is_folder(path) else path.parent
     if not exists(path):
-        raise MorlaxError(f"there is no export {path}: name the folder of one.")
+        raise MorlaxError(f"there is no export {path}: morlax export writes one.")
     if not exists(folder / SETTINGS):
         raise MorlaxError(
             f"{folder} has no {SETTINGS}: morlax export writes one for policies whose actions are "

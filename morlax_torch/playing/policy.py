@@ -55,4 +55,5 @@ class Policy:
         inputs = {"observation": observation[None].astype(np.float32)}
         if self.slides:
             inputs["tradeoff"] = self.tradeoff.astype(np.float32)
-        return self._session.run(["action"], inputs)[0][0].astype(float)
+        (actions,) = self._session.run(["action"], inputs)
+        return np.asarray(actions, float)[0]

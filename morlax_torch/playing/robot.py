@@ -13,6 +13,7 @@ from .disturbances import Disturbances, Disturber
 
 Array = NDArray[np.float64]
 FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
+GAINS = "stiffness", "damping"
 RISE = 0.02  # m of the base above its default pose at the start
 BROKEN = (  # of which MuJoCo warns before it resets the state
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -60,8 +61,9 @@ class Robot:
         driven = action["joint_ids"] or range(len(joints))
         self._motors = np.array([self._motor(joints[index]) for index in driven])
         self._scale, self._offset = np.array(action["scale"]), np.array(action["offset"])
-        self._clip = np.array(action["clip"]).T if action["clip"] else (-np.inf, np.inf)
-        self._set_gains(settings["stiffness"], settings["damping"], driven)
+        self._clip = np.array(action["clip"] or [[-np.inf, np.inf]]).T  # (2, A) or (2, 1)
+        self._start = self._rest[0][list(driven)]
+        self._set_gains(*(np.array(settings[key])[list(driven)] for key in GAINS))
         for (name, term), _ in self._terms:
             sensor = term["params"].get("sensor_name")
             known = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor or "") >= 0
@@ -79,7 +81,7 @@ class Robot:
             mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[2] += RISE
         self.data.qpos[self._qpos], self.data.qvel[self._qvel] = self._rest
-        self.data.ctrl[self._motors] = self._rest[0][self._driven]
+        self.data.ctrl[self._motors] = self._start
         self.data.time = 0.0
         self.action = np.zeros(len(self._motors))
         self.command = np.zeros(3)
@@ -110,7 +112,7 @@ class Robot:
     def step(self, action: Array) -> Step:
         """Move on by a control step with an action (A,) of the policy."""
         self.action = action
-        target = np.clip(self._offset + self._scale * action, *self._clip)
+        target = (self._offset + self._scale * action).clip(*self._clip)
         self._pending.append((self._count + self._disturber.delay, target))
         power = 0.0
         for _ in range(self._substeps):
@@ -157,13 +159,11 @@ class Robot:
             raise MorlaxError(f"the model has {len(found)} actuators for {name} instead of one.")
         return int(found[0])
 
-    def _set_gains(self, stiffness: list, damping: list, driven: list[int] | range) -> None:
+    def _set_gains(self, stiffness: Array, damping: Array) -> None:
         """Let the model's motors have the gains of deploy.yaml, which may have been edited."""
-        self._driven = np.array(driven)
-        k, d = np.array(stiffness, float)[self._driven], np.array(damping, float)[self._driven]
-        self.model.actuator_gainprm[self._motors, 0] = k
-        self.model.actuator_biasprm[self._motors, 1] = -k
-        self.model.actuator_biasprm[self._motors, 2] = -d
+        self.model.actuator_gainprm[self._motors, 0] = stiffness
+        self.model.actuator_biasprm[self._motors, 1] = -stiffness
+        self.model.actuator_biasprm[self._motors, 2] = -damping
 
 
 def _gravity(robot: Robot, params: dict) -> Array:
