@@ -34,7 +34,7 @@ def test_every_step_equals_one_of_mjlab(exported):
     seen = env.observation_manager.compute_group("actor")
     ours, theirs = policy_of(deployment), policy_of(deployment)
     size = env.cfg.actions["joint_pos"].scale[".*_hip_joint"]
-    action_scale = deployment.action["scale"][0] / size  # before mjlab's own
+    action_scale = deployment.settings.action.scale[0] / size  # before mjlab's own
     for _ in range(50):
         observation = robot.observe(command)
         np.testing.assert_allclose(observation, seen[0].numpy(), rtol=0, atol=1e-3)

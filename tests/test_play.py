@@ -113,7 +113,7 @@ def test_an_observation_has_the_order_scales_clips_and_history_of_its_settings(c
 
 
 def test_gains_that_a_user_edits_are_those_of_the_motors(cart):
-    cart.settings["stiffness"] = [20.0, 9.0]
+    cart.settings.stiffness = [20.0, 9.0]
     robot = Robot(cart)
     assert robot.model.actuator_gainprm[:, 0].tolist() == [20, 9]
     assert robot.model.actuator_biasprm[:, 1].tolist() == [-20, -9]
@@ -209,13 +209,13 @@ def test_without_a_display_a_film_is_written(cart, tmp_path, monkeypatch, capsys
     assert (tmp_path / "film.mp4").stat().st_size > 1000
 
 
-def test_a_motor_of_another_form_has_no_gains(tmp_path, capsys):
+def test_a_motor_of_another_form_has_no_gains(tmp_path):
     other = XML.replace('<position name="a" joint="left" kp="9" kv="1"', '<motor joint="left"')
     model = mujoco.MjModel.from_xml_string(other)
     assert motor(model, "left") == {"stiffness": None, "damping": None, "torque": 2.0}
     content = settings()
     content["stiffness"][0] = content["damping"][0] = None
-    with pytest.raises(MorlaxError, match=r"no gains \(null\) for left: write their stiffness"):
+    with pytest.raises(MorlaxError, match=r"no gains \(null\) for left, write their stiffness"):
         open_export(write(tmp_path, content))
 
 
@@ -232,8 +232,11 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     assert "hopper does not have" in refused(export, hopper, "--slew", "1")
     assert "leave --tradeoff out" in refused(export, hopper, "--slew", "1", "--tradeoff", "1,1")
     changes = {
-        "damaged or incomplete": lambda content: content.pop("actions"),
-        "no velocity command": lambda content: content["commands"].clear(),
+        "actions: Field required": lambda content: content.pop("actions"),
+        "offset has 1 entries instead of 2": lambda content: content["actions"][
+            "JointPositionAction"
+        ]["offset"].pop(),
+        "commands.base_velocity: Field required": lambda content: content["commands"].clear(),
         "no joint knee": lambda content: content["morlax_torch"]["joints"].__setitem__(0, "knee"),
         "does not know the observation height": lambda content: content["observations"].update(
             {"height": content["observations"].pop("last_action")}

@@ -57,7 +57,14 @@ def command(arguments: Sequence[str]) -> None:
         strengths, deployment = Disturbances(delay, noise, push, friction), open_export(export)
         if episodes is not None:
             with cli.bar("playing") as watch:
-                found = run(deployment, strengths, episodes, seconds or 30.0, seed, watch)
+                found = run(
+                    deployment,
+                    strengths,
+                    episodes,
+                    30.0 if seconds is None else seconds,
+                    seed,
+                    watch,
+                )
             cli.console.print(_table(found))
             return
         if output is None and has_display():
@@ -66,7 +73,9 @@ def command(arguments: Sequence[str]) -> None:
         else:
             place = output or Path("film.mp4")
             with cli.bar("filming") as watch:
-                falls = film(deployment, strengths, place, seconds or 5.0, seed, watch)
+                falls = film(
+                    deployment, strengths, place, 5.0 if seconds is None else seconds, seed, watch
+                )
             cli.console.print(f"written: {place}")
         cli.console.print(f"falls: {falls}")
 

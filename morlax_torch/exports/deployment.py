@@ -2,20 +2,22 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from ..envs import Robot
 from ..files import write_file
 from ..version import __version__
+
+if TYPE_CHECKING:
+    from ..envs import Robot  # imports torch, which playing an export does without
 
 SETTINGS, MODEL = "deploy.yaml", "robot.zip"
 HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/mjlab.md.\n"
 
 
 def deploy(
-    robot: Robot,
+    robot: "Robot",
     policy: Path,
     task: str,
     objectives: Sequence[str],

@@ -1,42 +1,28 @@
-"""Read an export: deploy.yaml, the model of the robot, and the policy's file."""
+"""Open an export: deploy.yaml, the model of the robot, and the policy's file."""
 
 import io
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import yaml
+from pydantic import ValidationError
 
 from ..envs import MorlaxError
+from ..envs.errors import explained
+from ..exports.deployment import SETTINGS
 from ..files import exists, is_folder, read
-
-SETTINGS, XML = "deploy.yaml", "robot.xml"
+from .settings import Settings
 
 
 @dataclass
 class Deployment:
-    """An export that can be played: its settings, the model, and the file of the policy."""
+    """An export that can be played."""
 
-    settings: dict[str, Any]  # deploy.yaml
+    settings: Settings
     model: mujoco.MjModel
     policy: Path
-
-    @property
-    def own(self) -> dict[str, Any]:
-        """The entries that unitree_rl_lab does not have."""
-        return self.settings["morlax_torch"]
-
-    @property
-    def action(self) -> dict[str, Any]:
-        return self.settings["actions"]["JointPositionAction"]
-
-    @property
-    def limits(self) -> list[list[float]]:
-        """Range (low, high) of each number of the command: m/s, m/s, rad/s."""
-        ranges = self.settings["commands"]["base_velocity"]["ranges"]
-        return [ranges[axis] for axis in ("lin_vel_x", "lin_vel_y", "ang_vel_z")]
 
 
 def open_export(path: Path) -> Deployment:
@@ -54,36 +40,26 @@ def open_export(path: Path) -> Deployment:
             "positions of joints, such as those of mjlab's velocity tasks."
         )
     try:
-        settings = yaml.safe_load(read(folder / SETTINGS).decode())
-        own, action = settings["morlax_torch"], settings["actions"]["JointPositionAction"]
-        ids = action["joint_ids"] or range(len(own["joints"]))
-        gains = list(zip(settings["stiffness"], settings["damping"], strict=True))
-        missing = [own["joints"][i] for i in ids if None in gains[i]]
-        moves = "base_velocity" in settings["commands"]
-        policy = folder / own["policy"] if path == folder else path
-        archive = folder / own["model"]
-    except (KeyError, TypeError, IndexError, ValueError, yaml.YAMLError) as error:
-        raise MorlaxError(
-            f"{folder / SETTINGS} is damaged or incomplete ({type(error).__name__}): export the "
-            "policy again."
-        ) from None
-    if missing:
-        raise MorlaxError(
-            f"{folder / SETTINGS} has no gains (null) for {', '.join(missing)}: write their "
-            "stiffness and damping there."
-        )
-    if not moves:
-        raise MorlaxError(f"{folder / SETTINGS} has no velocity command, which play needs.")
-    return Deployment(settings, _model(archive), policy)
+        settings = Settings.model_validate(yaml.safe_load(read(folder / SETTINGS).decode()))
+    except ValidationError as error:
+        raise MorlaxError(f"{folder / SETTINGS}: {explained(error, Settings)}") from None
+    except (ValueError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise MorlaxError(f"{folder / SETTINGS} is not valid YAML: {reason}.") from None
+    own = settings.morlax_torch
+    return Deployment(
+        settings, _model(folder / own.model), folder / own.policy if path == folder else path
+    )
 
 
 def _model(archive: Path) -> mujoco.MjModel:
-    """Compile the model in a zip of robot.xml and its files."""
+    """Compile the model in a zip of an XML file and the files that it names."""
     try:
         with zipfile.ZipFile(io.BytesIO(read(archive, "model"))) as files:
             contents = {name: files.read(name) for name in files.namelist()}
-        text = contents.pop(XML).decode()
+        (name,) = (name for name in contents if name.endswith(".xml"))
+        text = contents.pop(name).decode()
         return mujoco.MjSpec.from_string(text, assets=contents).compile()
-    except (KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (ValueError, zipfile.BadZipFile) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"cannot load the model {archive}: {reason}.") from None

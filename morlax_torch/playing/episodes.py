@@ -58,14 +58,14 @@ def run(
 
 
 def check_times(deployment: Deployment, seconds: float) -> None:
-    step = deployment.settings["step_dt"]
+    step = deployment.settings.step_dt
     if not step <= seconds <= 1e6:
         raise MorlaxError(f"--seconds must be from {step:g} to 1000000, not {seconds:g}.")
 
 
 def policy_of(deployment: Deployment) -> Policy:
-    own, seconds = deployment.own, deployment.settings["step_dt"]
-    return Policy(deployment.policy, own["objectives"], own["slew"], seconds)
+    own, seconds = deployment.settings.morlax_torch, deployment.settings.step_dt
+    return Policy(deployment.policy, own.objectives, own.slew, seconds)
 
 
 def summary(episodes: Sequence[Episode]) -> Episode:

@@ -1,6 +1,7 @@
 """One robot in C MuJoCo that is driven as deploy.yaml says."""
 
 from collections import deque
+from copy import copy
 from typing import NamedTuple
 
 import mujoco
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 from ..envs import MorlaxError
 from .deployment import Deployment
 from .disturbances import Disturbances, Disturber
+from .settings import Term
 
 Array = NDArray[np.float64]
 FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
-GAINS = "stiffness", "damping"
 RISE = 0.02  # m of the base above its default pose at the start
 BROKEN = (  # of which MuJoCo warns before it resets the state
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -45,33 +46,28 @@ class Robot:
         disturbances: Disturbances | None = None,
         seed: int | np.random.SeedSequence = 0,
     ):
-        settings, own, action = deployment.settings, deployment.own, deployment.action
-        self.model, self.dt = deployment.model, float(settings["step_dt"])
+        settings = deployment.settings
+        own, action = settings.morlax_torch, settings.action
+        self.model, self.dt = copy(deployment.model), settings.step_dt
         self.data = mujoco.MjData(self.model)
         rng = np.random.default_rng(seed)
         self._disturber = Disturber(disturbances, self.model, rng)
         self._substeps = round(self.dt / self.model.opt.timestep)
-        self._terms = list(
-            zip(settings["observations"].items(), own["observation_noise"], strict=True)
-        )
-        joints = [self._joint(name) for name in own["joints"]]
+        self._terms = list(zip(settings.observations.items(), own.observation_noise, strict=True))
+        joints = [self._joint(name) for name in own.joints]
         self._qpos = np.array([self.model.jnt_qposadr[joint] for joint in joints])
         self._qvel = np.array([self.model.jnt_dofadr[joint] for joint in joints])
-        self._rest = np.array(settings["default_joint_pos"]), np.array(own["default_joint_vel"])
-        driven = action["joint_ids"] or range(len(joints))
+        self._rest = np.array(settings.default_joint_pos), np.array(own.default_joint_vel)
+        driven = settings.driven
         self._motors = np.array([self._motor(joints[index]) for index in driven])
-        self._scale, self._offset = np.array(action["scale"]), np.array(action["offset"])
-        self._clip = np.array(action["clip"] or [[-np.inf, np.inf]]).T  # (2, A) or (2, 1)
-        self._start = self._rest[0][list(driven)]
-        self._set_gains(*(np.array(settings[key])[list(driven)] for key in GAINS))
-        for (name, term), _ in self._terms:
-            sensor = term["params"].get("sensor_name")
-            known = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor or "") >= 0
-            if name not in READERS or (sensor and not known):
-                raise MorlaxError(
-                    f"play does not know the observation {name}: it knows {', '.join(READERS)}."
-                )
+        self._scale, self._offset = np.array(action.scale), np.array(action.offset)
+        self._clip = np.array(action.clip or [(-np.inf, np.inf)]).T  # (2, A) or (2, 1)
+        self._start = self._rest[0][driven]
+        gains = settings.stiffness, settings.damping
+        self._set_gains(*(np.array(values, float)[driven] for values in gains))
         self.reset()
+        for (name, term), _ in self._terms:
+            self._check(name, term)
 
     def reset(self) -> None:
         """Start an episode just above the default pose."""
@@ -96,12 +92,12 @@ class Robot:
         self.command = command
         parts = []
         for (name, term), noise in self._terms:
-            value = self._disturber.noisy(READERS[name](self, term["params"]), noise)
-            if term["clip"]:
-                value = np.clip(value, *term["clip"])
-            parts.append(value * np.array(term["scale"]))
+            value = self._disturber.noisy(READERS[name](self, term.params), noise)
+            if term.clip:
+                value = value.clip(*term.clip)
+            parts.append(value * np.array(term.scale))
         if not self._histories:
-            lengths = [term["history_length"] for (_, term), _ in self._terms]
+            lengths = [term.history_length for (_, term), _ in self._terms]
             self._histories = [
                 deque([part] * length, length) for part, length in zip(parts, lengths, strict=True)
             ]
@@ -142,6 +138,21 @@ class Robot:
     def _turn(self) -> Array:
         """Return the rotation (3, 3) of the base."""
         return self.data.xmat[self.model.jnt_bodyid[0]].reshape(3, 3)
+
+    def _check(self, name: str, term: Term) -> None:
+        """Raise MorlaxError unless the term can be observed and has the size of its scale."""
+        sensor = term.params.get("sensor_name")
+        if sensor and mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor) < 0:
+            raise MorlaxError(f"the model has no sensor {sensor} for the observation {name}.")
+        if name not in READERS:
+            raise MorlaxError(
+                f"play does not know the observation {name}: it knows {', '.join(READERS)}."
+            )
+        size = len(READERS[name](self, term.params))
+        if size != len(term.scale):
+            raise MorlaxError(
+                f"the observation {name} has {size} numbers, but its scale {len(term.scale)}."
+            )
 
     def _sensor(self, name: str) -> Array:
         return self.data.sensor(name).data.copy()

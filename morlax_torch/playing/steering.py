@@ -39,7 +39,7 @@ class Steering:
     """
 
     def __init__(self, deployment: Deployment, policy: Policy):
-        self._low, self._high = np.array(deployment.limits).T
+        self._low, self._high = np.array(deployment.settings.limits).T
         self._policy, self._chosen = policy, 0
         m = len(policy.objectives)
         self._choices = [np.full(m, 1 / m), *np.eye(m)]
@@ -67,9 +67,10 @@ class Steering:
 
     def words(self) -> tuple[str, str]:
         """Return the names and the values of what is steered, one per line."""
-        names = ["forward", "left", "turn", *self._policy.objectives]
-        values = [f"{value:.2f}" for value in (*self.command, *self._policy.tradeoff)]
-        return "\n".join(names), "\n".join(values)
+        weights = dict(zip(self._policy.objectives, self._policy.tradeoff, strict=True))
+        values = dict(zip(("forward", "left", "turn"), self.command, strict=True))
+        values |= weights if self._policy.slides else {}
+        return "\n".join(values), "\n".join(f"{value:.2f}" for value in values.values())
 
     def _move(self, entry: int, value: float) -> None:
         command = self.command.copy()

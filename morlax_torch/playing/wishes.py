@@ -14,7 +14,7 @@ class Wishes:
     """Draws commands within the ranges and trade-offs on the simplex, each for some seconds."""
 
     def __init__(self, deployment: Deployment, rng: np.random.Generator):
-        self._low, self._high = np.array(deployment.limits).T
+        self._low, self._high = np.array(deployment.settings.limits).T
         self._rng = rng
         self._until = [0.0, 0.0]  # s: of the command and the trade-off
         self._command = np.zeros(3)
