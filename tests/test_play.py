@@ -215,6 +215,9 @@ def test_a_motor_of_another_form_has_no_gains(tmp_path):
     assert motor(model, "left") == {"stiffness": None, "damping": None, "torque": 2.0}
     content = settings()
     content["stiffness"][0] = content["damping"][0] = None
+    robot = SimpleNamespace(deployment=lambda: Written(content, None))
+    gains, model = deploy(robot, tmp_path / "policy.onnx", "cart", ["fast", "calm"])
+    assert "no gains (null) for left, whose motors" in gains and "robot.zip is not written" in model
     with pytest.raises(MorlaxError, match=r"no gains \(null\) for left, write their stiffness"):
         open_export(write(tmp_path, content))
 

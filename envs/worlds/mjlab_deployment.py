@@ -161,13 +161,18 @@ def _clip(terms: list[Any]) -> list[list[float]] | None:
     ]
 
 
-def _zipped(env: Any) -> bytes:
-    """Return a zip of the scene's XML, with the options of the simulation, and of its files."""
+def _zipped(env: Any) -> bytes | None:
+    """Return a zip of the scene's XML, with the options of the simulation, and of its files.
+
+    None if MuJoCo cannot write the scene as XML, such as generated terrain.
+    """
     fixing = import_module("mjlab.utils.xml")
     spec = env.scene.spec.copy()
-    fixing.strip_buffer_textures(spec)
     env.cfg.sim.mujoco.apply(SimpleNamespace(opt=spec.option))
-    text = fixing.fix_spec_xml(spec.to_xml(), meshdir="")
+    try:
+        text = fixing.fix_spec_xml(spec.to_xml(), meshdir="")
+    except (ValueError, mujoco.FatalError):
+        return None
     named = {node.get("file", "") for node in ET.fromstring(text).iter()} - {""}
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -58,7 +58,7 @@ class Deployment(NamedTuple):
     """What a controller needs beside a policy to drive the robot."""
 
     settings: dict[str, Any]  # plain values in the shape of unitree_rl_lab's deploy.yaml
-    model: bytes  # a zip of robot.xml and the files that it names
+    model: bytes | None  # a zip of robot.xml and the files that it names, if it can be written
 
 
 class State(Protocol):

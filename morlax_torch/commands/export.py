@@ -41,8 +41,8 @@ def command(arguments: Sequence[str]) -> None:
             slew: Largest change of a trade-off's weight per second, for deploy.yaml (None: any).
         """
         from ..configuration.tradeoffs import parse_tradeoff
-        from ..exports.deployment import MODEL, SETTINGS, deploy  # imports torch
-        from ..exports.exporting import export
+        from ..exports.deployment import SETTINGS, deploy
+        from ..exports.exporting import export  # imports torch
         from ..exports.formats import FORMATS
         from ..exports.manifest import provenance, robot_of
         from ..runs.loading import load, own_folder
@@ -63,14 +63,13 @@ def command(arguments: Sequence[str]) -> None:
             )
         largest = export(policy, place, format, weights, about, robot)
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
-        missing = deploy(robot, place, policy.config.env, policy.objectives, weights, slew)
-        if missing is not None:
-            cli.console.print(f"written: {place.with_name(SETTINGS)} and {MODEL}")
-        if missing:
+        lacks = deploy(robot, place, policy.config.env, policy.objectives, weights, slew)
+        if lacks is not None:
             cli.console.print(
-                f"{SETTINGS} has no gains (null) for {', '.join(missing)}, whose motors are not "
-                "position actuators of the model."
+                f"written: {place.with_name(SETTINGS)}, for morlax play {place.parent}"
             )
+        for sentence in lacks or ():
+            cli.console.print(sentence)
 
     call(main, arguments, program("export"))
 

@@ -35,8 +35,8 @@ def deploy(
         slew: largest change of a trade-off's weight per second; None for any.
 
     Returns:
-        The driven joints whose gains are not known. None, and no file is written, unless the
-        robot's actions are positions of joints.
+        What the files lack, in sentences. None, and no file is written, unless the robot's actions
+        are positions of joints.
 
     Raises:
         MorlaxError: a file cannot be written.
@@ -44,24 +44,33 @@ def deploy(
     deployment = robot.deployment()
     if deployment is None:
         return None
-    settings = deployment.settings
-    settings["morlax_torch"] = {
+    own = {
         "version": __version__,
         "task": task,
         "policy": policy.name,
-        "model": MODEL,
+        "model": MODEL if deployment.model else None,
         "objectives": list(objectives),
         "tradeoff": None if tradeoff is None else list(tradeoff),
         "slew": slew,
-        **settings["morlax_torch"],
     }
+    settings = {**deployment.settings, "morlax_torch": own | deployment.settings["morlax_torch"]}
     text = yaml.safe_dump(_short(settings), default_flow_style=None, sort_keys=False, width=100)
-    write_file(policy.with_name(MODEL), deployment.model)
+    if deployment.model:
+        write_file(policy.with_name(MODEL), deployment.model)
     write_file(policy.with_name(SETTINGS), HEADER + text)
     action = settings["actions"]["JointPositionAction"]
     driven = action["joint_ids"] or range(len(settings["stiffness"]))
     names = zip(driven, action["joint_names"], strict=True)
-    return [name for index, name in names if settings["stiffness"][index] is None]
+    without = [name for index, name in names if settings["stiffness"][index] is None]
+    lacks = []
+    if without:
+        lacks.append(
+            f"{SETTINGS} has no gains (null) for {', '.join(without)}, whose motors are not "
+            "position actuators of the model."
+        )
+    if not deployment.model:
+        lacks.append(f"{MODEL} is not written, because MuJoCo cannot write this scene as XML.")
+    return lacks
 
 
 def _short(value: Any) -> Any:

@@ -47,9 +47,10 @@ def open_export(path: Path) -> Deployment:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"{folder / SETTINGS} is not valid YAML: {reason}.") from None
     own = settings.morlax_torch
-    return Deployment(
-        settings, _model(folder / own.model), folder / own.policy if path == folder else path
-    )
+    if own.model is None:
+        raise MorlaxError(f"{folder / SETTINGS} names no model, since its scene cannot be written.")
+    policy = folder / own.policy if path == folder else path
+    return Deployment(settings, _model(folder / own.model), policy)
 
 
 def _model(archive: Path) -> mujoco.MjModel:

@@ -46,7 +46,7 @@ class Own(BaseModel):
     """The entries that unitree_rl_lab does not have."""
 
     policy: str
-    model: str
+    model: str | None
     objectives: list[str]
     slew: float | None = Field(gt=0)
     joints: list[str]
