@@ -96,10 +96,11 @@ class Gamepad:
             self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
 
     def events(self) -> list[bytes]:
-        """Return the events since the last call."""
-        try:
-            found = os.read(self._file, 64 * EVENT.size)
-        except BlockingIOError:
-            return []
+        """Return the events since the last call, or raise MorlaxError if it is unplugged."""
+        with attempting("read the gamepad"):
+            try:
+                found = os.read(self._file, 64 * EVENT.size)
+            except BlockingIOError:
+                return []
         whole = len(found) // EVENT.size * EVENT.size
         return [found[start : start + EVENT.size] for start in range(0, whole, EVENT.size)]
