@@ -17,6 +17,7 @@ COMMANDS = {
     "explore": "steer a robot live in the browser",
     "record": "film a robot under several trade-offs",
     "export": "write a policy to a file that runs without this package",
+    "play": "run an exported policy in C MuJoCo",
     "pack": "copy what is needed to use a run into a small folder",
 }
 

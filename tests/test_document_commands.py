@@ -34,6 +34,8 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "python docs/examples/": "test_examples.py does",
     "train_hydra.py": "test_documents.py does",
     "morlax export runs/cheetah": "test_documents.py and test_export.py do",
+    "morlax export go1": "needs mjlab; test_mjlab_play.py exports it",
+    "morlax play": "needs the export of a task of mjlab; test_mjlab_play.py has one",
     "python -m pytest": "starts the tests",
     "morlax explore": "a server; .ci/smoke.py starts it",
     "mjlab:": "needs older simulators; test_mjlab.py trains",

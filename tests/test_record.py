@@ -16,9 +16,9 @@ from morlax_torch import MorlaxError, load, save
 from morlax_torch.commands import record
 from morlax_torch.runs import loading
 from morlax_torch.terminal import cli
-from morlax_torch.viewers.filming import panels, recording
+from morlax_torch.viewers.filming import panels, recording, video
 from morlax_torch.viewers.filming.film import Film
-from morlax_torch.viewers.filming.recording import write_video
+from morlax_torch.viewers.filming.video import write_video
 from morlax_torch.viewers.player import Player
 
 GAP = 4  # pixels between panels
@@ -34,7 +34,7 @@ def saved(make_policy, tmp_path: Path, monkeypatch) -> Path:
 
 def decoded(path: Path) -> tuple[str, np.ndarray]:
     """Return ffmpeg's description of a video and its frames (T, H, W, 3)."""
-    command = [recording.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    command = [video.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(command, capture_output=True, check=True)
     about = re.search(r"Stream.*Video: (.*)", done.stderr.decode())[1]
     width, height = map(int, re.search(r" (\d\d+)x(\d+)", about).groups())
@@ -104,7 +104,7 @@ def test_a_gif_suffix_writes_an_animated_gif(saved):
 def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
     strip = ("--output", "strip.png", "--pictures", "5")
-    monkeypatch.setattr(recording, "find_ffmpeg", None)  # a PNG needs no ffmpeg
+    monkeypatch.setattr(video, "find_ffmpeg", None)  # a PNG needs no ffmpeg
     record.command(["policy.pt", *SMALL, *tradeoffs, *strip])
     with Image.open("strip.png") as image:
         pixels = np.asarray(image)
@@ -147,7 +147,7 @@ def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
 @pytest.mark.slow
 def test_gifs_are_small(tmp_path):
     film = Film(load("cheetah"), [(1.0, 0.0)], 320, 240)
-    every, fps = film.pace(1.0, recording.FASTEST[".gif"])
+    every, fps = film.pace(1.0, video.FASTEST[".gif"])
     frames = list(film.frames(1.0, every))
     write_video(tmp_path / "film.gif", iter(frames), fps)
     assert fps == 20 and len(frames) == 21

@@ -35,7 +35,8 @@ SHOWN = {
     "train": ("--env", "--config", "--resume", "--output", "--seed", "--max-seconds"),
     "evaluate": ("RUN", "--tradeoffs", "--protocol", "--output"),
     "record": ("RUN", "--tradeoff", "--output", "--seconds", "--speed", "--width", "--pictures"),
-    "export": ("RUN", "--tradeoff", "--format", "--output", "torch-export"),
+    "export": ("RUN", "--tradeoff", "--format", "--output", "--slew", "torch-export"),
+    "play": ("EXPORT", "--episodes", "--seconds", "--delay", "--noise", "--push", "--friction"),
 }
 
 

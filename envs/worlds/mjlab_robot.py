@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from .mjlab import MjlabWorlds, from_task
-from .robot import Part, Robot
+from .mjlab_deployment import deployment_of
+from .robot import Deployment, Part, Robot
 
 
 @cache
@@ -64,6 +65,19 @@ class MjlabRobot(MjlabWorlds, Robot):
         return (
             (size * torch.cat([rows.view(-1) for rows in scale])).tolist(),
             torch.cat([rows.view(-1) for rows in offset]).tolist(),
+        )
+
+    def deployment(self) -> Deployment | None:
+        scales = self.scales()
+        if scales is None:
+            return None
+        scale, offset = scales
+        return deployment_of(
+            self.env,
+            self.actor_group,
+            {"scale": scale, "offset": offset},
+            self.options.action_scale,
+            self.command_limits,
         )
 
     def _actions(self) -> list[Any]:

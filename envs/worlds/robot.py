@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import mujoco
 from mujoco import mjtJoint
@@ -54,6 +54,13 @@ def _joints(model: mujoco.MjModel) -> Iterator[tuple[str, int]]:
         yield model.joint(index).name, int(kind)
 
 
+class Deployment(NamedTuple):
+    """What a controller needs beside a policy to drive the robot."""
+
+    settings: dict[str, Any]  # plain values in the shape of unitree_rl_lab's deploy.yaml
+    model: bytes | None  # a zip of robot.xml and the files that it names, if it can be written
+
+
 class State(Protocol):
     """A model, and the state of N worlds of it. Write to the state to move a robot."""
 
@@ -87,4 +94,8 @@ class Robot(Worlds):
 
         None: the mapping has another form, or actions are the model's actuators.
         """
+        return None
+
+    def deployment(self) -> Deployment | None:
+        """Return how to drive the robot outside; None unless actions are positions of joints."""
         return None

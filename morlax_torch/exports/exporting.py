@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.export import ExportedProgram
 
 from ..configuration.tradeoffs import dirichlet_tradeoffs
-from ..envs import MorlaxError
+from ..envs import MorlaxError, Robot
 from ..envs.errors import unknown
 from ..files import AnyPath, write_file
 from ..networks.agent import normalizer_for
@@ -43,6 +43,7 @@ def export(
     format: Literal["onnx", "torchscript", "torch-export"] = "onnx",
     tradeoff: Sequence[float] | None = None,
     about: dict[str, Any] | None = None,
+    robot: Robot | None = None,
 ) -> float:
     """Write the policy of one trade-off, or of all of them, to `output`.
 
@@ -54,6 +55,7 @@ def export(
         format: file format.
         tradeoff: (m,) for a policy (B, O) to (B, A); None keeps the trade-off as an input.
         about: plain values for the file's metadata, added to the policy's `manifest`.
+        robot: the task's, if it is made already.
 
     Returns:
         The largest difference between actions of the file and of the policy.
@@ -67,7 +69,7 @@ def export(
     chosen = FORMATS[format]
     module = FamilyPolicy(policy) if tradeoff is None else policy.specialize(tradeoff)
     inputs = [samples(policy, rows, tradeoff is None) for rows in BATCHES]
-    about = {**manifest(policy, tradeoff), **(about or {})}
+    about = {**manifest(policy, tradeoff, robot), **(about or {})}
     with quiet(), torch.no_grad():
         data = chosen.write(program_of(module, inputs[0]), about)
         run = chosen.read(data)

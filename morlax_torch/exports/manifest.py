@@ -19,10 +19,20 @@ from ..version import __version__
 STEP = 2**-6  # of an action, to measure the slope of its control; exact in binary
 
 
-def manifest(policy: Policy, tradeoff: Sequence[float] | None = None) -> dict[str, Any]:
-    """Return the task, the order and units of inputs and outputs, and the control rate."""
+def robot_of(policy: Policy) -> Robot:
+    """Make one robot of the policy's task."""
     config = policy.config
-    env = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
+    return envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
+
+
+def manifest(
+    policy: Policy, tradeoff: Sequence[float] | None = None, robot: Robot | None = None
+) -> dict[str, Any]:
+    """Return the task, the order and units of inputs and outputs, and the control rate.
+
+    `robot` is the task's, if it is made already.
+    """
+    config, env = policy.config, robot or robot_of(policy)
     return {
         "morlax_torch": __version__,
         "task": config.env,

@@ -1,0 +1,82 @@
+"""Files beside an exported policy, with which it drives a robot without this package."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from ..files import write_file
+from ..version import __version__
+
+if TYPE_CHECKING:
+    from ..envs import Robot  # imports torch, which playing an export does without
+
+SETTINGS, MODEL = "deploy.yaml", "robot.zip"
+HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/mjlab.md.\n"
+
+
+def deploy(
+    robot: "Robot",
+    policy: Path,
+    task: str,
+    objectives: Sequence[str],
+    tradeoff: Sequence[float] | None = None,
+    slew: float | None = None,
+) -> list[str] | None:
+    """Write deploy.yaml and robot.zip beside an exported policy.
+
+    Args:
+        robot: the task's.
+        policy: file of the policy.
+        task: name of the task.
+        objectives: m names.
+        tradeoff: (m,) of the policy; None if it is an input.
+        slew: largest change of a trade-off's weight per second; None for any.
+
+    Returns:
+        What the files lack, in sentences. None, and no file is written, unless the robot's actions
+        are positions of joints.
+
+    Raises:
+        MorlaxError: a file cannot be written.
+    """
+    deployment = robot.deployment()
+    if deployment is None:
+        return None
+    own = {
+        "version": __version__,
+        "task": task,
+        "policy": policy.name,
+        "model": MODEL if deployment.model else None,
+        "objectives": list(objectives),
+        "tradeoff": None if tradeoff is None else list(tradeoff),
+        "slew": slew,
+    }
+    settings = {**deployment.settings, "morlax_torch": own | deployment.settings["morlax_torch"]}
+    text = yaml.safe_dump(_short(settings), default_flow_style=None, sort_keys=False, width=100)
+    if deployment.model:
+        write_file(policy.with_name(MODEL), deployment.model)
+    write_file(policy.with_name(SETTINGS), HEADER + text)
+    action = settings["actions"]["JointPositionAction"]
+    driven = action["joint_ids"] or range(len(settings["stiffness"]))
+    names = zip(driven, action["joint_names"], strict=True)
+    without = [name for index, name in names if settings["stiffness"][index] is None]
+    lacks = []
+    if without:
+        lacks.append(
+            f"{SETTINGS} has no gains (null) for {', '.join(without)}, whose motors are not "
+            "position actuators of the model."
+        )
+    if not deployment.model:
+        lacks.append(f"{MODEL} is not written, because MuJoCo cannot write this scene as XML.")
+    return lacks
+
+
+def _short(value: Any) -> Any:
+    """Return plain values with seven digits, as float32 has."""
+    if isinstance(value, float):
+        return float(f"{value:.7g}")
+    if isinstance(value, dict):
+        return {key: _short(part) for key, part in value.items()}
+    return [_short(part) for part in value] if isinstance(value, list | tuple) else value

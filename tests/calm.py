@@ -1,0 +1,41 @@
+"""An environment of mjlab that draws nothing at random."""
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from morlax_torch.envs.worlds import mjlab
+
+
+def calm(
+    name: str, num_envs: int, device: str = "cpu", *, pushed: bool = False, **changes: Any
+) -> Any:
+    """Return an environment of mjlab without noise and without differences between worlds.
+
+    All have one command. Where they are `pushed`, each push is the same, every 0.2 s, and so are
+    commands, which are drawn every 0.5 s. `changes` are of the config.
+    """
+
+    def config() -> Any:
+        cfg = mjlab.load(name)
+        cfg.scene.num_envs, cfg.seed, cfg.curriculum = num_envs, 0, {}
+        kept = ("reset_base", "reset_robot_joints", *(["push_robot"] if pushed else []))
+        cfg.events = {key: cfg.events[key] for key in kept}
+        cfg.events["reset_base"].params["pose_range"] = {"z": (0.02, 0.02)}
+        if pushed:
+            cfg.events["push_robot"].interval_range_s = (0.2, 0.2)
+            cfg.events["push_robot"].params["velocity_range"] = {"x": (0.4, 0.4)}
+        cfg.observations["actor"].enable_corruption = False
+        twist = cfg.commands["twist"]
+        twist.resampling_time_range = (0.5, 0.5) if pushed else (1e9, 1e9)
+        same = {"lin_vel_x": (0.5, 0.5), "lin_vel_y": (0.2, 0.2), "ang_vel_z": (0.1, 0.1)}
+        twist.ranges = replace(twist.ranges, **same)
+        for share in ("standing", "heading", "world", "forward"):
+            setattr(twist, f"rel_{share}_envs", -1.0)
+        return replace(cfg, **changes)
+
+    mjlab.load(name)  # imports mjlab, whose warnings are not ours
+    env = mjlab.build(name, config, torch.device(device))
+    env.reset()
+    return env

@@ -1,0 +1,268 @@
+"""An export is played in C MuJoCo: disturbances, trade-offs, steering, and mistakes."""
+
+import io
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from morlax_torch import MorlaxError
+from morlax_torch.commands import export, play
+from morlax_torch.envs.worlds.mjlab_deployment import motor
+from morlax_torch.envs.worlds.robot import Deployment as Written
+from morlax_torch.exports.deployment import deploy
+from morlax_torch.playing.deployment import Deployment, open_export
+from morlax_torch.playing.disturbances import Disturbances
+from morlax_torch.playing.episodes import policy_of, run
+from morlax_torch.playing.robot import Robot
+from morlax_torch.playing.showing import show
+from morlax_torch.playing.steering import ENTER, EVENT, LEFT, UP, Gamepad, Steering
+
+onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
+pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+
+CART = """<mujoco><option timestep="0.005"/><worldbody><light pos="0 0 3"/>
+<geom name="floor" type="plane" size="5 5 .1"/><body name="base" pos="0 0 .11"><freejoint/>
+<geom type="box" size=".3 .2 .1" mass="5"/><site name="imu"/>
+{}</body></worldbody><actuator>
+<position name="a" joint="left" kp="9" kv="1" forcerange="-2 2"/>
+<position name="b" joint="right" kp="9" kv="1" forcerange="-2 2"/></actuator>
+<sensor><gyro name="gyro" site="imu"/></sensor></mujoco>"""
+ARM = (
+    '<body pos="0 {1} .1"><joint name="{0}" axis="0 1 0" range="-57 57"/>'
+    '<geom type="capsule" fromto="0 0 0 0 0 .2" size=".02" mass=".1" contype="0"/></body>'
+)
+XML = CART.format(ARM.format("left", 0.25) + ARM.format("right", -0.25))
+TERMS = {"base_ang_vel": 3, "joint_pos_rel": 2, "last_action": 2, "velocity_commands": 3}
+
+
+def onnx_file() -> bytes:
+    """Return a policy whose action is its trade-off."""
+    make, kind = onnx.helper, onnx.TensorProto.FLOAT
+    shapes = {"observation": ["batch", 12], "tradeoff": [2], "action": ["batch", 2]}
+    values = {k: make.make_tensor_value_info(k, kind, shape) for k, shape in shapes.items()}
+    zeros = make.make_tensor("zeros", kind, [12, 2], [0.0] * 24)
+    nodes = [
+        make.make_node("MatMul", ["observation", "zeros"], ["nothing"]),
+        make.make_node("Add", ["nothing", "tradeoff"], ["action"]),
+    ]
+    inputs = [values["observation"], values["tradeoff"]]
+    graph = make.make_graph(nodes, "toy", inputs, [values["action"]], [zeros])
+    opset = [make.make_opsetid("", 17)]
+    return make.make_model(graph, opset_imports=opset, ir_version=8).SerializeToString()
+
+
+def settings() -> dict:
+    model = mujoco.MjModel.from_xml_string(XML)
+    motors = [motor(model, joint) for joint in ("left", "right")]
+    terms = {
+        name: {"params": {}, "clip": None, "scale": [1.0] * size, "history_length": 1}
+        for name, size in TERMS.items()
+    }
+    terms["base_ang_vel"]["params"] = {"sensor_name": "gyro"}
+    terms["joint_pos_rel"]["history_length"] = 2
+    terms["last_action"] |= {"scale": [3.0, 3.0], "clip": [-0.2, 0.2]}
+    ranges = {"lin_vel_x": [-0.5, 1.0], "lin_vel_y": [-1.0, 1.0], "ang_vel_z": [-1.0, 1.0]}
+    action = {"clip": None, "joint_names": ["left", "right"], "scale": [0.5, 0.5]}
+    return {
+        "step_dt": 0.02,
+        "stiffness": [row["stiffness"] for row in motors],
+        "damping": [row["damping"] for row in motors],
+        "default_joint_pos": [0.1, -0.1],
+        "commands": {"base_velocity": {"ranges": ranges}},
+        "actions": {"JointPositionAction": action | {"offset": [0.1, -0.1], "joint_ids": None}},
+        "observations": terms,
+        "morlax_torch": {
+            "joints": ["left", "right"],
+            "default_joint_vel": [0.0, 0.0],
+            "observation_noise": [0.2, 0.01, 0.0, 0.0],
+        },
+    }
+
+
+def write(folder: Path, content: dict) -> Path:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as files:
+        files.writestr("robot.xml", XML)
+    robot = SimpleNamespace(deployment=lambda: Written(content, archive.getvalue()))
+    (folder / "family.onnx").write_bytes(onnx_file())
+    deploy(robot, folder / "family.onnx", "cart", ["fast", "calm"], slew=0.5)
+    return folder
+
+
+@pytest.fixture
+def cart(tmp_path: Path) -> Deployment:
+    return open_export(write(tmp_path, settings()))
+
+
+def test_an_observation_has_the_order_scales_clips_and_history_of_its_settings(cart):
+    robot, command = Robot(cart), np.array([0.3, -0.2, 0.1])
+    np.testing.assert_allclose(robot.observe(command), [0] * 9 + [0.3, -0.2, 0.1], atol=1e-9)
+    robot.step(np.array([0.1, -0.4]))
+    turn, before, now, action, _ = np.split(robot.observe(command), [3, 5, 7, 9])
+    np.testing.assert_allclose(turn, robot.data.sensor("gyro").data)
+    assert not before.any() and now.all() and now[0] > now[1]
+    np.testing.assert_allclose(action, [0.3, -0.6])  # clipped, then scaled
+
+
+def test_gains_that_a_user_edits_are_those_of_the_motors(cart):
+    cart.settings.stiffness = [20.0, 9.0]
+    robot = Robot(cart)
+    assert robot.model.actuator_gainprm[:, 0].tolist() == [20, 9]
+    assert robot.model.actuator_biasprm[:, 1].tolist() == [-20, -9]
+
+
+def test_a_trade_off_changes_no_faster_than_its_limit(cart):
+    policy = policy_of(cart)
+    policy.choose([1.0, 0.0], at_once=True)
+    policy.choose([0.0, 1.0])
+    found = np.array([policy.act(np.zeros(12)) for _ in range(120)])
+    np.testing.assert_allclose(np.diff(found[:99], axis=0), [[-0.01, 0.01]] * 98, atol=1e-6)
+    np.testing.assert_allclose(found[100:], [[0, 1]] * 20)
+
+
+@pytest.mark.parametrize(("delay", "steps"), [(0, 0), (10, 2), (25, 5)])
+def test_actions_are_delayed_by_physics_steps(cart, delay, steps, monkeypatch):
+    robot = Robot(cart, Disturbances((delay, delay), 0, 0))
+    targets, usual = [], mujoco.mj_step
+    monkeypatch.setattr(mujoco, "mj_step", lambda m, d: (targets.append(d.ctrl[0]), usual(m, d))[1])
+    for action in (0.2, 0.4):
+        robot.step(np.full(2, action))
+    expected = [0.1] * steps + [0.2] * 4 + [0.3] * 4
+    np.testing.assert_allclose(targets, expected[:8])
+
+
+def test_friction_noise_and_pushes_have_the_strength_that_is_asked_for(cart):
+    robot = Robot(cart, Disturbances((0, 0), 2.0, 0.5, (0.4, 0.5)))
+    sliding = robot.model.geom_friction[:2, 0]
+    assert (sliding >= 0.4).all() and (sliding <= 0.5).all()
+    seen = np.array([robot.observe(np.zeros(3)) for _ in range(300)])
+    assert 0.35 < np.abs(seen[:, :3]).max() <= 0.4  # twice that of the training
+    speeds = []
+    for _ in range(160):  # 3.2 s: at least one push
+        before = robot.data.qvel[:2].copy()
+        robot.step(np.zeros(2))
+        speeds.append(np.abs(robot.data.qvel[:2] - before).max())
+    assert 0.01 < max(speeds) < 0.55
+    assert not Robot(cart).observe(np.zeros(3)).any()  # without disturbances
+
+
+def test_a_tilted_or_broken_robot_has_fallen(cart):
+    robot = Robot(cart)
+    assert not robot.step(np.zeros(2)).fallen
+    robot.data.qpos[3:7] = np.cos(0.7), np.sin(0.7), 0, 0  # 80 degrees
+    assert robot.step(np.zeros(2)).fallen
+    robot.reset()
+    robot.data.qvel[6] = np.nan
+    assert robot.step(np.zeros(2)).fallen
+
+
+def test_episodes_are_the_same_for_the_same_seed(cart):
+    one, other = (run(cart, Disturbances(), 2, 1.0, seed=3) for _ in range(2))
+    assert one == other and one[0] != one[1]
+    assert one[0].seconds == pytest.approx(1) and one[0].power > 0
+
+
+def test_keys_and_sticks_steer_within_the_ranges(cart, tmp_path):
+    policy = policy_of(cart)
+    steering = Steering(cart, policy)
+    for key in (*[UP] * 20, LEFT, ord("9")):
+        steering.press(key)
+    np.testing.assert_allclose(steering.command, [1.0, 0.0, 0.1])
+    assert policy.target.tolist() == [1, 0]
+    assert steering.words()[0].splitlines()[-1] == "calm"
+    steering.press(ENTER)
+    assert not steering.command.any()
+    events = EVENT.pack(0, 32767, 2, 1) + EVENT.pack(1, 1, 1, 0)  # back, and a button
+    (tmp_path / "js0").write_bytes(events)
+    for event in Gamepad(tmp_path / "js0").events():
+        steering.feel(event)
+    np.testing.assert_allclose(steering.command, [-0.5, 0, 0], atol=1e-9)
+    assert policy.target.tolist() == [0, 1]
+
+
+def test_a_window_shows_the_robot_in_real_time(cart, monkeypatch):
+    from mujoco import viewer
+
+    window = MagicMock(**{"is_running.side_effect": [True] * 10 + [False]})
+    monkeypatch.setattr(viewer, "launch_passive", lambda *_, **__: window)
+    assert show(cart, Disturbances(), seconds=5.0) == 0
+    assert window.sync.call_count == 10
+    assert "forward" in window.set_texts.call_args[0][0][2]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("opengl")
+def test_without_a_display_a_film_is_written(cart, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("imageio_ffmpeg", reason="needs the extra video")
+    monkeypatch.setattr("morlax_torch.playing.showing.has_display", lambda: False)
+    monkeypatch.chdir(tmp_path)
+    play.command([str(cart.policy.parent), "--seconds", "0.2"])
+    assert "written: film.mp4" in capsys.readouterr().out
+    assert (tmp_path / "film.mp4").stat().st_size > 1000
+
+
+def test_a_motor_of_another_form_has_no_gains(tmp_path):
+    other = XML.replace('<position name="a" joint="left" kp="9" kv="1"', '<motor joint="left"')
+    model = mujoco.MjModel.from_xml_string(other)
+    assert motor(model, "left") == {"stiffness": None, "damping": None, "torque": 2.0}
+    content = settings()
+    content["stiffness"][0] = content["damping"][0] = None
+    robot = SimpleNamespace(deployment=lambda: Written(content, None))
+    gains, model = deploy(robot, tmp_path / "policy.onnx", "cart", ["fast", "calm"])
+    assert "no gains (null) for left, whose motors" in gains and "robot.zip is not written" in model
+    with pytest.raises(MorlaxError, match=r"no gains \(null\) for left, write their stiffness"):
+        open_export(write(tmp_path, content))
+
+
+def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
+    folder = cart.policy.parent
+    assert "there is no export nowhere" in refused(play, "nowhere")
+    (tmp_path / "empty").mkdir()
+    assert "empty has no deploy.yaml" in refused(play, tmp_path / "empty")
+    assert "--delay needs two numbers" in refused(play, folder, "--delay", "20", "0")
+    assert "must not be negative, nor -1" in refused(play, folder, "--noise", "-1")
+    assert "at least 1, not 0" in refused(play, folder, "--episodes", "0")
+    assert "must end in .mp4 or .gif" in refused(play, folder, "--output", "film.png")
+    hopper = make_run(tmp_path / "hopper", "hopper", "best")
+    assert "hopper does not have" in refused(export, hopper, "--slew", "1")
+    assert "leave --tradeoff out" in refused(export, hopper, "--slew", "1", "--tradeoff", "1,1")
+    changes = {
+        "actions: Field required": lambda content: content.pop("actions"),
+        "offset has 1 entries instead of 2": lambda content: content["actions"][
+            "JointPositionAction"
+        ]["offset"].pop(),
+        "commands.base_velocity: Field required": lambda content: content["commands"].clear(),
+        "no joint knee": lambda content: content["morlax_torch"]["joints"].__setitem__(0, "knee"),
+        "does not know the observation height": lambda content: content["observations"].update(
+            {"height": content["observations"].pop("last_action")}
+        ),
+    }
+    text = (folder / "deploy.yaml").read_text()
+    for sentence, change in changes.items():
+        content = yaml.safe_load(text)
+        change(content)
+        (folder / "deploy.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+        assert sentence in refused(play, folder, "--episodes", "1", "--seconds", "0.1")
+    (folder / "deploy.yaml").write_text(text)
+    (folder / "robot.zip").write_bytes(b"no zip")
+    assert "cannot load the model" in refused(play, folder)
+
+
+def test_play_imports_neither_torch_nor_the_simulator_of_the_training(cart):
+    code = (
+        "import sys\n"
+        "from morlax_torch.__main__ import command\n"
+        f"command(['play', {str(cart.policy.parent)!r}, '--episodes', '1', '--seconds', '0.2'])\n"
+        "print('found', {'torch', 'warp', 'mjlab', 'mujoco_warp'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "found set()" in done.stdout, done.stderr
+    assert "cost of transport" in done.stdout
