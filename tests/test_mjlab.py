@@ -347,9 +347,9 @@ def test_a_recorded_step_follows_mjlab_s(name, generator):
 
 def test_commands_that_a_recorded_step_draws_are_distributed_like_mjlab_s(monkeypatch):
     found = []
+    monkeypatch.setattr(mjlab, "can_record", lambda cfg, device: mjlab.supported(cfg))
     for recorded in (True, False):
-        monkeypatch.setattr(mjlab, "can_record", lambda cfg, device, answer=recorded: answer)
-        go1 = envs.make(GO1, 512, "cpu", seed=3)
+        go1 = envs.make(GO1, 512, "cpu", seed=3, recorded=recorded)
         go1.step(torch.zeros(512, 12))
         go1.env.episode_length_buf.fill_(go1.episode_length - 1)
         step = go1.step(torch.zeros(512, 12))
@@ -368,7 +368,7 @@ def test_commands_that_a_recorded_step_draws_are_distributed_like_mjlab_s(monkey
 def test_worlds_that_can_be_recorded_train_and_are_evaluated(monkeypatch, tmp_path):
     monkeypatch.setattr(mjlab, "can_record", lambda cfg, device: mjlab.supported(cfg))
     before = torch.get_rng_state()
-    config = tiny(GO1, backend=None, **{"network.symmetric": True})
+    config = tiny(GO1, backend=None, **{"network.symmetric": True, "task.recorded": True})
     train(config, output=tmp_path / "run")
     front = load_front(tmp_path / "run")
     assert (front.lengths == 5).all() and (front.falls == 0).all()

@@ -45,6 +45,8 @@ class MjlabOptions(ObjectiveOptions):
     """Make the task harder while training goes on, as mjlab does."""
     stagger: bool = True
     """Start first episodes at random ages, so that time limits do not coincide."""
+    recorded: bool = False
+    """Record exploring and evaluating as CUDA graphs, in velocity tasks. Not measured yet."""
 
     def for_evaluation(self) -> "MjlabOptions":
         return self.model_copy(update={"curriculum": False, "stagger": False})
@@ -82,7 +84,7 @@ class MjlabWorlds(ForeignWorlds):
 
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)
-        self.recordable = can_record(cfg, self.device)
+        self.recordable = self.options.recorded and can_record(cfg, self.device)
         if self.recordable:  # a recording draws from no other generator than torch's own
             self.generator = global_generator(self.device).manual_seed(seed)
         with drawing_from(self.generator):
