@@ -362,6 +362,9 @@ def test_commands_that_a_recorded_step_draws_are_distributed_like_mjlab_s(monkey
         command = term.command[~(term.is_heading_env | term.is_standing_env)]
         spread = [*command.mean(0), *command.std(0), term.time_left.mean(), term.time_left.std()]
         found.append(torch.stack([*shares, *spread]))
+        if recorded:  # also a reset leaves numbers where the recorded step reads them
+            go1.reset()
+            assert all(holder[key] is value for holder, key, value in go1._step.slots)
     torch.testing.assert_close(found[0], found[1], rtol=0.1, atol=0.09)
 
 

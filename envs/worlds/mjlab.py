@@ -123,6 +123,8 @@ class MjlabWorlds(ForeignWorlds):
     def _start(self) -> Tensor:
         with drawing_from(self.generator):
             seen = joined(self.env.reset()[0], self.actor_group)
+        if self._step is not None:
+            self._step.settle()
         if self.auto_reset and self.options.stagger:
             ages = self.env.episode_length_buf
             ages.random_(0, self.episode_length, generator=self.generator)
@@ -134,6 +136,8 @@ class MjlabWorlds(ForeignWorlds):
             return seen
         with drawing_from(self.generator):
             fresh = joined(self.env.reset(env_ids=worlds)[0], self.actor_group)
+        if self._step is not None:
+            self._step.settle()
         return torch.where(which[:, None], fresh, seen)
 
     def _advance(self, action: Tensor) -> Outcome:

@@ -17,8 +17,6 @@ EVENTS = ("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting
 COMMAND = "UniformVelocityCommand"
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
 
-Slot = tuple[dict[Any, Any], Any]  # where a tensor is kept: a dictionary and its key
-
 
 class Stepped(NamedTuple):
     """The outcome of a step of N worlds."""
@@ -39,6 +37,7 @@ class MaskedStep:
 
     def __init__(self, env: Any, groups: tuple[str, ...]):
         self.env, self.groups = env, groups
+        self.slots: list[tuple[dict[Any, Any], Any, Tensor]] = []  # holder, key, tensor
         self.everyone = torch.arange(env.num_envs, device=env.device)
         manager = env.command_manager
         self.twists = [_Twist(manager.get_term(name)) for name in manager.active_terms]
@@ -54,7 +53,7 @@ class MaskedStep:
         graphs, env.extras["log"] = sim.use_cuda_graph, {}
         # a recording cannot hold mjlab's own recordings
         sim.use_cuda_graph = graphs and not torch.cuda.is_current_stream_capturing()
-        slots = [(holder, key, holder[key]) for holder, key in _slots(env)]
+        self.slots = [(holder, key, holder[key]) for holder, key in _slots(env)]
         env.action_manager.process_action(action)
         for _ in range(env.cfg.decimation):
             env.action_manager.apply_action()
@@ -77,12 +76,16 @@ class MaskedStep:
         final = {
             name: torch.where(over[:, None], ending[name], seen) for name, seen in groups.items()
         }
-        for holder, key, value in slots:  # a replay reads what the recording read
+        self.settle()
+        sim.use_cuda_graph = graphs
+        return Stepped(groups, final, terminated, timed_out)
+
+    def settle(self) -> None:
+        """Put what mjlab has kept in new tensors into those that a recorded step reads."""
+        for holder, key, value in self.slots:
             if (found := holder[key]) is not value and found.shape == value.shape:
                 value.copy_(found)
                 holder[key] = value
-        sim.use_cuda_graph = graphs
-        return Stepped(groups, final, terminated, timed_out)
 
     def _observe(self) -> dict[str, Tensor]:
         manager = self.env.observation_manager
@@ -248,8 +251,8 @@ def _join_streams(sim: Any) -> None:
             array._torch_stream = None
 
 
-def _slots(root: Any) -> Iterator[Slot]:
-    """Find where mjlab's objects keep tensors."""
+def _slots(root: Any) -> Iterator[tuple[dict[Any, Any], Any]]:
+    """Find where mjlab's objects keep tensors: dictionaries and keys."""
     seen, waiting = set(), [root]
     while waiting:
         thing = waiting.pop()
