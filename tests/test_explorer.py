@@ -313,6 +313,13 @@ def test_the_scale_of_a_threshold_covers_the_front_in_round_steps(low, high):
         assert 10 < (most - least) / step < 600
 
 
+@pytest.mark.parametrize(("found", "label"), [(None, "go1 (needs mjlab)"), (object(), "go1")])
+def test_the_list_of_policies_says_which_need_mjlab(monkeypatch, found, label):
+    monkeypatch.setattr(library, "find_spec", lambda name: found)
+    assert label in library.labels() and "ant" in library.labels()
+    assert library.named(label) == "go1"
+
+
 @pytest.mark.slow
 def test_thresholds_are_simulated_while_the_robots_go_on():
     server = viser.ViserServer("127.0.0.1", 0, verbose=False)

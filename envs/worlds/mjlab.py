@@ -309,7 +309,10 @@ def _registry() -> Any:
     try:
         version = metadata.version("mjlab")
     except metadata.PackageNotFoundError:
-        raise MorlaxError(f"tasks of mjlab need mjlab: {installation('mjlab')}.") from None
+        raise MorlaxError(
+            "tasks of mjlab need mjlab, in a virtual environment of its own, because it replaces "
+            f"MuJoCo 4 by 3.11: {installation('mjlab')}."
+        ) from None
     if tuple(map(int, version.split(".")[:2])) < OLDEST:
         raise MorlaxError(
             f"mjlab {version} is installed, but 1.6 or newer is needed: pip install 'mjlab>=1.6'."

@@ -1,5 +1,6 @@
 """Policies that can be explored: shipped ones, and the runs under ./runs."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,10 +9,27 @@ from ...envs.errors import unknown
 from ...runs.checkpoint import RUNS, named_run, newest_runs
 from ...runs.loading import SHIPPED, find_checkpoint, find_run
 
+LACKING = " (needs mjlab)"
+
 
 def shipped() -> list[str]:
     """Return the names of the shipped policies."""
     return sorted(folder.parent.name for folder in SHIPPED.glob("*/checkpoints"))
+
+
+def labels() -> list[str]:
+    """Return the shipped policies, then the runs, as a list shows them; see `named`."""
+    return [name + LACKING * _lacks_mjlab(name) for name in shipped()] + trained()
+
+
+def named(label: str) -> str:
+    """Return the run or shipped policy of a label."""
+    return label.removesuffix(LACKING)
+
+
+def _lacks_mjlab(name: str) -> bool:
+    config = SHIPPED / name / "config.yaml"
+    return config.read_text().startswith("env: mjlab:") and find_spec("mjlab") is None
 
 
 def trained() -> list[str]:

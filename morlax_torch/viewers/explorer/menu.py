@@ -51,12 +51,12 @@ class Menu:
             self._run.options = runs
 
     def _runs(self) -> list[str]:
-        runs = [*library.shipped(), *library.trained()]
+        runs = library.labels()
         return runs if self._choice.run in runs else [self._choice.run, *runs]
 
     async def _run_chosen(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            run = event.target.value
+            run = library.named(event.target.value)
             self._put(lambda: self._change(run, None))
 
     async def _checkpoint_chosen(self, event: viser.GuiEvent[Any]) -> None:
