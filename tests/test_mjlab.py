@@ -349,10 +349,10 @@ def test_commands_that_a_recorded_step_draws_are_distributed_like_mjlab_s(monkey
     found = []
     monkeypatch.setattr(mjlab, "can_record", lambda cfg, device: mjlab.supported(cfg))
     for recorded in (True, False):
-        go1 = envs.make(GO1, 512, "cpu", seed=3, recorded=recorded)
-        go1.step(torch.zeros(512, 12))
+        go1 = envs.make(GO1, 256, "cpu", seed=3, recorded=recorded)
+        go1.step(torch.zeros(256, 12))
         go1.env.episode_length_buf.fill_(go1.episode_length - 1)
-        step = go1.step(torch.zeros(512, 12))
+        step = go1.step(torch.zeros(256, 12))
         assert step.truncated.all()
         term = go1.env.command_manager.get_term("twist")
         shares = [
@@ -365,7 +365,7 @@ def test_commands_that_a_recorded_step_draws_are_distributed_like_mjlab_s(monkey
         if recorded:  # also a reset leaves numbers where the recorded step reads them
             go1.reset()
             assert all(holder[key] is value for holder, key, value in go1._step.slots)
-    torch.testing.assert_close(found[0], found[1], rtol=0.1, atol=0.09)
+    torch.testing.assert_close(found[0], found[1], rtol=0.1, atol=0.1)
 
 
 def test_worlds_that_can_be_recorded_train_and_are_evaluated(monkeypatch, tmp_path):
