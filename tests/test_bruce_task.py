@@ -202,6 +202,7 @@ class World:
         )
 
 
+@pytest.mark.slow
 def test_every_world_matches_the_slow_reference(library):
     worlds, steps = 6, 132  # 6 foot exchanges; fallen robots keep going
     env = envs.make("bruce", worlds, "cpu", "mujoco", auto_reset=False, draw_commands=True)

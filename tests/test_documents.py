@@ -25,6 +25,7 @@ from morlax_torch.runs.training import make_worlds
 ROOT = Path(__file__).parent.parent
 A_RUN = re.compile(r"runs/cheetah\b")  # names the newest run
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SLOW = [("python", page) for page in ("export", "integrations", "tuning")]  # their code
 
 
 def blocks(language: str) -> list:
@@ -33,7 +34,11 @@ def blocks(language: str) -> list:
     The tutorial's blocks need each other: test_tutorial.py runs them.
     """
     return [
-        pytest.param(block, id=f"{page.stem}-{number}")
+        pytest.param(
+            block,
+            id=f"{page.stem}-{number}",
+            marks=[pytest.mark.slow] if (language, page.stem) in SLOW else [],
+        )
         for page in PAGES
         if page.stem != "tutorial"
         for number, block in enumerate(

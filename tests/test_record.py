@@ -88,6 +88,7 @@ def test_slow_motion_shows_every_step(make_policy, tmp_path):
     assert shares == sorted(shares) and len(shares) == 42 and shares[-1] == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
 def test_a_gif_suffix_writes_an_animated_gif(saved):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
@@ -119,6 +120,7 @@ def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     assert (rows[0] != rows[1]).mean() > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
 def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
     film = Film(load("cheetah"), [(1.0, 0.0), (0.0, 1.0)], 160, 120)

@@ -70,6 +70,7 @@ def test_help_imports_nothing_heavy(tmp_path):
         assert not modules[name] & HEAVY, name
 
 
+@pytest.mark.slow
 def test_public_names_are_listed_and_resolve(tmp_path):
     done = python(
         tmp_path,
