@@ -102,7 +102,7 @@ def global_generator(device: torch.device) -> torch.Generator:
     """Return the generator of a device that torch draws from unless another one is named."""
     if device.type == "cpu":
         return torch.default_generator
-    torch.cuda.init()  # before that, there are none
+    torch.cuda.init()  # creates the generators
     return torch.cuda.default_generators[device.index or 0]
 
 

@@ -16,9 +16,9 @@ import yaml
 from morlax_torch import MorlaxError
 from morlax_torch.commands import export, play
 from morlax_torch.envs.worlds.mjlab_deployment import motor
-from morlax_torch.envs.worlds.robot import Deployment as Written
+from morlax_torch.envs.worlds.robot import Deployment
 from morlax_torch.exports.deployment import deploy
-from morlax_torch.playing.deployment import Deployment, open_export
+from morlax_torch.playing.deployment import Export, open_export
 from morlax_torch.playing.disturbances import Disturbances
 from morlax_torch.playing.episodes import policy_of, run
 from morlax_torch.playing.robot import Robot
@@ -91,14 +91,14 @@ def write(folder: Path, content: dict) -> Path:
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as files:
         files.writestr("robot.xml", XML)
-    robot = SimpleNamespace(deployment=lambda: Written(content, archive.getvalue()))
+    robot = SimpleNamespace(deployment=lambda: Deployment(content, archive.getvalue()))
     (folder / "family.onnx").write_bytes(onnx_file())
     deploy(robot, folder / "family.onnx", "cart", ["fast", "calm"], slew=0.5)
     return folder
 
 
 @pytest.fixture
-def cart(tmp_path: Path) -> Deployment:
+def cart(tmp_path: Path) -> Export:
     return open_export(write(tmp_path, settings()))
 
 
@@ -215,7 +215,7 @@ def test_a_motor_of_another_form_has_no_gains(tmp_path):
     assert motor(model, "left") == {"stiffness": None, "damping": None, "torque": 2.0}
     content = settings()
     content["stiffness"][0] = content["damping"][0] = None
-    robot = SimpleNamespace(deployment=lambda: Written(content, None))
+    robot = SimpleNamespace(deployment=lambda: Deployment(content, None))
     gains, model = deploy(robot, tmp_path / "policy.onnx", "cart", ["fast", "calm"])
     assert "no gains (null) for left, whose motors" in gains and "robot.zip is not written" in model
     with pytest.raises(MorlaxError, match=r"no gains \(null\) for left, write their stiffness"):

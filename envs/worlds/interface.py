@@ -127,11 +127,14 @@ class Worlds(ABC):
 
     def measure(self) -> Tensor:
         """Return numbers of the last step (N, S), for `quantify`."""
-        raise NotImplementedError
+        return torch.zeros(self.num_worlds, 0, device=self.device)
 
     def quantify(self, means: np.ndarray) -> np.ndarray:
-        """Compute the `quantities` (K, q) from means of `measure` over the steps of K policies."""
-        raise NotImplementedError
+        """Compute the `quantities` (K, q) from means of `measure` (K, S) over whole episodes.
+
+        By default they are those means.
+        """
+        return means
 
     def mirror(self) -> Mirror:
         """Return how observations and actions change if left and right are exchanged.

@@ -100,8 +100,8 @@ class MjlabWorlds(ForeignWorlds):
         terms = [manager.get_term(name) for name in manager.active_terms]
         self._command = next((x for x in terms if type(x).__name__ == COMMAND), None)
         self.quantities = mjlab_quantities.NAMES if self._command else ()
-        used = {self.actor_group, CRITIC} & set(groups)
-        self._step = MaskedStep(self.env, tuple(used)) if self.recordable else None
+        self._groups = tuple(name for name in (self.actor_group, CRITIC) if name in groups)
+        self._step = MaskedStep(self.env, self._groups) if self.recordable else None
 
     def config(self, seed: int) -> Any:
         """Return mjlab's config of these worlds."""
@@ -117,14 +117,10 @@ class MjlabWorlds(ForeignWorlds):
         return mjlab_quantities.quantify(self.env.sim.mj_model, means)
 
     def mirror(self) -> Mirror:
-        groups = self.env.observation_manager.active_terms
-        return mirror_of(self.env, [name for name in (self.actor_group, CRITIC) if name in groups])
+        return mirror_of(self.env, self._groups)
 
     def _start(self) -> Tensor:
-        with drawing_from(self.generator):
-            seen = joined(self.env.reset()[0], self.actor_group)
-        if self._step is not None:
-            self._step.settle()
+        seen = self._reset()
         if self.auto_reset and self.options.stagger:
             ages = self.env.episode_length_buf
             ages.random_(0, self.episode_length, generator=self.generator)
@@ -134,11 +130,15 @@ class MjlabWorlds(ForeignWorlds):
         worlds = which.nonzero().squeeze(1)  # waits for the GPU
         if not len(worlds):
             return seen
+        return torch.where(which[:, None], self._reset(worlds), seen)
+
+    def _reset(self, worlds: Tensor | None = None) -> Tensor:
+        """Reset worlds by index (None: all); returns what critics see in every world."""
         with drawing_from(self.generator):
-            fresh = joined(self.env.reset(env_ids=worlds)[0], self.actor_group)
+            groups, _ = self.env.reset(env_ids=worlds)
         if self._step is not None:
             self._step.settle()
-        return torch.where(which[:, None], fresh, seen)
+        return joined(groups, self.actor_group)
 
     def _advance(self, action: Tensor) -> Outcome:
         given = action.clamp(-1, 1) * self.options.action_scale

@@ -150,7 +150,7 @@ def _commands(limits: dict[str, tuple[float, float]]) -> dict[str, Any]:
 
 
 def _clip(terms: list[Any]) -> list[list[float]] | None:
-    """Return the limits of each target, after scale and offset; None if there are none."""
+    """Return the limits of each target, after scale and offset; None if no target is limited."""
     if all(term.cfg.clip is None for term in terms):
         return None
     free = [-float("inf"), float("inf")]

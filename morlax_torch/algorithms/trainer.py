@@ -86,8 +86,8 @@ class Trainer(Learner):
         self.tradeoffs = torch.full((clusters, m), 1 / m, device=env.device)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
         self.rollout = Rollout.empty(config.horizon, clusters, env)
-        symmetric = config.network.symmetric
-        self._reflection = env.mirror().observation.to(env.device) if symmetric else None
+        mirror = agent.mirror
+        self._reflection = None if mirror is None else mirror.observation.to(env.device)
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
         if self.scalarization.uses_returns:

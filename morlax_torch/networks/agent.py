@@ -111,6 +111,7 @@ class Agent(nn.Module):
         num_values, sizes = config.num_values(num_objectives), config.network
         self.observation_size, self.privileged_size = observation_size, privileged_size
         self.action_size, self._max_std = action_size, sizes.max_std
+        self.mirror = mirror
         given = {"actor": actor, "critic": critic}
         self._own = [name for name, network in given.items() if network is not None]
         whole = observation_size + privileged_size

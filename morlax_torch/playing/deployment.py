@@ -17,7 +17,7 @@ from .settings import Settings
 
 
 @dataclass
-class Deployment:
+class Export:
     """An export that can be played."""
 
     settings: Settings
@@ -25,7 +25,7 @@ class Deployment:
     policy: Path
 
 
-def open_export(path: Path) -> Deployment:
+def open_export(path: Path) -> Export:
     """Open an export by its folder or the file of its policy.
 
     Raises:
@@ -50,7 +50,7 @@ def open_export(path: Path) -> Deployment:
     if own.model is None:
         raise MorlaxError(f"{folder / SETTINGS} names no model, since its scene cannot be written.")
     policy = folder / own.policy if path == folder else path
-    return Deployment(settings, _model(folder / own.model), policy)
+    return Export(settings, _model(folder / own.model), policy)
 
 
 def _model(archive: Path) -> mujoco.MjModel:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..envs import MorlaxError
-from .deployment import Deployment
+from .deployment import Export
 from .disturbances import Disturbances
 from .policy import Policy
 from .robot import Robot
@@ -30,7 +30,7 @@ class Episode(NamedTuple):
 
 
 def run(
-    deployment: Deployment,
+    deployment: Export,
     disturbances: Disturbances | None,
     episodes: int,
     seconds: float = 30.0,
@@ -57,13 +57,13 @@ def run(
     return found
 
 
-def check_times(deployment: Deployment, seconds: float) -> None:
+def check_times(deployment: Export, seconds: float) -> None:
     step = deployment.settings.step_dt
     if not step <= seconds <= 1e6:
         raise MorlaxError(f"--seconds must be from {step:g} to 1000000, not {seconds:g}.")
 
 
-def policy_of(deployment: Deployment) -> Policy:
+def policy_of(deployment: Export) -> Policy:
     own, seconds = deployment.settings.morlax_torch, deployment.settings.step_dt
     return Policy(deployment.policy, own.objectives, own.slew, seconds)
 

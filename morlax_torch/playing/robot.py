@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
-from .deployment import Deployment
+from .deployment import Export
 from .disturbances import Disturbances, Disturber
 from .settings import Term
 
@@ -42,7 +42,7 @@ class Robot:
 
     def __init__(
         self,
-        deployment: Deployment,
+        deployment: Export,
         disturbances: Disturbances | None = None,
         seed: int | np.random.SeedSequence = 0,
     ):

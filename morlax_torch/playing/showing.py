@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
-from .deployment import Deployment
+from .deployment import Export
 from .disturbances import Disturbances
 from .episodes import check_times, policy_of
 from .robot import Robot
@@ -28,7 +28,7 @@ def has_display() -> bool:
 
 
 def show(
-    deployment: Deployment,
+    deployment: Export,
     disturbances: Disturbances | None,
     seconds: float | None = None,
     gamepad: Path | None = None,
@@ -86,7 +86,7 @@ def show(
 
 
 def film(
-    deployment: Deployment,
+    deployment: Export,
     disturbances: Disturbances | None,
     output: Path,
     seconds: float,
@@ -117,7 +117,7 @@ def film(
 
 def _frames(
     robot: Robot,
-    deployment: Deployment,
+    deployment: Export,
     steps: int,
     every: int,
     seed: int,

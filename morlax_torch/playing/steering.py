@@ -8,7 +8,7 @@ import numpy as np
 
 from ..envs import MorlaxError
 from ..files import attempting
-from .deployment import Deployment
+from .deployment import Export
 from .policy import Policy
 from .robot import Array
 
@@ -38,7 +38,7 @@ class Steering:
     Trade-offs are the balanced one and, in turn, each objective alone.
     """
 
-    def __init__(self, deployment: Deployment, policy: Policy):
+    def __init__(self, deployment: Export, policy: Policy):
         self._low, self._high = np.array(deployment.settings.limits).T
         self._policy, self._chosen = policy, 0
         m = len(policy.objectives)

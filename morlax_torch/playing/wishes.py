@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .deployment import Deployment
+from .deployment import Export
 from .policy import Policy
 from .robot import Array
 
@@ -13,7 +13,7 @@ STANDING = 0.1  # share of the commands that are to stand still
 class Wishes:
     """Draws commands within the ranges and trade-offs on the simplex, each for some seconds."""
 
-    def __init__(self, deployment: Deployment, rng: np.random.Generator):
+    def __init__(self, deployment: Export, rng: np.random.Generator):
         self._low, self._high = np.array(deployment.settings.limits).T
         self._rng = rng
         self._until = [0.0, 0.0]  # s: of the command and the trade-off
