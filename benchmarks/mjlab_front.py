@@ -1,73 +1,85 @@
-"""Compare a front on a velocity task of mjlab with the policy of mjlab's own training.
+"""Compare fronts on a velocity task of mjlab with policies of mjlab's own training.
 
-python benchmarks/mjlab_front.py runs/mjlab:Mjlab-Velocity-Flat-Unitree-Go1/RUN --peer LOG
+python benchmarks/mjlab_front.py runs/go1-0 runs/go1-1 --peers LOGS --seconds 360
 """
 
-import contextlib
-import io
+import csv
 from pathlib import Path
 
 import mjlab_peer
 import tyro
-from mjlab_walks import Act, Found, Walks, best, make, walk
+import yaml
+from mjlab_walks import dominated, walk
 from rich.table import Table
 
 from morlax_torch import load
 from morlax_torch.envs import resolve_device
-from morlax_torch.runs import checkpoint
-from morlax_torch.runs.loading import find_checkpoint
 from morlax_torch.terminal.cli import console
+
+WEIGHTINGS = Path(__file__).with_name("mjlab_weightings.yaml")
 
 
 def main(
-    run: tyro.conf.Positional[Path],
-    peer: Path | None = None,
+    runs: tyro.conf.Positional[tuple[Path, ...]],
+    peers: Path | None = None,
+    weightings: Path = WEIGHTINGS,
+    seconds: float = 360.0,
+    worlds: int = 16384,
     tradeoffs: int = 64,
-    worlds: int = 4096,
-    steps: int = 1000,
+    episodes: int = 24,
     seed: int = 0,
     device: str | None = None,
+    output: Path | None = None,
 ) -> None:
-    """Print how the best policies of a run walk.
+    """Print how the best policies of runs walk, and how many policies others dominate.
 
     Args:
-        run: Folder of the run.
-        peer: Folder of mjlab's own training; without a checkpoint there, mjlab trains first, for
-            as many environment steps as the run.
-        tradeoffs: Number of trade-offs to choose from.
-        worlds: Worlds to walk in.
-        steps: Control steps of each.
-        seed: Seed of the worlds and of mjlab's training.
+        runs: Folders of runs of one task.
+        peers: Folder for policies of mjlab's own training, one for each weighting; those that are
+            missing are trained first.
+        weightings: YAML file of weightings, by task and name.
+        seconds: Training time of each of them, in seconds.
+        worlds: Worlds that they train in.
+        tradeoffs: Number of policies of each run.
+        episodes: Episodes that each policy walks.
+        seed: Seed of the episodes and of mjlab's training.
         device: cuda or cpu (None: CUDA if available).
+        output: CSV file of rows.
     """
     place = resolve_device(device)
-    policy = load(run, place)
-    rows = best(policy, tradeoffs, worlds, steps, seed)
-    if peer is not None:
+    rows, fronts, counts = [], [], []
+    for run in runs:
+        policy = load(run, place)
+        walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
+        for label, index in (("best tracking", walks.best), ("least power", walks.cheapest)):
+            rows.append((run.name, label, *walks.told(index)))
+        fronts.append(walks.returns)
+        free = (~dominated(walks.returns, walks.returns)).sum()
+        counts.append(f"{run.name}: {free} of {tradeoffs} policies are non-dominated")
+    if peers is not None:
         task = policy.config.env.rpartition(":")[2]
-        total = checkpoint.load(find_checkpoint(run)).progress.env_steps
-        act = _peer(task, peer, total, policy.config.worlds, str(place), seed)
-        walks = walk(make(policy, worlds, 2 * seed + 1), act, 1, steps)
-        rows.append(Found("mjlab's own training", [], Walks(*(value[0] for value in walks))))
-    table = Table("", "trade-off", *Walks._fields, title=f"{policy.config.env}, {worlds} worlds")
-    for row in rows:
-        weights = " ".join(f"{weight:.2f}" for weight in row.tradeoff)
-        table.add_row(row.label, weights, *(f"{float(value):.3g}" for value in row.walks))
+        loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})
+        config = policy.config.model_copy(update={"task": loud})
+        for name, weights in yaml.safe_load(weightings.read_text())[task].items():
+            file = peers / f"{task}-{name.replace(' ', '-')}-{seed}.pt"
+            peer = mjlab_peer.trained(task, weights, file, seconds, worlds, str(place), seed)
+            walks = walk(peer, config, tradeoffs, episodes, seed)
+            rows.append((f"mjlab: {name}", "", [], walks.told(0)[1]))
+            beaten = [dominated(walks.returns[:, :1], front)[0] for front in fronts]
+            counts.append(f"mjlab: {name}: dominated by {sum(beaten)} of {len(runs)} fronts")
+    shown = list(rows[0][3])
+    table = Table("", "", "trade-off", *shown, title=f"{policy.config.env}, {episodes} episodes")
+    for name, label, weights, values in rows:
+        numbers = " ".join(f"{weight:.2f}" for weight in weights)
+        table.add_row(name, label, numbers, *(values.get(key, "") for key in shown))
     console.print(table)
-
-
-def _peer(task: str, log: Path, steps: int, worlds: int, device: str, seed: int) -> Act:
-    """Load mjlab's own policy, or train it first for `steps`."""
-    files = sorted(log.glob("model_*.pt"), key=lambda file: file.stat().st_mtime)
-    runner = mjlab_peer.runner(task, 16 if files else worlds, device, seed, log)
-    if files:
-        runner.load(str(files[-1]), map_location=device)
-    else:
-        iterations = max(1, round(steps / worlds / runner.cfg["num_steps_per_env"]))
-        with contextlib.redirect_stdout(io.StringIO()):
-            runner.learn(iterations, init_at_random_ep_len=True)
-    policy = runner.get_inference_policy(device)
-    return lambda seen: policy({"actor": seen[0]})[None]
+    console.print(*counts, sep="\n")
+    if output is not None:
+        with output.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["run", "policy", "tradeoff", *shown])
+            for name, label, weights, values in rows:
+                writer.writerow([name, label, weights, *(values.get(key, "") for key in shown)])
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
-"""Try configs on a velocity task of mjlab, scored by how their best policies walk.
+"""Try configs on a velocity task of mjlab, scored by how the policies of their fronts walk.
 
     python benchmarks/mjlab_search.py --given trials.yaml --trials 0 3 --seconds 300
 
-trials.yaml is a list of changes to the task's config. Several processes can share a GPU: in sum,
-two of them were as fast as one, but no faster.
+trials.yaml is a list of changes to the task's config.
 """
 
 import csv
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import tyro
 import yaml
-from mjlab_walks import Walks, best
+from mjlab_walks import dominated, walk
 
 from morlax_torch import MORLAX, config_for
 from morlax_torch.envs import resolve_device
@@ -20,6 +19,8 @@ from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import save
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.terminal.cli import console
+
+SHOWN = ("mean_reward", "terminated", "entropy", "kl", "learning_rate")
 
 
 def main(
@@ -29,13 +30,12 @@ def main(
     seconds: float = 300.0,
     every: float = 30.0,
     seed: int = 0,
-    tradeoffs: int = 48,
-    worlds: int = 1024,
-    steps: int = 500,
+    tradeoffs: int = 64,
+    episodes: int = 24,
     device: str | None = None,
     output: Path = Path("mjlab-search"),
 ) -> None:
-    """Train with each trial's config for the same time, and see how its best policies walk.
+    """Train with each trial's config for the same time, and see how its policies walk.
 
     Args:
         given: YAML list of changes.
@@ -44,11 +44,10 @@ def main(
         seconds: Training time of each, in seconds.
         every: Training seconds between lines of progress.
         seed: Seed of training and of the worlds.
-        tradeoffs: Number of trade-offs to choose the best policies from.
-        worlds: Worlds to walk in.
-        steps: Control steps of each.
+        tradeoffs: Number of policies of each.
+        episodes: Episodes that each policy walks.
         device: cuda or cpu (None: CUDA if available).
-        output: Folder for a CSV file of rows, and for each trial's policies.
+        output: Folder for a CSV file of rows, and for each trial's policies and front.
     """
     place = str(resolve_device(device))
     listed = yaml.safe_load(given.read_text())
@@ -60,22 +59,22 @@ def main(
         morlax.compile()
         start = shown = time.perf_counter()
         while (passed := time.perf_counter() - start) < seconds:
-            morlax.iterate()
+            morlax.iterate(passed / seconds)
             if time.perf_counter() - shown > every:
-                rewards = {
-                    name: f"{value:.4f}"
-                    for name, value in morlax.metrics().items()
-                    if name.startswith("mean_reward") or name in ("terminated", "entropy", "kl")
-                }
-                console.print(number, f"{passed:.0f} s", f"{morlax.env_steps / 1e6:.1f} M", rewards)
+                found = morlax.metrics()
+                progress = {k: f"{v:.3g}" for k, v in found.items() if k.startswith(SHOWN)}
+                console.print(
+                    number, f"{passed:.0f} s", f"{morlax.env_steps / 1e6:.1f} M", progress
+                )
                 shown = time.perf_counter()
         policy = Policy(morlax.agent, config, morlax.env.objectives)
-        save(policy, output / f"{task}-{number}-{seed}.pt")
-        for found in best(policy, tradeoffs, worlds, steps, seed):
-            means = [f"{float(value):.3g}" for value in found.walks]
-            weights = [round(weight, 2) for weight in found.tradeoff]
-            walks = dict(zip(Walks._fields, means, strict=True))
-            row = [task, number, seed, morlax.env_steps, found.label, weights, walks, changes]
+        name = f"{task}-{number}-{seed}"
+        save(policy, output / f"{name}.pt")
+        walks = walk(policy.agent, config, tradeoffs, episodes, seed)
+        walks.front.save(output / f"{name}.npz")
+        free = int((~dominated(walks.returns, walks.returns)).sum())
+        for label, index in (("best tracking", walks.best), ("least power", walks.cheapest)):
+            row = [number, seed, morlax.env_steps, free, label, *walks.told(index)]
             console.print(row)
             with (output / "rows.csv").open("a", newline="") as file:
                 csv.writer(file).writerow(row)

@@ -45,7 +45,7 @@ def main(
     env = make_worlds(config, worlds)
     morlax = MORLAX(env, config)
     morlax.compile()
-    peer = mjlab_peer.runner(task, worlds, place)
+    peer = mjlab_peer.make_runner(task, worlds, place)
     horizon = peer.cfg["num_steps_per_env"]
     action = torch.zeros(worlds, env.action_size, device=place)
 

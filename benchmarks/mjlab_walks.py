@@ -1,117 +1,76 @@
-"""How policies walk in the velocity tasks of mjlab.
+"""How the policies of a front walk in a velocity task of mjlab.
 
-Every policy follows the same distribution of commands, in episodes that restart after a fall.
+All walk in the same episodes: the same models, starts, commands and pushes.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import torch
-from torch import Tensor
+import numpy as np
 
-from morlax_torch import envs
-from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
-from morlax_torch.envs import Worlds
-from morlax_torch.networks.policy import Policy
+from morlax_torch.configuration.config import Config
+from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.making import make_evaluator
 
-LOUD = 100.0  # an action scale that bounds no action
-SLOWEST = 0.3  # m/s; slower commands say little about walking
-WALKS = 0.5  # share of the commanded speed that counts as walking
+ERROR, SHARE, POWER = 0, 2, 3  # in the order of mjlab/quantities.py's NAMES
+WALKS = 0.7  # share of the commanded speed that counts as walking
 FALLS = 0.2  # per 1,000 steps, at most, of a policy that walks
-
-Act = Callable[[Tensor], Tensor]  # (K, G, O) to (K, G, A), in mjlab's units
 
 
 class Walks(NamedTuple):
-    """Means over the worlds and steps of K policies, (K,) each."""
+    """A front, and the policies to report."""
 
-    error: Tensor  # m/s, between commanded and actual velocity: mjlab's metric error_vel_xy
-    yaw: Tensor  # rad/s, likewise
-    speed: Tensor  # along the command, as a share of the commanded
-    power: Tensor  # W, positive mechanical power of all joints
-    torque: Tensor  # (N m)², sum over the joints
-    jerk: Tensor  # mean squared change of an action
-    falls: Tensor  # per 1,000 steps
+    front: Front  # means over fresh episodes
+    returns: np.ndarray  # (E, K, m) of each episode
+    best: int  # index of the policy that tracks best
+    cheapest: int | None  # of the one that walks with the least power, if any walks
 
+    @property
+    def falls(self) -> np.ndarray:
+        """(K,) per 1,000 steps"""
+        return 1000 * self.front.falls / self.front.lengths
 
-class Found(NamedTuple):
-    """One policy."""
-
-    label: str
-    tradeoff: list[float]
-    walks: Walks  # of numbers
-
-
-def make(policy: Policy, worlds: int, seed: int) -> Worlds:
-    """Return worlds of the policy's task that take actions in mjlab's units, divided by LOUD."""
-    options = policy.config.task.for_evaluation().model_dump() | {"action_scale": LOUD}
-    device = policy.agent.observation_normalizer.mean.device
-    return envs.make(policy.config.env, worlds, device, seed=seed, **options)
+    def told(self, index: int | None) -> tuple[list[float], dict[str, str]]:
+        """Return the trade-off, the quantities and the falls of a policy (None: nothing)."""
+        if index is None:
+            return [], {}
+        numbers = *self.front.quantities[index], self.falls[index]
+        names = *self.front.quantity_names, "falls per 1,000 steps"
+        found = {name: f"{number:.3g}" for name, number in zip(names, numbers, strict=True)}
+        return self.front.tradeoffs[index].round(2).tolist(), found
 
 
-def best(policy: Policy, tradeoffs: int, worlds: int, steps: int, seed: int) -> list[Found]:
-    """Find the policies that track best, and that walk with least power if any walks.
-
-    They are chosen in one set of worlds, and measured in another.
-    """
-    points = evaluation_tradeoffs(tradeoffs, len(policy.objectives))
-    tried = walk(make(policy, worlds, 2 * seed), _acting(policy, points), tradeoffs, steps)
-    walking = (tried.speed > WALKS) & (tried.falls < FALLS)
-    chosen = {"best tracking": tried.error.argmin()}
-    if walking.any():
-        chosen["least power, walking"] = torch.where(walking, tried.power, torch.inf).argmin()
-    picked = points[torch.stack(list(chosen.values())).cpu()]
-    walks = walk(make(policy, worlds, 2 * seed + 1), _acting(policy, picked), len(picked), steps)
-    return [
-        Found(label, weights, Walks(*(value[i] for value in walks)))
-        for i, (label, weights) in enumerate(zip(chosen, picked.tolist(), strict=True))
-    ]
-
-
-@torch.no_grad()
-def walk(env: Worlds, act: Act, policies: int, steps: int) -> Walks:
-    """Let K policies walk, each in its share of the worlds.
+def walk(agent: Any, config: Config, tradeoffs: int, episodes: int, seed: int) -> Walks:
+    """Let policies walk; those to report are chosen in other episodes than the reported ones.
 
     Args:
-        env: N worlds that `make` returned.
-        act: from observations (K, G, O) to actions (K, G, A).
-        policies: K.
-        steps: control steps.
+        agent: an `Agent`, or what acts like one.
+        config: of its run.
+        tradeoffs: K.
+        episodes: E, of each policy.
+        seed: of the episodes.
     """
-    robot, command = env.env.scene["robot"], env.env.command_manager
-    used = env.num_worlds // policies * policies
-    sums = [torch.zeros(used, device=env.device) for _ in range(len(Walks._fields) + 1)]
-    seen, before = env.reset(), 0.0
-    for _ in range(steps):
-        wish = command.get_command("twist")[:used].clone()
-        action = torch.zeros(env.num_worlds, env.action_size, device=env.device)
-        action[:used] = act(seen[:used].view(policies, -1, seen.shape[1])).flatten(0, 1)
-        step = env.step(action / LOUD)
-        data = robot.data
-        torque, turning = data.qfrc_actuator[:used], data.joint_vel[:used]
-        made, turned = data.root_link_lin_vel_b[:used, :2], data.root_link_ang_vel_b[:used, 2]
-        speed = wish[:, :2].norm(dim=1)
-        fast = speed > SLOWEST
-        values = (
-            (wish[:, :2] - made).norm(dim=1),
-            (wish[:, 2] - turned).abs(),
-            torch.where(fast, (made * wish[:, :2]).sum(1) / speed, 0.0),
-            torch.where(fast, speed, 0.0),
-            (torque * turning).clamp(min=0).sum(1),
-            torque.square().sum(1),
-            (action[:used] - before).square().mean(1),
-            step.terminated[:used].float(),
-        )
-        for total, value in zip(sums, values, strict=True):
-            total += value.nan_to_num()
-        seen, before = step.observation, action[:used]
-    error, yaw, along, asked, power, torque, jerk, falls = (
-        value.view(policies, -1).mean(1) / steps for value in sums
-    )
-    return Walks(error, yaw, along / asked, power, torque, jerk, 1000 * falls)
+    m = len(config.task.objectives)
+    means = make_evaluator(agent, config, m, "latched", tradeoffs, episodes, seed, sets=2)
+    means.compile()
+    front, trial = means.evaluate_sets()
+    each = make_evaluator(agent, config, m, "latched", tradeoffs, 1, seed, sets=episodes)
+    each.compile()
+    returns = np.stack([one.returns for one in each.evaluate_sets()])
+    walks = Walks(trial, returns, 0, None)
+    error, share, power = trial.quantities[:, [ERROR, SHARE, POWER]].T
+    walking = (share >= WALKS) & (walks.falls <= FALLS)
+    cheapest = int(np.where(walking, power, np.inf).argmin()) if walking.any() else None
+    return Walks(front, returns, int(error.argmin()), cheapest)
 
 
-def _acting(policy: Policy, tradeoffs: Tensor) -> Act:
-    device = policy.agent.observation_normalizer.mean.device
-    actors, scale = policy.agent.actors(tradeoffs.to(device)), policy.config.task.action_scale
-    return lambda seen: actors.act(seen) * scale
+def dominated(returns: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return which policies (K,) one of the others dominates, given returns (E, K or L, m).
+
+    Only differences of more than two standard errors over the E common episodes count: a policy
+    dominates another one if it is better in an objective and worse in none.
+    """
+    differences = others[:, :, None] - returns[:, None]  # (E, L, K, m)
+    error = differences.std(0, ddof=1) / len(returns) ** 0.5
+    mean = differences.mean(0)
+    better, worse = (mean > 2 * error).any(-1), (mean < -2 * error).any(-1)
+    return (better & ~worse).any(0)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _LIBRARIES = {  # prefix of their names: what returns the class of a task
     GYMNASIUM: "worlds.gymnasium:from_id",
-    MJLAB: "worlds.mjlab:from_task",
+    MJLAB: "worlds.mjlab.worlds:from_task",
     PLAYGROUND: "worlds.playground:from_task",
 }
 _REGISTRY: dict[str, "type[Worlds]"] = {}  # built-in tasks once they are used, and registered ones

@@ -5,7 +5,8 @@ from typing import Any
 
 import torch
 
-from morlax_torch.envs.worlds import mjlab
+from morlax_torch.envs.worlds.mjlab.config import load
+from morlax_torch.envs.worlds.mjlab.worlds import build
 
 
 def calm(
@@ -18,7 +19,7 @@ def calm(
     """
 
     def config() -> Any:
-        cfg = mjlab.load(name)
+        cfg = load(name)
         cfg.scene.num_envs, cfg.seed, cfg.curriculum = num_envs, 0, {}
         kept = ("reset_base", "reset_robot_joints", *(["push_robot"] if pushed else []))
         cfg.events = {key: cfg.events[key] for key in kept}
@@ -35,7 +36,7 @@ def calm(
             setattr(twist, f"rel_{share}_envs", -1.0)
         return replace(cfg, **changes)
 
-    mjlab.load(name)  # imports mjlab, whose warnings are not ours
-    env = mjlab.build(name, config, torch.device(device))
+    load(name)  # imports mjlab, whose warnings are not ours
+    env = build(name, config, torch.device(device))
     env.reset()
     return env

@@ -113,6 +113,18 @@ def test_resuming_continues_exactly(algorithm, changes):
         assert torch.equal(one, two)
 
 
+def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
+    changes = {"sampling.focus": (3.0, 1.0), "sampling.widen": 0.5}
+    learner = trained(small("morlax", 8, **changes), 0)
+    focus, farthest = torch.tensor([0.75, 0.25]), []
+    for done in (0.0, 0.25, 0.5, 0.9):
+        learner.iterate(done)
+        assert_close(learner.tradeoffs.sum(1), torch.ones(CLUSTERS))
+        farthest.append((learner.tradeoffs - focus).abs().max())
+    # that is the corner of the second objective
+    assert_close(torch.stack(farthest), torch.tensor([0.0, 0.375, 0.75, 0.75]))
+
+
 def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork():
     learner = trained(small("hyper-morl", 20, **{"method.warmup": 0.15}), 3)
     assert isinstance(learner, HyperMORL) and learner.warming_up

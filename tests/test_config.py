@@ -4,6 +4,7 @@ from importlib import resources
 from pathlib import Path
 
 import pytest
+import torch
 import yaml
 
 from morlax_torch import MorlaxError, config_for, envs
@@ -42,6 +43,9 @@ def test_default_objectives_are_those_of_the_paper():
         ({"worlds": 100}, r"must divide worlds \(100\): try --worlds 96"),
         ({"sampling": {"clusters": 1}}, "at least 2 trade-offs"),
         ({"sampling": {"corners": 3}}, "must be 0 or 2"),
+        ({"sampling": {"focus": [1.0]}, "max_env_steps": 9}, "one weight for each of the 2"),
+        ({"sampling": {"focus": [0.0, 0.0]}, "max_env_steps": 9}, "at least one above zero"),
+        ({"sampling": {"focus": [1.0, 0.0]}, "max_env_steps": None}, "needs max_env_steps or"),
         ({"worlds": 64, "ppo": {"minibatches": 16}}, "must divide the 8 worlds"),
         ({"worlds": 60, "sampling": {"mode": "dense"}}, "must divide the 60 worlds"),
         ({"task": {"objectives": {"all": {"run": 1.0}}}}, "at least two objectives"),
@@ -50,6 +54,17 @@ def test_default_objectives_are_those_of_the_paper():
 def test_incompatible_sizes_are_refused(changes, expected):
     with pytest.raises(MorlaxError, match=expected):
         load_config({"env": "cheetah", "worlds": 512, **changes})
+
+
+def test_evaluations_count_no_guide():
+    config = load_config({"env": "hopper", "device": "cpu", "task": {"guide": {"run": 2.0}}})
+    rewards = []
+    for evaluating in (False, True):
+        env = config.make_worlds(2, 0, evaluating)
+        step = env.step(torch.zeros(2, env.action_size))
+        rewards.append(step.reward)
+    guided = 2.0 * step.terms["run"][:, None].expand(2, 2).float()
+    torch.testing.assert_close(rewards[0] - rewards[1], guided)
 
 
 @pytest.mark.parametrize("env", ["ant", "cheetah", "hopper", "humanoid", "walker"])

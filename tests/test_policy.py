@@ -11,6 +11,7 @@ from tiny import learner, tiny
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
+from morlax_torch.algorithms.trainer import make_agent
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 
@@ -237,3 +238,19 @@ def test_observations_can_be_arrays_and_doubles(policy, observation):
 def test_other_observations_are_refused_in_one_sentence(policy, given, words):
     with pytest.raises(MorlaxError, match=words):
         policy(given, (0.3, 0.7))
+
+
+def test_reward_weights_combine_terms_as_training_did():
+    changes = {"task.guide": {"alive": 0.5, "jump": 2.0}, "task.shared": {"alive": 1.0}}
+    config = tiny("hopper", **changes)
+    env = config.make_worlds(4, 0)
+    policy = Policy(make_agent(env, config), config, env.objectives)
+    weights = policy.reward_weights([3.0, 1.0])
+    for _ in range(3):
+        step = env.step(torch.ones(4, env.action_size))
+        utility = step.reward @ torch.tensor([0.75, 0.25])
+        combined = sum(weight * step.terms[name] for name, weight in weights.items())
+        torch.testing.assert_close(combined.float(), utility)
+    bent = config.model_copy(update={"scalarization": "chebyshev"})
+    with pytest.raises(MorlaxError, match="did not learn from fixed weights"):
+        Policy(policy.agent, bent, env.objectives).reward_weights([3.0, 1.0])

@@ -19,7 +19,7 @@ from tiny import tiny
 from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.configuration.config import config_class
-from morlax_torch.terminal import arguments, tune_arguments
+from morlax_torch.terminal import arguments, display, tune_arguments
 from morlax_torch.terminal.task_arguments import text_of
 from morlax_torch.train import train
 
@@ -137,6 +137,14 @@ def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, ca
     assert run.limit_reached(tiny(max_env_steps=None, max_seconds=1e-9)) == "max-seconds"
     (run.folder / "metrics.csv").write_text("".join(before.decode().splitlines(True)[:-1]))
     assert run.limit_reached(tiny()) is None  # the last evaluation is missing
+
+
+def test_a_pipe_gets_lines_between_evaluations(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(display, "LONGEST_SILENCE", 0.01)
+    monkeypatch.chdir(tmp_path)
+    command(["train", "--env", "hopper", *SMALL[2:], "--max-env-steps", "4096"])
+    told = [line for line in capsys.readouterr().out.splitlines() if line.endswith(" left")]
+    assert told and all("steps" in line and "/s" in line for line in told)
 
 
 def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:

@@ -197,12 +197,12 @@ class Worlds(ABC):
             MorlaxError: an objective names an unknown reward term, or the reference point has
                 another number of objectives.
         """
-        objectives, shared = self.options.objectives, self.options.shared
-        for name in [*shared, *(name for group in objectives.values() for name in group)]:
+        objectives, common = self.options.objectives, (self.options.shared, self.options.guide)
+        for name in (name for group in (*common, *objectives.values()) for name in group):
             if name not in self.reward_terms:
                 raise unknown("reward term", name, self.reward_terms)
         weights = [
-            [shared.get(name, 0.0) + group.get(name, 0.0) for group in objectives.values()]
+            [sum(each.get(name, 0.0) for each in (*common, own)) for own in objectives.values()]
             for name in self.reward_terms
         ]
         self._weights = torch.tensor(weights, dtype=torch.float64).to(self.device, dtype)

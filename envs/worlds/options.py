@@ -102,14 +102,18 @@ class ObjectiveOptions(Section):
     """The objectives to trade off; each is a weighted sum of reward terms."""
     shared: dict[str, float] = {}
     """Weighted reward terms that are added to every objective."""
+    guide: dict[str, float] = {}
+    """Weighted reward terms that are added to every objective in training only: they say how
+    policies should move, whatever their trade-off, but returns and fronts do not count them."""
     reference_point: Point = None
     """Reference point of the hypervolume, one number per objective (None: the origin)."""
     episode_length: Count = 500
     """Control steps after which an episode is truncated."""
 
     def for_evaluation(self) -> Self:
-        """Return the options to evaluate and show policies under, without training-only draws."""
-        return self
+        """Return the options to evaluate and show policies under, as far as they are not only for
+        training."""
+        return self.model_copy(update={"guide": {}})
 
     @field_validator("objectives")
     @classmethod
@@ -175,7 +179,7 @@ class TaskOptions(ObjectiveOptions):
     """File of a learned reward, which adds the reward term `learned` (docs/preferences.md)."""
 
     def for_evaluation(self) -> Self:
-        return self.model_copy(update={"stagger": False})
+        return super().for_evaluation().model_copy(update={"stagger": False})
 
     def judge(self, env: Any) -> "LearnedTerm | None":
         """Return what adds reward terms to those of an `Environment`, if anything does."""

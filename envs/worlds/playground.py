@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import import_module, metadata
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor
@@ -33,8 +33,8 @@ class PlaygroundOptions(ObjectiveOptions):
     stagger: bool = True
     """Start first episodes at random ages, so that time limits do not coincide."""
 
-    def for_evaluation(self) -> "PlaygroundOptions":
-        return self.model_copy(update={"stagger": False})
+    def for_evaluation(self) -> Self:
+        return super().for_evaluation().model_copy(update={"stagger": False})
 
 
 @cache

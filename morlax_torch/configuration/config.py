@@ -199,6 +199,17 @@ class Config(Section):
                 f"sampling.corners is {corners}: with {num_objectives} objectives it must be "
                 f"0 or {num_objectives}"
             )
+        if (focus := self.sampling.focus) is not None:
+            if len(focus) != num_objectives or not any(focus):
+                raise ValueError(
+                    f"sampling.focus is {focus}: give one weight for each of the {num_objectives} "
+                    "objectives, at least one above zero"
+                )
+            if not self.ends:
+                raise ValueError(
+                    "sampling.focus needs max_env_steps or max_seconds: sampling.widen is a share "
+                    "of them"
+                )
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
         if self.ppo.decay_fraction and not self.ends:

@@ -165,7 +165,7 @@ def changes(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 def _by_section(key: str, value: Any, below: dict[str, Any]) -> bool:
     both = isinstance(value, dict) and isinstance(below.get(key), dict)
-    return both and key not in ("objectives", "shared")
+    return both and key not in ("objectives", "shared", "guide")
 
 
 def renamed(values: dict[str, Any]) -> dict[str, Any]:

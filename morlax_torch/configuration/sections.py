@@ -24,6 +24,11 @@ class SamplingConfig(Section):
     """Number of clusters whose trade-off is a corner: 0 or one per objective (None: the latter)."""
     alpha: float = Field(default=1.0, ge=1e-3, le=1e6)
     """Concentration of the Dirichlet distribution; 1 is uniform on the simplex."""
+    focus: tuple[NonNegativeFloat, ...] | None = None
+    """Trade-off that training starts with (None: all at once): draws spread from it, linearly in
+    time, until they cover the simplex."""
+    widen: float = Field(default=0.5, gt=0, le=1)
+    """Share of training after which they do."""
 
 
 class NetworkConfig(Section):

@@ -14,6 +14,7 @@ from ..files import AnyPath, read, replacing
 from . import pareto
 
 TEXTS = ("fingerprint", "checkpoint")
+SIGNED = ("returns", "reference_point", "quantities")
 EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
 
 
@@ -138,7 +139,7 @@ class Front(NamedTuple):
                 raise ValueError(f"{name} must hold numbers of shape {shape}")
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} must be finite")
-            if name not in ("returns", "reference_point") and (values < 0).any():
+            if name not in SIGNED and (values < 0).any():
                 raise ValueError(f"{name} must not be negative")
         if K == 0 or not (self.tradeoffs.sum(1) > 0).all():
             raise ValueError("there must be trade-offs, each with a weight above zero")

@@ -44,6 +44,27 @@ class Policy(nn.Module):
             )
         return self.agent.actors(tradeoff).act(observation[:, None])[:, 0]
 
+    def reward_weights(self, tradeoff: Tensor | Sequence[float]) -> dict[str, float]:
+        """Return the weight of every reward term that the policy of a trade-off (m,) learned from.
+
+        They weigh the terms as the config of the task does, for training of one policy elsewhere.
+
+        Raises:
+            MorlaxError: the scalarization is not linear, or the trade-off is invalid.
+        """
+        if self.config.scalarization != "linear":
+            raise MorlaxError(
+                f"policies of the scalarization {self.config.scalarization} did not learn from "
+                "fixed weights."
+            )
+        weights = one_tradeoff(tradeoff, self.objectives, torch.device("cpu")).double()
+        task, found = self.config.task, dict[str, float]()
+        parts = zip((weights / weights.sum()).tolist(), task.objectives.values(), strict=True)
+        for share, terms in [(1.0, task.shared), (1.0, task.guide), *parts]:
+            for name, weight in terms.items():
+                found[name] = found.get(name, 0.0) + share * weight
+        return found
+
     def _checked(self, observation: Tensor | ArrayLike) -> Tensor:
         """Convert observations (B, O) or (O,) to float32; arrays move to the policy's device."""
         if not isinstance(observation, Tensor):

@@ -2,6 +2,7 @@
 
 import shlex
 from pathlib import Path
+from threading import Event, Thread
 from typing import Self
 
 from rich.progress import BarColumn, ProgressColumn, Task, TimeElapsedColumn
@@ -15,8 +16,11 @@ from .cli import console, moving, print_command
 from .startup import program
 
 
+LONGEST_SILENCE = 30.0  # seconds without a line on a file or pipe
+
+
 class Display:
-    """A moving bar on a terminal; on a file or pipe only one line per evaluation.
+    """A line per evaluation, and in between a moving bar; on a file or pipe a line at times.
 
     Only the first of several processes shows anything. `progress` is read live while training
     updates it.
@@ -26,7 +30,16 @@ class Display:
         self._learner, self._folder, self._progress = learner, folder, progress
         status = _Status(learner.config.max_env_steps, learner.config.max_seconds, progress)
         self._bar = moving(BarColumn(bar_width=8), status, TimeElapsedColumn())
-        self._bar.add_task("", total=1.0)
+        task = self._bar.add_task("", total=1.0)
+        self._told, self._over = Event(), Event()
+
+        def tell() -> None:
+            while not self._over.is_set():
+                if not self._told.wait(LONGEST_SILENCE):
+                    console.print(f"   {status.render(self._bar.tasks[task])}")
+                self._told.clear()
+
+        self._teller = None if console.is_terminal else Thread(target=tell, daemon=True)
         self._named = False  # the columns
 
     def __enter__(self) -> Self:
@@ -62,13 +75,18 @@ class Display:
         if env.simulator == "MuJoCo Warp":
             console.print("compiling kernels: up to a minute the first time on a machine")
         self._bar.start()
+        if self._teller is not None:
+            self._teller.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
+        self._over.set()
+        self._told.set()
 
     def evaluated(self, evaluation: Evaluation) -> None:
         """Print a line for an evaluation, and the names of its columns before the first line."""
+        self._told.set()
         row = evaluation.row()
         name = hypervolume_in(row)
         volume = name.replace("_", " ")

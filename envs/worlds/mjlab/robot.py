@@ -7,9 +7,9 @@ import mujoco
 import torch
 from torch import Tensor
 
-from .mjlab import MjlabWorlds, from_task
-from .mjlab_deployment import deployment_of
-from .robot import Deployment, Part, Robot
+from ..robot import Deployment, Part, Robot
+from .deployment import deployment_of
+from .worlds import MjlabWorlds, from_task
 
 
 @cache

@@ -10,8 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..errors import MorlaxError
-from .mirror import Mirror, Reflection
+from ...errors import MorlaxError
+from ..mirror import Mirror, Reflection
 
 FLIP = np.array([1.0, -1.0, 1.0])  # of positions and velocities
 NEAR, PARALLEL = 0.01, 0.99  # meters between partners; cosine of the angle between their axes

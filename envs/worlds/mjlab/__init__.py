@@ -1,0 +1,1 @@
+"""Bridge to mjlab, the library of robot tasks on MuJoCo Warp."""
