@@ -15,7 +15,6 @@ from ..runs.progress import Evaluation, Progress
 from .cli import console, moving, print_command
 from .startup import program
 
-
 LONGEST_SILENCE = 30.0  # seconds without a line on a file or pipe
 
 
