@@ -1,6 +1,7 @@
 """The web page in Chromium: physics, observations and policies are those of Python."""
 
 import functools
+import gzip
 import http.server
 import json
 import threading
@@ -152,7 +153,8 @@ def runs(page) -> None:
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_physics_follows_c_mujoco(empty, site, folder, number):
-    about = json.loads((folder / f"runs/{number}/run.json").read_text())
+    packed = (folder / f"runs/{number}/run.json.packed").read_bytes()
+    about = json.loads(gzip.decompress(packed))
     run = ["cheetah3", str(folder.parent / "run")][number]
     env, _ = build(morlax_torch.load(run))
     exact = envs.make_robot(morlax_torch.load(run).config.env, **env.options.model_dump()).physics
@@ -237,6 +239,78 @@ def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
     runs(page)
     assert page.locator("#weights .name").all_inner_texts() == ["go", "save"]
     assert not visit.complaints
+
+
+def test_the_map_tells_of_points_and_is_walked_with_arrow_keys(visit):
+    page = visit("?run=cheetah3&tradeoff=1,0,0")
+    runs(page)
+    axes = page.locator("#front .axis").all_text_contents()
+    assert len(axes) == 2 and all(text.endswith(" per second") for text in axes)
+    circle = page.locator("#front circle:not(.dominated):not(.mark)").first
+    circle.hover(force=True)
+    tip = page.inner_text(".tip")
+    assert tip.count("%") == 3 and "run" in tip and "per second" in tip
+    before = page.url
+    page.focus("#front svg")
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    for _ in range(8):
+        page.keyboard.press("ArrowLeft")
+    assert page.locator("#weights output").all_inner_texts() != ["100 %", "0 %", "0 %"]
+    assert page.url == before  # until a pointer or a slider is let go
+    assert not visit.complaints
+
+
+def test_a_pause_looks_back_and_what_follows_is_a_replay(visit):
+    page = visit("?run=cheetah3")
+    page.wait_for_function("parseFloat(document.getElementById('clock').textContent) > 0.6")
+    page.click("#pause")
+    page.wait_for_timeout(300)
+    now = float(page.inner_text("#clock").split()[0])
+    page.locator("#timeline").press("Home")
+    page.wait_for_function("parseFloat(document.getElementById('clock').textContent) < 0.1")
+    with page.expect_download() as download:
+        page.click("#photo")
+    assert download.value.suggested_filename == "cheetah3 0.333,0.333,0.333.png"
+    page.click("#pause")
+    shown = "parseFloat(document.getElementById('clock').textContent)"
+    page.wait_for_function(f"{shown} > 0.1 && {shown} < {now}")
+    page.wait_for_function(f"{shown} > {now}")
+    assert page.is_hidden("#timeline") and not visit.complaints
+
+
+def test_a_robot_that_cannot_be_loaded_leaves_the_other_on_the_stage(visit):
+    # a service worker's requests cannot be stopped
+    page = visit("?run=cheetah3", before="delete Navigator.prototype.serviceWorker")
+    runs(page)
+    page.route("**/runs/1/policy.onnx.packed", lambda route: route.abort())
+    page.select_option("#run", label="Tumbler")
+    page.wait_for_function("document.getElementById('event').textContent.includes('policy.onnx')")
+    assert page.title() == "cheetah3 · morlax" and page.is_hidden("#loading")
+    assert page.locator("#run option:checked").inner_text() == "cheetah3"
+    runs(page)
+    page.unroute("**/runs/1/policy.onnx.packed")
+    page.select_option("#run", label="Tumbler")
+    page.wait_for_function("document.title.startsWith('Tumbler')")
+    runs(page)
+
+
+def test_an_unknown_robot_is_named(visit):
+    page = visit("?run=hare")
+    page.wait_for_selector("#problem:not([hidden])")
+    assert page.inner_text("#problem") == "There is no robot hare here, but cheetah3, Tumbler."
+
+
+def test_a_second_visit_needs_no_network(visit):
+    page = visit("?run=cheetah3")
+    runs(page)
+    page.wait_for_function(
+        "caches.open('morlax').then((c) => c.keys()).then((keys) => keys.length > 15)"
+    )
+    page.context.set_offline(True)
+    page.reload()
+    runs(page)
+    assert page.title() == "cheetah3 · morlax"
 
 
 def test_an_embedded_page_shows_robot_sliders_and_front_only(visit):

@@ -12,6 +12,7 @@ from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
 from ...envs.worlds.randomization import horizontal
+from ...evaluation import pareto
 from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
@@ -27,6 +28,7 @@ from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, trace
 
 STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
+FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
 PUSH = 1.5  # m/s added to the robot's velocity by a push
 
 
@@ -51,7 +53,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
         (folder / name).write_bytes(data)
     front = front_of(run, policy, device)
     about = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
-    everything = {**about, **_described(env, traced, model), "front": _plain(front)}
+    everything = {**about, **_described(env, traced, model), "front": _plain(front, env.dt)}
     (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
     return about
 
@@ -150,10 +152,16 @@ def _numbers(values: Tensor) -> list[float]:
     return np.round(values.flatten().double().numpy(), 9).tolist()
 
 
-def _plain(front: Front) -> dict[str, Any]:
+def _plain(front: Front, dt: float) -> dict[str, Any]:
+    """Describe a front; `values` are returns per second, `pair` the objectives to show first."""
+    conflict = np.triu(pareto.conflicts(front.returns[front.non_dominated]) + 2, 1)
+    seconds = dt * front.lengths.clip(1)[:, None]
+    falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
     return {
         "tradeoffs": front.tradeoffs.round(4).tolist(),
-        "returns": front.returns.round(3).tolist(),
+        "values": (front.returns / seconds).round(4).tolist(),
         "best": front.non_dominated.tolist(),
+        "fails": (falls > FAILS).tolist(),
+        "pair": [int(i) for i in np.unravel_index(conflict.argmax(), conflict.shape)],
         "checkpoint": front.checkpoint,
     }

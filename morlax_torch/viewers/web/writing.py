@@ -1,5 +1,6 @@
 """Write the page: a folder for any static web server."""
 
+import gzip
 import json
 import os
 from collections.abc import Sequence
@@ -43,6 +44,10 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
         place = f"runs/{index}"
         known.append({"folder": place, **write_robot(run, folder / place, device)})
     _number(known)
+    shared = sum(_compress(file) for file in (folder / "libraries").glob("*.wasm"))
+    for run in known:
+        files = list((folder / run["folder"]).iterdir())
+        run |= {"bytes": sum(map(_compress, files)), "shared": shared}
     (folder / "runs.json").write_text(json.dumps(known))
     titles = ", ".join(run["title"] for run in known)
     for file in (resources.files(str(__package__)) / "page").iterdir():
@@ -50,6 +55,18 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
         if file.name == "index.html":
             data = data.replace(TITLE.encode(), escape(titles).encode())
         (folder / file.name).write_bytes(data)
+
+
+def _compress(file: Path) -> int:
+    """Compress a file in place; returns its new size.
+
+    The page decompresses it, because many web servers send files as they are. Servers that know
+    the usual endings of compressed files would decompress them a second time.
+    """
+    packed = file.with_name(f"{file.name}.packed")
+    packed.write_bytes(gzip.compress(file.read_bytes()))
+    file.unlink()
+    return packed.stat().st_size
 
 
 def _number(runs: list[dict[str, Any]]) -> None:

@@ -14,3 +14,18 @@ export async function fetched(address) {
   if (!response.ok) throw new Problem(`The file ${address} is missing on this web server.`);
   return response;
 }
+
+export const traffic = { come: 0, due: 0, follow: () => {} }; // bytes of compressed files
+
+/** Fetch a file that `pack` compressed, and count its bytes. */
+export async function unpacked(address) {
+  const { body } = await fetched(`${address}.packed`);
+  const count = new TransformStream({
+    transform(bytes, out) {
+      traffic.come += bytes.length;
+      traffic.follow();
+      out.enqueue(bytes);
+    },
+  });
+  return new Response(body.pipeThrough(count).pipeThrough(new DecompressionStream("gzip")));
+}

@@ -1,38 +1,44 @@
-// The returns of two objectives against each other: every point is a trade-off to pick.
+// The map of policies: two objectives against each other, and every point is a trade-off to pick.
 
-import { onDrag, short, svg, ticks } from "./pictures.js";
+import { html, onDrag, short, svg, ticks } from "./pictures.js";
 import { mixed } from "./weights.js";
 
-const [WIDTH, HEIGHT] = [320, 220];
-const [LEFT, RIGHT, TOP, BOTTOM] = [52, 10, 10, 38]; // margins
+const [WIDTH, HEIGHT] = [380, 300];
+const [LEFT, RIGHT, TOP, BOTTOM] = [50, 12, 12, 40]; // margins
+const NEAR = 14; // from the pointer to a point that it asks about
 
 export class FrontPlot {
   /**
-   * @param front tradeoffs, returns and which are best.
+   * @param front tradeoffs, values, which are best and which fail.
    * @param names of all objectives.
    * @param axes indices of the two objectives to show.
-   * @param pick called with a trade-off that a visitor clicks or drags to.
+   * @param pick called with a trade-off that a visitor clicks, drags or steps to.
    */
   constructor(front, names, axes, pick) {
-    Object.assign(this, { front, axes, pick });
-    this.ranges = axes.map((i) => paddedRange(front.returns.map((r) => r[i])));
-    this.places = front.returns.map((r) => this.#at(axes.map((i) => r[i])));
-    this.mark = svg("circle", { r: 6.5, class: "mark" });
-    const label = `Pareto front of ${axes.map((i) => names[i]).join(" and ")}: click to choose`;
-    this.element = svg(
+    Object.assign(this, { front, names, axes, pick });
+    this.ranges = axes.map((i) => paddedRange(front.values.map((v) => v[i])));
+    this.places = front.values.map((v) => this.#at(axes.map((i) => v[i])));
+    this.along = indicesOf(front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
+    this.mark = svg("circle", { r: 7.5, class: "mark" });
+    const label = `Pareto front of ${axes.map((i) => names[i]).join(" and ")}: click, or use the arrow keys`;
+    this.drawing = svg(
       "svg",
-      { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "img", "aria-label": label },
-      ...this.#scales(names),
+      { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "img", tabindex: 0, "aria-label": label },
+      ...this.#scales(),
       ...this.#points(),
       this.mark,
     );
-    onDrag(this.element, (place) => this.#choose(place));
+    this.tip = html("p", { className: "tip", hidden: true });
+    this.element = html("div", { className: "map" }, this.drawing, this.tip);
+    onDrag(this.drawing, (place) => this.#choose(place), (place) => this.#tell(place));
+    this.drawing.addEventListener("pointerleave", () => (this.tip.hidden = true));
+    this.drawing.addEventListener("keydown", (event) => this.#step(event));
   }
 
   /** Mark where a trade-off lies: at the evaluated one that is nearest. */
   show(weights) {
-    const nearest = lowest(this.front.tradeoffs, (w) => distance(w, weights));
-    const [x, y] = this.places[nearest];
+    this.nearest = lowest(this.front.tradeoffs, (w) => distance(w, weights));
+    const [x, y] = this.places[this.nearest];
     this.mark.setAttribute("cx", x);
     this.mark.setAttribute("cy", y);
     this.mark.setAttribute("fill", mixed(weights));
@@ -41,6 +47,34 @@ export class FrontPlot {
   #choose(place) {
     const far = (other, i) => (this.front.best[i] ? distance(other, place) : Infinity);
     this.pick(this.front.tradeoffs[lowest(this.places, far)]);
+  }
+
+  /** Say which trade-off the point under the pointer has, and what its policy earns. */
+  #tell(place) {
+    const point = lowest(this.places, (other) => distance(other, place));
+    this.tip.hidden = distance(this.places[point], place) > NEAR ** 2;
+    if (this.tip.hidden) return;
+    const { tradeoffs, values, fails } = this.front;
+    const lines = this.names.map((name, i) => {
+      return `${name} ${Math.round(100 * tradeoffs[point][i])} %: ${short(values[point][i])} per second`;
+    });
+    if (fails[point]) lines.push("its episodes end in a fall");
+    this.tip.replaceChildren(...lines.map((text) => html("span", { textContent: text })));
+    const [x, y] = this.places[point];
+    const late = x > WIDTH / 2;
+    this.tip.style.left = late ? "auto" : `${(100 * x) / WIDTH}%`;
+    this.tip.style.right = late ? `${100 - (100 * x) / WIDTH}%` : "auto";
+    this.tip.style.top = `${(100 * (y + 10)) / HEIGHT}%`;
+  }
+
+  /** Move along the front with the arrow keys. */
+  #step(event) {
+    const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+    if (!way) return;
+    event.preventDefault();
+    const here = lowest(this.along, (i) => distance(this.places[i], this.places[this.nearest]));
+    const next = Math.min(Math.max(here + way, 0), this.along.length - 1);
+    this.pick(this.front.tradeoffs[this.along[next]]);
   }
 
   #at([x, y]) {
@@ -52,21 +86,23 @@ export class FrontPlot {
   }
 
   #points() {
-    const order = this.places.map((_, i) => i).sort((a, b) => this.front.best[a] - this.front.best[b]);
+    const { best, fails, tradeoffs } = this.front;
+    const order = this.places.map((_, i) => i).sort((a, b) => best[a] - best[b]);
     return order.map((i) => {
       const [cx, cy] = this.places[i];
-      if (!this.front.best[i]) return svg("circle", { cx, cy, r: 1.6, class: "dominated" });
-      return svg("circle", { cx, cy, r: 2.8, fill: mixed(this.front.tradeoffs[i]) });
+      if (fails[i]) return svg("path", { d: `M${cx - 3} ${cy - 3}l6 6m0-6l-6 6`, class: "failed" });
+      if (!best[i]) return svg("circle", { cx, cy, r: 1.8, class: "dominated" });
+      return svg("circle", { cx, cy, r: 3.4, fill: mixed(tradeoffs[i]) });
     });
   }
 
-  #scales(names) {
+  #scales() {
     const parts = [];
     const [[left, right], [bottom, top]] = this.ranges;
     for (const value of ticks(left, right)) {
       const [x] = this.#at([value, bottom]);
       parts.push(svg("line", { x1: x, x2: x, y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
-      parts.push(svg("text", { x, y: HEIGHT - BOTTOM + 14, class: "tick middle" }, short(value)));
+      parts.push(svg("text", { x, y: HEIGHT - BOTTOM + 15, class: "tick middle" }, short(value)));
     }
     for (const value of ticks(bottom, top)) {
       const [, y] = this.#at([left, value]);
@@ -74,13 +110,15 @@ export class FrontPlot {
       parts.push(svg("text", { x: LEFT - 6, y: y + 3.5, class: "tick end" }, short(value)));
     }
     const [x, y] = [(LEFT + WIDTH - RIGHT) / 2, (TOP + HEIGHT - BOTTOM) / 2];
-    const [across, up] = this.axes.map((i) => `${names[i]} (return)`);
+    const [across, up] = this.axes.map((i) => `${this.names[i]} per second`);
     parts.push(svg("text", { x, y: HEIGHT - 6, class: "axis middle" }, across));
     const turned = `translate(11 ${y}) rotate(-90)`;
     parts.push(svg("text", { transform: turned, class: "axis middle" }, up));
     return parts;
   }
 }
+
+const indicesOf = (flags) => flags.flatMap((flag, i) => (flag ? [i] : []));
 
 function paddedRange(values) {
   const [low, high] = [Math.min(...values), Math.max(...values)];

@@ -1,9 +1,8 @@
 // ONNX models with named inputs and outputs.
 
 import * as ort from "./libraries/ort.js";
-import { fetched } from "./files.js";
+import { unpacked } from "./files.js";
 
-ort.env.wasm.wasmPaths = { wasm: new URL("libraries/ort.wasm", import.meta.url).href };
 ort.env.wasm.numThreads = 1; // more need headers that static hosts do not send
 ort.env.logLevel = "error";
 
@@ -21,6 +20,19 @@ export function typed(type, numbers) {
   return ARRAYS[type].from(numbers, Number);
 }
 
+let start = null; // ONNX Runtime's own file is loaded once
+
+function started() {
+  start ??= unpacked(new URL("libraries/ort.wasm", import.meta.url).href)
+    .then((file) => file.arrayBuffer())
+    .then((binary) => (ort.env.wasm.wasmBinary = binary))
+    .catch((error) => {
+      start = null;
+      throw error;
+    });
+  return start;
+}
+
 export class Graph {
   /**
    * @param session of ONNX Runtime.
@@ -34,7 +46,8 @@ export class Graph {
   }
 
   static async load(address, inputs, outputs) {
-    const bytes = new Uint8Array(await (await fetched(address)).arrayBuffer());
+    const [file] = await Promise.all([unpacked(address), started()]);
+    const bytes = new Uint8Array(await file.arrayBuffer());
     return new Graph(await ort.InferenceSession.create(bytes), inputs, outputs);
   }
 

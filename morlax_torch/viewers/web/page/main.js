@@ -1,8 +1,8 @@
 // The page: load the robots, run the chosen one in real time, and react to the visitor.
 
-import { Problem, fetched } from "./files.js";
+import { Problem, fetched, traffic } from "./files.js";
 import { Panel } from "./panel.js";
-import { icon } from "./pictures.js";
+import { html, icon } from "./pictures.js";
 import { even, parsed, shown } from "./weights.js";
 
 const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
@@ -10,7 +10,17 @@ const PACES = [1, 0.5, 0.25];
 const OVER = { fell: "The episode ended: new start", time: "Time is up: new start" };
 const $ = (id) => document.getElementById(id);
 const query = new URLSearchParams(location.search);
-const state = { simulation: null, panel: null, stage: null, paused: false, pace: 1, resets: false };
+const state = {
+  simulation: null,
+  folder: "",
+  panel: null,
+  stage: null,
+  paused: false,
+  pace: 1,
+  resets: false,
+  from: 0, // index of the past pose that a replay started from
+  played: 0, // control steps since then
+};
 const former = []; // simulations to release between two steps
 let asks = 0; // how often a run was asked for
 
@@ -29,28 +39,35 @@ async function main() {
   wireControls();
   await open(asked(runs));
   $("controls").hidden = $("panel").hidden = false;
+  keepFiles().catch(() => {}); // browsers may forbid it, and the page works without
   run().catch(report);
 }
 
 /** Return the run that the address asks for by title or number. */
 function asked(runs) {
   const name = query.get("run");
-  return runs.find((run, i) => run.title === name || String(i) === name) ?? runs[0];
+  const found = runs.find((run, i) => run.title === name || String(i) === name);
+  if (found || name === null) return found ?? runs[0];
+  throw new Problem(`There is no robot ${name} here, but ${runs.map((run) => run.title).join(", ")}.`);
 }
 
 /** Show one of the runs, unless the visitor chooses another one before it is loaded. */
 async function open(run) {
   const ask = ++asks;
-  if (state.simulation) former.push(state.simulation);
-  state.simulation = null;
-  $("loading").hidden = false;
-  $("progress").textContent = `Loading ${run.title}`;
-  const { Simulation } = await import("./simulation.js");
-  const simulation = await Simulation.load(run.folder);
-  if (ask < asks) {
-    former.push(simulation);
+  const simulation = await load(run).catch((error) => {
+    if (ask < asks) return null;
+    if (!state.simulation) throw error;
+    $("run").value = state.folder; // the robot on the stage goes on
+    $("loading").hidden = true;
+    announce(sentence(error));
+    return null;
+  });
+  if (!simulation || ask < asks) {
+    if (simulation) former.push(simulation);
     return;
   }
+  if (state.simulation) former.push(state.simulation);
+  state.folder = run.folder;
   const m = simulation.about.objectives.length;
   simulation.tradeoff = parsed(query.get("tradeoff"), m) ?? even(m);
   document.title = `${run.title} · morlax`;
@@ -62,6 +79,28 @@ async function open(run) {
   state.panel.showEpisode();
   state.simulation = simulation;
   $("loading").hidden = true;
+}
+
+async function load({ title, folder, bytes, shared }) {
+  const size = bytes + (state.simulation ? 0 : shared);
+  const begin = traffic.come;
+  traffic.follow = () => {
+    const [come, due] = [traffic.come - begin, size].map((x) => (x / 1e6).toFixed(1));
+    $("progress").textContent = `Loading ${title}: ${come} of ${due} MB`;
+  };
+  traffic.follow();
+  $("loading").classList.toggle("over", Boolean(state.simulation));
+  $("loading").hidden = false;
+  const { Simulation } = await import("./simulation.js");
+  return Simulation.load(folder);
+}
+
+/** Keep all files that this visit needed, for visits without a network. */
+async function keepFiles() {
+  await navigator.serviceWorker.register("sw.js");
+  const used = performance.getEntriesByType("resource").map(({ name }) => name);
+  const ours = used.filter((address) => address.startsWith(location.origin));
+  await (await caches.open("morlax")).addAll([...new Set(["./", ...ours])]);
 }
 
 function choose(tradeoff) {
@@ -91,7 +130,8 @@ async function run() {
     last = now;
     const { simulation, stage, panel, paused, pace } = state;
     if (!simulation) continue;
-    if (!paused) due += elapsed * pace;
+    if (!paused && stage.moment !== null) replay(stage, (elapsed * pace) / simulation.about.dt);
+    else if (!paused) due += elapsed * pace;
     if (state.resets) restart(simulation);
     while (due >= simulation.about.dt && performance.now() - now < 1000 * MOST_DELAY) {
       due -= simulation.about.dt;
@@ -114,8 +154,18 @@ function restart(simulation) {
   state.stage.jump();
 }
 
+/** Draw later poses of the past, until the present is reached. */
+function replay(stage, steps) {
+  state.played += steps;
+  stage.moment = Math.min(state.from + Math.floor(state.played), stage.past.length - 1);
+  if (stage.moment === stage.past.length - 1) stage.moment = null;
+}
+
+/** Show the time of the pose on the stage. */
 function showClock({ steps, about }) {
-  $("clock").textContent = `${(steps * about.dt).toFixed(1)} s`;
+  const { past, moment } = state.stage;
+  const shown = moment === null ? steps : past[moment].steps;
+  $("clock").textContent = `${(shown * about.dt).toFixed(1)} s`;
 }
 
 function announce(text) {
@@ -142,12 +192,15 @@ function wireControls() {
   const actions = {
     pause: () => {
       state.paused = !state.paused;
+      $("timeline").hidden = !state.paused;
+      $("timeline").max = $("timeline").value = state.stage.past.length - 1;
       $("pause").replaceChildren(icon(state.paused ? "play" : "pause"));
       $("pause").title = state.paused ? "Continue (space)" : "Pause (space)";
     },
     push: () => state.simulation?.push(),
     reset: () => (state.resets = true),
     camera: () => state.stage.lookHome(),
+    photo: () => save().catch((error) => announce(sentence(error))),
     pace: () => {
       state.pace = PACES[(PACES.indexOf(state.pace) + 1) % PACES.length];
       $("pace").textContent = `${state.pace}×`;
@@ -160,6 +213,11 @@ function wireControls() {
       $(name).setAttribute("aria-label", $(name).title);
     }
   }
+  $("timeline").addEventListener("input", () => {
+    state.from = Math.min(Number($("timeline").value), state.stage.past.length - 1);
+    state.stage.moment = state.from;
+    state.played = 0;
+  });
   const keys = { " ": "pause", p: "push", r: "reset", c: "camera" };
   addEventListener("keydown", (event) => {
     const typing = event.target.closest("button, select, input, summary");
@@ -168,6 +226,14 @@ function wireControls() {
     event.preventDefault();
     actions[name]();
   });
+}
+
+/** Save what the stage shows as a PNG file. */
+async function save() {
+  const address = URL.createObjectURL(await state.stage.picture());
+  const name = `${$("title").textContent} ${shown(state.simulation.tradeoff)}.png`;
+  html("a", { href: address, download: name }).click();
+  URL.revokeObjectURL(address);
 }
 
 /** Follow the system's light or dark theme, until the visitor switches. */
@@ -189,13 +255,16 @@ function followTheme() {
   dress();
 }
 
+function sentence(error) {
+  if (error instanceof Problem) return error.message;
+  return `The page cannot run here: ${error.message ?? error}.`;
+}
+
 /** Show one sentence in place of the robot. */
 function report(error) {
-  const text =
-    error instanceof Problem ? error.message : `The page cannot run here: ${error.message ?? error}.`;
   $("loading").hidden = $("controls").hidden = true;
   $("problem").hidden = false;
-  $("problem").textContent = text;
+  $("problem").textContent = sentence(error);
 }
 
 main().catch(report);

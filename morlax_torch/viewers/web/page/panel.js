@@ -78,7 +78,7 @@ export class Panel {
     if (m > 2) $("axes").replaceChildren(...this.#axisChoosers(front));
     this.triangle = triangle;
     $("checkpoint").textContent = `front of ${front.checkpoint}`;
-    this.#draw(front, [0, 1]);
+    this.#draw(front, front.pair);
   }
 
   #draw(front, axes) {
@@ -91,7 +91,9 @@ export class Panel {
   /** Return two lists of objectives, for the axes of the plot. */
   #axisChoosers(front) {
     const lists = [0, 1].map((first) => {
-      const options = this.names.map((name, i) => new Option(name, i, i === first, i === first));
+      const options = this.names.map((name, i) => {
+        return new Option(name, i, false, i === front.pair[first]);
+      });
       const list = html("select", {}, ...options);
       list.setAttribute("aria-label", first ? "Vertical axis" : "Horizontal axis");
       return list;

@@ -23,6 +23,7 @@ const ICONS = {
   push: "M3 12h11M10 7.5 14.5 12 10 16.5M19 5v14",
   reset: "M5 12a7 7 0 1 0 2.3-5.2M5 4v4h4",
   camera: "M4 9V5h4M16 5h4v4M20 15v4h-4M8 19H4v-4M12 9.5a2.5 2.5 0 1 0 0 5 2.5 2.5 0 1 0 0-5",
+  photo: "M4 8h3.5l1.5-2.5h6L16.5 8H20v10.5H4zM12 10a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
   sun: "M12 8a4 4 0 1 0 0 8 4 4 0 1 0 0-8M12 3v1.5M12 19.5V21M3 12h1.5M19.5 12H21M5.6 5.6l1 1M17.4 17.4l1 1M18.4 5.6l-1 1M6.6 17.4l-1 1",
   moon: "M19 14.5A7.5 7.5 0 0 1 9.5 5a7.5 7.5 0 1 0 9.5 9.5z",
 };
@@ -32,19 +33,19 @@ export function icon(name) {
   return svg("svg", { viewBox: "0 0 24 24", class: "icon" }, svg("path", { d: ICONS[name] }));
 }
 
-/** Call `choose([x, y])`, in the drawing's own units, where a visitor clicks or drags. */
-export function onDrag(drawing, choose) {
-  const tell = (event) => {
+/** Call `choose([x, y])`, in the drawing's own units, where a visitor clicks or drags, else `hover`. */
+export function onDrag(drawing, choose, hover = () => {}) {
+  const place = (event) => {
     const point = new DOMPoint(event.clientX, event.clientY);
     const { x, y } = point.matrixTransform(drawing.getScreenCTM().inverse());
-    choose([x, y]);
+    return [x, y];
   };
   drawing.addEventListener("pointerdown", (event) => {
     drawing.setPointerCapture(event.pointerId);
-    tell(event);
+    choose(place(event));
   });
   drawing.addEventListener("pointermove", (event) => {
-    if (event.buttons) tell(event);
+    (event.buttons ? choose : hover)(place(event));
   });
 }
 

@@ -1,25 +1,30 @@
 // One robot: MuJoCo's physics, the task's own step as ONNX graphs, and the family of policies.
 
 import loadMujoco from "./libraries/mujoco.js";
-import { fetched } from "./files.js";
+import { unpacked } from "./files.js";
 import { Graph, typed } from "./graphs.js";
 import { draw, normal } from "./random.js";
 
 let engine = null; // MuJoCo is loaded once for all robots
 
 async function mujoco() {
-  engine ??= loadMujoco({
-    locateFile: () => new URL("libraries/mujoco.wasm", import.meta.url).href,
-    print: () => {},
-    printErr: () => {},
+  engine ??= start().catch((error) => {
+    engine = null; // the next robot tries again
+    throw error;
   });
   return engine;
+}
+
+async function start() {
+  const file = await unpacked(new URL("libraries/mujoco.wasm", import.meta.url).href);
+  const wasmBinary = await file.arrayBuffer();
+  return loadMujoco({ wasmBinary, print: () => {}, printErr: () => {} });
 }
 
 export class Simulation {
   /** Load the robot of a folder that `pack --web` wrote. */
   static async load(folder) {
-    const about = await (await fetched(`${folder}/run.json`)).json();
+    const about = await (await unpacked(`${folder}/run.json`)).json();
     const { objectives, observation_size: O } = about;
     const inputs = {
       observation: { shape: [1, O], type: "float32" },
@@ -27,7 +32,7 @@ export class Simulation {
     };
     const [engine, xml, policy, before, after] = await Promise.all([
       mujoco(),
-      fetched(`${folder}/model.xml`).then((file) => file.text()),
+      unpacked(`${folder}/model.xml`).then((file) => file.text()),
       Graph.load(`${folder}/policy.onnx`, inputs, ["action"]),
       Graph.load(`${folder}/before.onnx`, about.before.inputs, about.before.outputs),
       Graph.load(`${folder}/after.onnx`, about.after.inputs, about.after.outputs),
@@ -140,7 +145,7 @@ async function compiled(engine, folder, xml, about) {
   const files = new engine.MjVFS();
   try {
     for (const name of about.assets) {
-      const file = await fetched(`${folder}/${name}`);
+      const file = await unpacked(`${folder}/${name}`);
       files.addBuffer(name, new Uint8Array(await file.arrayBuffer()));
     }
     const model = engine.MjModel.from_xml_string(xml, files);

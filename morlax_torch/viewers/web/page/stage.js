@@ -11,6 +11,7 @@ const VIEW = new THREE.Vector3(0.55, -1, 0.32).normalize(); // from the robot to
 const FIELD = 32; // degrees
 const MARGIN = 1.2; // around the robot
 const BUTTONS = 50; // pixels that the buttons cover at the bottom
+const KEPT = 10; // s of poses to look back at
 const CALM = 250; // ms that the camera takes to follow most of a change of height
 
 export class Stage {
@@ -54,6 +55,8 @@ export class Stage {
     this.surroundings.dress(this.theme);
     this.followed = about.followed;
     this.center = null;
+    this.past = []; // poses after control steps, the oldest first
+    this.moment = null; // index of the past pose to draw; null: the present
     this.jump();
     this.lookHome();
   }
@@ -67,12 +70,12 @@ export class Stage {
   /** Note the poses after a control step; `draw` moves from the former to these. */
   advance() {
     this.former = this.latest;
-    this.latest = poses(this.simulation.data);
+    this.#note();
   }
 
   /** Take the present poses without moving to them, as after a reset. */
   jump() {
-    this.latest = poses(this.simulation.data);
+    this.#note();
     this.former = this.latest;
     if (this.center) this.#carry(this.#placeOfRobot(1));
   }
@@ -91,6 +94,12 @@ export class Stage {
     this.controls.update();
   }
 
+  /** Return a picture of the present drawing, as a PNG file's data. */
+  picture() {
+    this.draw(1);
+    return new Promise((resolve) => this.canvas.toBlob(resolve));
+  }
+
   /** Draw the moment `share` in [0, 1] of the way from the former poses to the latest. */
   draw(share) {
     const now = performance.now();
@@ -99,16 +108,30 @@ export class Stage {
     this.drawn = now;
     this.#fit();
     this.surroundings.shadow = this.quality.shadow;
+    const [former, latest] = this.#drawn();
     for (const [index, body] of this.bodies.entries()) {
-      body.position.fromArray(this.former.places, 3 * index);
-      body.position.lerp(place.fromArray(this.latest.places, 3 * index), share);
-      quaternionAt(this.former.turns, index, body.quaternion);
-      body.quaternion.slerp(quaternionAt(this.latest.turns, index, turn), share);
+      body.position.fromArray(former.places, 3 * index);
+      body.position.lerp(place.fromArray(latest.places, 3 * index), share);
+      quaternionAt(former.turns, index, body.quaternion);
+      body.quaternion.slerp(quaternionAt(latest.turns, index, turn), share);
     }
     this.#carry(this.#placeOfRobot(share));
     this.controls.update();
     this.surroundings.follow(this.center, this.camera.position);
     this.renderer.render(this.scene, this.camera);
+  }
+
+  #note() {
+    const { data, steps, about } = this.simulation;
+    this.latest = { places: data.xpos.slice(), turns: data.xquat.slice(), steps };
+    this.past.push(this.latest);
+    if (this.past.length * about.dt > KEPT) this.past.shift();
+  }
+
+  /** Return the poses to draw between. */
+  #drawn() {
+    if (this.moment === null) return [this.former, this.latest];
+    return [this.past[this.moment], this.past[this.moment]];
   }
 
   #addGeom(model, geom) {
@@ -133,10 +156,10 @@ export class Stage {
   #placeOfRobot(share) {
     const at = 3 * this.followed;
     const { lerp } = THREE.MathUtils;
-    const along = (i) => lerp(this.former.places[at + i], this.latest.places[at + i], share);
+    const [former, latest] = this.#drawn();
+    const along = (i) => lerp(former.places[at + i], latest.places[at + i], share);
     const height = along(2) + this.offset;
-    const former = this.center?.z ?? height;
-    return new THREE.Vector3(along(0), along(1), lerp(former, height, this.haste));
+    return new THREE.Vector3(along(0), along(1), lerp(this.center?.z ?? height, height, this.haste));
   }
 
   /** Move camera and target with the robot. */
@@ -165,11 +188,6 @@ export class Stage {
 
 const place = new THREE.Vector3(); // reused, so that drawing allocates little
 const turn = new THREE.Quaternion();
-
-/** Copy the places and turns of all bodies. */
-function poses(data) {
-  return { places: data.xpos.slice(), turns: data.xquat.slice() };
-}
 
 /** Read MuJoCo's quaternion, which has w first. */
 function quaternionAt(numbers, index, result) {
