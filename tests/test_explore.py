@@ -13,6 +13,7 @@ from browsing import PATIENCE, View, chromium, exploring, middle
 
 from morlax_torch.commands import explore
 from morlax_torch.viewers.explorer import library, weights
+from morlax_torch.viewers.explorer.opening import free_port
 
 
 def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refused):
@@ -26,9 +27,8 @@ def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refus
 def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, refused):
     make_run(workplace / "run", "hopper", "best")
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
-        text = refused(explore, "run", "--port", port)
-    assert f"cannot listen on 127.0.0.1, port {port}" in text
+        port = taken.getsockname()[1]
+        assert port < free_port("127.0.0.1", port) < port + 20
     assert "from 0 to 65535" in refused(explore, "run", "--port", "70000")
     for host in ("192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""):
         text = refused(explore, "run", "--host", host)

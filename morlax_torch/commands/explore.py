@@ -9,7 +9,7 @@ from ..terminal import cli
 from ..terminal.interrupt import interruptible
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Port, Trust, call
-from ..viewers.explorer.opening import check_free, importing_viser
+from ..viewers.explorer.opening import free_port, importing_viser
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -18,7 +18,7 @@ def explore(run: str, host: str, port: int) -> None:
     Args:
         run: a run's folder, a checkpoint file, or a shipped policy.
         host: address to listen on.
-        port: TCP port to listen on; 0 selects a free one.
+        port: TCP port to listen on, or the next free one; 0 selects any.
 
     Raises:
         MorlaxError: there is no such run, it has no checkpoint, viser is not installed, or the
@@ -27,7 +27,7 @@ def explore(run: str, host: str, port: int) -> None:
     from ..viewers.explorer import library
 
     library.choose(run)  # importing viser takes seconds: report a wrong name first
-    check_free(host, port)
+    port = free_port(host, port)
     with importing_viser():
         from ..viewers.explorer.page import Page
     import torch

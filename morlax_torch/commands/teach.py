@@ -12,7 +12,7 @@ from ..terminal import cli
 from ..terminal.interrupt import interruptible
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Port, Trust, call
-from ..viewers.explorer.opening import check_free, importing_viser
+from ..viewers.explorer.opening import free_port, importing_viser
 
 if TYPE_CHECKING:
     from ..preferences.teaching import Lesson
@@ -50,7 +50,7 @@ def command(arguments: Sequence[str]) -> None:
             trust_run(run)
         serves = judge is None and answers > 0
         if serves:
-            check_free(host, port)
+            port = free_port(host, port)
         lesson = Lesson(run, folder, objective, clips, seed)
         if answers < 0:
             raise MorlaxError(f"there are {answers} answers to give: name 0 or more.")

@@ -49,7 +49,9 @@ _HOST = "Address to listen on; 0.0.0.0 accepts connections from the whole networ
 Trust = Annotated[bool, tyro.conf.arg(help=_TRUST)]
 Device = Annotated[str | None, tyro.conf.arg(help=_DEVICE)]
 Host = Annotated[str, tyro.conf.arg(help=_HOST)]
-Port = Annotated[int, tyro.conf.arg(help="TCP port to listen on; 0 selects a free one.")]
+Port = Annotated[
+    int, tyro.conf.arg(help="TCP port to listen on, or the next free one; 0 selects any.")
+]
 
 PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
 RENAMED = {  # options of version 1.0
