@@ -45,6 +45,7 @@ RunName = Annotated[
 ]
 _TRUST = "Let the run import the Python files and modules that it names."
 _DEVICE = "Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU)."
+_PORT = "TCP port to listen on, or the next free one; 0 selects any."
 _HOST = "Address to listen on; 0.0.0.0 accepts connections from the whole network."
 Trust = Annotated[bool, tyro.conf.arg(help=_TRUST)]
 Device = Annotated[str | None, tyro.conf.arg(help=_DEVICE)]
