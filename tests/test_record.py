@@ -188,6 +188,17 @@ def test_frames_show_different_motion_per_tradeoff(make_policy):
 
 
 @pytest.mark.usefixtures("opengl")
+def test_all_robots_of_a_film_are_seen_from_one_distance(make_policy):
+    film = Film(make_policy(), [(1.0, 0.0), (0.0, 1.0), (0.5, 0.5)], 64, 64)
+    frames = film.frames(0.3, every=5)
+    for _ in frames:
+        near, *others = (take._camera.camera.distance for take in film._takes)
+        assert all(other == pytest.approx(near) for other in others)
+    labels = [take.label() for take in film._takes]
+    assert labels == ["only run", "only jump", "run 0.50\njump 0.50"]
+
+
+@pytest.mark.usefixtures("opengl")
 @pytest.mark.slow
 def test_a_fallen_robot_freezes_while_the_other_continues(make_policy):
     family, tradeoffs = make_policy(), [(1.0, 0.0), (0.0, 1.0)]

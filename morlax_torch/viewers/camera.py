@@ -137,6 +137,10 @@ class FollowingCamera:
         edge = self._view.distance(points, self._center, EDGE)
         self._view.place(self.camera, self._center, max(distance, edge))
 
+    def stand_back(self, distance: float) -> None:
+        """Look from at least this distance, now and later."""
+        self._view.place(self.camera, self._center, max(distance, self.camera.distance))
+
     def _has_jumped(self, mass: Points, seconds: float) -> bool:
         moved = mass + self._offset - self._center - self._speed * seconds
         return float(np.linalg.norm(moved)) > JUMP * self._size

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,7 +23,7 @@ LINGER = 1.0  # seconds that a film continues after every robot has failed
 
 
 class Film:
-    """One robot under each of P trade-offs, all from the same start.
+    """One robot under each of P trade-offs, all from the same start and seen from one distance.
 
     A robot that fails is frozen and dimmed, with the returns of its episode. A film ends a second
     after the last robot has failed. The episode length is ignored: robots continue for the whole
@@ -96,13 +97,17 @@ class Film:
             raise MorlaxError(
                 f"a film strip needs 2 to {MOST_PICTURES} pictures in a row, not {pictures}."
             )
-        steps, rows = self.steps(seconds), []
-        with Scene(self._takes[0].player.model, *self._size) as scene:
-            for number, take in enumerate(self._takes):
-                rows.append(take.row(steps, pictures, scene))
-                watch((number + 1) / len(self._takes))
-        labels = ["\n".join(map(" ".join, take.weights())) for take in self._takes]
-        return panels.strip(rows, labels)
+        steps, model = self.steps(seconds), self._takes[0].player.model
+        rows = []
+        for number, take in enumerate(self._takes):
+            rows.append(take.poses(steps, pictures))
+            watch((number + 1) / len(self._takes))
+        poses = [pose for row in rows for pose in row]
+        cameras = cameras_for(model, self._size[0] / self._size[1], [pose.data for pose in poses])
+        with Scene(model, *self._size) as scene:
+            shown = [pose.drawn(scene, camera) for pose, camera in zip(poses, cameras, strict=True)]
+        together = [shown[i : i + pictures] for i in range(0, len(shown), pictures)]
+        return panels.strip(together, [take.label() for take in self._takes])
 
     def _pictures(self, moments: Iterable[int]) -> Iterator[list[Image.Image]]:
         """Render every robot after each number of control steps in `moments`, of a new episode."""
@@ -110,11 +115,26 @@ class Film:
             take.reset()
         with Scene(self._takes[0].player.model, *self._size) as scene:
             for step in moments:
-                yield [take.at(step, scene) for take in self._takes]
+                for take in self._takes:
+                    take.move_to(step)
+                farthest = max(take.distance for take in self._takes)
+                yield [take.picture(scene, farthest) for take in self._takes]
                 last = max(take.player.steps for take in self._takes)
                 over = all(take.failed for take in self._takes)
                 if over and (step - last) * self.dt >= LINGER:
                     return
+
+
+class _Pose(NamedTuple):
+    """A moment of a film strip."""
+
+    data: mujoco.MjData
+    seconds: float
+    failed: bool
+
+    def drawn(self, scene: Scene, camera: mujoco.MjvCamera) -> Image.Image:
+        picture = Image.fromarray(scene.draw(self.data, camera))
+        return panels.timed(panels.dimmed(picture) if self.failed else picture, self.seconds)
 
 
 class _Take:
@@ -124,7 +144,7 @@ class _Take:
         self.player, self._size = player, (width, height)
         self._camera = FollowingCamera(player.model, width / height, self._free())
         self.failed = False
-        self._last: Image.Image | None = None
+        self._frozen: Image.Image | None = None  # its picture since it failed
 
     def _free(self) -> list[Area]:
         """Return the parts of a picture right of the table and below it; of a small one, all."""
@@ -136,24 +156,34 @@ class _Take:
     def reset(self) -> None:
         self.player.reset()
         self._camera.restart(self.player.data)
-        self.failed, self._last = False, None
+        self.failed, self._frozen = False, None
 
     def step(self) -> None:
         self.failed = bool(self.player.step().terminated)
         self._camera.follow(self.player.data, self.player.env.dt)
 
-    def at(self, step: int, scene: Scene) -> Image.Image:
-        """Return the picture after `step` control steps; a failed robot is drawn only once."""
-        if self.failed and self._last is not None:
-            return self._last
+    @property
+    def distance(self) -> float:
+        """Of the camera; 0 once the robot has failed."""
+        return 0.0 if self.failed else self._camera.camera.distance
+
+    def move_to(self, step: int) -> None:
+        """Take the control steps up to number `step`, unless the robot fails before."""
         while self.player.steps < step and not self.failed:
             self.step()
-        picture = Image.fromarray(scene.draw(self.player.data, self._camera.camera))
-        self._last = panels.dimmed(picture) if self.failed else picture
-        return self._last
 
-    def row(self, steps: int, pictures: int, scene: Scene) -> list[Image.Image]:
-        """Return pictures of the last gait cycle of an episode of at most `steps`, with times."""
+    def picture(self, scene: Scene, distance: float) -> Image.Image:
+        """Draw the robot from at least `distance`; a failed robot is drawn only once."""
+        if self._frozen is not None:
+            return self._frozen
+        self._camera.stand_back(distance)
+        picture = Image.fromarray(scene.draw(self.player.data, self._camera.camera))
+        if self.failed:
+            picture = self._frozen = panels.dimmed(picture)
+        return picture
+
+    def poses(self, steps: int, pictures: int) -> list[_Pose]:
+        """Return moments of the last gait cycle of an episode of at most `steps`."""
         self.reset()
         states = [self._state()]
         while self.player.steps < steps and not self.failed:
@@ -161,14 +191,11 @@ class _Take:
             states.append(self._state())
         states = [state for state in states if np.isfinite(state).all()]
         model, dt = self.player.model, self.player.env.dt
-        shown = moments(joint_positions(model, np.stack(states)), dt, pictures)
-        poses = [_posed(model, states[step]) for step in shown]
-        cameras, row = cameras_for(model, self._size[0] / self._size[1], poses), []
-        for step, pose, camera in zip(shown, poses, cameras, strict=True):
-            picture = Image.fromarray(scene.draw(pose, camera))
-            over = self.failed and step == len(states) - 1
-            row.append(panels.timed(panels.dimmed(picture) if over else picture, step * dt))
-        return row
+        last = len(states) - 1
+        return [
+            _Pose(_posed(model, states[step]), step * dt, self.failed and step == last)
+            for step in moments(joint_positions(model, np.stack(states)), dt, pictures)
+        ]
 
     def _state(self) -> NDArray[np.float64]:
         return self.player.data.qpos.copy()
@@ -184,6 +211,12 @@ class _Take:
             (*weight, f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}")
             for weight, value in zip(self.weights(), self.player.returns.tolist(), strict=True)
         ]
+
+    def label(self) -> str:
+        """Return a line for each weight, or "only NAME" if there is one."""
+        weights = self.weights()
+        alone = [f"only {name}" for name, share in weights if share == "1.00"]
+        return "".join(alone) or "\n".join(map(" ".join, weights))
 
     def weights(self) -> list[tuple[str, str]]:
         shares = self.player.tradeoff / self.player.tradeoff.sum()
