@@ -12,12 +12,13 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from morlax_torch import MorlaxError, load, save
+from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
 from morlax_torch.runs import loading
 from morlax_torch.terminal import cli
 from morlax_torch.viewers.filming import panels, recording, video
 from morlax_torch.viewers.filming.film import Film
+from morlax_torch.viewers.filming.sweep import Sweep
 from morlax_torch.viewers.filming.video import write_video
 from morlax_torch.viewers.player import Player
 
@@ -196,6 +197,28 @@ def test_all_robots_of_a_film_are_seen_from_one_distance(make_policy):
         assert all(other == pytest.approx(near) for other in others)
     labels = [take.label() for take in film._takes]
     assert labels == ["only run", "only jump", "run 0.50\njump 0.50"]
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_sweep_goes_from_each_objective_to_the_next(make_policy, tmp_path):
+    policy = make_policy()
+    ramp = np.linspace(0, 1, 11)
+    tradeoffs = np.stack([1 - ramp, ramp], 1)
+    front = Front(
+        policy.objectives, tradeoffs, 100 * tradeoffs, np.full(11, 500), np.zeros(2), np.zeros(11)
+    )
+    sweep = Sweep(policy, front, 96, 64)
+    shares = []
+    frames = [
+        shares.append(sweep._takes[0].player.tradeoff[1].item()) or frame
+        for frame in sweep.frames(0.4, every=8)
+    ]
+    np.testing.assert_allclose(shares, np.linspace(0, 1, 6), atol=1e-6)
+    assert frames[0].shape == (64, 2 * 96 + GAP, 3)
+    assert (frames[0][:, -96:] != frames[-1][:, -96:]).any()  # the mark has moved
+    for output, chosen in (("strip.png", ()), ("film.mp4", [(1.0, 0.0)])):
+        with pytest.raises(MorlaxError, match="a sweep is a film"):
+            recording.record(policy, tmp_path / output, chosen, sweep=front)
 
 
 @pytest.mark.usefixtures("opengl")

@@ -24,6 +24,7 @@ def command(arguments: Sequence[str]) -> None:
         height: int = 360,
         pictures: int = 8,
         seed: int = 0,
+        sweep: bool = False,
         trust: Trust = False,
     ) -> None:
         """Record the robot under several trade-offs side by side, with its running returns.
@@ -44,8 +45,10 @@ def command(arguments: Sequence[str]) -> None:
             pictures: Number of pictures per row of a film strip, evenly spaced over the robot's
                 last gait cycle (the last two if a cycle has fewer control steps than pictures).
             seed: Random seed of the world.
+            sweep: Film one robot whose trade-off moves along the front, beside the front.
         """
         from ..configuration.tradeoffs import parse_tradeoff
+        from ..runs.fronts import load_front
         from ..runs.loading import find_run, load, own_folder  # imports torch
         from ..terminal.cli import bar
         from ..viewers.filming.recording import record
@@ -55,9 +58,9 @@ def command(arguments: Sequence[str]) -> None:
         place = output or (folder / "film.mp4" if folder else shipped)
         tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
         with bar("filming") as watch:
-            record(
-                policy, place, tradeoffs, seconds, speed, width, height, pictures, seed, watch=watch
-            )
+            front = load_front(run) if sweep else None
+            sizes = width, height, pictures
+            record(policy, place, tradeoffs, seconds, speed, *sizes, seed, front, watch)
         cli.console.print(f"written: {place}")
 
     call(main, arguments, program("record"))

@@ -133,3 +133,10 @@ def conflicts(points: ArrayLike) -> NDArray[np.float64]:
     lengths = np.linalg.norm(below, axis=0)
     scale = np.where(lengths > 0, lengths, 1.0)
     return -(below / scale).T @ (below / scale)
+
+
+def most_conflicting_pair(points: ArrayLike) -> tuple[int, int]:
+    """Return the indices of the two objectives that conflict most over some points (n, m)."""
+    conflict = np.triu(conflicts(points) + 2, 1)
+    first, second = np.unravel_index(conflict.argmax(), conflict.shape)
+    return int(first), int(second)

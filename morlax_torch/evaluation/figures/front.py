@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...colors import of_objectives
 from ..front import Front
-from ..pareto import conflicts
+from ..pareto import conflicts, most_conflicting_pair
 from .style import (
     between,
     blank,
@@ -71,6 +71,15 @@ def most_conflicting(front: Front) -> list[tuple[int, int]]:
     conflict = conflicts(front.returns[front.non_dominated])
     ranked = sorted(pairs, key=lambda pair: -conflict[pair])
     return sorted(ranked[:MOST_PAIRS])
+
+
+def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes, tuple[int, int]]:
+    """Plot the pair of objectives that conflicts most, in inches; returns its indices too."""
+    x, y = most_conflicting_pair(front.returns[front.non_dominated])
+    figure = blank(width, height, "")
+    axes = figure.add_subplot()
+    _pair(axes, front, x, y)
+    return figure, axes, (x, y)
 
 
 def _two(front: Front, title: str) -> Figure:

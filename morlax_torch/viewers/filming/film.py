@@ -43,7 +43,7 @@ class Film:
     ):
         check_size(width, height)
         players = [Player(policy, tradeoff, seed) for tradeoff in tradeoffs]
-        self._takes = [_Take(player, width, height) for player in players]
+        self._takes = [Take(player, width, height) for player in players]
         self._size = width, height
         self.dt = self._takes[0].player.env.dt
 
@@ -137,7 +137,7 @@ class _Pose(NamedTuple):
         return panels.timed(panels.dimmed(picture) if self.failed else picture, self.seconds)
 
 
-class _Take:
+class Take:
     """One robot and its latest picture, frozen once it fails."""
 
     def __init__(self, player: Player, width: int, height: int):

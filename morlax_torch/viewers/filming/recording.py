@@ -9,9 +9,11 @@ from PIL import Image
 
 from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs import MorlaxError
+from ...evaluation.front import Front
 from ...files import replacing
 from ...networks.policy import Policy
 from .film import Film
+from .sweep import Sweep
 from .video import ENDINGS, FASTEST, write_video
 
 
@@ -25,6 +27,7 @@ def record(
     height: int = 360,
     pictures: int = 8,
     seed: int = 0,
+    sweep: Front | None = None,
     watch: Callable[[float], object] = lambda share: None,
 ) -> None:
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
@@ -39,6 +42,7 @@ def record(
         height: of a panel, in pixels.
         pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
         seed: random seed of the world.
+        sweep: film one robot instead, whose trade-off moves along this front of the policy.
         watch: called with the share that is done, in [0, 1], again and again.
 
     Raises:
@@ -46,8 +50,13 @@ def record(
     """
     if output.suffix.lower() not in (*ENDINGS, ".png"):
         raise MorlaxError(f"{output} must end in .mp4 or .gif (a film) or in .png (a film strip).")
-    shown = tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist()
-    film = Film(policy, shown, width, height, seed)
+    if sweep is not None and (tradeoffs or output.suffix.lower() == ".png"):
+        raise MorlaxError("a sweep is a film (.mp4 or .gif) of all trade-offs: name none of them.")
+    if sweep is None:
+        shown = tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist()
+        film = Film(policy, shown, width, height, seed)
+    else:
+        film = Sweep(policy, sweep, width, height, seed)
     if output.suffix.lower() == ".png":
         with replacing(output) as file:
             Image.fromarray(film.strip(seconds, pictures, watch)).save(file, format="PNG")

@@ -154,7 +154,6 @@ def _numbers(values: Tensor) -> list[float]:
 
 def _plain(front: Front, dt: float) -> dict[str, Any]:
     """Describe a front; `values` are returns per second, `pair` the objectives to show first."""
-    conflict = np.triu(pareto.conflicts(front.returns[front.non_dominated]) + 2, 1)
     seconds = dt * front.lengths.clip(1)[:, None]
     falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
     return {
@@ -162,6 +161,6 @@ def _plain(front: Front, dt: float) -> dict[str, Any]:
         "values": (front.returns / seconds).round(4).tolist(),
         "best": front.non_dominated.tolist(),
         "fails": (falls > FAILS).tolist(),
-        "pair": [int(i) for i in np.unravel_index(conflict.argmax(), conflict.shape)],
+        "pair": pareto.most_conflicting_pair(front.returns[front.non_dominated]),
         "checkpoint": front.checkpoint,
     }
