@@ -124,7 +124,8 @@ def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
         ("returns", asked, figures.returns_figure(front, title)),
     ]
     if len(front.objectives) > 3:
-        caption = "the front, one line per policy."
+        lines, best = len(figures.shown_lines(front)), int(front.non_dominated.sum())
+        caption = f"the front, one line per policy: {lines} of {best}."
         found.append(("parallel", caption, figures.parallel_figure(front, title)))
     if front.quantities is not None:
         caption = "what each policy does, in physical units, colored by trade-off."
