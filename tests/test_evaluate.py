@@ -4,6 +4,7 @@ import base64
 import csv
 import re
 import shutil
+from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -20,9 +21,12 @@ from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.preferences import reward
+from morlax_torch.reports.chart import descriptions
 from morlax_torch.reports.comparison import check_comparable, names, quartiles
 from morlax_torch.reports.results import duration, steps
+from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
+from morlax_torch.runs.history import History
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")
 THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"
@@ -158,9 +162,11 @@ class Assets(HTMLParser):
         if tag not in ("meta", "img", "br"):
             self.open.append(tag)
         self.found += [
-            value for name, value in attrs if name in ("src", "href", "srcset") and value
+            value
+            for name, value in attrs
+            if name.split(":")[-1] in ("src", "href", "srcset") and value and value[0] != "#"
         ]
-        assert tag not in ("script", "link", "iframe")
+        assert tag not in ("link", "iframe")
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -171,19 +177,106 @@ def check_report(text: str) -> None:
     page = Assets(text)
     assert not page.open
     drawn = [asset for asset in page.found if asset.startswith("data:image/svg")]
-    assert len(drawn) == 6  # fronts, hypervolume, and two figures for each run
+    assert len(drawn) == 4  # fronts, hypervolume, and the returns of each run
+    assert text.count("</svg>") == 2  # the front of each run
     assert len(page.found) - len(drawn) in (0, 1)  # the robot, where there is OpenGL
-    assert page.found[0] == drawn[0] or page.found[0].startswith("data:image/png;base64,")
+    assert all(asset.startswith("data:image/") for asset in page.found)
     for asset in drawn:
         assert asset.startswith("data:image/svg+xml;base64,")
         assert b"</svg>" in base64.b64decode(asset.partition(",")[2])
-    assert not re.search(r"https?:|url\(|@import", text)
+    assert not re.search(r"https?:|url\((?!#)|@import", text)
+    assert text.index("Of 2 runs, ") < text.index("</svg>") < text.index("<h2>Indicators")
     assert "evaluate a/hopper b/hopper --device cpu" in text
     for words in ("hypervolume", "obedience", "IGD+", "learning_rate", "Objectives: run, jump"):
         assert words in text
     assert "prefers-color-scheme: dark" in text
     for words in ("random seed", "algorithm", "training time", "trained on", "trained with"):
         assert text.index(words) < text.index("<h2>Indicators")
+
+
+def test_each_point_of_a_report_tells_its_policy(workplace, rendered, capsys):
+    evaluate.command(["three", *FEW])
+    text = (workplace / "three" / "report.html").read_text()
+    assert not Assets(text).open
+    assert not re.search(r"https?:|url\((?!#)|@import", text)
+    front = Front.load(workplace / "three" / "front.npz")
+    told = re.findall(r'<a href="#(\d+)"><title>(.*?)</title>', text)
+    assert Counter(int(index) for index, _ in told) == dict.fromkeys(range(6), 3)  # projections
+    for index, about in told:
+        weights, returns = front.tradeoffs[int(index)], front.returns[int(index)]
+        names = front.objectives
+        assert ", ".join(f"{n} {v:.2f}" for n, v in zip(names, weights, strict=True)) in about
+        assert ", ".join(f"{n} {v:,.4g}" for n, v in zip(names, returns, strict=True)) in about
+    said = " ".join(capsys.readouterr().out.split())
+    (verdict,) = re.findall(r'<p class="verdict">(.*?)</p>', text)
+    assert said.startswith(verdict)
+    for policy in ("best run", "best jump", "best up", "knee", "balanced"):
+        assert re.search(rf"<td>[^<]*\b{policy}\b", text), policy
+
+
+def test_a_point_tells_measured_quantities():
+    quantities = {"quantities": np.array([[1.5], [2.5]]), "quantity_names": ("power (W)",)}
+    some = Front(("a", "b"), np.eye(2), np.eye(2), np.ones(2), np.zeros(2), **quantities)
+    assert descriptions(some)[1] == ("weights: a 0.00, b 1.00; returns: a 0, b 1; power (W) 2.5")
+
+
+def front_of(returns, falls: float = 0.0) -> Front:
+    """Return a front of two objectives whose reference point is 0."""
+    returns = np.array(returns, dtype=float)
+    share = np.linspace(0, 1, len(returns))
+    tradeoffs, K = np.stack([share, 1 - share], 1), len(returns)
+    return Front(("run", "energy"), tradeoffs, returns, np.ones(K), np.zeros(2), np.full(K, falls))
+
+
+ARC = [(100 * x, 100 * (1 - x**2)) for x in np.linspace(0.3, 0.9, 8)]
+DOMINATED = [(1.0, 1.0)] * 60
+VERDICTS = {
+    "falls": (front_of(ARC, 1.0), "Every episode fails: train longer (--max-env-steps or"),
+    "most falls": (front_of(ARC, 0.62), "62 % of the episodes fail: train longer"),
+    "one policy": (front_of([*DOMINATED, (5, 5)]), "Only 1 of 61 policies is non-dominated: train"),
+    "few": (front_of([*DOMINATED, (5, 6), (6, 5)]), "Only 2 of 62 policies are non-dominated: "),
+    "narrow": (
+        front_of([(99 + x / 100, 1 - y) for x, y in ARC]),
+        "The returns of the front hardly differ in run: train longer",
+    ),
+    "infinite": (front_of([(np.inf, 1)] * 3), "No policy has finite returns: check"),
+    "good": (
+        front_of(ARC),
+        "8 of 8 policies are non-dominated; from the best policy of run to that of energy, run "
+        "falls by 67 % (90 to 30) and energy rises by 379 % (19 to 91).",
+    ),
+    "some falls": (front_of(ARC, 0.125), "(19 to 91); 12.5 % of the episodes fail."),
+    "signs": (
+        front_of([(-5, 3), (2, -1), (0, 0)]),
+        "run falls (2 to -5) and energy rises (-1 to 3).",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_a_verdict_tells_the_most_serious_finding(name):
+    front, expected = VERDICTS[name]
+    said = verdict(front, None)
+    assert expected in said
+    assert said.endswith(".") and "  " not in said
+
+
+def test_a_verdict_tells_whether_the_hypervolume_still_rises():
+    def curve(*volumes: float) -> History:
+        steps = np.arange(len(volumes), dtype=float)
+        return History(steps, steps, np.array(volumes))
+
+    good = verdict(front_of(ARC), None)
+    assert verdict(front_of(ARC), curve(0, 60, 90, 100, 108)) == (
+        f"{good} The hypervolume still rose by 8 % over the last quarter of training: train longer "
+        "(--max-env-steps or --max-seconds)."
+    )
+    assert "from 0 over the last 33 %" in verdict(front_of(ARC), curve(0, 0, 0, 7))
+    for flat in (curve(0, 100, 100, 100, 101), curve(0, 50, 200, 100, 150), curve(0, 0, 0, 0)):
+        assert verdict(front_of(ARC), flat) == good
+    assert verdict(front_of(ARC), curve(0, 100)) == good  # too few evaluations to tell
+    fallen = verdict(front_of(ARC, 1.0), curve(0, 60, 90, 100, 108))
+    assert fallen.count("train longer") == 1 and "rose by 8 %" in fallen
 
 
 def test_a_report_without_opengl_has_no_picture_of_the_robot(monkeypatch, rendered):

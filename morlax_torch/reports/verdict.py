@@ -1,5 +1,6 @@
 """Say in a sentence or two how good a front is, and what to do next."""
 
+from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from ..evaluation.front import Front
 from ..evaluation.pareto import conflicts
 from ..runs.history import History
+from .comparison import Evaluated
 
 LONGER = "train longer (--max-env-steps or --max-seconds)"
 MOST_FALLS = 0.5  # share of failed episodes above which nothing else matters
@@ -15,6 +17,15 @@ FEW = 0.05  # share of policies below which the front is poor
 NARROW = 0.05  # of an objective: range over the front, as a share of its distance to the reference
 RISING = 0.03  # gain of hypervolume in the last quarter of training, as a share
 FEWEST = 4  # evaluations that show whether the hypervolume still rises
+
+
+def verdict_of(found: Mapping[str, Evaluated]) -> str:
+    """Return the verdict on a run, or of several runs on the one with the highest hypervolume."""
+    best = max(found, key=lambda name: found[name].front.hypervolume)
+    said = verdict(found[best].front, found[best].history)
+    if len(found) == 1:
+        return said
+    return f"Of {len(found)} runs, {best} has the highest hypervolume. {said}"
 
 
 def verdict(front: Front, history: History | None) -> str:

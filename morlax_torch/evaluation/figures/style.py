@@ -20,6 +20,7 @@ from ...files import replacing
 
 RUNS = "viridis"  # perceptually uniform, and unlike the colors of objectives
 DOMINATED = {"s": 9, "color": "0.65", "marker": "x", "lw": 0.7, "label": "dominated"}
+NON_DOMINATED = "_non-dominated"  # a label that no legend shows
 MARKERS = "osD^vPX*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
@@ -27,7 +28,7 @@ MOST_TICKS = 9
 MOST_MIXED = 3  # objectives whose colors a trade-off mixes
 LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches, of letters of FONT_SIZE
 FONT_SIZE = 10.0  # points
-NARROWEST, PRINTED_ENTRY, PRINTED_LINE = 1.7, 1.3, 0.17  # inches of a plot and in a legend
+NARROWEST, PRINTED_ENTRY, PRINTED_LINE = 1.7, 1.8, 0.17  # inches of a plot and in a legend
 PRINTED_HEIGHT = 0.85  # of a plot, as a share of its width
 LETTER = 0.65  # width of a digit, as a share of the font size
 STYLES: dict[str, dict[str, Any]] = {
@@ -96,7 +97,7 @@ def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color
     """Draw the points that are `best` in `color`, and the others as dominated."""
     if not best.all():
         axes.scatter(x[~best], y[~best], **DOMINATED)
-    axes.scatter(x[best], y[best], s=size, color=color)
+    axes.scatter(x[best], y[best], s=size, color=color, label=NON_DOMINATED)
 
 
 def note(axes: Axes, text: str, place: Sequence[float], above: bool, **style: Any) -> None:
