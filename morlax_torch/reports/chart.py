@@ -40,10 +40,10 @@ def chart(caption: str, figure: Figure, front: Front) -> str:
 
 
 def svg(figure: Figure) -> str:
-    drawn = io.StringIO()
+    drawn = io.BytesIO()
     with mpl.rc_context(FILES):
         figure.savefig(drawn, format="svg", metadata={"Date": None})
-    return drawn.getvalue()
+    return drawn.getvalue().decode()
 
 
 def descriptions(front: Front) -> list[str]:

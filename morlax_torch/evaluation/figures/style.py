@@ -50,14 +50,18 @@ FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
 
 
 class Apart(MaxNLocator):
-    """Chooses so few ticks of a horizontal axis that their labels do not collide."""
+    """Chooses so few ticks of a horizontal axis that their labels do not collide.
 
-    def __init__(self) -> None:
+    `room` is the length of the axis, in font sizes (None: as drawn).
+    """
+
+    def __init__(self, room: float | None = None) -> None:
         super().__init__(steps=[1, 2, 2.5, 5, 10])
+        self._room = room
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         assert self.axis is not None
-        room = 3 * self.axis.get_tick_space()  # length of the axis, in font sizes
+        room = self._room or 3 * self.axis.get_tick_space()
         ticks: Any = []
         for intervals in range(MOST_TICKS, 0, -1):
             self.set_params(nbins=intervals)
