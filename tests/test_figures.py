@@ -180,8 +180,10 @@ def apart(figure: Figure) -> None:
     figure.draw_without_rendering()
     for axes in figure.axes:
         for axis in (getattr(axes, f"{x}axis") for x in "xyz" if hasattr(axes, f"{x}axis")):
-            shown = [label for label in axis.get_ticklabels() if label.get_text()]
-            placed = [label.get_window_extent() for label in shown if label.get_visible()]
+            low, high = sorted(axis.get_view_interval())
+            ticks = zip(axis.get_majorticklocs(), axis.get_ticklabels(), strict=False)
+            shown = [label for place, label in ticks if low <= place <= high]
+            placed = [label.get_window_extent() for label in shown if label.get_text()]
             for first, second in combinations(placed, 2):
                 assert not first.overlaps(second), axis.get_label_text()
 

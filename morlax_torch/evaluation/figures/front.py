@@ -18,7 +18,6 @@ from ..front import Front
 from ..pareto import conflicts
 from .style import (
     LEGEND_LETTER,
-    Apart,
     between,
     blank,
     color_key,
@@ -33,6 +32,7 @@ from .style import (
     points,
     printed,
     returned,
+    short,
     tint,
     weight,
 )
@@ -41,7 +41,6 @@ MARKS = 25  # markers per line; they tell lines apart in grayscale
 MOST_PAIRS = 6  # projections in a figure
 MOST_LINES = 30  # policies in a figure of parallel coordinates
 COLUMNS = 3
-SLANTED = 19  # room for tick labels along an axis in 3D, in font sizes
 SIZE, PRINTED_SIZE = 14, 6  # of a point, in square points
 
 
@@ -232,6 +231,7 @@ def space(axes: Any, returns: NDArray, colors: NDArray, names: Sequence[str]) ->
     axes.set(xlim=bounds[0], ylim=bounds[1], zlim=bounds[2])
     for axis, name in zip("xyz", names, strict=True):
         getattr(axes, f"set_{axis}label")(returned(name), labelpad=10)
-        getattr(axes, f"{axis}axis").set_major_locator(Apart(SLANTED))
+        getattr(axes, f"{axis}axis").set_major_formatter(short)
+    axes.locator_params(nbins=5)
     axes.view_init(elev=25, azim=45)
     axes.set_box_aspect((1.3, 1.3, 1), zoom=0.97)  # else the label of the z axis is cut off

@@ -5,7 +5,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter
 
 from ...colors import INK
 from .style import blank, lattice, printed
@@ -71,8 +70,6 @@ def hypervolume_figure(
             axes.plot(band.x, band.middle, color=INK, lw=2, label=f"median of {len(curves)} runs")
         axes.set_xlabel(label)
         lattice(axes)
-        if name == "env_steps":  # a power of ten beside the axis would collide with the label
-            axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     panels[0].set_ylabel("hypervolume")
     if len(histories) > 1:
         panels[1].legend(loc="lower right")

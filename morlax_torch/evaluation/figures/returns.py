@@ -18,6 +18,7 @@ from .style import (
     points,
     returned,
     shades,
+    short,
     tint,
     weight,
 )
@@ -74,7 +75,7 @@ def _maps(front: Front, title: str) -> Figure:
         axes.plot(*CORNERS[[0, 1, 2, 0]].T, color="0.2", lw=0.8)
         axes.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(-0.08, 0.95))
         axes.set_axis_off()
-        place: Any = {"location": "bottom", "shrink": 0.7, "ticks": Apart()}
+        place: Any = {"location": "bottom", "shrink": 0.7, "ticks": Apart(), "format": short}
         figure.colorbar(colors, ax=axes, label=returned(names[k]), **place)
     return figure
 

@@ -12,7 +12,7 @@ from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from ...colors import INK, mixed, of_objectives
@@ -50,18 +50,14 @@ FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
 
 
 class Apart(MaxNLocator):
-    """Chooses so few ticks of a horizontal axis that their labels do not collide.
+    """Chooses so few ticks of a horizontal axis that their labels do not collide."""
 
-    `room` is the length of the axis, in font sizes (None: as drawn).
-    """
-
-    def __init__(self, room: float | None = None) -> None:
-        super().__init__(steps=[1, 2, 2.5, 5, 10])
-        self._room = room
+    def __init__(self) -> None:
+        super().__init__(steps=[1, 2, 2.5, 5, 10], min_n_ticks=1)
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         assert self.axis is not None
-        room = self._room or 3 * self.axis.get_tick_space()
+        room = 3 * self.axis.get_tick_space()  # length of the axis, in font sizes
         ticks: Any = []
         for intervals in range(MOST_TICKS, 0, -1):
             self.set_params(nbins=intervals)
@@ -95,6 +91,14 @@ def lattice(axes: Axes) -> None:
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
     axes.xaxis.set_major_locator(Apart())
+    axes.xaxis.set_major_formatter(short)
+
+
+def short(value: float, position: int = 0) -> str:
+    """Return the label of a tick, without a power of ten beside the axis, which hides its label."""
+    if 1e-3 <= abs(value) < 1e5 or value == 0:
+        return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+    return EngFormatter(sep="")(value)
 
 
 def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color: Any) -> None:
