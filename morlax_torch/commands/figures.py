@@ -17,7 +17,7 @@ def command(arguments: Sequence[str]) -> None:
         runs: Annotated[
             tuple[str, ...],
             tyro.conf.Positional,
-            tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)"),
+            tyro.conf.arg(metavar="RUN ...", help_behavior_hint="(one or more)"),
         ],
         style: Literal["paper", "screen"] = "paper",
         width: float | None = None,

@@ -31,7 +31,7 @@ FONT_SIZE = 10.0  # points
 NARROWEST, PRINTED_ENTRY, PRINTED_LINE = 1.7, 1.8, 0.17  # inches of a plot and in a legend
 PRINTED_HEIGHT = 0.85  # of a plot, as a share of its width
 LETTER = 0.65  # width of a digit, as a share of the font size
-STYLES: dict[str, dict[str, Any]] = {
+STYLES: dict[str, Any] = {
     "screen": {},
     "paper": {  # no text is smaller than 7 points
         "font.size": 8.5,
@@ -94,7 +94,7 @@ def lattice(axes: Axes) -> None:
     axes.xaxis.set_major_formatter(short)
 
 
-def short(value: float, position: int = 0) -> str:
+def short(value: float, position: float = 0) -> str:
     """Return the label of a tick, without a power of ten beside the axis, which hides its label."""
     if 1e-3 <= abs(value) < 1e5 or value == 0:
         return f"{value:g}".replace("-", "\N{MINUS SIGN}")
