@@ -18,6 +18,7 @@ LINES = {
     "train": ("--env", "cheetah", *TINY, "--max-env-steps", "64", "--output", "run"),
     "tune": ("--env", "hopper", *TINY, "--trials", "1", "--seconds", "1", "--output", "tuning"),
     "evaluate": ("run", "--device", "cpu"),
+    "figures": ("run", "--output", "paper"),
     "choose": ("run", "--maximize", "energy"),
     "teach": ("cheetah", "lesson", "--objective", "tall", "--judge", "height", "--clips", "20"),
     "record": ("run", "--output", "strip.png", "--seconds", "0.1", "--pictures", "2"),
@@ -26,7 +27,7 @@ LINES = {
 }
 WRITTEN = {
     *("run/front.npz", "tuning/best.yaml", "run/report.html", "strip.png", "run/policy.onnx"),
-    "small/front.npz",
+    *("small/front.npz", "paper/front.pdf", "paper/indicators.tex"),
     "lesson/learned.pt",
 }
 

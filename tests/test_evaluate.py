@@ -4,6 +4,7 @@ import base64
 import csv
 import re
 import shutil
+from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,16 +14,21 @@ import torch
 from tiny import TYPED
 
 from morlax_torch import MorlaxError, load
-from morlax_torch.commands import evaluate
+from morlax_torch.commands import evaluate, figures
 from morlax_torch.commands.train import command as train
 from morlax_torch.envs.worlds.learned import LearnedReward
 from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
+from morlax_torch.networks.policy import Policy
 from morlax_torch.preferences import reward
-from morlax_torch.reports.comparison import check_comparable, names, quartiles
+from morlax_torch.reports.chart import descriptions
+from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
+from morlax_torch.reports.printing import latex
 from morlax_torch.reports.results import duration, steps
+from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
+from morlax_torch.runs.history import History
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")
 THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"
@@ -158,9 +164,11 @@ class Assets(HTMLParser):
         if tag not in ("meta", "img", "br"):
             self.open.append(tag)
         self.found += [
-            value for name, value in attrs if name in ("src", "href", "srcset") and value
+            value
+            for name, value in attrs
+            if name.split(":")[-1] in ("src", "href", "srcset") and value and value[0] != "#"
         ]
-        assert tag not in ("script", "link", "iframe")
+        assert tag not in ("link", "iframe")
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -171,19 +179,158 @@ def check_report(text: str) -> None:
     page = Assets(text)
     assert not page.open
     drawn = [asset for asset in page.found if asset.startswith("data:image/svg")]
-    assert len(drawn) == 6  # fronts, hypervolume, and two figures for each run
+    assert len(drawn) == 4  # fronts, hypervolume, and the returns of each run
+    assert text.count("</svg>") == 2  # the front of each run
     assert len(page.found) - len(drawn) in (0, 1)  # the robot, where there is OpenGL
-    assert page.found[0] == drawn[0] or page.found[0].startswith("data:image/png;base64,")
+    assert all(asset.startswith("data:image/") for asset in page.found)
     for asset in drawn:
         assert asset.startswith("data:image/svg+xml;base64,")
         assert b"</svg>" in base64.b64decode(asset.partition(",")[2])
-    assert not re.search(r"https?:|url\(|@import", text)
+    assert not re.search(r"https?:|url\((?!#)|@import", text)
+    assert text.index("Of 2 runs, ") < text.index("</svg>") < text.index("<h2>Indicators")
     assert "evaluate a/hopper b/hopper --device cpu" in text
     for words in ("hypervolume", "obedience", "IGD+", "learning_rate", "Objectives: run, jump"):
         assert words in text
     assert "prefers-color-scheme: dark" in text
     for words in ("random seed", "algorithm", "training time", "trained on", "trained with"):
         assert text.index(words) < text.index("<h2>Indicators")
+
+
+def test_each_point_of_a_report_tells_its_policy(workplace, rendered, capsys):
+    evaluate.command(["three", *FEW])
+    text = (workplace / "three" / "report.html").read_text()
+    assert not Assets(text).open
+    assert not re.search(r"https?:|url\((?!#)|@import", text)
+    front = Front.load(workplace / "three" / "front.npz")
+    told = re.findall(r'<a href="#(\d+)"><title>(.*?)</title>', text)
+    assert Counter(int(index) for index, _ in told) == dict.fromkeys(range(6), 3)  # projections
+    for index, about in told:
+        weights, returns = front.tradeoffs[int(index)], front.returns[int(index)]
+        names = front.objectives
+        assert ", ".join(f"{n} {v:.2f}" for n, v in zip(names, weights, strict=True)) in about
+        assert ", ".join(f"{n} {v:,.4g}" for n, v in zip(names, returns, strict=True)) in about
+    said = " ".join(capsys.readouterr().out.split())
+    (verdict,) = re.findall(r'<p class="verdict">(.*?)</p>', text)
+    assert said.startswith(verdict)
+    for policy in ("best run", "best jump", "best up", "knee", "balanced"):
+        assert re.search(rf"<td>[^<]*\b{policy}\b", text), policy
+
+
+def test_a_point_tells_measured_quantities():
+    quantities = {"quantities": np.array([[1.5], [2.5]]), "quantity_names": ("power (W)",)}
+    some = Front(("a", "b"), np.eye(2), np.eye(2), np.ones(2), np.zeros(2), **quantities)
+    assert descriptions(some)[1] == ("weights: a 0.00, b 1.00; returns: a 0, b 1; power (W) 2.5")
+
+
+def front_of(returns, falls: float = 0.0) -> Front:
+    """Return a front of two objectives whose reference point is 0."""
+    returns = np.array(returns, dtype=float)
+    share = np.linspace(0, 1, len(returns))
+    tradeoffs, K = np.stack([share, 1 - share], 1), len(returns)
+    return Front(("run", "energy"), tradeoffs, returns, np.ones(K), np.zeros(2), np.full(K, falls))
+
+
+ARC = [(100 * x, 100 * (1 - x**2)) for x in np.linspace(0.3, 0.9, 8)]
+DOMINATED = [(1.0, 1.0)] * 60
+VERDICTS = {
+    "falls": (front_of(ARC, 1.0), "Every episode fails: train longer (--max-env-steps or"),
+    "most falls": (front_of(ARC, 0.62), "62 % of the episodes fail: train longer"),
+    "one policy": (front_of([*DOMINATED, (5, 5)]), "Only 1 of 61 policies is non-dominated: train"),
+    "few": (front_of([*DOMINATED, (5, 6), (6, 5)]), "Only 2 of 62 policies are non-dominated: "),
+    "narrow": (
+        front_of([(99 + x / 100, y) for x, y in ARC]),
+        "The returns of the front hardly differ in run: train longer",
+    ),
+    "infinite": (front_of([(np.inf, 1)] * 3), "No policy has finite returns: check"),
+    "good": (
+        front_of(ARC),
+        "8 of 8 policies are non-dominated; from the best policy of run to that of energy, run "
+        "falls by 67 % (90 to 30) and energy rises by 379 % (19 to 91).",
+    ),
+    "some falls": (front_of(ARC, 0.125), "(19 to 91); 12.5 % of the episodes fail."),
+    "signs": (
+        front_of([(-5, 3), (2, -1), (0, 0)]),
+        "run falls (2 to -5) and energy rises (-1 to 3).",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_a_verdict_tells_the_most_serious_finding(name):
+    front, expected = VERDICTS[name]
+    said = verdict(front, None)
+    assert expected in said
+    assert said.endswith(".") and "  " not in said
+
+
+def test_a_verdict_tells_whether_the_hypervolume_still_rises():
+    def curve(*volumes: float) -> History:
+        steps = np.arange(len(volumes), dtype=float)
+        return History(steps, steps, np.array(volumes))
+
+    good = verdict(front_of(ARC), None)
+    assert verdict(front_of(ARC), curve(0, 60, 90, 100, 108)) == (
+        f"{good} The hypervolume still rose by 8 % over the last quarter of training: train longer "
+        "(--max-env-steps or --max-seconds)."
+    )
+    assert "from 0 over the last 33 %" in verdict(front_of(ARC), curve(0, 0, 0, 7))
+    for flat in (curve(0, 100, 100, 100, 101), curve(0, 50, 200, 100, 150), curve(0, 0, 0, 0)):
+        assert verdict(front_of(ARC), flat) == good
+    assert verdict(front_of(ARC), curve(0, 100)) == good  # too few evaluations to tell
+    fallen = verdict(front_of(ARC, 1.0), curve(0, 60, 90, 100, 108))
+    assert fallen.count("train longer") == 1 and "rose by 8 %" in fallen
+
+
+def test_figures_of_runs_are_written_without_simulating(workplace, rendered, monkeypatch):
+    (workplace / "cheetah").rename(workplace / "a" / "cheetah")
+    monkeypatch.setattr("morlax_torch.runs.evaluating.evaluate", None)
+    before = {path: path.stat().st_mtime_ns for path in workplace.rglob("*") if path.is_file()}
+    figures.command(["a/hopper", "b/hopper", "a/cheetah", "--output", "paper", "--width", "4"])
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+    stems = ("a/hopper/front", "b/hopper/front", "a/cheetah/front", "fronts-hopper")
+    for stem in (*stems, "hypervolume-hopper-morlax", "hypervolume-cheetah-morlax"):
+        assert (workplace / "paper" / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
+        assert 'width="288pt"' in (workplace / "paper" / f"{stem}.svg").read_text()  # 4 inches
+    assert not list((workplace / "paper").glob("fronts-cheetah*"))  # of one run
+    table = (workplace / "paper" / "indicators.tex").read_text()
+    *_, hopper, cheetah, _, _ = table.splitlines()
+    assert "booktabs" in table and table.count("rule\n") == 3
+    assert hopper.startswith("hopper & morlax & 0, 1 & $") and hopper.count("[") >= 5
+    assert cheetah.startswith("cheetah & morlax & 0 & $") and "[" not in cheetah
+    figures.command(["a/cheetah", "--style", "screen", "--output", "screen"])
+    assert 'width="388.8pt"' in (workplace / "screen" / "front.svg").read_text()
+
+
+def test_a_latex_table_shows_medians_and_quartiles_of_a_task_and_algorithm(make_policy):
+    def run(policy: Policy, volume: float) -> Evaluated:
+        corner = np.array([[volume, 1000.0], [1.0, 1.0]])
+        own = front_of(corner)._replace(objectives=policy.objectives)
+        return Evaluated("", policy, own, None, {})
+
+    one = {str(k): run(make_policy(), 40.0 + k) for k in range(3)}
+    table = latex({("a_b%.py:My_Robot", "morlax"): one, ("hopper", "amor"): {"3": one["0"]}})
+    assert "task & algorithm & seeds & hypervolume & sparsity & expected utility &" in table
+    assert "\nMy\\_Robot & morlax & 0, 0, 0 & $4.10\\ [4.05, 4.15] \\times 10^{4}$ &" in table
+    assert "\nhopper & amor & 0 & $4.00 \\times 10^{4}$ &" in table
+    assert " & $1.00$ &" in table and table.endswith("\\bottomrule\n\\end{tabular}\n")
+    assert table.splitlines()[-3].endswith(" & -- \\\\")  # IGD+ needs several runs
+
+
+FIGURE_MISTAKES = {
+    "": "name at least one run",
+    "nowhere": "nowhere does not exist",
+    "cheetah --width 1": "the width must be from 2 to 20 inches, not 1",
+    "a/hopper noisy": "hopper and noisy differ in task.reset_noise",
+    "a/hopper": "has no front beside it: write it with morlax evaluate a/hopper",
+}
+
+
+@pytest.mark.parametrize("words", FIGURE_MISTAKES)
+def test_figures_of_a_mistake_are_refused(words, workplace, refused):
+    if words == "a/hopper":
+        (workplace / "a" / "hopper" / "front.npz").unlink()
+    assert FIGURE_MISTAKES[words] in refused(figures, *words.split())
+    assert not (workplace / "figures").exists()
 
 
 def test_a_report_without_opengl_has_no_picture_of_the_robot(monkeypatch, rendered):

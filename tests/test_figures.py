@@ -3,6 +3,7 @@
 from itertools import combinations
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -17,6 +18,7 @@ from morlax_torch.evaluation.figures.front import MOST_PAIRS
 from morlax_torch.evaluation.figures.hypervolume import Band
 from morlax_torch.evaluation.figures.style import colors_of, limits
 from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.representatives import representatives
 from morlax_torch.runs.history import History
 
 NAMES = ("run", "energy", "height", "jump")
@@ -171,6 +173,69 @@ def test_no_labels_collide(m):
             assert not first.overlaps(second), f"{one} and {other}"
         for name, box in placed:
             assert box.x0 >= 0 and box.x1 <= figure.bbox.x1, name
+
+
+def apart(figure: Figure) -> None:
+    """Check that no two tick labels of an axis collide."""
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        for axis in (getattr(axes, f"{x}axis") for x in "xyz" if hasattr(axes, f"{x}axis")):
+            low, high = sorted(axis.get_view_interval())
+            ticks = zip(axis.get_majorticklocs(), axis.get_ticklabels(), strict=False)
+            shown = [label for place, label in ticks if low <= place <= high]
+            placed = [label.get_window_extent() for label in shown if label.get_text()]
+            for first, second in combinations(placed, 2):
+                assert not first.overlaps(second), axis.get_label_text()
+
+
+@pytest.mark.parametrize("style", figures.STYLES)
+@pytest.mark.parametrize("m", (2, 3, 6))
+def test_no_tick_labels_collide(m, style):
+    some = wide(m)
+    long = tuple(f"{name}_with_a_long_name" for name in some.objectives)
+    width = {"paper": 3.5, "screen": None}[style]
+    for scale in (-1234567.0, 0.00012, 300.0):
+        scaled = some._replace(returns=scale * (some.returns + 5), objectives=long)
+        with mpl.rc_context(figures.STYLES[style]):
+            apart(figures.front_figure(scaled, "", width, {0: "first", 199: "last"}))
+            apart(figures.fronts_figure({"a": scaled, "b": scaled}, "", width))
+            apart(figures.returns_figure(scaled))
+            apart(figures.parallel_figure(scaled))
+    with mpl.rc_context(figures.STYLES[style]):
+        apart(figures.hypervolume_figure([history((0, 0), (1.2e8, 3e18))], "", width))
+
+
+@pytest.mark.parametrize("m", (2, 3, 6))
+def test_a_printed_figure_has_its_width_and_readable_text(m):
+    labels = {0: "best run", 100: "knee"}
+    with mpl.rc_context(figures.STYLES["paper"]):
+        figure = figures.front_figure(wide(m), "", 3.5, labels)
+        assert figure.get_figwidth() == 3.5
+        assert {"best run", "knee", "A", "B"} <= drawn(figure)
+        texts = figure.findobj(lambda artist: hasattr(artist, "get_fontsize"))
+        assert min(text.get_fontsize() for text in texts if text.get_text()) >= 7
+
+
+def test_parallel_coordinates_show_few_lines_of_many_policies():
+    some = wide(4)
+    figure = figures.parallel_figure(some, "a title")
+    best = int(some.non_dominated.sum())
+    assert best > 30 and f"a title: 30 of {best} policies of the front" in drawn(figure)
+    lines = [path for lines in figure.axes[0].collections for path in lines.get_paths()]
+    assert len(lines) == 30
+    heights = np.array([path.vertices[:, 1] for path in lines])
+    assert heights.max(0).tolist() == [1] * 4 and heights.min(0).tolist() == [0] * 4
+
+
+def test_representatives_are_the_extremes_the_knee_and_the_balanced_policy():
+    returns = [[0, 100], [80, 90], [100, 0], [45, 91], [40, 40]]
+    tradeoffs = [[0, 1], [0.7, 0.3], [1, 0], [0.2, 0.8], [0.5, 0.5]]
+    arrays = np.array(tradeoffs), np.array(returns, dtype=float)
+    some = Front(NAMES[:2], *arrays, np.ones(5), np.zeros(2))
+    names = {2: "best run", 0: "best energy", 1: "knee", 4: "balanced"}
+    assert representatives(some) == names
+    one = some._replace(returns=np.ones((5, 2)))
+    assert representatives(one) == {0: "best run, best energy, knee", 4: "balanced"}
 
 
 def history(*points: tuple[float, float]) -> History:

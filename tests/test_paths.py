@@ -10,7 +10,7 @@ import pytest
 from tiny import tiny
 
 from morlax_torch import MorlaxError, envs, load, save, train
-from morlax_torch.commands import evaluate, explore, export, pack, record, tune
+from morlax_torch.commands import evaluate, explore, export, figures, pack, record, tune
 from morlax_torch.commands import train as train_command
 from morlax_torch.evaluation.front import Front
 from morlax_torch.pack import pack as pack_run
@@ -25,6 +25,8 @@ LONG = "a" * 5000
 COMMANDS = {
     "evaluate": (evaluate, ("{}", "--device", "cpu")),
     "evaluate reference": (evaluate, ("cheetah", "--device", "cpu", "--reference", "{}.npz")),
+    "figures": (figures, ("{}",)),
+    "figures output": (figures, ("cheetah", "--output", "{}")),
     "record": (record, ("{}",)),
     "export": (export, ("{}",)),
     "explore": (explore, ("{}", "--port", "0")),

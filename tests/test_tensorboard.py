@@ -70,8 +70,13 @@ def check_hparams(run: Run) -> None:
     assert values["ppo.learning_rate"].number_value == run.config().ppo.learning_rate
     assert values["ppo.decay_fraction"].number_value == 0.5
     assert values["network.hidden"].string_value == "[4]"
-    infos = content(metadata.EXPERIMENT_TAG).experiment.metric_infos
-    tags = {info.name.tag for info in infos}
+    experiment = content(metadata.EXPERIMENT_TAG).experiment
+    names = [info.name for info in experiment.hparam_infos]
+    assert set(names) == set(values)
+    changed = {"worlds", "horizon", "scalarization", "network.hidden", "task.episode_length"}
+    same = {"env", "algorithm", "device", "task.njmax", "ppo.clip", "ppo.optimizer"}
+    assert max(map(names.index, changed)) < min(map(names.index, same))
+    tags = {info.name.tag for info in experiment.metric_infos}
     assert {"front/hypervolume", "time/train_seconds"} <= tags
     assert tags <= set(found.Tags()["scalars"])
 

@@ -53,6 +53,7 @@ def hostile_utility(tmp_path: Path, make_policy) -> Path:
 
 COMMANDS = {
     "evaluate": ("run", "--device", "cpu"),
+    "figures": ("run",),
     "record": ("run",),
     "export": ("run",),
     "explore": ("run", "--port", "0"),

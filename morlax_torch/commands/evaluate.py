@@ -38,9 +38,10 @@ def command(arguments: Sequence[str]) -> None:
     ) -> None:
         """Evaluate the policies of many trade-offs and print the indicators.
 
-        Writes each run's front (front.npz, front.csv), figures (png and pdf), indicators.csv and
-        report.html, a self-contained file. Several runs are compared: one figure overlays their
-        fronts, and summary.csv has the median and quartiles of each indicator.
+        Says how good the front is and what to do next. Writes each run's front (front.npz,
+        front.csv), figures (png and pdf), indicators.csv and report.html, a self-contained file.
+        Several runs are compared: one figure overlays their fronts, and summary.csv has the median
+        and quartiles of each indicator.
 
         Args:
             runs: Run folders (runs/TASK or latest: the newest run), checkpoint files, or shipped
@@ -64,6 +65,7 @@ def command(arguments: Sequence[str]) -> None:
                 "name at least one run: its folder, such as runs/ant/..., or a .pt file."
             )
         from ..reports.evaluating import evaluate_runs, table  # imports torch
+        from ..reports.verdict import verdict_of
 
         typed = f"{program('evaluate')} {shlex.join(arguments)}"
         found, folder = evaluate_runs(
@@ -80,6 +82,7 @@ def command(arguments: Sequence[str]) -> None:
             trust=trust,
             portrait=_portrait,
         )
+        cli.console.print(verdict_of(found), markup=False, highlight=False)
         cli.console.print(table(found))
         names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
         cli.console.print(f"evaluated: {names}")

@@ -295,6 +295,20 @@ def differences(one: Config, other: Config) -> list[str]:
     ]
 
 
+def changed(values: dict[str, Any]) -> set[str]:
+    """Return the dotted names of a run's values that are not those of its task and algorithm.
+
+    Where the run was trained, its device and simulator, does not count.
+    """
+    env, algorithm = values["env"], algorithm_of(values)
+    # not validated: a run may have changed the very value that does not fit its own
+    defaults = config_class(env, algorithm).model_construct().model_dump(mode="json")
+    place = values["device"] or envs.resolve_device(None).type
+    usual = flat(merged(defaults, task_values(env, place.partition(":")[0], algorithm)))
+    found = {name for name, value in flat(values).items() if usual.get(name) != value}
+    return found - {"device", "backend"}
+
+
 def flat(values: dict[str, Any]) -> dict[str, Any]:
     """Return nested values by dotted name."""
     found = {}

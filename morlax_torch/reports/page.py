@@ -1,18 +1,18 @@
 """The report of an evaluation: one self-contained HTML file."""
 
 import base64
-import io
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from ..colors import of_objectives
 from ..configuration.config import Config
 from ..configuration.files import write_yaml
-from ..evaluation.figures.style import FILES
+from ..evaluation.front import Front
+from ..evaluation.representatives import representatives
+from .chart import chart, svg
 from .comparison import Evaluated, Quartiles
 
 MEANINGS = {
@@ -27,15 +27,21 @@ MEANINGS = {
     "igd_plus": "mean distance by which the front falls short of the reference front; 0 is best",
     "episode_length": "mean episode length in control steps",
 }
+POLICIES = (
+    "The knee has the largest sum of returns, each scaled to its range on the front; the balanced "
+    "policy has the trade-off closest to equal weights."
+)
 NARROW = 16  # characters that fit into a column of facts
 
 
 def report(
     title: str,
+    verdict: str,
     about: str,
     command: str,
     found: Mapping[str, Evaluated],
     summary: Mapping[str, Quartiles],
+    fronts: Mapping[str, Figure],
     figures: Sequence[tuple[str, Figure]],
     facts: Mapping[str, Mapping[str, str]],
     portrait: bytes | None = None,
@@ -44,27 +50,36 @@ def report(
 
     Args:
         title: the task and its runs.
+        verdict: how good the front is and what to do next.
         about: how they were evaluated, in a sentence or two.
         command: the command line of the evaluation.
         found: evaluations by run name.
         summary: measure -> quartiles over runs; empty for a single run.
-        figures: captions and figures.
+        fronts: figure of each run's front, by run name.
+        figures: captions and figures of everything else.
         facts: run -> name -> text.
         portrait: picture of the robot as PNG (None: leave it out).
     """
     objectives = next(iter(found.values())).front.objectives
-    style = (resources.files(str(__package__)) / "page.css").read_text()
+    style, script = (
+        (resources.files(str(__package__)) / f"page.{ending}").read_text()
+        for ending in ("css", "js")
+    )
     parts = [
         f"<h1>{escape(title)}</h1>",
-        _top(facts, objectives, portrait),
-        f"<p>{escape(about)}</p>",
-        f"<pre>{escape(command)}</pre>",
-        "<h2>Indicators</h2>",
-        _table({name: run.measures for name, run in found.items()}, summary),
+        f'<p class="verdict">{escape(verdict)}</p>',
+        _chips(objectives),
+        *(_front(name, run.front, fronts[name]) for name, run in found.items()),
         "<h2>Figures</h2>",
         *(_picture(caption, figure) for caption, figure in figures),
-        "<h2>Training configs</h2>",
+        "<h2>Training and evaluation</h2>",
+        _top(facts, portrait),
+        f"<p>{escape(about)}</p>",
+        f"<pre>{escape(command)}</pre>",
         *(_config(name, run.policy.config) for name, run in found.items()),
+        "<h2>Indicators</h2>",
+        _table({name: run.measures for name, run in found.items()}, summary),
+        f"<script>\n{script}</script>",
     ]
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -89,16 +104,39 @@ def number(value: float) -> str:
     return f"{value:,.4g}"
 
 
-def _top(
-    facts: Mapping[str, Mapping[str, str]], objectives: Sequence[str], portrait: bytes | None
-) -> str:
+def _chips(objectives: Sequence[str]) -> str:
     dots = zip(objectives, of_objectives(len(objectives)), strict=True)
     chips = (f'<li><i style="background:{color}"></i>{escape(name)}</li>' for name, color in dots)
-    picture = "" if portrait is None else _image("the robot under equal weights", "png", portrait)
-    return (
-        f'<div class="top"><div><ul class="chips">{"".join(chips)}</ul>{_facts(facts)}</div>'
-        f"{picture}</div>"
+    return f'<ul class="chips">{"".join(chips)}</ul>'
+
+
+def _front(name: str, front: Front, figure: Figure) -> str:
+    """Return a front that a user can point at, and the table of its representative policies."""
+    caption = "Returns of every trade-off, colored by trade-off."
+    return f"<h2>{escape(f'Front: {name}')}</h2>\n{chart(caption, figure, front)}\n" + _policies(
+        front
     )
+
+
+def _policies(front: Front) -> str:
+    heads = [f"weight of {name}" for name in front.objectives]
+    heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
+    heads += [] if front.falls is None else ["fall rate"]
+    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
+    rows = [_row("th", ["policy", *heads, ""])]
+    for index, name in representatives(front).items():
+        cells = [*(f"{share:.2f}" for share in shares[index]), *map(number, front.returns[index])]
+        cells += [] if front.quantities is None else map(number, front.quantities[index])
+        cells += [] if front.falls is None else [number(front.falls[index])]
+        rows.append(_row("td", [name, *cells, ""]))
+    return (
+        f'<div class="scroll"><table class="facts">{"".join(rows)}</table></div>\n<p>{POLICIES}</p>'
+    )
+
+
+def _top(facts: Mapping[str, Mapping[str, str]], portrait: bytes | None) -> str:
+    picture = "" if portrait is None else _image("the robot under equal weights", "png", portrait)
+    return f'<div class="top"><div>{_facts(facts)}</div>{picture}</div>'
 
 
 def _facts(facts: Mapping[str, Mapping[str, str]]) -> str:
@@ -134,11 +172,8 @@ def _row(tag: str, cells: Sequence[str]) -> str:
 
 
 def _picture(caption: str, figure: Figure) -> str:
-    drawn = io.BytesIO()
-    with mpl.rc_context(FILES):
-        figure.savefig(drawn, format="svg", metadata={"Date": None})
     # an <img> keeps the ids of one SVG apart from those of the others
-    image = _image(caption, "svg+xml", drawn.getvalue())
+    image = _image(caption, "svg+xml", svg(figure).encode())
     natural = f"--natural:{96 * figure.get_figwidth():.0f}px"
     return (
         f'<figure style="{natural}"><div class="scroll">{image}</div>'

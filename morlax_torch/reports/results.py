@@ -18,6 +18,7 @@ from ..runs.hardware import Machine
 from ..runs.history import History
 from .comparison import Evaluated, quartiles
 from .page import report
+from .verdict import verdict_of
 
 MOST_NAMES = 4  # in a title
 
@@ -77,15 +78,16 @@ def write(
     For the arguments see `report`.
     """
     drawn: list[tuple[str, Figure]] = []
+    fronts: dict[str, Figure] = {}
     several = len(found) > 1
     task = title(next(iter(found.values())).policy.config.env)
     histories = [run.history for run in found.values() if run.history is not None]
     make_folder(folder)
     if several:
-        fronts = figures.fronts_figure({name: run.front for name, run in found.items()}, task)
-        figures.save(fronts, folder / "fronts")
+        overlaid = figures.fronts_figure({name: run.front for name, run in found.items()}, task)
+        figures.save(overlaid, folder / "fronts")
         drawn.append(
-            ("Fronts of all runs, without policies dominated within their own run.", fronts)
+            ("Fronts of all runs, without policies dominated within their own run.", overlaid)
         )
     if histories:
         curves = figures.hypervolume_figure(histories, task)
@@ -98,7 +100,10 @@ def write(
         write_rows(place / "front.csv", front_rows(run.front))
         for stem, caption, figure in pictures(run.front, f"{task}: {name}"):
             figures.save(figure, place / stem)
-            drawn.append((f"{name}: {caption}", figure))
+            if stem == "front":
+                fronts[name] = figure
+            else:
+                drawn.append((f"{name}: {caption}", figure))
     summary = quartiles([run.measures for run in found.values()]) if several else {}
     write_rows(folder / "indicators.csv", indicator_rows(found))
     if several:
@@ -111,7 +116,8 @@ def write(
         | facts(run.policy.config, run.history, run.measures, run.machines)
         for name, run in found.items()
     }
-    text = report(heading, about, typed, found, summary, drawn, known, portrait)
+    said = verdict_of(found)
+    text = report(heading, said, about, typed, found, summary, fronts, drawn, known, portrait)
     write_file(folder / "report.html", text)
 
 
@@ -124,7 +130,8 @@ def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
         ("returns", asked, figures.returns_figure(front, title)),
     ]
     if len(front.objectives) > 3:
-        caption = "the front, one line per policy."
+        lines, best = len(figures.shown_lines(front)), int(front.non_dominated.sum())
+        caption = f"the front, one line per policy: {lines} of {best}."
         found.append(("parallel", caption, figures.parallel_figure(front, title)))
     if front.quantities is not None:
         caption = "what each policy does, in physical units, colored by trade-off."

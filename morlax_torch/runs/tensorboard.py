@@ -9,7 +9,7 @@ from typing import Any
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
-from ..configuration.config import flat
+from ..configuration.config import changed, flat
 from ..configuration.files import read_yaml
 from ..envs.naming import title
 from .hardware import FILE as HARDWARE
@@ -56,9 +56,14 @@ class Events:
             self._writer.add_image(f"figures/{tag}", image, evaluation.env_steps, dataformats="HWC")
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:
-        """Fill the HPARAMS tab, which shows the latest value of each of the `tags`."""
-        values = flat(read_yaml(self._folder / "config.yaml"))
-        config = {name: _shown(value) for name, value in values.items() if value != {}}
+        """Fill the HPARAMS tab, which shows the latest value of each of the `tags`.
+
+        Options that differ from the task's config come first.
+        """
+        values = read_yaml(self._folder / "config.yaml")
+        first = changed(values)
+        ordered = sorted(flat(values).items(), key=lambda item: item[0] not in first)
+        config = {name: _shown(value) for name, value in ordered if value != {}}
         # `add_hparams` would write to a folder of its own, which TensorBoard shows as another run
         experiment, session, _ = hparams(config, dict.fromkeys(tags, 0.0))
         assert self._writer.file_writer is not None

@@ -3,13 +3,14 @@
 `save` writes it to files, `pixels` renders it to an array.
 """
 
-from .front import front_figure, fronts_figure, parallel_figure, spaces_figure
+from .front import front_figure, fronts_figure, parallel_figure, shown_lines, spaces_figure
 from .hypervolume import hypervolume_figure
 from .quantities import quantities_figure
 from .returns import returns_figure
-from .style import pixels, save
+from .style import STYLES, pixels, save
 
 __all__ = [
+    "STYLES",
     "front_figure",
     "fronts_figure",
     "hypervolume_figure",
@@ -18,5 +19,6 @@ __all__ = [
     "quantities_figure",
     "returns_figure",
     "save",
+    "shown_lines",
     "spaces_figure",
 ]

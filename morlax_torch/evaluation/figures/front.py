@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from string import ascii_uppercase
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ...colors import of_objectives
 from ..front import Front
 from ..pareto import conflicts, most_conflicting_pair
 from .style import (
+    LEGEND_LETTER,
     between,
     blank,
     color_key,
@@ -24,41 +26,61 @@ from .style import (
     fit,
     lattice,
     legend_outside,
+    letter,
     limits,
     note,
     points,
+    printed,
     returned,
+    short,
     tint,
     weight,
 )
 
 MARKS = 25  # markers per line; they tell lines apart in grayscale
 MOST_PAIRS = 6  # projections in a figure
+MOST_LINES = 30  # policies in a figure of parallel coordinates
 COLUMNS = 3
+SIZE, PRINTED_SIZE = 14, 6  # of a point, in square points
 
 
-def front_figure(front: Front, title: str = "") -> Figure:
+def front_figure(
+    front: Front,
+    title: str = "",
+    width: float | None = None,
+    labels: Mapping[int, str] | None = None,
+) -> Figure:
     """Plot the returns of every trade-off, colored by trade-off; dominated returns are gray.
 
     Two objectives give one plot. Three give the front in 3D and its three projections; more give
     one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most.
+
+    Args:
+        front: the front.
+        title: title of the figure.
+        width: width of the figure in inches (None: as wide as its plots need on a screen).
+        labels: policies to mark with letters that the legend explains, by index.
     """
-    names, m = front.objectives, len(front.objectives)
+    names, labels = front.objectives, labels or {}
+    m, entries = len(names), 1 + len(names) + len(labels)
     if m == 2:
-        return _two(front, title)
+        return _two(front, title, width, labels)
     pairs, all_pairs = most_conflicting(front), m * (m - 1) // 2
     if len(pairs) < all_pairs:
         title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
-    above, rows = int(m == 3), -(-len(pairs) // COLUMNS)
-    figure = blank(10.2, 3.3 * rows + (4.9 if above else 0.8), title)
-    grid = figure.add_gridspec(above + rows, COLUMNS, height_ratios=[1.5] * above + [1] * rows)
+    if width is None:
+        above, rows, columns = int(m == 3), -(-len(pairs) // COLUMNS), COLUMNS
+        figure = blank(10.2, 3.3 * rows + (4.9 if above else 0.8), title)
+    else:  # a plot in 3D is hard to read in print
+        above, (figure, rows, columns) = 0, printed(width, len(pairs), entries, title)
+    grid = figure.add_gridspec(above + rows, columns, height_ratios=[1.5] * above + [1] * rows)
     if above:
         axes: Any = figure.add_subplot(grid[0, :], projection="3d")
         best = front.non_dominated
         space(axes, front.returns[best], colors_of(front.tradeoffs[best]), names)
     for cell, (x, y) in enumerate(pairs):
-        axes = figure.add_subplot(grid[above + cell // COLUMNS, cell % COLUMNS])
-        _pair(axes, front, x, y)
+        axes = figure.add_subplot(grid[above + cell // columns, cell % columns])
+        _pair(axes, front, x, y, SIZE if width is None else PRINTED_SIZE, labels)
         if cell == 0:
             color_key(axes, names)
     legend_outside(figure)
@@ -78,25 +100,28 @@ def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes,
     x, y = most_conflicting_pair(front.returns[front.non_dominated])
     figure = blank(width, height, "")
     axes = figure.add_subplot()
-    _pair(axes, front, x, y)
+    _pair(axes, front, x, y, SIZE, {})
     return figure, axes, (x, y)
 
 
-def _two(front: Front, title: str) -> Figure:
-    figure = blank(5.4, 4.2, title)
+def _two(front: Front, title: str, width: float | None, labels: Mapping[int, str]) -> Figure:
+    entries = 1 + len(labels)
+    figure = blank(5.4, 4.2, title) if width is None else printed(width, 1, entries, title)[0]
     axes, (first, second) = figure.add_subplot(), of_objectives(2)
-    _pair(axes, front, 0, 1)
+    _pair(axes, front, 0, 1, SIZE if width is None else PRINTED_SIZE, labels)
     shade = ScalarMappable(Normalize(0, 1), between(second, first))
     figure.colorbar(shade, ax=axes, label=weight(front.objectives[0]))
     legend_outside(figure)
     return figure
 
 
-def _pair(axes: Axes, front: Front, x: int, y: int) -> None:
+def _pair(axes: Axes, front: Front, x: int, y: int, size: float, labels: Mapping[int, str]) -> None:
     best, colors = front.non_dominated, colors_of(front.tradeoffs)
     _label(axes, front.objectives, x, y)
-    points(axes, front.returns[:, x], front.returns[:, y], best, 14, colors[best])
+    points(axes, front.returns[:, x], front.returns[:, y], best, size, colors[best])
     fit(axes, front.returns[:, x], front.returns[:, y])
+    for number, (index, text) in enumerate(labels.items()):
+        letter(axes, ascii_uppercase[number % 26], text, front.returns[index, [x, y]], number)
 
 
 def _label(axes: Axes, names: Sequence[str], x: int, y: int) -> None:
@@ -110,13 +135,16 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
     """Plot each policy of the front as a line across one axis per objective.
 
     Each axis spans the front's lowest to highest return. A line has the color of the objective
-    with the largest weight in its trade-off.
+    with the largest weight in its trade-off. Of many policies, MOST_LINES are shown.
     """
-    names, best = front.objectives, front.non_dominated
-    returns, chief = front.returns[best], front.tradeoffs[best].argmax(1)
-    low, high = returns.min(0), returns.max(0)
-    heights = (returns - low) / np.where(high > low, high - low, 1.0)
-    figure = blank(2.2 + 1.6 * len(names), 4.6, title)
+    names, best, shown = front.objectives, front.non_dominated, shown_lines(front)
+    low, high = front.returns[best].min(0), front.returns[best].max(0)
+    heights = (front.returns[shown] - low) / np.where(high > low, high - low, 1.0)
+    chief = front.tradeoffs[shown].argmax(1)
+    if len(shown) < best.sum():
+        title += f"{': ' if title else ''}{len(shown)} of {best.sum()} policies of the front"
+    column = max(1.6, LEGEND_LETTER * max(len(returned(name)) for name in names))
+    figure = blank(2.2 + column * len(names), 4.6, title)
     axes = figure.add_subplot()
     at = np.arange(len(names))
     colors = of_objectives(len(names))
@@ -138,7 +166,23 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
     return figure
 
 
-def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
+def shown_lines(front: Front) -> NDArray[np.intp]:
+    """Return the policies of a parallel figure: the best of each objective, and even steps of all.
+
+    There are at most MOST_LINES of them.
+    """
+    best = np.flatnonzero(front.non_dominated)
+    if len(best) <= MOST_LINES:
+        return best
+    chosen = np.unique(best[front.returns[best].argmax(0)])[:MOST_LINES]
+    others = np.setdiff1d(best, chosen)
+    even = np.linspace(0, len(others) - 1, MOST_LINES - len(chosen)).round().astype(int)
+    return np.sort(np.concatenate([chosen, others[even]]))
+
+
+def fronts_figure(
+    fronts: Mapping[str, Front], title: str = "", width: float | None = None
+) -> Figure:
     """Overlay the fronts of several families, with one plot per pair of objectives.
 
     Of many pairs, only the MOST_PAIRS that conflict most in the first front are shown.
@@ -149,9 +193,12 @@ def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
     first = next(iter(fronts.values()))
     joined = len(first.objectives) == 2
     pairs = most_conflicting(first)
-    columns = min(len(pairs), COLUMNS)
-    rows = -(-len(pairs) // columns)
-    figure = blank(1.6 + 4.2 * columns, 3.9 * rows, title)
+    if width is None:
+        columns = min(len(pairs), COLUMNS)
+        rows = -(-len(pairs) // columns)
+        figure = blank(1.6 + 4.2 * columns, 3.9 * rows, title)
+    else:
+        figure, rows, columns = printed(width, len(pairs), len(fronts), title)
     for cell, (x, y) in enumerate(pairs, start=1):
         axes = figure.add_subplot(rows, columns, cell)
         for (name, front), look in zip(fronts.items(), distinct(len(fronts)), strict=True):
@@ -193,6 +240,7 @@ def space(axes: Any, returns: NDArray, colors: NDArray, names: Sequence[str]) ->
     axes.set(xlim=bounds[0], ylim=bounds[1], zlim=bounds[2])
     for axis, name in zip("xyz", names, strict=True):
         getattr(axes, f"set_{axis}label")(returned(name), labelpad=10)
+        getattr(axes, f"{axis}axis").set_major_formatter(short)
     axes.locator_params(nbins=5)
     axes.view_init(elev=25, azim=45)
     axes.set_box_aspect((1.3, 1.3, 1), zoom=0.97)  # else the label of the z axis is cut off

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...colors import INK
-from .style import blank, lattice
+from .style import blank, lattice, printed
 
 SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))
 
@@ -41,12 +41,14 @@ class Band(NamedTuple):
         return cls(grid, *np.quantile(values, (0.25, 0.5, 0.75), axis=0))
 
 
-def hypervolume_figure(histories: Sequence[Curves], title: str = "") -> Figure:
+def hypervolume_figure(
+    histories: Sequence[Curves], title: str = "", width: float | None = None
+) -> Figure:
     """Plot hypervolume against environment steps and against training seconds.
 
     Several runs are thin lines, overlaid with their median and interquartile range.
     """
-    figure = blank(9.0, 3.7, title)
+    figure = blank(9.0, 3.7, title) if width is None else printed(width, 2, 0, title)[0]
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (name, label) in zip(panels, SCALES, strict=True):
         curves = [(getattr(history, name), history.hypervolume) for history in histories]

@@ -1,5 +1,7 @@
 """Figures of the return of each objective against the trade-off."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
@@ -7,6 +9,7 @@ from matplotlib.tri import Triangulation
 from ...colors import of_objectives
 from ..front import Front
 from .style import (
+    Apart,
     blank,
     lattice,
     legend_outside,
@@ -15,6 +18,7 @@ from .style import (
     points,
     returned,
     shades,
+    short,
     tint,
     weight,
 )
@@ -71,7 +75,8 @@ def _maps(front: Front, title: str) -> Figure:
         axes.plot(*CORNERS[[0, 1, 2, 0]].T, color="0.2", lw=0.8)
         axes.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(-0.08, 0.95))
         axes.set_axis_off()
-        figure.colorbar(colors, ax=axes, label=returned(names[k]), location="bottom", shrink=0.7)
+        place: Any = {"location": "bottom", "shrink": 0.7, "ticks": Apart(), "format": short}
+        figure.colorbar(colors, ax=axes, label=returned(names[k]), **place)
     return figure
 
 

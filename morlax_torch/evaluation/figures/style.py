@@ -10,6 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from ...colors import INK, mixed, of_objectives
@@ -17,15 +20,53 @@ from ...files import replacing
 
 RUNS = "viridis"  # perceptually uniform, and unlike the colors of objectives
 DOMINATED = {"s": 9, "color": "0.65", "marker": "x", "lw": 0.7, "label": "dominated"}
+NON_DOMINATED = "_non-dominated"  # a label that no legend shows
 MARKERS = "osD^vPX*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
+MOST_TICKS = 9
 MOST_MIXED = 3  # objectives whose colors a trade-off mixes
-LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches
+LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches, of letters of FONT_SIZE
+FONT_SIZE = 10.0  # points
+NARROWEST, PRINTED_ENTRY, PRINTED_LINE = 1.7, 1.8, 0.17  # inches of a plot and in a legend
+PRINTED_HEIGHT = 0.85  # of a plot, as a share of its width
+LETTER = 0.65  # width of a digit, as a share of the font size
+STYLES: dict[str, Any] = {
+    "screen": {},
+    "paper": {  # no text is smaller than 7 points
+        "font.size": 8.5,
+        "xtick.labelsize": 7.5,
+        "ytick.labelsize": 7.5,
+        "legend.fontsize": 7.5,
+        "legend.labelspacing": 0.2,
+        "axes.linewidth": 0.6,
+    },
+}
+EDGE = 0.15  # share of a plot that is near a side
 OUTLYING = (0.01, 0.99)  # quantiles between which the bulk of the values lies
 BULK = 0.7  # share of the range, below which an axis leaves out values beyond the bulk
 # journals require embedded TrueType fonts (type 42); the salt makes SVG files reproducible
 FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
+
+
+class Apart(MaxNLocator):
+    """Chooses so few ticks of a horizontal axis that their labels do not collide."""
+
+    def __init__(self) -> None:
+        super().__init__(steps=[1, 2, 2.5, 5, 10], min_n_ticks=1)
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        assert self.axis is not None
+        room = 3 * self.axis.get_tick_space()  # length of the axis, in font sizes
+        ticks: Any = []
+        for intervals in range(MOST_TICKS, 0, -1):
+            self.set_params(nbins=intervals)
+            ticks = super().tick_values(vmin, vmax)
+            labels = self.axis.get_major_formatter().format_ticks(ticks)
+            widest = LETTER * (2 + max(map(len, labels)))
+            if len(ticks) < 2 or widest * (vmax - vmin) <= room * (ticks[1] - ticks[0]):
+                break
+        return ticks
 
 
 def blank(width: float, height: float, title: str) -> Figure:
@@ -35,22 +76,63 @@ def blank(width: float, height: float, title: str) -> Figure:
     return figure
 
 
+def printed(width: float, plots: int, entries: int, title: str) -> tuple[Figure, int, int]:
+    """Create an empty figure of a width in inches, and return it with its rows and columns.
+
+    It has room for so many plots, none narrower than NARROWEST, and entries of a legend.
+    """
+    columns = max(1, min(plots, int(width / NARROWEST)))
+    rows, lines = -(-plots // columns), -(-entries // max(1, int(width / PRINTED_ENTRY)))
+    figure = blank(width, PRINTED_HEIGHT * rows * width / columns + PRINTED_LINE * lines, title)
+    return figure, rows, columns
+
+
 def lattice(axes: Axes) -> None:
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
+    axes.xaxis.set_major_locator(Apart())
+    axes.xaxis.set_major_formatter(short)
+
+
+def short(value: float, position: float = 0) -> str:
+    """Return the label of a tick, without a power of ten beside the axis, which hides its label."""
+    if 1e-3 <= abs(value) < 1e5 or value == 0:
+        return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+    return EngFormatter(sep="")(value)
 
 
 def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color: Any) -> None:
     """Draw the points that are `best` in `color`, and the others as dominated."""
     if not best.all():
         axes.scatter(x[~best], y[~best], **DOMINATED)
-    axes.scatter(x[best], y[best], s=size, color=color)
+    axes.scatter(x[best], y[best], s=size, color=color, label=NON_DOMINATED)
 
 
 def note(axes: Axes, text: str, place: Sequence[float], above: bool, **style: Any) -> None:
     side = "bottom" if above else "top"
     shift: Any = {"xytext": (0, 4 if above else -4), "textcoords": "offset points"}
     axes.annotate(text, (place[0], place[1]), ha="center", va=side, **shift, **style)
+
+
+def letter(axes: Axes, name: str, text: str, place: NDArray, number: int) -> None:
+    """Mark a point with a letter, which the legend explains by a text, unless it lies outside.
+
+    Near a side of the plot the letter stands toward the middle, elsewhere above or below the point
+    in turn.
+    """
+    axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
+    shares = axes.transAxes.inverted().transform(axes.transData.transform(place))
+    if (np.abs(shares - 0.5) > 0.5).any():
+        return
+    look: Any = {"facecolor": "none", "edgecolor": "black", "linewidth": 0.9, "zorder": 3}
+    axes.scatter(*place, s=30, **look)
+    turn = number % 2 == 0
+    right, above = (share < EDGE or (turn and share < 1 - EDGE) for share in shares)
+    shift: Any = {"xytext": (4 if right else -4, 4 if above else -4), "textcoords": "offset points"}
+    sides: Any = {"ha": "left" if right else "right", "va": "bottom" if above else "top"}
+    halo = [withStroke(linewidth=2, foreground="white")]
+    style: Any = {"fontweight": "bold", "path_effects": halo, **shift, **sides}
+    axes.annotate(name, (place[0], place[1]), **style)
 
 
 def distinct(number: int) -> list[dict[str, Any]]:
@@ -124,7 +206,9 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
             names.setdefault(label, handle)
     if names:
         place: Any = f"outside {side}"
-        entry = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
+        letters = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
+        size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
+        entry = letters * size / FONT_SIZE
         columns = 1 if "right" in side else max(1, int(figure.get_figwidth() / entry))
         figure.legend(
             [*names.values()], [*names], loc=place, title=title, frameon=False, ncols=columns

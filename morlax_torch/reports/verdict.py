@@ -1,0 +1,109 @@
+"""Say in a sentence or two how good a front is, and what to do next."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..evaluation.front import Front
+from ..evaluation.pareto import most_conflicting_pair
+from ..runs.history import History
+from .comparison import Evaluated
+
+LONGER = "train longer (--max-env-steps or --max-seconds)"
+MOST_FALLS = 0.5  # share of failed episodes above which nothing else matters
+SOME_FALLS = 0.05  # share of failed episodes that is worth a remark
+FEW = 0.05  # share of policies below which the front is poor
+NARROW = 0.05  # of an objective: range over the front, as a share of its distance to the reference
+RISING = 0.03  # gain of hypervolume in the last quarter of training, as a share
+FEWEST = 4  # evaluations that show whether the hypervolume still rises
+
+
+def verdict_of(found: Mapping[str, Evaluated]) -> str:
+    """Return the verdict on a run, or of several runs on the one with the highest hypervolume."""
+    best = max(found, key=lambda name: found[name].front.hypervolume)
+    said = verdict(found[best].front, found[best].history)
+    if len(found) == 1:
+        return said
+    return f"Of {len(found)} runs, {best} has the highest hypervolume. {said}"
+
+
+def verdict(front: Front, history: History | None) -> str:
+    """Return what the data say about a front, the most serious finding first.
+
+    Args:
+        front: the evaluated front.
+        history: the training curve of its run (None: unknown).
+    """
+    rising = None if history is None else _rising(history)
+    if (problem := _problem(front)) is not None:
+        return f"{problem}. {rising}." if rising else f"{problem}."
+    return f"{_gain(front)}. {rising}: {LONGER}." if rising else f"{_gain(front)}."
+
+
+def _problem(front: Front) -> str | None:
+    """Return what is wrong with a front, with a remedy; None if nothing is."""
+    best, K = int(front.non_dominated.sum()), len(front.tradeoffs)
+    remedy = f"{LONGER}, or check that the objectives conflict"
+    if best == 0:
+        return "No policy has finite returns: check the rewards of the task"
+    if (rate := _fall_rate(front)) > MOST_FALLS:
+        return f"{'Every episode fails' if rate == 1 else _falls(rate)}: {LONGER}"
+    if best < K and best <= max(len(front.objectives), FEW * K):
+        are = "policies is" if best == 1 else "policies are"
+        return f"Only {best} of {K} {are} non-dominated: {remedy}"
+    if narrow := _narrow(front):
+        return f"The returns of the front hardly differ in {' and '.join(narrow)}: {remedy}"
+    return None
+
+
+def _fall_rate(front: Front) -> float:
+    return 0.0 if front.falls is None else float(front.falls.mean())
+
+
+def _falls(rate: float) -> str:
+    return f"{100 * rate:.3g} % of the episodes fail"
+
+
+def _narrow(front: Front) -> list[str]:
+    """Return the objectives in which the front has hardly any extent."""
+    returns = front.returns[front.non_dominated]
+    height = np.abs(returns.max(0) - front.reference_point)
+    narrow = np.ptp(returns, axis=0) <= NARROW * height
+    return [name for name, own in zip(front.objectives, narrow, strict=True) if own]
+
+
+def _gain(front: Front) -> str:
+    """Say what the front offers, between the two objectives that conflict most."""
+    returns, names = front.returns[front.non_dominated], front.objectives
+    one, other = most_conflicting_pair(returns)
+    start, end = returns[returns[:, one].argmax()], returns[returns[:, other].argmax()]
+    changes = " and ".join(_change(names[k], start[k], end[k]) for k in (one, other))
+    offer = (
+        f"{len(returns)} of {len(front.tradeoffs)} policies are non-dominated; from the best "
+        f"policy of {names[one]} to that of {names[other]}, {changes}"
+    )
+    rate = _fall_rate(front)
+    return f"{offer}; {_falls(rate)}" if rate > SOME_FALLS else offer
+
+
+def _change(name: str, start: float, end: float) -> str:
+    """Say how a return changes; a share only of positive returns, where it means something."""
+    moves = "rises" if end > start else "falls"
+    share = f"by {abs(end / start - 1):.0%}".replace("%", " %") if start > 0 and end > 0 else ""
+    return " ".join(filter(None, [name, moves, share, f"({start:,.4g} to {end:,.4g})"]))
+
+
+def _rising(history: History) -> str | None:
+    """Say by how much the best hypervolume so far rose at the end of training, if it did."""
+    steps, best = history.env_steps, np.maximum.accumulate(history.hypervolume)
+    if len(steps) < FEWEST:
+        return None
+    index = np.flatnonzero(steps <= steps[0] + 0.75 * (steps[-1] - steps[0]))[-1]
+    if best[-1] <= best[index] * (1 + RISING):
+        return None
+    share = (steps[-1] - steps[index]) / (steps[-1] - steps[0])
+    gain = (
+        f"by {best[-1] / best[index] - 1:.0%}".replace("%", " %") if best[index] > 0 else "from 0"
+    )
+    end = "quarter" if share < 0.3 else f"{100 * share:.0f} %"
+    return f"The hypervolume still rose {gain} over the last {end} of training"
