@@ -7,6 +7,7 @@ from typing import Annotated
 import tyro
 
 from ..terminal import cli
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import RunName, Trust, call
 
@@ -45,19 +46,16 @@ def command(arguments: Sequence[str]) -> None:
                 last gait cycle (the last two if a cycle has fewer control steps than pictures).
             seed: Random seed of the world.
         """
-        from ..configuration.tradeoffs import parse_tradeoff
-        from ..runs.loading import find_run, load, own_folder  # imports torch
-        from ..terminal.cli import bar
-        from ..viewers.filming.recording import record
+        with Live():
+            from ..configuration.tradeoffs import parse_tradeoff
+            from ..runs.loading import find_run, load, own_folder  # imports torch
+            from ..viewers.filming.recording import record
 
-        policy = load(run, trust=trust)
-        folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
-        place = output or (folder / "film.mp4" if folder else shipped)
-        tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
-        with bar("filming") as watch:
-            record(
-                policy, place, tradeoffs, seconds, speed, width, height, pictures, seed, watch=watch
-            )
+            policy = load(run, trust=trust)
+            folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
+            place = output or (folder / "film.mp4" if folder else shipped)
+            tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
+            record(policy, place, tradeoffs, seconds, speed, width, height, pictures, seed)
         cli.console.print(f"written: {place}")
 
     call(main, arguments, program("record"))

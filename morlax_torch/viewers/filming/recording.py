@@ -1,6 +1,6 @@
 """Write films and film strips: H.264 for browsers and slides, animated GIF, or PNG."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs import MorlaxError
 from ...files import replacing
 from ...networks.policy import Policy
+from ...phases import phase
 from .film import Film
 from .video import ENDINGS, FASTEST, write_video
 
@@ -25,7 +26,6 @@ def record(
     height: int = 360,
     pictures: int = 8,
     seed: int = 0,
-    watch: Callable[[float], object] = lambda share: None,
 ) -> None:
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
 
@@ -39,7 +39,6 @@ def record(
         height: of a panel, in pixels.
         pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
         seed: random seed of the world.
-        watch: called with the share that is done, in [0, 1], again and again.
 
     Raises:
         MorlaxError: an unusable number, no OpenGL, no ffmpeg, or `output` cannot be written.
@@ -50,18 +49,15 @@ def record(
     film = Film(policy, shown, width, height, seed)
     if output.suffix.lower() == ".png":
         with replacing(output) as file:
-            Image.fromarray(film.strip(seconds, pictures, watch)).save(file, format="PNG")
+            Image.fromarray(film.strip(seconds, pictures)).save(file, format="PNG")
     else:
         every, fps = film.pace(speed, FASTEST[output.suffix.lower()])
         total = film.steps(seconds) // every + 1
-        write_video(output, _watched(film.frames(seconds, every), total, watch), fps)
+        write_video(output, _counted(film.frames(seconds, every), total), fps)
 
 
-def _watched(
-    frames: Iterator[NDArray[np.uint8]], total: int, watch: Callable[[float], object]
-) -> Iterator[NDArray[np.uint8]]:
+def _counted(frames: Iterator[NDArray[np.uint8]], total: int) -> Iterator[NDArray[np.uint8]]:
     """Yield frames, at most `total` of them, and tell how many there have been."""
-    for number, frame in enumerate(frames, 1):
+    for number, frame in enumerate(frames):
+        phase("filming", number / total)
         yield frame
-        watch(number / total)
-    watch(1.0)
