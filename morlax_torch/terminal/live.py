@@ -70,8 +70,6 @@ class Live:
 
 
 class _Words(ProgressColumn):
-    max_refresh = 0.5  # seconds
-
     def __init__(self, describe: Callable[[str, float | None], str]):
         super().__init__()
         self._describe = describe
