@@ -174,7 +174,7 @@ def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize):
 
 @pytest.mark.slow
 def test_the_command_prints_values_that_other_commands_take(monkeypatch, capsys):
-    arguments = ["cheetah", "--constrain", "run >= 2000", "--maximize", "energy", "--device", "cpu"]
+    arguments = ["cheetah", "--at-least", "run=2000", "--maximize", "energy", "--device", "cpu"]
     monkeypatch.setattr("sys.argv", ["choose", *arguments])
     cli.run(command)
     lines = capsys.readouterr().out.splitlines()
@@ -224,21 +224,34 @@ def test_several_seeds_of_a_task_without_randomness_are_refused():
         choose("cheetah", {}, "run", seeds=2, device="cpu")
 
 
-def test_the_strictest_of_several_constraints_on_an_objective_counts(three, monkeypatch, capsys):
-    constraints = ["--constrain", "left >= 0.4", "--constrain", "left >= 0.1"]
-    words = ["choose", str(three), *constraints, "--maximize", "right", "--device", "cpu"]
+@pytest.mark.parametrize(
+    "required",
+    [
+        ["--constrain", "left >= 0.4", "--constrain", "left >= 0.1"],
+        ["--at-least", "left=0.1", "--at-least", "left=0.4"],
+        ["--at-least", "left=0.4", "--constrain", "left >= 0.1"],
+        ["--constrain", "left >= 0.4", "--at-least", "left=0.1"],
+    ],
+)
+def test_the_largest_requirement_of_an_objective_counts(required, three, monkeypatch, capsys):
+    words = ["choose", str(three), *required, "--maximize", "right", "--device", "cpu"]
     monkeypatch.setattr("sys.argv", words)
     cli.run(command)
     lines = capsys.readouterr().out.splitlines()
     assert next(x for x in lines if x.split()[0] == "left").split()[3] == "0.4"
 
 
-@pytest.mark.parametrize("text", ["run > 3", "run >= nan", ">= 3"])
-def test_a_constraint_that_cannot_be_read_is_refused(text, monkeypatch, capsys):
-    arguments = ["cheetah", "--constrain", text, "--maximize", "energy"]
+@pytest.mark.parametrize(
+    ("option", "text", "remedy"),
+    [
+        *(("--constrain", text, "'run >= 2000'") for text in ("run > 3", "run >= nan", ">= 3")),
+        *(("--at-least", text, "run=2000") for text in ("run", "run=nan", "=3")),
+    ],
+)
+def test_a_requirement_that_cannot_be_read_is_refused(option, text, remedy, monkeypatch, capsys):
+    arguments = ["cheetah", option, text, "--maximize", "energy"]
     monkeypatch.setattr("sys.argv", ["choose", *arguments])
     with pytest.raises(SystemExit):
         cli.run(command)
-    assert f"{text!r} is not a constraint: write OBJECTIVE >= NUMBER" in " ".join(
-        capsys.readouterr().err.split()
-    )
+    said = " ".join(capsys.readouterr().err.split())
+    assert said == f"error: {text!r} is not a requirement: write for example {option} {remedy}."

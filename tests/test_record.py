@@ -1,6 +1,5 @@
 """The record command writes videos, GIFs and film strips."""
 
-import io
 import os
 import re
 import subprocess
@@ -10,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from rich.console import Console
 
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
+from morlax_torch.phases import heard_by
 from morlax_torch.runs import loading
-from morlax_torch.terminal import cli
 from morlax_torch.viewers.filming import panels, recording, video
 from morlax_torch.viewers.filming.film import Film
 from morlax_torch.viewers.filming.sweep import Sweep
@@ -81,12 +79,13 @@ def test_an_mp4_plays_in_browsers_in_real_time(saved, capsys):
 @pytest.mark.slow
 def test_slow_motion_shows_every_step(make_policy, tmp_path):
     shares, path = [], tmp_path / "slow.MP4"
-    options = {"width": 64, "height": 64, "speed": 0.1, "watch": shares.append}
-    recording.record(make_policy(), path, [(1, 0)], 0.4, **options)
+    options = {"width": 64, "height": 64, "speed": 0.1}
+    with heard_by(lambda name, share: shares.append(share)):
+        recording.record(make_policy(), path, [(1, 0)], 0.4, **options)
     about, frames = decoded(path)
     assert " 10 fps" in about
     assert len(frames) == 41
-    assert shares == sorted(shares) and len(shares) == 42 and shares[-1] == 1.0
+    assert shares == [number / 41 for number in range(41)]
 
 
 @pytest.mark.slow
@@ -159,17 +158,6 @@ def test_gifs_are_small(tmp_path):
         image.seek(20)
         shown = np.asarray(image.convert("RGB")).astype(float)
     assert np.sqrt(np.square(shown - frames[20]).mean()) < 4  # of 255
-
-
-def test_a_progress_bar_is_shown_on_terminals_only(monkeypatch):
-    for terminal in (True, False):
-        output = io.StringIO()
-        console = Console(file=output, force_terminal=terminal, width=80, legacy_windows=False)
-        monkeypatch.setattr(cli, "console", console)
-        with cli.bar("filming") as watch:
-            for share in (0.25, 1.0):
-                watch(share)
-        assert ("filming" in output.getvalue()) == terminal
 
 
 @pytest.mark.usefixtures("opengl")

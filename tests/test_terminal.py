@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import io
 import os
 import pty
 import re
@@ -9,17 +10,20 @@ import struct
 import subprocess
 import sys
 import termios
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import BaseModel
+from rich.console import Console
 from tiny import tiny
 
 from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.configuration.config import config_class
-from morlax_torch.terminal import arguments, display, tune_arguments
+from morlax_torch.phases import phase, within
+from morlax_torch.terminal import arguments, live, tune_arguments
 from morlax_torch.terminal.task_arguments import text_of
 from morlax_torch.train import train
 
@@ -140,11 +144,44 @@ def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, ca
 
 
 def test_a_pipe_gets_lines_between_evaluations(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(display, "LONGEST_SILENCE", 0.01)
+    monkeypatch.setattr(live, "LONGEST_SILENCE", 0.01)
     monkeypatch.chdir(tmp_path)
     command(["train", "--env", "hopper", *SMALL[2:], "--max-env-steps", "4096"])
     told = [line for line in capsys.readouterr().out.splitlines() if line.endswith(" left")]
     assert told and all("steps" in line and "/s" in line for line in told)
+
+
+def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
+    for terminal in (True, False):
+        output = io.StringIO()
+        console = Console(file=output, force_terminal=terminal, width=80, legacy_windows=False)
+        monkeypatch.setattr(live, "console", console)
+        with live.Live(2) as lines, within("ant"):
+            phase("filming", 0.25)
+            lines.show("trial 3: training", row=1)
+        for text in ("ant: filming 25%", "trial 3: training"):
+            assert (text in output.getvalue()) == terminal
+
+
+def test_a_pipe_gets_the_phase_now_and_then(monkeypatch, capsys):
+    monkeypatch.setattr(live, "LONGEST_SILENCE", 0.01)
+    told, limit = "", time.monotonic() + 60
+    with live.Live():
+        phase("drawing", 0.5)
+        while "drawing" not in told:
+            assert time.monotonic() < limit
+            time.sleep(0.01)
+            told += capsys.readouterr().out
+    assert "   drawing 50%\n" in told
+
+
+def test_a_command_shows_its_phases(tmp_path, monkeypatch):
+    config = tiny(**{"task.episode_length": 10})
+    run, told = train(config, output=tmp_path / "run"), []
+    monkeypatch.setattr(live.Live, "show", lambda _, *phase: told.append(phase))
+    command(["pack", str(run.folder), str(tmp_path / "small"), "--device", "cpu"])
+    evaluating = "evaluating 4 trade-offs"
+    assert told == [("building 4 worlds", None), (evaluating, 0.0), (evaluating, 0.5)]
 
 
 def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:

@@ -28,13 +28,14 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
 from morlax_torch.terminal import tune_arguments
+from morlax_torch.terminal.tune_display import TuneDisplay
 from morlax_torch.tuning import trial as trial_module
 from morlax_torch.tuning.plan import Indicator, Plan
 from morlax_torch.tuning.results import importances, write_results
 from morlax_torch.tuning.searching import tune as search
 from morlax_torch.tuning.storage import optuna
 from morlax_torch.tuning.study import Claim, Study
-from morlax_torch.tuning.workers import places
+from morlax_torch.tuning.workers import MARK, places
 
 TINY = (
     *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
@@ -147,6 +148,20 @@ def test_best_yaml_of_an_own_robot_trains_with_the_same_config(workplace):
     assert config.task.objectives == objectives and config.ppo.clip == 0.3
 
 
+def test_only_options_that_differ_between_trials_are_shown(tmp_path, capsys):
+    study = study_at(tmp_path, **{"ppo.clip": [0.3], "ppo.epochs": [4]})
+    for curve in ([1.0], [2.0] * 9):
+        scripted(study, claimed(study), curve)
+    display = TuneDisplay(study, tmp_path, 2)
+    for number in (0, 1):
+        display.finished_by_worker(number)
+    display.ended("")
+    first, second, *table = (line.split() for line in capsys.readouterr().out.splitlines())
+    assert first[4:] == ["the", "base", "config"] and second[4:] == ["clip=0.3"]
+    assert ["ppo.clip", "0.2", "0.3"] in table
+    assert not any("ppo.epochs" in line for line in table)
+
+
 @pytest.mark.slow
 def test_searches_share_the_trials_of_one_storage(workplace):
     study = None
@@ -171,6 +186,7 @@ def test_workers_share_a_study_and_a_signal_ends_all_of_them(workplace):
     assert process.returncode == 130, told
     assert "Traceback" not in told and told.count("starting") == 0
     assert told.count("continue: python -m morlax_torch tune --env hopper") == 1
+    assert "the base config" in told and MARK not in told
     assert told.count("of 500 trials done") == 1 and Path("tuning/hopper/best.yaml").exists()
     drawn = [(row["ppo.learning_rate"], row["ppo.epochs"]) for row in rows()]
     assert len(set(drawn)) == len(drawn)

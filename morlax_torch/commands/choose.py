@@ -9,6 +9,7 @@ import tyro
 
 from ..envs import MorlaxError
 from ..terminal import cli
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Device, RunName, Trust, call
 
@@ -20,6 +21,9 @@ def command(arguments: Sequence[str]) -> None:
     def main(
         run: RunName,
         maximize: Annotated[str, tyro.conf.arg(metavar="OBJECTIVE")],
+        at_least: Annotated[
+            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="run=2000")
+        ] = (),
         constrain: Annotated[
             tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="'run >= 2000'")
         ] = (),
@@ -36,7 +40,8 @@ def command(arguments: Sequence[str]) -> None:
 
         Args:
             maximize: The objective to maximize.
-            constrain: Least return of an objective.
+            at_least: Least return of an objective, once per requirement.
+            constrain: The same in another spelling, which a shell needs in quotes.
             margin: Share of an objective's range on the front by which its requirement must be
                 exceeded (None: 0.02 for tasks with random starts, models or commands, otherwise 0).
             seeds: Episodes per trade-off, to average over; for such tasks (None: as in training,
@@ -44,15 +49,20 @@ def command(arguments: Sequence[str]) -> None:
             seed: Random seed of the worlds.
         """
         least: dict[str, float] = {}
-        for name, value in map(_required, constrain):
+        required = [_required(text, "=") for text in at_least]
+        required += [_required(text, ">=") for text in constrain]
+        for name, value in required:
             least[name] = max(value, least.get(name, value))
-        from ..evaluation.requirements import shown
-        from ..runs.choosing import choose
-        from ..runs.loading import find_checkpoint, trust_run
+        with Live():
+            from ..evaluation.requirements import shown
+            from ..runs.choosing import choose
+            from ..runs.loading import find_checkpoint, trust_run
 
-        if trust:
-            trust_run(run)
-        choice = choose(run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device)
+            if trust:
+                trust_run(run)
+            choice = choose(
+                run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device
+            )
         _show(choice, least, maximize)
         weights = shown(choice.tradeoff)
         cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
@@ -85,16 +95,15 @@ def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:
         )
 
 
-def _required(text: str) -> tuple[str, float]:
-    name, sign, least = text.partition(">=")
+def _required(text: str, sign: str) -> tuple[str, float]:
+    name, found, least = text.partition(sign)
     try:
-        if not sign or not name.strip() or not math.isfinite(float(least)):
+        if not found or not name.strip() or not math.isfinite(float(least)):
             raise ValueError
         return name.strip(), float(least)
     except ValueError:
-        raise MorlaxError(
-            f"{text!r} is not a constraint: write OBJECTIVE >= NUMBER, such as 'run >= 2000'."
-        ) from None
+        example = "--at-least run=2000" if sign == "=" else "--constrain 'run >= 2000'"
+        raise MorlaxError(f"{text!r} is not a requirement: write for example {example}.") from None
 
 
 def main() -> None:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ..envs import MorlaxError
+from ..phases import phase
 from ..terminal import cli
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Device, Trust, call
 
@@ -64,24 +66,25 @@ def command(arguments: Sequence[str]) -> None:
             raise MorlaxError(
                 "name at least one run: its folder, such as runs/ant/..., or a .pt file."
             )
-        from ..reports.evaluating import evaluate_runs, table  # imports torch
-        from ..reports.verdict import verdict_of
-
         typed = f"{program('evaluate')} {shlex.join(arguments)}"
-        found, folder = evaluate_runs(
-            runs,
-            typed,
-            tradeoffs=tradeoffs,
-            protocol=protocol,
-            device=device,
-            backend=backend,
-            seed=seed,
-            seeds=seeds,
-            reference=reference,
-            output=output,
-            trust=trust,
-            portrait=_portrait,
-        )
+        with Live():
+            from ..reports.evaluating import evaluate_runs, table  # imports torch
+            from ..reports.verdict import verdict_of
+
+            found, folder = evaluate_runs(
+                runs,
+                typed,
+                tradeoffs=tradeoffs,
+                protocol=protocol,
+                device=device,
+                backend=backend,
+                seed=seed,
+                seeds=seeds,
+                reference=reference,
+                output=output,
+                trust=trust,
+                portrait=_portrait,
+            )
         cli.console.print(verdict_of(found), markup=False, highlight=False)
         cli.console.print(table(found))
         names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
@@ -95,6 +98,7 @@ def _portrait(policy: "Policy") -> bytes | None:
     """Return a picture of the robot under equal weights, if it can be drawn here."""
     from io import BytesIO
 
+    phase("drawing the robot")
     try:
         from PIL import Image
 

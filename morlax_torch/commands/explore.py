@@ -7,6 +7,7 @@ import tyro
 
 from ..terminal import cli
 from ..terminal.interrupt import interruptible
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Port, Trust, call
 from ..viewers.explorer.opening import free_port, importing_viser
@@ -24,18 +25,20 @@ def explore(run: str, host: str, port: int) -> None:
         MorlaxError: there is no such run, it has no checkpoint, viser is not installed, or the
             address cannot be listened on.
     """
-    from ..viewers.explorer import library
+    with Live():
+        from ..viewers.explorer import library
 
-    library.choose(run)  # importing viser takes seconds: report a wrong name first
-    port = free_port(host, port)
-    with importing_viser():
-        from ..viewers.explorer.page import Page
-    import torch
+        library.choose(run)  # importing viser takes seconds: report a wrong name first
+        port = free_port(host, port)
+        with importing_viser():
+            from ..viewers.explorer.page import Page
+        import torch
 
-    from ..gpu.resources import one_thread
+        from ..gpu.resources import one_thread
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
-        page = Page(run, host, port)
+        with Live():
+            page = Page(run, host, port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)
         page.stop()

@@ -9,6 +9,7 @@ import tyro
 
 from ..envs import MorlaxError
 from ..terminal import cli
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import RunName, Trust, call
 
@@ -40,30 +41,31 @@ def command(arguments: Sequence[str]) -> None:
                 policy).
             slew: Largest change of a trade-off's weight per second, for deploy.yaml (None: any).
         """
-        from ..configuration.tradeoffs import parse_tradeoff
-        from ..exports.deployment import SETTINGS, deploy
-        from ..exports.exporting import export  # imports torch
-        from ..exports.formats import FORMATS
-        from ..exports.manifest import provenance, robot_of
-        from ..runs.loading import load, own_folder
-
         if slew is not None and not 0 < slew < math.inf:
             raise MorlaxError(f"--slew must be a positive change per second, not {slew:g}.")
         if slew is not None and tradeoff is not None:
             raise MorlaxError("--slew limits a trade-off that changes: leave --tradeoff out.")
-        policy = load(run, trust=trust)
-        weights = None if tradeoff is None else parse_tradeoff(tradeoff, policy.objectives)
-        name = ("family" if weights is None else "policy") + FORMATS[format].ending
-        place = output or (own_folder(run) or Path()) / name
-        robot, about = robot_of(policy), {"run": provenance(run)}
-        if slew is not None and robot.scales() is None:
-            raise MorlaxError(
-                f"--slew is for {SETTINGS}, which {policy.config.env} does not have, because its "
-                "actions are not positions of joints."
-            )
-        largest = export(policy, place, format, weights, about, robot)
+        with Live():
+            from ..configuration.tradeoffs import parse_tradeoff
+            from ..exports.deployment import SETTINGS, deploy
+            from ..exports.exporting import export  # imports torch
+            from ..exports.formats import FORMATS
+            from ..exports.manifest import provenance, robot_of
+            from ..runs.loading import load, own_folder
+
+            policy = load(run, trust=trust)
+            weights = None if tradeoff is None else parse_tradeoff(tradeoff, policy.objectives)
+            name = ("family" if weights is None else "policy") + FORMATS[format].ending
+            place = output or (own_folder(run) or Path()) / name
+            robot, about = robot_of(policy), {"run": provenance(run)}
+            if slew is not None and robot.scales() is None:
+                raise MorlaxError(
+                    f"--slew is for {SETTINGS}, which {policy.config.env} does not have, because "
+                    "its actions are not positions of joints."
+                )
+            largest = export(policy, place, format, weights, about, robot)
+            lacks = deploy(robot, place, policy.config.env, policy.objectives, weights, slew)
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
-        lacks = deploy(robot, place, policy.config.env, policy.objectives, weights, slew)
         if lacks is not None:
             cli.console.print(
                 f"written: {place.with_name(SETTINGS)}, for morlax play {place.parent}"

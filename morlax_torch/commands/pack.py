@@ -9,6 +9,7 @@ import tyro
 
 from ..envs import MorlaxError
 from ..terminal import cli
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import call
 
@@ -35,21 +36,22 @@ def command(arguments: Sequence[str]) -> None:
             device: Device that evaluates the front: cuda, cpu, ... (None: CUDA if there is a GPU).
             trust: Let the runs import the Python files and modules that they name.
         """
-        from ..runs.loading import trust_run  # imports torch
-
         runs = places if web else places[:1]
         if not places or not (web or len(places) == 2):
             raise MorlaxError(
                 "name a run and a new folder (RUN FOLDER), or runs and a folder for their web page "
                 "(RUN ... --web FOLDER)."
             )
-        if trust:
-            for run in runs:
-                trust_run(run)
-        if web:
-            _write_page(runs, web, device)
-        else:
-            _pack(runs[0], Path(places[1]), device)
+        with Live():
+            from ..runs.loading import trust_run  # imports torch
+
+            if trust:
+                for run in runs:
+                    trust_run(run)
+            if web:
+                _write_page(runs, web, device)
+            else:
+                _pack(runs[0], Path(places[1]), device)
 
     call(main, arguments, program("pack"))
 

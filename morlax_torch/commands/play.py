@@ -8,6 +8,7 @@ import tyro
 from rich.table import Table
 
 from ..terminal import cli
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import call
 
@@ -56,14 +57,9 @@ def command(arguments: Sequence[str]) -> None:
 
         strengths, deployment = Disturbances(delay, noise, push, friction), open_export(export)
         if episodes is not None:
-            with cli.bar("playing") as watch:
+            with Live():
                 found = run(
-                    deployment,
-                    strengths,
-                    episodes,
-                    30.0 if seconds is None else seconds,
-                    seed,
-                    watch,
+                    deployment, strengths, episodes, 30.0 if seconds is None else seconds, seed
                 )
             cli.console.print(_table(found))
             return
@@ -72,9 +68,9 @@ def command(arguments: Sequence[str]) -> None:
             falls = show(deployment, strengths, seconds, gamepad, seed)
         else:
             place = output or Path("film.mp4")
-            with cli.bar("filming") as watch:
+            with Live():
                 falls = film(
-                    deployment, strengths, place, 5.0 if seconds is None else seconds, seed, watch
+                    deployment, strengths, place, 5.0 if seconds is None else seconds, seed
                 )
             cli.console.print(f"written: {place}")
         cli.console.print(f"falls: {falls}")

@@ -7,6 +7,7 @@ from typing import Annotated
 import tyro
 
 from ..terminal import cli
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import RunName, Trust, call
 
@@ -47,20 +48,19 @@ def command(arguments: Sequence[str]) -> None:
             seed: Random seed of the world.
             sweep: Film one robot whose trade-off moves along the front, beside the front.
         """
-        from ..configuration.tradeoffs import parse_tradeoff
-        from ..runs.fronts import load_front
-        from ..runs.loading import find_run, load, own_folder  # imports torch
-        from ..terminal.cli import bar
-        from ..viewers.filming.recording import record
+        with Live():
+            from ..configuration.tradeoffs import parse_tradeoff
+            from ..runs.fronts import load_front
+            from ..runs.loading import find_run, load, own_folder  # imports torch
+            from ..viewers.filming.recording import record
 
-        policy = load(run, trust=trust)
-        folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
-        place = output or (folder / "film.mp4" if folder else shipped)
-        tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
-        with bar("filming") as watch:
+            policy = load(run, trust=trust)
+            folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
+            place = output or (folder / "film.mp4" if folder else shipped)
+            tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
             front = load_front(run) if sweep else None
             sizes = width, height, pictures
-            record(policy, place, tradeoffs, seconds, speed, *sizes, seed, front, watch)
+            record(policy, place, tradeoffs, seconds, speed, *sizes, seed, front)
         cli.console.print(f"written: {place}")
 
     call(main, arguments, program("record"))

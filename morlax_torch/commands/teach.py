@@ -10,6 +10,7 @@ import tyro
 from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.interrupt import interruptible
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Port, Trust, call
 from ..viewers.explorer.opening import free_port, importing_viser
@@ -43,22 +44,24 @@ def command(arguments: Sequence[str]) -> None:
             clips: Number of clips to record of a run.
             seed: Random seed.
         """
-        from ..preferences.teaching import Lesson
-        from ..runs.loading import trust_run
-
-        if trust:
-            trust_run(run)
         serves = judge is None and answers > 0
-        if serves:
-            port = free_port(host, port)
-        lesson = Lesson(run, folder, objective, clips, seed)
+        with Live():
+            from ..preferences.teaching import Lesson
+            from ..runs.loading import trust_run
+
+            if trust:
+                trust_run(run)
+            if serves:
+                port = free_port(host, port)
+            lesson = Lesson(run, folder, objective, clips, seed)
         if answers < 0:
             raise MorlaxError(f"there are {answers} answers to give: name 0 or more.")
         if judge is not None:
             lesson.judge(judge, answers)
         elif serves:
             _ask(lesson, answers, host, port)
-        fitted = lesson.finish()
+        with Live():
+            fitted = lesson.finish()
         cli.console.print(
             f"{len(lesson.comparisons)} answers; the learned reward agrees with "
             f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"

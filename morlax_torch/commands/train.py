@@ -19,10 +19,13 @@ def command(arguments: Sequence[str]) -> None:
             f"{run.folder} has reached its limit: raise --{limit} to train it further."
         )
         return
-    from ..runs.session import Session  # imports torch
-    from ..terminal.display import Display
+    from ..terminal.live import Live
 
-    session = Session.of(config, run, output)
+    with Live():
+        from ..runs.session import Session  # imports torch
+        from ..terminal.display import Display
+
+        session = Session.of(config, run, output)
     assert session.run is not None
     gather = session.learner.group.gather
 

@@ -1,17 +1,24 @@
 """Search for a task's hyperparameters."""
 
+import json
 import math
 import shlex
 import sys
 import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ..envs import MorlaxError
+from ..phases import heard_by
 from ..terminal import cli
 from ..terminal.interrupt import Interruption, interruptible
+from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.tune_arguments import read
 from ..torchrun import SEVERAL
+
+if TYPE_CHECKING:
+    from ..terminal.tune_display import TuneDisplay
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -42,17 +49,20 @@ def command(arguments: Sequence[str]) -> None:
 
     with interruptible() as interrupted:
         if workers.is_worker():
-            search(study, folder, options.trials, stopped, display.finished)
+            teller = workers.Teller()
+            with heard_by(teller.phase):
+                search(study, folder, options.trials, stopped, teller.finished)
         else:
             visible = workers.places(resolve_device(config.device), options.workers, one_gpu)
             several = len(visible) > 1
             write_results(study, folder)  # a folder that cannot be written is told before training
             display.started(f"{len(visible)} workers" if several else str(config.device))
             if several:
-                _search_together(arguments, visible, interrupted)
+                _search_together(arguments, visible, display, interrupted)
                 write_results(study, folder)
             else:
-                search(study, folder, options.trials, stopped, display.finished)
+                with Live():
+                    search(study, folder, options.trials, stopped, display.finished)
             display.ended(f"{program('tune')} {shlex.join(arguments)}")
             results = study.results()
             if results and all(result.state == "failed" for result in results):
@@ -63,9 +73,22 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _search_together(
-    arguments: Sequence[str], visible: Sequence[str | None], interrupted: Interruption
+    arguments: Sequence[str],
+    visible: Sequence[str | None],
+    display: "TuneDisplay",
+    interrupted: Interruption,
 ) -> None:
-    from ..tuning.workers import run_workers
+    from ..tuning.workers import MARK, run_workers
+
+    def printed(index: int, line: str) -> None:
+        if not line.startswith(MARK):
+            print(line, file=sys.stderr)  # an error or a warning
+            return
+        told = json.loads(line[len(MARK) :])
+        if isinstance(told, int):
+            display.finished_by_worker(told)
+        else:
+            live.show(*told, row=index)
 
     def ended(index: int, status: int) -> None:
         if status and not interrupted():
@@ -73,7 +96,8 @@ def _search_together(
                 f"worker {index} ended with status {status}; its trial is queued again"
             )
 
-    statuses = run_workers(arguments, visible, lambda: interrupted.signal, ended)
+    with Live(len(visible)) as live:
+        statuses = run_workers(arguments, visible, lambda: interrupted.signal, printed, ended)
     if all(statuses) and not interrupted():
         raise MorlaxError(f"all {len(statuses)} workers ended early: see the lines above.")
 

@@ -19,6 +19,7 @@ from ..envs.errors import explained, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..files import exists
+from ..phases import phase
 from .files import algorithm_of, merged, nested, renamed, task_values
 from .sections import (
     OPTIONS,
@@ -117,6 +118,7 @@ class Config(Section):
 
     def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> "Worlds":
         """Make worlds of the task; those to evaluate in have no automatic reset."""
+        phase(f"building {number} worlds")
         task = self.task.for_evaluation() if evaluating else self.task
         return envs.make(
             self.env,

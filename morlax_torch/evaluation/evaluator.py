@@ -12,6 +12,7 @@ from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
 from ..gpu.resources import one_thread
 from ..networks.agent import Agent
+from ..phases import phase
 from .front import Front
 
 Protocol = Literal["latched", "paper"]
@@ -134,7 +135,8 @@ class Evaluator:
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         with one_thread(self.env.device):
-            for _ in range(self.env.episode_length // self._stride):
+            for step in range(0, self.env.episode_length, self._stride):
+                phase(f"evaluating {self.number} trade-offs", step / self.env.episode_length)
                 self._steps()
         generator.set_state(state)
         return self._fronts()

@@ -14,6 +14,7 @@ from ..files import AnyPath, write_file
 from ..networks.agent import normalizer_for
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
+from ..phases import phase
 from .formats import FORMATS, quiet
 from .manifest import manifest
 
@@ -70,6 +71,7 @@ def export(
     module = FamilyPolicy(policy) if tradeoff is None else policy.specialize(tradeoff)
     inputs = [samples(policy, rows, tradeoff is None) for rows in BATCHES]
     about = {**manifest(policy, tradeoff, robot), **(about or {})}
+    phase("exporting the policy")
     with quiet(), torch.no_grad():
         data = chosen.write(program_of(module, inputs[0]), about)
         run = chosen.read(data)

@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable
 
 import torch
 
+from ..phases import phase
+
 
 class Branch:
     """GPU work that runs in parallel with later work until `join`; on the CPU it runs at once.
@@ -69,6 +71,7 @@ class Graph:
             return
         import warp as wp
 
+        phase("compiling kernels")
         wp.init()
         current = torch.cuda.current_device()
         stream = torch.cuda.Stream(self.device)

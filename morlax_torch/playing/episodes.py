@@ -1,11 +1,12 @@
 """Episodes without a window: how often a robot falls, how well it walks, and at which power."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..envs import MorlaxError
+from ..phases import phase
 from .deployment import Export
 from .disturbances import Disturbances
 from .policy import Policy
@@ -35,11 +36,8 @@ def run(
     episodes: int,
     seconds: float = 30.0,
     seed: int = 0,
-    watch: Callable[[float], object] = lambda share: None,
 ) -> list[Episode]:
     """Run episodes under random commands and trade-offs, which end with a fall.
-
-    `watch` is called with the share that is done.
 
     Raises:
         MorlaxError: there is no episode, or it has no control step.
@@ -49,11 +47,11 @@ def run(
         raise MorlaxError(f"--episodes must be at least 1, not {episodes}.")
     policy, found = policy_of(deployment), []
     for number in range(episodes):
+        phase("playing", number / episodes)
         draws, wishes = np.random.SeedSequence([seed, number]).spawn(2)
         robot = Robot(deployment, disturbances, draws)
         wished = Wishes(deployment, np.random.default_rng(wishes))
         found.append(_episode(robot, policy, wished, round(seconds / robot.dt)))
-        watch((number + 1) / episodes)
     return found
 
 

@@ -3,7 +3,7 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
+from ..phases import phase
 from .deployment import Export
 from .disturbances import Disturbances
 from .episodes import check_times, policy_of
@@ -91,11 +92,10 @@ def film(
     output: Path,
     seconds: float,
     seed: int = 0,
-    watch: Callable[[float], object] = lambda share: None,
 ) -> int:
     """Write a film (.mp4, .gif) of the robot under random commands and trade-offs.
 
-    `watch` is called with the share that is done. Returns the number of falls.
+    Returns the number of falls.
 
     Raises:
         MorlaxError: no OpenGL, no ffmpeg, or `output` cannot be written.
@@ -110,7 +110,7 @@ def film(
     robot.model.mat_reflectance[:] = 0  # second per frame
     every = max(1, round(1 / (robot.dt * FASTEST)))
     falls: list[float] = []
-    frames = _frames(robot, deployment, round(seconds / robot.dt), every, seed, falls, watch)
+    frames = _frames(robot, deployment, round(seconds / robot.dt), every, seed, falls)
     write_video(output, frames, 1 / (robot.dt * every))
     return len(falls)
 
@@ -122,7 +122,6 @@ def _frames(
     every: int,
     seed: int,
     falls: list[float],
-    watch: Callable[[float], object],
 ) -> Iterator[NDArray[np.uint8]]:
     """Render every so many control steps (H, W, 3), and append the time of each fall."""
     from ..viewers.camera import FollowingCamera
@@ -133,6 +132,7 @@ def _frames(
     camera.restart(robot.data)
     with Scene(robot.model, *SIZE) as scene:
         for step in range(steps):
+            phase("filming", step / steps)
             if step % every == 0:
                 yield scene.draw(robot.data, camera.camera)
             command = wishes.command(step * robot.dt, policy)
@@ -140,4 +140,3 @@ def _frames(
                 falls.append(step * robot.dt)
                 robot.reset()
             camera.follow(robot.data, robot.dt)
-            watch((step + 1) / steps)

@@ -11,6 +11,7 @@ from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import Environment, MorlaxError
 from ..envs.worlds.learned import TERM
 from ..networks.policy import Policy
+from ..phases import phase
 
 SECONDS = 1.5  # length of a clip
 LONGEST = 1000  # control steps of an episode that clips are cut from
@@ -54,6 +55,7 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
     seen, positions, actions, terms = [observation], [env.physics.qpos.clone()], [], []
     with torch.no_grad():
         for time in range(steps):
+            phase(f"recording {number} clips", time / steps)
             chosen = actors.distribution(observation[:, None])
             noise = chosen.noise(generator)
             noise[::2] = 0

@@ -12,6 +12,7 @@ from ..envs.making import check_seed
 from ..envs.worlds.learned import TERM
 from ..envs.worlds.options import check_objectives
 from ..files import exists, make_folder, write_file
+from ..phases import phase
 from ..runs.loading import find_checkpoint, load
 from . import reward
 from .clips import record
@@ -116,6 +117,7 @@ class Lesson:
             MorlaxError: there are too few answers, or a file cannot be written.
         """
         self.save()
+        phase("learning the reward")
         fitted = reward.fit(self.comparisons, self._seed)
         reward.save(fitted.reward, self.folder / "learned.pt")
         write_file(self.folder / "config.yaml", write_yaml(self.config()))

@@ -13,6 +13,7 @@ from ..evaluation.evaluator import Protocol
 from ..evaluation.front import Front
 from ..files import unused
 from ..networks.policy import Policy
+from ..phases import phase, within
 from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
@@ -75,10 +76,10 @@ def evaluate_runs(
 
     target = None if reference is None else reference_front(reference, policies, evaluated)
     files = {name: find_checkpoint(run) for name, run in named.items()}
-    fronts = {
-        name: evaluated(policy)._replace(checkpoint=files[name].name)
-        for name, policy in policies.items()
-    }
+    fronts = {}
+    for name, policy in policies.items():
+        with within(name):
+            fronts[name] = evaluated(policy)._replace(checkpoint=files[name].name)
     if target is None and len(fronts) > 1:
         target = comparison.union(list(fronts.values()))
     found = {}
@@ -94,7 +95,9 @@ def evaluate_runs(
     if target is not None:
         source = reference or "the non-dominated points of all runs"
         about += f" Reference of IGD+: {source}, {len(target)} points."
-    write(found, folder, about, typed, portrait(first))
+    picture = portrait(first)
+    phase("writing the report")
+    write(found, folder, about, typed, picture)
     if output is None and len(runs) == 1 and own_folder(runs[0]):
         (path,), (front,) = files.values(), fronts.values()
         front.save(front_path(path))  # where `load_front` looks

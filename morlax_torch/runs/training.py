@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import nullcontext
 from functools import partial
 
@@ -13,6 +13,7 @@ from ..envs.devices import seed_of
 from ..evaluation import making
 from ..evaluation.evaluator import SETS, Evaluator
 from ..evaluation.front import Front
+from ..phases import phase
 from ..torchrun import launch
 from . import checkpoint
 from .progress import Evaluation, Progress
@@ -24,6 +25,7 @@ UNSTABLE = (
     "numbers of the simulation or the reward are not finite or far too large, so nothing can be "
     "learned: check the task's rewards and observations, or use a smaller time step in its MJCF"
 )
+TRAINING = "training"  # the phase
 MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
 
 
@@ -86,7 +88,7 @@ def training(
                 yield from writer.results(all_of_them=finished)
                 if finished:
                     break
-                _iterate(learner, schedule, stopped, progress, run, writer, earlier)
+                yield from _iterate(learner, schedule, stopped, progress, run, writer, earlier)
         except MorlaxError:
             yield from writer.results(all_of_them=True)
             raise
@@ -162,9 +164,10 @@ def _iterate(
     run: Run | None,
     writer: Writer,
     earlier: int,
-) -> None:
+) -> Iterator[Evaluation]:
     """Run some iterations, then read and check the metrics.
 
+    On a CPU, where an iteration may take a second, yield evaluations as soon as they are written.
     `earlier`: blow-ups counted before the worlds were rebuilt.
     """
     first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
@@ -173,9 +176,15 @@ def _iterate(
     own = schedule.iterations(), schedule.pace(), progress.train_seconds
     number, pace, trained = learner.group.first(own)
     for i in range(number):
+        if alone and learner.env.device.type == "cpu":
+            away = time.perf_counter()
+            yield from writer.results()
+            start += time.perf_counter() - away
         elapsed = time.perf_counter() - start if alone else 0.0
         # a GPU runs behind, so its clock is predicted
-        learner.iterate(schedule.done(trained + max(elapsed, i * pace)))
+        done = schedule.done(trained + max(elapsed, i * pace))
+        phase(TRAINING, done)
+        learner.iterate(done)
         if alone and (stopped() or time.perf_counter() - start >= seconds):
             break
     metrics = learner.metrics()

@@ -6,11 +6,10 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import NoReturn
 
-from rich import progress
 from rich.console import Console
 
 from ..envs import MorlaxError
@@ -134,23 +133,3 @@ def fail(sentence: str) -> NoReturn:
     if SEVERAL:
         skip_teardown(2)
     sys.exit(2)
-
-
-def moving(*columns: progress.ProgressColumn) -> progress.Progress:
-    """Return a display that moves on a terminal, and is not there on a file or pipe."""
-    disable = not console.is_terminal
-    return progress.Progress(*columns, console=console, transient=True, disable=disable)
-
-
-@contextmanager
-def bar(label: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal; yields a function to call with the share that is done."""
-    shown = moving(
-        progress.TextColumn(label),
-        progress.BarColumn(bar_width=24),
-        progress.TaskProgressColumn(),
-        progress.TimeRemainingColumn(),
-    )
-    task = shown.add_task(label, total=1.0)
-    with shown:
-        yield lambda share: shown.update(task, completed=share)

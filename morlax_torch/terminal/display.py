@@ -2,20 +2,16 @@
 
 import shlex
 from pathlib import Path
-from threading import Event, Thread
 from typing import Self
-
-from rich.progress import BarColumn, ProgressColumn, Task, TimeElapsedColumn
-from rich.text import Text
 
 from ..algorithms.learner import Learner
 from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
 from ..runs.progress import Evaluation, Progress
-from .cli import console, moving, print_command
+from ..runs.training import TRAINING
+from .cli import console, print_command
+from .live import Live, described
 from .startup import program
-
-LONGEST_SILENCE = 30.0  # seconds without a line on a file or pipe
 
 
 class Display:
@@ -27,18 +23,7 @@ class Display:
 
     def __init__(self, learner: Learner, folder: Path, progress: Progress):
         self._learner, self._folder, self._progress = learner, folder, progress
-        status = _Status(learner.config.max_env_steps, learner.config.max_seconds, progress)
-        self._bar = moving(BarColumn(bar_width=8), status, TimeElapsedColumn())
-        task = self._bar.add_task("", total=1.0)
-        self._told, self._over = Event(), Event()
-
-        def tell() -> None:
-            while not self._over.is_set():
-                if not self._told.wait(LONGEST_SILENCE):
-                    console.print(f"   {status.render(self._bar.tasks[task])}")
-                self._told.clear()
-
-        self._teller = None if console.is_terminal else Thread(target=tell, daemon=True)
+        self._live = Live(describe=self._described)
         self._named = False  # the columns
 
     def __enter__(self) -> Self:
@@ -73,19 +58,15 @@ class Display:
             )
         if env.simulator == "MuJoCo Warp":
             console.print("compiling kernels: up to a minute the first time on a machine")
-        self._bar.start()
-        if self._teller is not None:
-            self._teller.start()
+        self._live.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-        self._over.set()
-        self._told.set()
+        self._live.__exit__()
 
     def evaluated(self, evaluation: Evaluation) -> None:
         """Print a line for an evaluation, and the names of its columns before the first line."""
-        self._told.set()
+        self._live.told()
         row = evaluation.row()
         name = hypervolume_in(row)
         volume = name.replace("_", " ")
@@ -114,32 +95,18 @@ class Display:
         folder = shlex.quote(str(self._folder))
         print_command("next", f"{program(more)} {folder}")
 
-
-class _Status(ProgressColumn):
-    """How far training is, how fast, and how long it will still take, at each redraw."""
-
-    max_refresh = 0.5  # seconds
-
-    def __init__(self, max_env_steps: int | None, max_seconds: float | None, progress: Progress):
-        super().__init__()
-        self._max_env_steps, self._max_seconds = max_env_steps, max_seconds
-        self._progress = progress
-
-    def render(self, task: Task) -> Text:
-        progress = self._progress
-        if not progress.steps_per_second:
-            return Text("starting")
-        done, left = 0.0, float("inf")
+    def _described(self, name: str, share: float | None) -> str:
+        """Say how far training is, how fast, and how long it will still take."""
+        config, progress = self._learner.config, self._progress
+        if name != TRAINING or not progress.steps_per_second:
+            return described(name, share)
         limits = (
-            (progress.env_steps, self._max_env_steps, progress.steps_per_second),
-            (progress.train_seconds, self._max_seconds, 1.0),
+            (progress.env_steps, config.max_env_steps, progress.steps_per_second),
+            (progress.train_seconds, config.max_seconds, 1.0),
         )
-        for value, limit, speed in limits:
-            if limit is not None and (limit - value) / speed < left:
-                done, left = value / limit, max(0.0, (limit - value) / speed)
-        task.completed = done
-        until = f", {_duration(left)} left" if left < float("inf") else ""
-        return Text(
+        left = [(limit - value) / speed for value, limit, speed in limits if limit is not None]
+        until = f", {_duration(max(0.0, min(left)))} left" if left else ""
+        return (
             f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)}/s, "
             f"hypervolume {progress.hypervolume:.3e}{until}"
         )

@@ -7,6 +7,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from ..configuration.config import flat
 from ..envs.naming import title
 from ..tuning.results import FEWEST, importances
 from ..tuning.study import Result, Study
@@ -34,7 +35,11 @@ class TuneDisplay:
         )
         print_line(f"options: {options}")
         print_line(f"study {self._study.name} in {self._study.storage}")
-        print_line(f"trial  state     {self._study.plan.main[:11]:>11}  ratio  options")
+        print_line(f"trial  state     {self._study.plan.main[:11]:>11}  ratio  changed options")
+
+    def finished_by_worker(self, number: int) -> None:
+        results = {result.number: result for result in self._study.results()}
+        self.finished(self._study, results[number])
 
     def finished(self, study: Study, result: Result) -> None:
         if result.state == "failed":
@@ -45,10 +50,14 @@ class TuneDisplay:
 
     def _print(self, result: Result, values: str) -> None:
         """Print the line of a trial that has not failed."""
-        given = ((name.rpartition(".")[2], value) for name, value in result.options.items())
-        changed = " ".join(f"{name}={_short(value)}" for name, value in given)
+        base = flat(self._study.plan.base.model_dump(mode="json"))
+        changed = " ".join(
+            f"{name.rpartition('.')[2]}={_short(value)}"
+            for name, value in result.options.items()
+            if value != base[name]
+        )
         about = f"{result.number:5d}  {values}  {self._ratio(result):>5}  "
-        print_line(about + ("the base config" if result.base else changed), indent=len(about))
+        print_line(about + (changed or "the base config"), indent=len(about))
 
     def _ratio(self, result: Result) -> str:
         base, main = self._study.base_result(), self._study.plan.main
@@ -79,7 +88,9 @@ class TuneDisplay:
         main = self._study.plan.main
         self._row(main, [_short(result.indicators[main]) for result in shown])
         self._row("ratio", [self._ratio(result) for result in shown])
-        for option in sorted(self._study.plan.space.parameters, key=lambda n: -shares.get(n, 0)):
+        for option in sorted(shown[0].options, key=lambda name: -shares.get(name, 0)):
+            if all(result.options[option] == shown[0].options[option] for result in shown):
+                continue
             share = f"{shares[option]:.0%}" if option in shares else ""
             self._row(option, [_short(result.options[option]) for result in shown], share)
         if shares:
@@ -90,7 +101,7 @@ class TuneDisplay:
     def _print_front(self, ranked: list[Result]) -> None:
         names = self._study.plan.indicators
         print_line("non-dominated trials:")
-        print_line(f"trial  {'  '.join(f'{name:>16}' for name in names)}  ratio  options")
+        print_line(f"trial  {'  '.join(f'{name:>16}' for name in names)}  ratio  changed options")
         for result in ranked:
             self._print(result, "  ".join(f"{result.indicators[name]:16.4e}" for name in names))
 

@@ -9,6 +9,7 @@ from ..configuration.files import space_values
 from ..envs import resolve_device
 from ..envs.naming import title
 from ..files import AnyPath
+from ..phases import within
 from .plan import Indicator, Plan
 from .results import write_results
 from .storage import optuna, unusable
@@ -91,7 +92,8 @@ def search(
             claim = study.claim(trials)
             if claim is None:
                 return
-            result = run_trial(study, claim, stopped)
+            with within(f"trial {claim.trial.number}"):
+                result = run_trial(study, claim, stopped)
             if result is not None:
                 write_results(study, folder)
                 if on_trial is not None:

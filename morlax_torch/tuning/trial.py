@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from statistics import fmean
 from typing import NamedTuple
 
 from ..configuration.config import Config
 from ..envs import MorlaxError
 from ..gpu.resources import release_memory, shortage_of_memory
+from ..phases import within
 from ..runs.progress import Evaluation
 from ..runs.session import Session
 from .plan import EVALUATED
@@ -47,7 +48,8 @@ def _train(study: Study, claim: Claim, stopped: Callable[[], bool]) -> Result | 
     """
     runs: list[_Run] = []
     while not runs or (len(runs) < SEEDS and study.looks_best(claim, _mean(runs).indicators)):
-        run = _train_once(study, claim, len(runs), stopped)
+        with within(f"seed {len(runs) + 1} of {SEEDS}") if runs else nullcontext():
+            run = _train_once(study, claim, len(runs), stopped)
         if run is None:
             study.put_back(claim)
             return None

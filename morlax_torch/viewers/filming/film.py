@@ -1,7 +1,7 @@
 """A robot under several trade-offs side by side, as video frames or as a film strip."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -11,6 +11,7 @@ from PIL import Image
 
 from ...envs import MorlaxError
 from ...networks.policy import Policy
+from ...phases import phase
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for
 from ..player import Player
 from . import panels
@@ -79,16 +80,11 @@ class Film:
             pairs = zip(self._takes, pictures, strict=True)
             yield panels.side_by_side([take.captioned(picture) for take, picture in pairs])
 
-    def strip(
-        self,
-        seconds: float = 5.0,
-        pictures: int = 8,
-        watch: Callable[[float], object] = lambda share: None,
-    ) -> NDArray[np.uint8]:
+    def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
         """Render a film strip (H, W, 3) RGB: a row of pictures for each trade-off.
 
         A row shows the last gait cycle of the simulated time, or the last two if the cycle has
-        fewer control steps than pictures. `watch` is called with the share that is done.
+        fewer control steps than pictures.
 
         Raises:
             MorlaxError: an unusable duration, number or size, or no OpenGL.
@@ -100,8 +96,8 @@ class Film:
         steps, model = self.steps(seconds), self._takes[0].player.model
         rows = []
         for number, take in enumerate(self._takes):
+            phase("filming", number / len(self._takes))
             rows.append(take.poses(steps, pictures))
-            watch((number + 1) / len(self._takes))
         poses = [pose for row in rows for pose in row]
         cameras = cameras_for(model, self._size[0] / self._size[1], [pose.data for pose in poses])
         with Scene(model, *self._size) as scene:

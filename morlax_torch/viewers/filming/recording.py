@@ -1,6 +1,6 @@
 """Write films and film strips: H.264 for browsers and slides, animated GIF, or PNG."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...files import replacing
 from ...networks.policy import Policy
+from ...phases import phase
 from .film import Film
 from .sweep import Sweep
 from .video import ENDINGS, FASTEST, write_video
@@ -28,7 +29,6 @@ def record(
     pictures: int = 8,
     seed: int = 0,
     sweep: Front | None = None,
-    watch: Callable[[float], object] = lambda share: None,
 ) -> None:
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
 
@@ -43,7 +43,6 @@ def record(
         pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
         seed: random seed of the world.
         sweep: film one robot instead, whose trade-off moves along this front of the policy.
-        watch: called with the share that is done, in [0, 1], again and again.
 
     Raises:
         MorlaxError: an unusable number, no OpenGL, no ffmpeg, or `output` cannot be written.
@@ -59,18 +58,15 @@ def record(
         film = Sweep(policy, sweep, width, height, seed)
     if output.suffix.lower() == ".png":
         with replacing(output) as file:
-            Image.fromarray(film.strip(seconds, pictures, watch)).save(file, format="PNG")
+            Image.fromarray(film.strip(seconds, pictures)).save(file, format="PNG")
     else:
         every, fps = film.pace(speed, FASTEST[output.suffix.lower()])
         total = film.steps(seconds) // every + 1
-        write_video(output, _watched(film.frames(seconds, every), total, watch), fps)
+        write_video(output, _counted(film.frames(seconds, every), total), fps)
 
 
-def _watched(
-    frames: Iterator[NDArray[np.uint8]], total: int, watch: Callable[[float], object]
-) -> Iterator[NDArray[np.uint8]]:
+def _counted(frames: Iterator[NDArray[np.uint8]], total: int) -> Iterator[NDArray[np.uint8]]:
     """Yield frames, at most `total` of them, and tell how many there have been."""
-    for number, frame in enumerate(frames, 1):
+    for number, frame in enumerate(frames):
+        phase("filming", number / total)
         yield frame
-        watch(number / total)
-    watch(1.0)

@@ -10,6 +10,7 @@ from torch import Tensor
 from ...envs import Environment
 from ...envs.replacing import replaced
 from ...exports.formats import onnxruntime
+from ...phases import phase
 from .recording import Draws
 from .tracing import ARRAYS, RESULTS, OnnxGraph, Traced, cannot
 
@@ -53,7 +54,8 @@ def check(env: Environment, traced: Traced, generator: torch.Generator) -> float
     replica, largest = Replica(traced), 0.0
     for episode in range(EPISODES):
         env.reset()
-        for _ in range(STEPS):
+        for step in range(STEPS):
+            phase("checking the traced task", (episode * STEPS + step) / (EPISODES * STEPS))
             random = 2 * torch.rand(1, env.action_size, generator=generator) - 1
             action = random if episode else torch.zeros_like(random)
             largest = max(largest, _step(env, replica, action))

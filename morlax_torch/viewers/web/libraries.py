@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from ...envs import MorlaxError
 from ...files import write_file
+from ...phases import phase
 
 REGISTRY = "https://registry.npmjs.org"
 PATIENCE = 60  # s without an answer
@@ -94,6 +95,7 @@ def _archive(library: Library) -> bytes:
     kept = cache() / library.archive
     if kept.is_file() and _is_intact(data := kept.read_bytes(), library):
         return data
+    phase(f"downloading {library.archive}")
     try:
         with urllib.request.urlopen(library.address, timeout=PATIENCE) as response:
             data = response.read()

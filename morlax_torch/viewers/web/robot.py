@@ -16,6 +16,7 @@ from ...evaluation import pareto
 from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
+from ...phases import phase
 from ...runs.checkpoint import front_path
 from ...runs.evaluating import evaluate
 from ...runs.fronts import load_front
@@ -42,6 +43,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     """
     policy = load(run)
     env, model = build(policy)
+    phase("tracing the task")
     traced = trace(env)
     check(env, traced, torch.Generator().manual_seed(0))
     folder.mkdir(parents=True)

@@ -11,6 +11,7 @@ from typing import Any
 
 from ...exports.formats import onnxruntime
 from ...files import making
+from ...phases import within
 from . import libraries
 from .robot import write_robot
 
@@ -42,7 +43,8 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
     known: list[dict[str, Any]] = []
     for index, run in enumerate(runs):
         place = f"runs/{index}"
-        known.append({"folder": place, **write_robot(run, folder / place, device)})
+        with within(Path(run).name):
+            known.append({"folder": place, **write_robot(run, folder / place, device)})
     _number(known)
     shared = sum(_compress(file) for file in (folder / "libraries").glob("*.wasm"))
     for run in known:
