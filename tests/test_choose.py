@@ -17,6 +17,7 @@ from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.networks.agent import Agent
+from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
 from morlax_torch.runs.loading import find_run
 from morlax_torch.terminal import cli
 
@@ -255,3 +256,38 @@ def test_a_requirement_that_cannot_be_read_is_refused(option, text, remedy, monk
         cli.run(command)
     said = " ".join(capsys.readouterr().err.split())
     assert said == f"error: {text!r} is not a requirement: write for example {option} {remedy}."
+
+
+def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
+    run = make_run(tmp_path / "run", "hopper", "best")
+    file = bookmark(run, "calm one", (0.25, 0.75))
+    bookmark(run, "fast", (3.0, 1.0))
+    assert file.read_text() == "calm one: [0.25, 0.75]\nfast: [3.0, 1.0]\n"
+    names = ("run", "jump")
+    assert tradeoff_of("@calm one", run, names) == (0.25, 0.75)
+    assert tradeoff_of("0.8,0.2", run, names) == (0.8, 0.2)
+    with pytest.raises(MorlaxError, match=r"unknown bookmark of .*'fsat': did you mean 'fast'"):
+        tradeoff_of("@fsat", run, names)
+    with pytest.raises(MorlaxError, match="cannot name a bookmark"):
+        bookmark(run, "../fast", (1.0, 0.0))
+    with pytest.raises(MorlaxError, match="shipped policies keep no bookmarks"):
+        bookmark("hopper", "fast", (1.0, 0.0))
+    for text in ("fast: [a]", "[1, 2]", "fast: 3", "{"):
+        file.write_text(text)
+        with pytest.raises(MorlaxError, match="is damaged"):
+            tradeoff_of("@fast", run, names)
+
+
+def test_choose_stores_a_bookmark_for_other_commands(tmp_path, make_run, monkeypatch, capsys):
+    run = make_run(tmp_path / "run", "hopper", "best")
+    typed = [str(run), "--maximize", "run", "--device", "cpu", "--bookmark"]
+    monkeypatch.setattr("sys.argv", ["choose", *typed, "my best"])
+    cli.run(command)
+    said = capsys.readouterr().out
+    assert "--tradeoff '@my best'" in said
+    weights = next(x for x in said.splitlines() if x.startswith("trade-off: ")).split()[1]
+    chosen = tradeoff_of("@my best", run, ("run", "jump"))
+    assert chosen == pytest.approx(parse_tradeoff(weights, ("run", "jump")))
+    monkeypatch.setattr("sys.argv", ["choose", *typed, "a/b"])
+    with pytest.raises(SystemExit):
+        cli.run(command)

@@ -11,6 +11,7 @@ import morlax_torch
 from morlax_torch import MorlaxError
 from morlax_torch.evaluation.front import Front
 from morlax_torch.pack import pack
+from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
 from morlax_torch.runs.run import Run
 from morlax_torch.train import train
 
@@ -24,6 +25,7 @@ def run(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def packed(run, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("packed") / "hopper"
+    bookmark(run, "high", (0.3, 0.7))
     pack(run, folder, "cpu")
     return folder
 
@@ -36,6 +38,7 @@ def test_a_packed_run_gives_the_same_actions_and_has_a_front(run, packed):
     front = Front.load(packed / "front.npz")
     assert front.returns.shape == (4, 2)
     assert np.isfinite(front.hypervolume)
+    assert tradeoff_of("@high", packed, found.objectives) == (0.3, 0.7)
 
 
 def test_a_packed_run_omits_the_training_state(run, packed):

@@ -30,6 +30,7 @@ def command(arguments: Sequence[str]) -> None:
         margin: float | None = None,
         seeds: int | None = None,
         seed: int = 0,
+        bookmark: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
         device: Device = None,
         trust: Trust = False,
     ) -> None:
@@ -47,6 +48,7 @@ def command(arguments: Sequence[str]) -> None:
             seeds: Episodes per trade-off, to average over; for such tasks (None: as in training,
                 but at least 8).
             seed: Random seed of the worlds.
+            bookmark: Store the trade-off in the run under this name, for --tradeoff @NAME.
         """
         least: dict[str, float] = {}
         required = [_required(text, "=") for text in at_least]
@@ -55,17 +57,24 @@ def command(arguments: Sequence[str]) -> None:
             least[name] = max(value, least.get(name, value))
         with Live():
             from ..evaluation.requirements import shown
+            from ..runs import bookmarks
             from ..runs.choosing import choose
             from ..runs.loading import find_checkpoint, trust_run
 
             if trust:
                 trust_run(run)
+            if bookmark is not None:
+                bookmarks.check_bookmark(run, bookmark)
             choice = choose(
                 run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device
             )
         _show(choice, least, maximize)
         weights = shown(choice.tradeoff)
         cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
+        if bookmark is not None:
+            file = bookmarks.bookmark(run, bookmark, choice.tradeoff)
+            cli.console.print(f"written: {file}", soft_wrap=True)
+            weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
         cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
         named = shlex.quote(run) + (" --trust" if trust else "")
         cli.print_command(

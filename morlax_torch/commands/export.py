@@ -32,8 +32,8 @@ def command(arguments: Sequence[str]) -> None:
         morlax play.
 
         Args:
-            tradeoff: Weight of each objective; weights need not sum to one (None: the trade-off
-                stays an input).
+            tradeoff: Weight of each objective, or @NAME of a bookmark; weights need not sum to one
+                (None: the trade-off stays an input).
             format: File format. onnx needs an extra: pip install 'morlax-torch[onnx]', or in a
                 checkout pip install '.[onnx]'.
             output: Output file (None: policy.onnx, .ts or .pt2, or family.* if the trade-off
@@ -46,15 +46,15 @@ def command(arguments: Sequence[str]) -> None:
         if slew is not None and tradeoff is not None:
             raise MorlaxError("--slew limits a trade-off that changes: leave --tradeoff out.")
         with Live():
-            from ..configuration.tradeoffs import parse_tradeoff
             from ..exports.deployment import SETTINGS, deploy
             from ..exports.exporting import export  # imports torch
             from ..exports.formats import FORMATS
             from ..exports.manifest import provenance, robot_of
+            from ..runs.bookmarks import tradeoff_of
             from ..runs.loading import load, own_folder
 
             policy = load(run, trust=trust)
-            weights = None if tradeoff is None else parse_tradeoff(tradeoff, policy.objectives)
+            weights = None if tradeoff is None else tradeoff_of(tradeoff, run, policy.objectives)
             name = ("family" if weights is None else "policy") + FORMATS[format].ending
             place = output or (own_folder(run) or Path()) / name
             robot, about = robot_of(policy), {"run": provenance(run)}

@@ -34,8 +34,8 @@ def command(arguments: Sequence[str]) -> None:
         needed.
 
         Args:
-            tradeoff: Weight of each objective, once per panel; weights need not sum to one
-                (None: each objective alone, and the balanced trade-off).
+            tradeoff: Weight of each objective, or @NAME of a bookmark, once per panel; weights need
+                not sum to one (None: each objective alone, and the balanced trade-off).
             output: Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip
                 (None: film.mp4 in the run's folder, or NAME.mp4 in the working directory
                 for a shipped policy).
@@ -49,7 +49,7 @@ def command(arguments: Sequence[str]) -> None:
             sweep: Film one robot whose trade-off moves along the front, beside the front.
         """
         with Live():
-            from ..configuration.tradeoffs import parse_tradeoff
+            from ..runs.bookmarks import tradeoff_of
             from ..runs.fronts import load_front
             from ..runs.loading import find_run, load, own_folder  # imports torch
             from ..viewers.filming.recording import record
@@ -57,7 +57,7 @@ def command(arguments: Sequence[str]) -> None:
             policy = load(run, trust=trust)
             folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
             place = output or (folder / "film.mp4" if folder else shipped)
-            tradeoffs = [parse_tradeoff(text, policy.objectives) for text in tradeoff]
+            tradeoffs = [tradeoff_of(text, run, policy.objectives) for text in tradeoff]
             front = load_front(run) if sweep else None
             sizes = width, height, pictures
             record(policy, place, tradeoffs, seconds, speed, *sizes, seed, front)

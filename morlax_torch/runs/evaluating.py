@@ -9,6 +9,7 @@ from ..evaluation.front import Front
 from ..evaluation.making import make_evaluator
 from ..files import AnyPath, making, read
 from ..networks.policy import Policy
+from . import bookmarks
 from .checkpoint import fingerprint
 from .hardware import read_machines, write_machines
 from .history import read_rows
@@ -72,6 +73,8 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         save(policy.cpu(), draft / "checkpoints" / "best.pt")
         front._replace(checkpoint="best.pt").save(draft / "front.npz")
         copy_reward(policy.config, draft)
+        if (source / bookmarks.FILE).is_file():
+            (draft / bookmarks.FILE).write_bytes(read(source / bookmarks.FILE, "bookmarks"))
         if machines:
             write_machines(draft, machines)
         (draft / "config.yaml").write_text(write_yaml(policy.config))
