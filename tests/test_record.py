@@ -130,8 +130,9 @@ def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
         panels, "timed", lambda picture, time: times.append(time) or timed(picture, time)
     )
     done = []
-    strip = film.strip(3.0, 6, done.append)
-    assert done == [0.5, 1.0]
+    with heard_by(lambda name, share: done.append(share)):
+        strip = film.strip(3.0, 6)
+    assert done == [0.0, 0.5]
     runs, stands = np.array(times[:6]), np.array(times[6:])
     assert runs[-1] == stands[-1] == 3.0
     assert 0.15 < np.ptp(runs) < 0.4  # a cycle
