@@ -103,8 +103,8 @@ class ObjectiveOptions(Section):
     shared: dict[str, float] = {}
     """Weighted reward terms that are added to every objective."""
     guide: dict[str, float] = {}
-    """Weighted reward terms that are added to every objective in training only: they say how
-    policies should move, whatever their trade-off, but returns and fronts do not count them."""
+    """Weighted reward terms that are added to every objective in training only, such as those for
+    posture: all policies learn from them, but returns and fronts do not count them."""
     reference_point: Point = None
     """Reference point of the hypervolume, one number per objective (None: the origin)."""
     episode_length: Count = 500
