@@ -15,7 +15,7 @@ from tiny import tiny
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from morlax_torch import Front, MorlaxError, Policy, envs, evaluate, load, train
+from morlax_torch import Front, MorlaxError, Policy, config_for, envs, evaluate, load, train
 from morlax_torch.envs.worlds.mjlab import quantities, worlds
 from morlax_torch.envs.worlds.mjlab.mirror import mirror_of
 from morlax_torch.envs.worlds.mjlab.step import MaskedStep
@@ -143,6 +143,9 @@ def test_tuned_configs_name_terms_of_the_task(robot):
     config, _, _ = read(["--env", f"mjlab:Mjlab-Velocity-Flat-Unitree-{robot}", "--device", "cpu"])
     assert len(config.task.objectives) >= 3
     assert config.task.guide and "tracking" in config.task.objectives
+    assert len(config.sampling.focus) == len(config.task.objectives)
+    own = {"task.objectives": {"rise": {"upright": 1.0}, "save": {"joint_torques_l2": 1.0}}}
+    assert config_for(config.env, device="cpu", **own).sampling.focus is None
 
 
 MISTAKES = [

@@ -20,7 +20,7 @@ from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..files import exists
 from ..phases import phase
-from .files import algorithm_of, merged, nested, renamed, task_values
+from .files import algorithm_of, merged, nested, over_task_values, renamed, task_values
 from .sections import (
     OPTIONS,
     REQUIRED,
@@ -278,10 +278,10 @@ def config_for(env: str, **changes: Any) -> Config:
         MorlaxError: an unknown task or key, a wrong type or a combination that cannot work.
     """
     device_type = envs.resolve_device(changes.get("device")).type
-    values = task_values(env, device_type, algorithm_of(changes))
+    values: dict[str, Any] = {}
     for name, value in changes.items():
         values = merged(values, renamed(nested(name, value)))
-    return load_config(values)
+    return load_config(over_task_values(env, values, device_type))
 
 
 def differences(one: Config, other: Config) -> list[str]:

@@ -68,7 +68,15 @@ def file_values(path: Path, device_type: str, **given: str | None) -> dict[str, 
             )
     if not isinstance(values.get("env"), str):
         return values
-    return merged(task_values(values["env"], device_type, algorithm_of(values)), values)
+    return over_task_values(values["env"], values, device_type)
+
+
+def over_task_values(env: str, changes: dict[str, Any], device_type: str) -> dict[str, Any]:
+    """Return a task's tuned values with changes, without a focus that weighs other objectives."""
+    values, task = task_values(env, device_type, algorithm_of(changes)), changes.get("task")
+    if isinstance(task, dict) and "objectives" in task:
+        values = merged(values, {"sampling": {"focus": None}})
+    return merged(values, changes)
 
 
 def space_values(path: AnyPath | None, device_type: str) -> dict[str, Any]:
