@@ -1,6 +1,7 @@
 """Show a robot live in the browser, and change its trade-off while it moves."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Annotated
 
 import tyro
@@ -10,7 +11,7 @@ from ..terminal.interrupt import interruptible
 from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Port, Trust, call
-from ..viewers.explorer.opening import free_port, importing_viser
+from ..viewers.explorer.opening import free_port, importing_page
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -22,15 +23,16 @@ def explore(run: str, host: str, port: int) -> None:
         port: TCP port to listen on, or the next free one; 0 selects any.
 
     Raises:
-        MorlaxError: there is no such run, it has no checkpoint, viser is not installed, or the
+        MorlaxError: there is no such run, it has no checkpoint, websockets is not installed, or the
             address cannot be listened on.
     """
     with Live():
         from ..viewers.explorer import library
 
-        library.choose(run)  # importing viser takes seconds: report a wrong name first
+        choice = library.choose(run)
         port = free_port(host, port)
-        with importing_viser():
+        with importing_page():
+            from ..viewers.explorer.exhibits import RunExhibit
             from ..viewers.explorer.page import Page
         import torch
 
@@ -38,7 +40,7 @@ def explore(run: str, host: str, port: int) -> None:
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         with Live():
-            page = Page(run, host, port)
+            page = Page(partial(RunExhibit, choice), host, port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)
         page.stop()
@@ -66,7 +68,7 @@ def command(arguments: Sequence[str]) -> None:
         if trust:
             trust_run(chosen)
         explore(chosen, host, port)
-        cli.skip_teardown()  # which would wait for viser's threads, and those for browsers
+        cli.skip_teardown()  # which would wait for the thread of a search
 
     call(main, arguments, program("explore"))
 

@@ -13,7 +13,7 @@ from ..terminal.interrupt import interruptible
 from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Port, Trust, call
-from ..viewers.explorer.opening import free_port, importing_viser
+from ..viewers.explorer.opening import free_port, importing_page
 
 if TYPE_CHECKING:
     from ..preferences.teaching import Lesson
@@ -68,20 +68,19 @@ def command(arguments: Sequence[str]) -> None:
         )
         config = shlex.quote(str(folder / "config.yaml"))
         cli.print_command("train", f"{program('train')} --config {config}")
-        if serves:
-            cli.skip_teardown()  # which would wait for viser's threads, and those for browsers
 
     call(main, arguments, program("teach"))
 
 
 def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:
     """Serve a page that asks a user, until Ctrl-C."""
-    with importing_viser():
-        from ..viewers.explorer.comparing import ComparisonPage
+    with importing_page():
         from ..viewers.explorer.comparisons import questions
+        from ..viewers.explorer.exhibits import ComparisonExhibit
+        from ..viewers.explorer.page import Page
 
     with interruptible() as ended:
-        page = ComparisonPage(questions(lesson, answers), host, port)
+        page = Page(lambda _: ComparisonExhibit(questions(lesson, answers)), host, port)
         cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)")
         page.serve(ended)
         page.stop()

@@ -10,6 +10,8 @@ PARTICLES = 5_000
 SHARPNESS = 15.0  # of choices: log odds per difference of the whole range of utilities
 MISTAKES = 0.1  # share of answers that tell nothing about the preference
 CANDIDATES = 300  # pairs of which the most informative one is asked about
+NEAR = 0.05  # of the range of utilities: the user hardly sees a difference this small
+SURE = 0.9  # confidence at which no more questions are needed
 
 
 class Preference:
@@ -40,6 +42,11 @@ class Preference:
         self._random = np.random.default_rng(seed)
         self._weights = self._random.dirichlet(np.ones(returns.shape[1]), PARTICLES)
         self._log_posterior = np.zeros(PARTICLES)
+        self._information = 0.0  # nats that the answer to the last pair is expected to tell
+        # (PARTICLES, n), as shares of each particle's range
+        utility = self._weights @ self._scaled.T
+        self._utility = utility / np.ptp(utility, axis=1, keepdims=True).clip(min=1e-12)
+        self._favorite = self._utility.argmax(1)
 
     def pair(self) -> tuple[int, int]:
         """Return the indices of two policies of the front to compare next."""
@@ -49,6 +56,7 @@ class Preference:
         chance, posterior = self._chance(first, second), self._posterior()
         information = _entropy(posterior @ chance) - posterior @ _entropy(chance)
         best = int(information.argmax())
+        self._information = float(information[best])
         return int(self.policies[first[best]]), int(self.policies[second[best]])
 
     def answer(self, preferred: int, other: int) -> None:
@@ -71,6 +79,24 @@ class Preference:
     def best(self) -> int:
         """Return the index of the policy with the largest expected utility."""
         return int(self.policies[(self._scaled @ self.weights).argmax()])
+
+    def chances(self) -> NDArray[np.float64]:
+        """Return the probability (n,) that each of `policies` is the user's best."""
+        return np.bincount(self._favorite, self._posterior(), minlength=len(self.policies))
+
+    def confidence(self) -> float:
+        """Return the probability that no policy is much better for the user than `best`."""
+        best = np.searchsorted(self.policies, self.best())
+        regret = self._utility.max(1) - self._utility[:, best]
+        return float(self._posterior() @ (regret < NEAR))
+
+    def questions_left(self) -> int:
+        """Return about how many questions remain after `pair`; 0 if the answers suffice."""
+        if self.confidence() >= SURE:
+            return 0
+        chances = self.chances()
+        nats = -float(np.sum(chances * np.log(chances.clip(min=1e-12))))
+        return max(1, round((1 - self.confidence()) * nats / max(self._information, 1e-3)))
 
     def _posterior(self) -> NDArray[np.float64]:
         likelihood = np.exp(self._log_posterior - self._log_posterior.max())

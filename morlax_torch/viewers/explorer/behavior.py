@@ -3,8 +3,6 @@
 from abc import ABC, abstractmethod
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
 
@@ -12,8 +10,8 @@ MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is drop
 class Behavior(ABC):
     """The states of one MuJoCo robot over time, as a page shows them.
 
-    Callers may set `paused` and `pace` (1 is real time) at any time. Use a behavior from one thread
-    only.
+    Callers may set `paused` and `pace` (1 is real time) at any time. `steps` are those since the
+    beginning. Use a behavior from one thread only.
 
     Args:
         model: the robot.
@@ -24,20 +22,22 @@ class Behavior(ABC):
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
         self.model, self.data, self.dt = model, data, dt
         self.paused, self.pace = False, 1.0
+        self.steps = 0  # since the beginning
         self._clock: float | None = None
         self._due = 0.0
 
+    @property
+    @abstractmethod
+    def robot(self) -> object:
+        """What is the same object for behaviors that look alike and can stand side by side."""
+
     @abstractmethod
     def step(self) -> None:
-        """Move on by `dt` seconds."""
+        """Move on by `dt` seconds, and count it in `steps`."""
 
     @abstractmethod
     def reset(self) -> None:
         """Go back to the beginning."""
-
-    def commanded(self) -> NDArray[np.float64] | None:
-        """Return the velocity (2,) in m/s that the robot is told, forward and to the left."""
-        return None
 
     def advance(self, now: float) -> int:
         """Take the steps that are due at clock time `now` in seconds; returns how many."""

@@ -31,14 +31,18 @@ class Clip(Behavior):
             raise MorlaxError("a clip needs finite positions.")
         self.reset()
 
+    @property
+    def robot(self) -> object:
+        return self.model
+
     def step(self) -> None:
-        self._row = (self._row + 1) % len(self._qpos)
+        self.steps = (self.steps + 1) % len(self._qpos)
         self._place()
 
     def reset(self) -> None:
-        self._row = 0
+        self.steps = 0
         self._place()
 
     def _place(self) -> None:
-        self.data.qpos[:] = self._qpos[self._row]
+        self.data.qpos[:] = self._qpos[self.steps]
         mujoco.mj_kinematics(self.model, self.data)

@@ -1,7 +1,7 @@
 """Which two behaviors a user compares next, and who learns from the answer."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -13,19 +13,20 @@ from ...preferences.teaching import Lesson
 from ...preferences.tradeoff import Preference
 from .behavior import Behavior
 from .clip import Clip
-from .session import Session
-from .weights import Weights
+from .session import Session, Weights
+
+POSSIBLE = 0.01  # chance of being the best, above which a policy still is possible
 
 
 class Question(NamedTuple):
     """Two behaviors, A and B."""
 
     behaviors: tuple[Behavior, Behavior]
-    tradeoffs: tuple[Weights, Weights] | None = None  # to show next to A and B
+    policies: tuple[int, int] | None = None  # their indices on a front
 
 
 class Comparisons(Protocol):
-    """A source of questions. `Asking` shows them; this interface does not know any browser."""
+    """A source of questions. `Asking` puts them to a user."""
 
     def ask(self) -> Question | None:
         """Return the next question; None after the last one."""
@@ -55,11 +56,11 @@ class PolicyComparisons:
 
     def ask(self) -> Question:
         self._pair = self._preference.pair()
-        tradeoffs = self._tradeoff(self._pair[0]), self._tradeoff(self._pair[1])
-        for session, tradeoff in zip(self._sessions, tradeoffs, strict=True):
-            session.tradeoff = tradeoff
+        self._evidence = self._weighed()
+        for session, policy in zip(self._sessions, self._pair, strict=True):
+            session.tradeoff = self._tradeoff(policy)
             session.reset()
-        return Question(self._sessions, tradeoffs)
+        return Question(self._sessions, self._pair)
 
     def answer(self, preferred: int) -> None:
         self._preference.answer(self._pair[preferred], self._pair[1 - preferred])
@@ -68,6 +69,21 @@ class PolicyComparisons:
         """Return the index on the front of the policy liked best so far, and its trade-off."""
         index = self._preference.best()
         return index, self._tradeoff(index)
+
+    def state(self) -> dict[str, Any]:
+        """Describe what the answers have told, for a page; policies are indices on the front."""
+        return self._evidence
+
+    def _weighed(self) -> dict[str, Any]:
+        preference, (index, tradeoff) = self._preference, self.best()
+        possible = preference.policies[preference.chances() > POSSIBLE]
+        return {
+            "best": index,
+            "best_tradeoff": tradeoff,
+            "possible": possible.tolist(),
+            "confidence": preference.confidence(),
+            "left": preference.questions_left(),
+        }
 
     def _tradeoff(self, index: int) -> Weights:
         return tuple(self._front.tradeoffs[index].tolist())

@@ -1,10 +1,9 @@
-"""Up to three robots with one policy each of the same run, one of which users steer."""
+"""Up to four robots with one policy each of the same run, one of which users steer."""
 
 from ...envs import MorlaxError
 from .session import Session
 
-MOST = 3  # robots
-FEW = 6  # weights in all names together; more would overlap on a phone
+MOST = 4  # robots
 
 
 class Lineup:
@@ -40,19 +39,3 @@ class Lineup:
         if len(self.sessions) > 1:
             del self.sessions[self.selected]
             self.selected = min(self.selected, len(self.sessions) - 1)
-
-    def names(self) -> list[str]:
-        """Return a name for each of several robots; one robot alone has none."""
-        if len(self.sessions) == 1:
-            return []
-        names = [f"{i + 1}: {self._brief(session)}" for i, session in enumerate(self.sessions)]
-        names[self.selected] = f"▸ {names[self.selected]}"
-        return names
-
-    def _brief(self, session: Session) -> str:
-        """Return the trade-off of a robot; of many weights, only the greatest."""
-        objectives, weights = session.objectives, session.tradeoff
-        if len(weights) * len(self.sessions) <= FEW:
-            return ", ".join(f"{weight:.2f}" for weight in weights)
-        top = max(range(len(weights)), key=weights.__getitem__)
-        return f"{objectives[top]} {weights[top]:.2f}"

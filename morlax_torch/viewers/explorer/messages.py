@@ -1,84 +1,103 @@
-"""What browsers may send: the pose of their camera, and values that the page's widgets offer."""
+"""What browsers may ask for, as JSON: anything else is ignored."""
 
-import sys
-from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Literal
 
-import msgspec
-from viser import (
-    GuiButtonGroupHandle,
-    GuiCheckboxHandle,
-    GuiDropdownHandle,
-    GuiSliderHandle,
-    GuiTextHandle,
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
+
+LONGEST = 400  # characters of a name, and numbers in a trade-off
+
+
+class Message(BaseModel):
+    """A message of a browser; numbers are finite."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class Steer(Message):
+    """Give the selected robot a trade-off, which is scaled to sum to one."""
+
+    act: Literal["steer"]
+    weights: Annotated[list[float], Field(max_length=LONGEST)]
+
+
+class Tell(Message):
+    """Set one number of the command of all robots; it is clamped to its limits."""
+
+    act: Literal["tell"]
+    index: NonNegativeInt
+    value: float
+
+
+class Pause(Message):
+    act: Literal["pause"]
+    on: bool
+
+
+class Pace(Message):
+    """Set the playback speed; 1 is real time."""
+
+    act: Literal["pace"]
+    value: float
+
+
+class Press(Message):
+    """Press a button."""
+
+    act: Literal["press"]
+    name: Literal["reset", "push", "add", "remove", "free", "find", "skip", "use", "again", "leave"]
+
+
+class Select(Message):
+    """Steer another robot."""
+
+    act: Literal["select"]
+    robot: NonNegativeInt
+
+
+class Open(Message):
+    """Show another run or checkpoint; no checkpoint means the best."""
+
+    act: Literal["open"]
+    run: Annotated[str, Field(max_length=LONGEST)]
+    checkpoint: Annotated[str, Field(max_length=LONGEST)] | None
+
+
+class Require(Message):
+    """Require a return of an objective, clamped to the front's; null requires nothing."""
+
+    act: Literal["require"]
+    index: NonNegativeInt
+    least: float | None
+
+
+class Maximize(Message):
+    act: Literal["maximize"]
+    index: NonNegativeInt
+
+
+class Answer(Message):
+    """Prefer A (0) or B (1)."""
+
+    act: Literal["answer"]
+    preferred: Literal[0, 1]
+
+
+class Bookmark(Message):
+    """Keep the selected robot's trade-off under a name."""
+
+    act: Literal["bookmark"]
+    name: Annotated[str, Field(max_length=LONGEST)]
+
+
+Request = (
+    Steer | Tell | Pause | Pace | Press | Select | Open | Require | Maximize | Answer | Bookmark
 )
-
-LONGEST = 200  # characters in a text field
-
-Finite = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
-Vector = tuple[Finite, Finite, Finite]
+_READER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="act")])
 
 
-class Pose(msgspec.Struct, tag="ViewerCameraMessage"):
-    """viser's message of this name, sent when a camera moves."""
-
-    wxyz: tuple[Finite, Finite, Finite, Finite]
-    position: Vector
-    look_at: Vector
-    up_direction: Vector
-    fov: Finite
-    near: Finite
-    far: Finite
-    image_height: int
-    image_width: int
-
-
-class Setting(msgspec.Struct, tag="GuiUpdateMessage"):
-    """viser's message of this name, sent when a user changes a widget or presses a button."""
-
-    class Updates(msgspec.Struct):
-        value: bool | Finite | str
-
-    uuid: str  # of the widget
-    updates: Updates
-
-
-def accepted(raw: bytes, widgets: Mapping[str, object]) -> bytes | None:
-    """Check a message before viser reads it.
-
-    viser would set any attribute of a widget to any value, and serve messages that the page never
-    sends, such as a request to publish it on the internet.
-
-    Args:
-        raw: the message; viser's page sends bytes, but others may send text.
-        widgets: the page's widgets by viser's uuid.
-
-    Returns:
-        The message with its value clamped to the widget's limits; None if the page would not send
-        it.
-    """
+def accepted(message: str | bytes) -> Request | None:
+    """Return what a browser asks for; None if no page of ours would send this."""
     try:
-        fields = msgspec.msgpack.decode(raw)
-        message = msgspec.convert(fields, Pose | Setting)
-    except (TypeError, ValueError, RecursionError):
+        return _READER.validate_json(message)
+    except (ValidationError, RecursionError):
         return None
-    if isinstance(message, Pose):
-        return msgspec.msgpack.encode(fields)  # newer versions of viser may add some
-    value = offered(widgets.get(message.uuid), message.updates.value)
-    if value is None:
-        return None
-    return msgspec.msgpack.encode(Setting(message.uuid, Setting.Updates(value)))
-
-
-def offered(widget: object, value: bool | float | str) -> bool | float | str | None:
-    """Return a value as the widget offers it, a number clamped to its limits; otherwise None."""
-    match widget, value:
-        case GuiCheckboxHandle(), bool():
-            return value
-        case GuiSliderHandle(), float():
-            return min(max(value, widget.min), widget.max)
-        case GuiDropdownHandle() | GuiButtonGroupHandle(), str() if value in widget.options:
-            return value
-        case GuiTextHandle(), str() if len(value) <= LONGEST:
-            return value
-    return None

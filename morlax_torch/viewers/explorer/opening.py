@@ -1,4 +1,4 @@
-"""Find out whether a page can open: whether viser is installed, and which port is free."""
+"""Find out whether a page can open: what is installed, and which port is free."""
 
 import errno
 import socket
@@ -12,26 +12,24 @@ MOST_TAKEN = 20  # ports in a row that other programs may use
 
 
 @contextmanager
-def importing_viser() -> Iterator[None]:
-    """Explain how to install viser if an import inside fails for lack of it.
+def importing_page() -> Iterator[None]:
+    """Explain what to install if an import inside fails for lack of it.
 
     Raises:
-        MorlaxError: viser is not installed.
+        MorlaxError: websockets is not installed.
     """
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name not in ("viser", "trimesh"):
+        if error.name != "websockets":
             raise
         raise MorlaxError(
-            f"the page needs viser, which is not installed: {installation('explore')}."
+            f"the page needs websockets, which is not installed: {installation('explore')}."
         ) from None
 
 
 def free_port(host: str, port: int) -> int:
     """Return the first port from `port` on that no other program uses, of a few.
-
-    viser would wait forever for an invalid address.
 
     Raises:
         MorlaxError: the port is out of range, or the address cannot be listened on.

@@ -1,132 +1,146 @@
-"""The page: a server, the robots on its stage, and the loop that runs both."""
+"""The page: a server, the robots that it shows, and the loop that runs both."""
 
+import json
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
-import rich
-import viser
+from websockets.asyncio.server import ServerConnection
 
-from . import access, library
+from .. import libraries
+from ..page_files import page_files
+from . import messages
 from .behavior import MAX_LAG
-from .controls import Controls
-from .menu import Menu
-from .overlays import Shown
-from .run_panel import RunPanel
-from .serving import Requests, tell
-from .session import Session
-from .showing import Showing
-from .stage import Stage
+from .describing import described, frame_bytes, model_bytes, told
+from .exhibits import Exhibit
+from .requests import Put, Requests
+from .server import Server
 
-FRAME = 1 / 40  # s between updates of the robots
-CHART = 1 / 5  # s between updates of the charts
-SCAN = 3.0  # s between searches for new runs
+FRAME = 1 / 40  # s between frames
+TELL = 1 / 10  # s between messages about anything but poses
+SLOWEST = 0.05  # playback speed
 
 
 class Page:
-    """A viser server and the robots that it shows; `serve` runs both.
+    """A server and the robots that it shows; `serve` runs both.
 
     Only the thread of `serve` uses the robots: browsers queue their requests. A step that fails
     also pauses the robots, and browsers that connect later are told why. `address` is what a
     browser must open; it contains a secret token.
 
     Args:
-        run: a run's folder, a checkpoint file, or a shipped policy.
+        make: makes what is shown, given a way to queue requests.
         host: address to listen on.
         port: TCP port to listen on; 0 selects a free one.
 
     Raises:
-        MorlaxError: there is no such run, it has no checkpoint, or this version of viser cannot be
-            protected from other web pages.
+        MorlaxError: `make` failed, three.js cannot be downloaded, or the port is taken.
     """
 
-    def __init__(self, run: str, host: str, port: int):
-        self._choice = library.choose(run)
-        session = Session.open(self._choice)
-        rich.get_console().quiet = True  # hides viser's banner; the command prints the address
-        self.server, self.address = access.start(host, port)
-        self._requests, shown = Requests(self.server), Shown()
-        gui, put = self.server.gui, self._requests.put
-        self._stage = Stage(self.server, shown)
-        self._darken(False)
-        self._menu = Menu(gui, self._choice, put, self._change)
-        self._controls = Controls(gui, put, self._act, self._select)
-        Showing(gui, put, shown, self._darken)
-        self._stage.show((session,), ())
-        self._panel = RunPanel(self.server, session, put, self._controls)
-        self.server.on_client_connect(self._welcome)
+    def __init__(self, make: Callable[[Put], Exhibit], host: str, port: int):
+        self._requests = Requests(self._tell)
+        self._exhibit = make(self._requests.put)
+        self._paused, self._pace = False, 1.0
+        self._failure: str | None = None  # why the robots paused by themselves
+        self._robot: object = None  # that browsers know
+        self._about, self._model = "", b""  # messages about it
+        self._state: dict[str, Any] = {}  # that they know
+        self._server = Server(files(), host, port, self._hear, self._greet)
+        self.address = self._server.address
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Run the robots in real time and serve browsers until `ended` returns true."""
-        frame = chart = scan = 0.0
+        """Move the robots in real time and serve browsers until `ended` returns true."""
+        frame = told = 0.0
         while not ended():
             now = time.perf_counter()
             failure = self._requests.attempt(partial(self._advance, now))
             if failure is not None:
-                self._controls.pause(True, failure)
+                self._paused, self._failure = True, failure
+            if now >= told:
+                told = now + TELL
+                self._show()
             if now >= frame:
                 frame = now + FRAME
                 self._draw()
-            if now >= chart:
-                chart = now + CHART
-                self._panel.report()
-            if now >= scan:
-                scan = now + SCAN
-                self._requests.attempt(self._menu.refresh)
-            waits = [behavior.until_next() for behavior in self._panel.behaviors]
+            waits = [behavior.until_next() for behavior in self._exhibit.behaviors]
             wait = min(*waits, MAX_LAG, frame - time.perf_counter())
             self._requests.execute(max(wait, 0.0))
 
     def stop(self) -> None:
         """Stop the server and disconnect the browsers."""
-        self.server.stop()
+        self._server.stop()
 
     def _advance(self, now: float) -> None:
-        controls = self._controls
-        for behavior in self._panel.behaviors:
-            behavior.paused, behavior.pace = controls.paused, controls.pace
+        for behavior in self._exhibit.behaviors:
+            behavior.paused, behavior.pace = self._paused, self._pace
             behavior.advance(now)
 
     def _draw(self) -> None:
-        behaviors, names = tuple(self._panel.behaviors), self._panel.names
-        if behaviors != self._stage.behaviors:
-            self._stage.show(behaviors, names)
-        self._stage.rename(names)
-        self._stage.draw()
-        self._panel.mark()
+        """Send where the robots are; before that, which robots these are."""
+        if self._robot is not self._exhibit.behaviors[0].robot:
+            self._show()
+        frame = frame_bytes(self._exhibit.behaviors)
+        if frame is not None:
+            self._server.send(frame)
 
-    def _act(self, action: str) -> None:
-        self._panel.act(action)
+    def _show(self, to: ServerConnection | None = None) -> None:
+        """Send what has changed to all browsers, or everything to one."""
+        first = self._exhibit.behaviors[0]
+        changed = self._robot is not first.robot
+        if changed:
+            self._robot = first.robot
+            self._about = json.dumps({"type": "run", "about": described(first)})
+            self._model = model_bytes(first.model)
+        if changed or to is not None:
+            self._server.send(self._about, None if changed else to)
+            self._server.send(self._model, None if changed else to)
+        state = self._described()
+        if to is not None:
+            self._server.send(json.dumps({"type": "state", **state}), to)
+        news = {k: v for k, v in state.items() if k not in self._state or self._state[k] != v}
+        self._state = state
+        if news:
+            self._server.send(json.dumps({"type": "state", **news}))
 
-    def _select(self, index: int) -> None:
-        self._panel.select(index)
+    def _described(self) -> dict[str, Any]:
+        robots = [told(behavior) for behavior in self._exhibit.behaviors]
+        playback = {"paused": self._paused, "pace": self._pace, "failure": self._failure}
+        return {**playback, **self._exhibit.state(), "robots": robots}
 
-    def _change(self, run: str, checkpoint: str | None) -> None:
-        """Show another run or checkpoint; if that fails, keep this one."""
-        try:
-            choice = library.choose(run, checkpoint)
-            self._replace(Session.open(choice))
-            self._choice = choice
-        finally:  # the dropdowns name the run that is shown
-            self._menu.show(self._choice)
+    def _hear(self, data: str | bytes) -> None:
+        message = messages.accepted(data)
+        if message is not None:
+            self._requests.put(partial(self._react, message))
 
-    def _replace(self, session: Session) -> None:
-        old = self._panel.steered
-        if session.objectives == old.objectives:
-            session.tradeoff = old.tradeoff
-        if session.player.env.command_limits == old.player.env.command_limits:
-            session.player.command = old.player.command
-        self._stage.show((session,), ())  # may fail, so it comes first
-        self._controls.failure = None
-        self._panel.remove()
-        self._panel = RunPanel(self.server, session, self._requests.put, self._controls)
+    def _react(self, message: messages.Request) -> None:
+        match message:
+            case messages.Pause(on=on):
+                self._paused, self._failure = on, None
+            case messages.Pace(value=value):
+                self._pace = min(max(value, SLOWEST), 1.0)
+            case _:
+                try:
+                    self._exhibit.react(message)
+                finally:
+                    if isinstance(message, messages.Open):
+                        self._failure = None
+        self._show()
 
-    def _darken(self, dark: bool) -> None:
-        self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
-        self._stage.darken(dark)
+    def _greet(self, tab: ServerConnection) -> None:
+        self._requests.put(partial(self._show, tab))
 
-    def _welcome(self, client: viser.ClientHandle) -> None:
-        """Fit the camera of a new browser, and tell it why the robots stand still."""
-        if self._controls.failure is not None:
-            tell(client, self._controls.failure)
-        self._stage.welcome(client)
+    def _tell(self, text: str) -> None:
+        """Show an error in all browsers."""
+        self._server.send(json.dumps({"type": "tell", "text": text}))
+
+
+def files() -> dict[str, bytes]:
+    """Return what the server serves, by path.
+
+    Raises:
+        MorlaxError: three.js is neither in the cache nor can it be downloaded.
+    """
+    found = page_files()
+    found[""] = found.pop("index.html").replace(b'lang="en"', b'lang="en" data-engine="remote"')
+    return found | {f"libraries/{name}": data for name, data in libraries.files("three").items()}

@@ -1,11 +1,9 @@
 """One robot in real time, with the actions that the page offers. It needs no browser."""
 
-import math
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...envs import MorlaxError
 from ...envs.worlds.randomization import horizontal
@@ -15,10 +13,9 @@ from ...runs.fronts import load_front
 from ...runs.loading import load
 from ..player import Player
 from .behavior import Behavior
-from .history import History
 from .library import Choice
-from .weights import Weights, even
 
+Weights = tuple[float, ...]  # a trade-off: not negative, and sums to one
 VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
 PUSH = 1.5  # m/s added to the robot's velocity by a push
 
@@ -33,7 +30,7 @@ class Episode:
 
 
 class Session(Behavior):
-    """A robot, its trade-off and its recent history.
+    """A robot and its trade-off.
 
     Callers may set `tradeoff` at any time; a new one acts from the next control step.
 
@@ -48,14 +45,11 @@ class Session(Behavior):
 
     def __init__(self, policy: Policy, front: Front | None, seed: int = 0):
         self.objectives, self.front = policy.objectives, front
-        self.tradeoff: Weights = even(len(self.objectives))
+        self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.player = player = Player(policy, self.tradeoff, seed)
         super().__init__(player.model, player.data, player.env.dt)
-        self.time = 0.0  # simulated seconds
         self.last_episode: Episode | None = None
         self.axes = horizontal(self.model)
-        # signals: running returns, velocity along each axis, mechanical power
-        self.history = History(len(self.objectives) + len(self.axes) + 1)
         self._acting_on = self.tradeoff
         self._directions = np.random.default_rng(seed)
 
@@ -77,6 +71,10 @@ class Session(Behavior):
         return other
 
     @property
+    def robot(self) -> object:
+        return self.player.policy
+
+    @property
     def seconds(self) -> float:
         """Simulated seconds since the episode began."""
         return self.player.steps * self.dt
@@ -92,14 +90,12 @@ class Session(Behavior):
             self.last_episode = Episode(player.returns.tolist(), self.seconds, fell)
             self.reset()
         player.step()
-        self.time += self.dt
-        signals = [*player.returns.tolist(), *self.velocity(), self.power()]
-        self.history.add(self.time, [x if math.isfinite(x) else 0.0 for x in signals])
+        self.steps = player.steps
 
     def reset(self) -> None:
         """Start a new episode."""
         self.player.reset()
-        self.history.end_episode()
+        self.steps = 0
 
     def push(self) -> None:
         """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
@@ -111,14 +107,15 @@ class Session(Behavior):
             velocity[dof] += part
 
     def tell(self, index: int, value: float) -> None:
-        """Set one number of the command, by its index in the task's `command_limits`."""
-        self.player.command[index] = value
+        """Set one number of the command, by its index; it is clamped to the task's limits."""
+        low, high = list(self.player.env.command_limits.values())[index]
+        self.player.command[index] = min(max(value, low), high)
 
-    def commanded(self) -> NDArray[np.float64] | None:
+    @property
+    def is_told_velocity(self) -> bool:
+        """Whether the command begins with velocities in m/s, forward and to the left."""
         names = list(self.player.env.command_limits)[:2]
-        if len(names) < 2 or not all(name.startswith(VELOCITIES) for name in names):
-            return None
-        return np.array(self.player.command[:2])
+        return len(names) == 2 and all(name.startswith(VELOCITIES) for name in names)
 
     def velocity(self) -> list[float]:
         """Return the velocity in m/s along x and, if the robot can move there, y."""
@@ -127,12 +124,6 @@ class Session(Behavior):
     def power(self) -> float:
         """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
         return float(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum())
-
-    def nearest(self) -> int | None:
-        """Return the index of the nearest evaluated trade-off; None without a front."""
-        if self.front is None:
-            return None
-        return int(np.square(self.front.tradeoffs - np.array(self.tradeoff)).sum(1).argmin())
 
 
 def _front(choice: Choice) -> Front | None:

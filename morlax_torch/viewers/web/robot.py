@@ -12,7 +12,6 @@ from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
 from ...envs.worlds.randomization import horizontal
-from ...evaluation import pareto
 from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
@@ -22,6 +21,7 @@ from ...runs.evaluating import evaluate
 from ...runs.fronts import load_front
 from ...runs.loading import find_checkpoint, load
 from ..camera import followed_body
+from ..front_map import front_map
 from .checking import check
 from .model import WebModel, compiled
 from .recording import storage
@@ -29,7 +29,6 @@ from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, trace
 
 STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
-FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
 PUSH = 1.5  # m/s added to the robot's velocity by a push
 
 
@@ -55,7 +54,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
         (folder / name).write_bytes(data)
     front = front_of(run, policy, device)
     about = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
-    everything = {**about, **_described(env, traced, model), "front": _plain(front, env.dt)}
+    everything = {**about, **_described(env, traced, model), "front": front_map(front, env.dt)}
     (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
     return about
 
@@ -152,17 +151,3 @@ def _command(env: Environment) -> dict[str, Any] | None:
 
 def _numbers(values: Tensor) -> list[float]:
     return np.round(values.flatten().double().numpy(), 9).tolist()
-
-
-def _plain(front: Front, dt: float) -> dict[str, Any]:
-    """Describe a front; `values` are returns per second, `pair` the objectives to show first."""
-    seconds = dt * front.lengths.clip(1)[:, None]
-    falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
-    return {
-        "tradeoffs": front.tradeoffs.round(4).tolist(),
-        "values": (front.returns / seconds).round(4).tolist(),
-        "best": front.non_dominated.tolist(),
-        "fails": (falls > FAILS).tolist(),
-        "pair": pareto.most_conflicting_pair(front.returns[front.non_dominated]),
-        "checkpoint": front.checkpoint,
-    }

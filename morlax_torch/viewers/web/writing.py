@@ -5,14 +5,14 @@ import json
 import os
 from collections.abc import Sequence
 from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from ...exports.formats import onnxruntime
 from ...files import making
 from ...phases import within
-from . import libraries
+from .. import libraries
+from ..page_files import page_files
 from .robot import write_robot
 
 TITLE = "TITLE"  # in index.html
@@ -52,11 +52,11 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
         run |= {"bytes": sum(map(_compress, files)), "shared": shared}
     (folder / "runs.json").write_text(json.dumps(known))
     titles = ", ".join(run["title"] for run in known)
-    for file in (resources.files(str(__package__)) / "page").iterdir():
-        data = file.read_bytes()
-        if file.name == "index.html":
+    for path, data in page_files().items():
+        if path == "index.html":
             data = data.replace(TITLE.encode(), escape(titles).encode())
-        (folder / file.name).write_bytes(data)
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).write_bytes(data)
 
 
 def _compress(file: Path) -> int:

@@ -1,0 +1,132 @@
+"""The JavaScript libraries of the page: fixed versions from the npm registry, kept in a cache."""
+
+import base64
+import hashlib
+import http.client
+import io
+import os
+import tarfile
+import urllib.error
+import urllib.request
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+from ..envs import MorlaxError
+from ..files import write_file
+from ..phases import phase
+
+REGISTRY = "https://registry.npmjs.org"
+PATIENCE = 60  # s without an answer
+
+
+class Library(NamedTuple):
+    package: str
+    version: str
+    sha512: str  # of the archive, in base64
+    files: dict[str, str]  # path in the archive -> name in the page's folder
+    license: str  # its path in the archive, or our copy of the text if the archive has none
+
+    @property
+    def archive(self) -> str:
+        return f"{self.package.split('/')[-1]}-{self.version}.tgz"
+
+    @property
+    def address(self) -> str:
+        return f"{REGISTRY}/{self.package}/-/{self.archive}"
+
+
+LIBRARIES = (
+    Library(
+        "@mujoco/mujoco",
+        "3.14.0",
+        "WPUYidu4Fx8+uM4hQv80SOA0ifpWGrsNJguKs8JBV8SCTxjKQ2/rqsh880nUH0/Vwa8vuefghvCQkkoed3bkUg==",
+        {"mujoco.js": "mujoco.js", "mujoco.wasm": "mujoco.wasm"},
+        "Apache-2.0.txt",
+    ),
+    Library(
+        "three",
+        "0.187.0",
+        "Qiu7R+Cmh8CstZsY1uJOSWnVlfo7ZtNLV7mF8Jltk3LB3AtDu9cRZlcnRKkAk8Y4z6KKw35z7Y7Urd7jWY8etA==",
+        {
+            "build/three.module.js": "three.module.js",
+            "build/three.core.js": "three.core.js",
+            "examples/jsm/controls/OrbitControls.js": "OrbitControls.js",
+        },
+        "LICENSE",
+    ),
+    Library(
+        "onnxruntime-web",
+        "1.30.0",
+        "q0y+JrrtukXSzsBWEMccVfqX25LRmosXHF+CaRJmg8pZClzcV7svNc4rKY3jL02Vb7QmRMDs1SigqR4CXAfKYQ==",
+        {
+            "dist/ort.wasm.bundle.min.mjs": "ort.js",
+            "dist/ort-wasm-simd-threaded.wasm": "ort.wasm",
+        },
+        "MIT.txt",
+    ),
+)
+
+
+def files(*packages: str) -> dict[str, bytes]:
+    """Return the files of libraries, or of all, by name, and their licenses.
+
+    Raises:
+        MorlaxError: a library is neither in the cache nor can it be downloaded.
+    """
+    found: dict[str, bytes] = {}
+    for library in LIBRARIES:
+        if packages and library.package not in packages:
+            continue
+        with tarfile.open(fileobj=io.BytesIO(_archive(library)), mode="r:gz") as archive:
+            for path, name in library.files.items():
+                found[name] = _member(archive, path)
+            ours = resources.files(str(__package__)) / "licenses" / library.license
+            inside = f"package/{library.license}" in archive.getnames()
+            text = _member(archive, library.license) if inside else ours.read_bytes()
+        found[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
+    return found
+
+
+def cache() -> Path:
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(home) / "morlax_torch" / "web"
+
+
+def _archive(library: Library) -> bytes:
+    kept = cache() / library.archive
+    if kept.is_file() and _is_intact(data := kept.read_bytes(), library):
+        return data
+    phase(f"downloading {library.archive}")
+    try:
+        with urllib.request.urlopen(library.address, timeout=PATIENCE) as response:
+            data = response.read()
+    except (OSError, ValueError, http.client.HTTPException) as error:
+        reason = getattr(error, "reason", None) or error
+        raise MorlaxError(
+            f"cannot download {library.address} ({reason}): connect to the internet once, or copy "
+            f"this file to {kept}."
+        ) from None
+    if not _is_intact(data, library):
+        raise MorlaxError(
+            f"{library.address} has another SHA-512 than expected: it was changed on the way, try "
+            "another network."
+        )
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MorlaxError(
+            f"cannot make the cache {kept.parent} ({error.strerror}): set XDG_CACHE_HOME."
+        ) from None
+    write_file(kept, data)
+    return data
+
+
+def _is_intact(data: bytes, library: Library) -> bool:
+    return base64.b64encode(hashlib.sha512(data).digest()).decode() == library.sha512
+
+
+def _member(archive: tarfile.TarFile, path: str) -> bytes:
+    file = archive.extractfile(f"package/{path}")
+    assert file is not None, path
+    return file.read()

@@ -1,0 +1,193 @@
+// Robots that a server moves: `morlax explore` and `morlax teach`. See `Local` for the other engine.
+
+import { Problem } from "../files.js";
+
+const [MODEL, FRAME] = [0, 1]; // first number of a message that is not JSON
+const ARRAYS = { float32: Float32Array, int32: Int32Array };
+const AGAIN = 1000; // ms until a lost connection is tried again
+
+export class Remote {
+  /** Connect to the server of this page, and wait for its robots. */
+  static connect(listener) {
+    return new Promise((resolve, reject) => {
+      const remote = new Remote({ ...listener, ready: () => resolve(remote), refused: reject });
+    });
+  }
+
+  constructor(listener) {
+    Object.assign(this, { listener, about: null, model: null, robots: [], names: null, scene: {} });
+    this.state = {};
+    this.poses = []; // of each robot: steps, places, turns, contacts
+    this.arrived = 0; // ms, when they came
+    this.interval = 25; // ms between frames
+    this.can = { ask: true, keep: true, contacts: true };
+    this.ready = false;
+    this.#connect();
+  }
+
+  get selected() {
+    return this.asking ? 0 : (this.state.selected ?? 0);
+  }
+
+  get steered() {
+    return this.robots[this.selected];
+  }
+
+  get paused() {
+    return this.state.paused;
+  }
+
+  get pace() {
+    return this.state.pace;
+  }
+
+  get command() {
+    return this.state.command ?? [];
+  }
+
+  get choosing() {
+    return this.state.choosing ?? null;
+  }
+
+  get asking() {
+    return this.state.asking ?? null;
+  }
+
+  get bookmarks() {
+    return this.state.bookmarks ?? null;
+  }
+
+  steer(weights) {
+    this.steered.tradeoff = weights; // shown at once; the server's answer follows
+    this.#send({ act: "steer", weights });
+  }
+
+  tell(index, value) {
+    this.command[index] = value;
+    this.#send({ act: "tell", index, value });
+  }
+
+  pause(on) {
+    this.state.paused = on;
+    this.#send({ act: "pause", on });
+  }
+
+  setPace(value) {
+    this.state.pace = value;
+    this.#send({ act: "pace", value });
+  }
+
+  select(robot) {
+    this.#send({ act: "select", robot });
+  }
+
+  press(name) {
+    this.#send({ act: "press", name });
+  }
+
+  open(run, checkpoint = null) {
+    this.#send({ act: "open", run, checkpoint });
+  }
+
+  require(index, least) {
+    this.#send({ act: "require", index, least });
+  }
+
+  maximize(index) {
+    this.#send({ act: "maximize", index });
+  }
+
+  answer(preferred) {
+    this.#send({ act: "answer", preferred });
+  }
+
+  keep(name) {
+    this.#send({ act: "bookmark", name });
+  }
+
+  /** Return the share of the way from the former frame's poses to the latest. */
+  async advance() {
+    return Math.min((performance.now() - this.arrived) / this.interval, 1);
+  }
+
+  async release() {}
+
+  #send(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  #connect() {
+    this.socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => this.ready && this.listener.tell("Connected again");
+    this.socket.onmessage = ({ data }) => {
+      if (typeof data === "string") this.#hear(JSON.parse(data));
+      else this.#receive(data);
+    };
+    this.socket.onclose = () => {
+      if (!this.ready) this.listener.refused(new Problem("The server of this page does not answer."));
+      else this.listener.lost();
+      if (this.ready) setTimeout(() => this.#connect(), AGAIN);
+    };
+  }
+
+  #hear({ type, ...message }) {
+    if (type === "tell") this.listener.tell(message.text);
+    if (type === "run") this.coming = message.about; // its model follows
+    if (type === "state") {
+      Object.assign(this.state, message);
+      this.names = this.asking ? ["A", "B"] : null;
+      this.#join();
+    }
+  }
+
+  #receive(buffer) {
+    const [kind, length] = new Int32Array(buffer, 0, 2);
+    if (kind === MODEL) {
+      this.model = modelOf(buffer, length);
+      this.about = this.coming;
+      this.scene = {};
+      this.poses = [];
+      if (this.ready) this.listener.renew();
+    } else if (kind === FRAME && this.model) {
+      const now = performance.now();
+      this.interval = Math.min(Math.max(now - this.arrived, 10), 100);
+      this.arrived = now;
+      const poses = posesOf(new Float32Array(buffer, 4), this.model.nbody);
+      if (poses.length !== this.poses.length) this.scene = {};
+      this.poses = poses;
+      this.#join();
+      if (this.ready) this.listener.step();
+    }
+  }
+
+  /** Give each robot its pose, as soon as both are known. */
+  #join() {
+    const { robots } = this.state;
+    if (!robots || robots.length !== this.poses.length) return;
+    this.robots = robots.map((robot, i) => Object.assign(robot, this.poses[i]));
+    if (this.ready) return;
+    this.ready = true;
+    this.listener.ready();
+  }
+}
+
+function modelOf(buffer, length) {
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
+  const model = { nbody: header.nbody, ngeom: header.ngeom };
+  for (const [name, [type, at, size]] of Object.entries(header.arrays)) {
+    model[name] = new ARRAYS[type](buffer, 8 + length + at, size);
+  }
+  return model;
+}
+
+function posesOf(numbers, nbody) {
+  const poses = [];
+  for (let at = 0; at < numbers.length; ) {
+    const [steps, contacts] = numbers.subarray(at, at + 2);
+    const next = (size) => numbers.subarray(at, (at += size));
+    at += 2;
+    poses.push({ steps, places: next(3 * nbody), turns: next(4 * nbody), contacts: next(6 * contacts) });
+  }
+  return poses;
+}

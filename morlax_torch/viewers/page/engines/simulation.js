@@ -1,0 +1,204 @@
+// One robot: MuJoCo's physics, the task's own step as ONNX graphs, and the family of policies.
+
+import loadMujoco from "../libraries/mujoco.js";
+import { unpacked } from "../files.js";
+import { Graph, typed } from "./graphs.js";
+import { draw, normal } from "./random.js";
+
+let engine = null; // MuJoCo is loaded once for all robots
+
+async function mujoco() {
+  engine ??= start().catch((error) => {
+    engine = null; // the next robot tries again
+    throw error;
+  });
+  return engine;
+}
+
+async function start() {
+  const file = await unpacked(new URL("../libraries/mujoco.wasm", import.meta.url).href);
+  const wasmBinary = await file.arrayBuffer();
+  return loadMujoco({ wasmBinary, print: () => {}, printErr: () => {} });
+}
+
+export class Simulation {
+  /** Load the robot of a folder that `pack --web` wrote. */
+  static async load(folder) {
+    const about = await (await unpacked(`${folder}/run.json`)).json();
+    const { objectives, observation_size: O } = about;
+    const inputs = {
+      observation: { shape: [1, O], type: "float32" },
+      tradeoff: { shape: [objectives.length], type: "float32" },
+    };
+    const [engine, xml, policy, before, after] = await Promise.all([
+      mujoco(),
+      unpacked(`${folder}/model.xml`).then((file) => file.text()),
+      Graph.load(`${folder}/policy.onnx`, inputs, ["action"]),
+      Graph.load(`${folder}/before.onnx`, about.before.inputs, about.before.outputs),
+      Graph.load(`${folder}/after.onnx`, about.after.inputs, about.after.outputs),
+    ]);
+    const model = await compiled(engine, folder, xml, about);
+    return new Simulation(engine, model, about, { policy, before, after });
+  }
+
+  constructor(engine, model, about, graphs) {
+    this.engine = engine;
+    this.model = model;
+    this.about = about;
+    this.graphs = graphs;
+    this.data = new engine.MjData(model);
+    this.tradeoff = about.objectives.map(() => 1 / about.objectives.length);
+    this.command = about.command?.initial.slice() ?? [];
+    this.values = {}; // task state, and what the graphs hand on
+    this.ended = null; // the former episode
+    this.reset();
+  }
+
+  /** Return another robot with the same policy, trade-off and command. */
+  twin() {
+    const other = new Simulation(this.engine, this.model, this.about, this.graphs);
+    return Object.assign(other, { tradeoff: this.tradeoff, command: this.command.slice() });
+  }
+
+  /** The bodies' positions, three numbers each. */
+  get places() {
+    return this.data.xpos;
+  }
+
+  /** The bodies' orientations as quaternions, w first. */
+  get turns() {
+    return this.data.xquat;
+  }
+
+  /** The robot's velocity in m/s along x and, if it can move there, y. */
+  get velocity() {
+    return this.about.pushed.map((dof) => this.data.qvel[dof]);
+  }
+
+  /** The motors' mechanical power in watts; absorbed power counts as positive too. */
+  get power() {
+    const { actuator_force, actuator_velocity } = this.data;
+    return actuator_force.reduce((sum, f, i) => sum + Math.abs(f * actuator_velocity[i]), 0);
+  }
+
+  /** The latest rewards of the task's terms. */
+  get terms() {
+    return this.last?.terms ?? null;
+  }
+
+  /** Start a new episode after one that is over. */
+  restart() {
+    const { returns, steps, about } = this;
+    this.ended = { returns, seconds: steps * about.dt, fell: this.over === "fell" };
+    this.reset();
+  }
+
+  /** Start a new episode, from one of the task's initial states. */
+  reset(index = Math.floor(Math.random() * this.about.starts.length)) {
+    const { observation, ...state } = this.about.starts[index];
+    this.engine.mj_resetData(this.model, this.data);
+    for (const [name, numbers] of Object.entries(state)) this.#write(name, numbers);
+    this.observation = Float32Array.from(observation);
+    this.returns = this.about.objectives.map(() => 0);
+    this.steps = 0;
+    this.over = null;
+    this.last = null;
+    this.#place();
+  }
+
+  /** Take one control step of `about.dt` seconds. */
+  async step() {
+    const { policy, before, after } = this.graphs;
+    const given = { observation: this.observation, tradeoff: this.tradeoff };
+    const { action } = await policy.run((name) => given[name]);
+    return this.act(action, before, after);
+  }
+
+  /** Take one control step with the given action. */
+  async act(action, before = this.graphs.before, after = this.graphs.after) {
+    this.values.action = action;
+    this.#tell();
+    this.#keep(await before.run((name) => this.#read(name, this.about.before)));
+    for (let i = 0; i < this.about.substeps; i++) this.engine.mj_step(this.model, this.data);
+    const found = await after.run((name) => this.#read(name, this.about.after));
+    this.#keep(found);
+    this.observation = Float32Array.from(found.observation);
+    this.returns = this.returns.map((sum, i) => sum + found.reward[i]);
+    this.steps += 1;
+    if (found.terminated[0]) this.over = "fell";
+    else if (found.truncated[0]) this.over = "time";
+    this.last = { action, reward: Array.from(found.reward), terms: Array.from(found.terms) };
+    this.#place();
+    return this.last;
+  }
+
+  /** Add a sudden velocity in a random horizontal direction. */
+  push() {
+    const { pushed, push } = this.about;
+    const kick = pushed.map(normal);
+    const size = Math.hypot(...kick);
+    pushed.forEach((dof, i) => (this.data.qvel[dof] += (push * kick[i]) / size));
+  }
+
+  /** Free the memory outside JavaScript; that of policy and model only if no twin is left. */
+  async release(last) {
+    this.data.delete();
+    if (!last) return;
+    await Promise.all(Object.values(this.graphs).map((graph) => graph.release()));
+    this.model.delete();
+  }
+
+  #read(name, graph) {
+    if (name in graph.draws) {
+      const { kind, parameters } = graph.draws[name];
+      const size = graph.inputs[name].shape.reduce((a, b) => a * b, 1);
+      return draw(kind, parameters, size);
+    }
+    const field = this.about.physics[name];
+    return field ? this.data[field] : this.values[name];
+  }
+
+  #write(name, numbers) {
+    const field = this.about.physics[name];
+    if (field) this.data[field].set(Array.from(numbers, Number));
+    else this.values[name] = typed(this.about.state[name], numbers);
+  }
+
+  #keep(results) {
+    for (const [name, numbers] of Object.entries(results)) {
+      if (this.about.physics[name]) this.data[this.about.physics[name]].set(numbers);
+      else this.values[name] = numbers;
+    }
+  }
+
+  #tell() {
+    this.command.forEach((value, i) => (this.values.command[this.about.command.offset + i] = value));
+  }
+
+  /** Bring the bodies' poses up to date with the positions, for whoever draws them. */
+  #place() {
+    this.engine.mj_kinematics(this.model, this.data);
+  }
+}
+
+/** Compile a model and write the exact numbers into it that its XML has rounded. */
+async function compiled(engine, folder, xml, about) {
+  const files = new engine.MjVFS();
+  try {
+    for (const name of about.assets) {
+      const file = await unpacked(`${folder}/${name}`);
+      files.addBuffer(name, new Uint8Array(await file.arrayBuffer()));
+    }
+    const model = engine.MjModel.from_xml_string(xml, files);
+    for (const [name, numbers] of Object.entries(about.fields)) {
+      if (model[name]?.length === numbers.length) model[name].set(numbers);
+    }
+    for (const [name, value] of Object.entries(about.options)) {
+      if (Array.isArray(value)) model.opt[name]?.set?.(value);
+      else if (name in model.opt) model.opt[name] = value;
+    }
+    return model;
+  } finally {
+    files.delete();
+  }
+}

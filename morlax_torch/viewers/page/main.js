@@ -1,0 +1,280 @@
+// The page: show the robots of an engine in real time, and react to the visitor.
+
+import { Problem, fetched, traffic } from "./files.js";
+import { Panel } from "./panel/panel.js";
+import { html, icon } from "./panel/pictures.js";
+import { even, parsed, shown } from "./panel/weights.js";
+
+const PACES = [1, 0.5, 0.25];
+const $ = (id) => document.getElementById(id);
+const query = new URLSearchParams(location.search);
+const remote = document.documentElement.dataset.engine === "remote";
+const state = {
+  engine: null,
+  folder: "", // of the run, without a server
+  panel: null,
+  stage: null,
+  from: 0, // index of the past pose that a replay started from
+  played: 0, // control steps since then
+  replays: false,
+};
+const former = []; // engines to release between two frames
+let asks = 0; // how often a run was asked for
+
+async function main() {
+  if (!remote && typeof WebAssembly !== "object") {
+    throw new Problem("This browser lacks WebAssembly: use a current Firefox, Chrome, Edge or Safari.");
+  }
+  document.body.classList.toggle("embed", query.has("embed"));
+  const { Stage } = await import("./stage/stage.js");
+  state.stage = new Stage($("view"), $("names"));
+  followTheme();
+  wireControls();
+  await (remote ? connect() : openPacked());
+  $("controls").hidden = $("panel").hidden = false;
+  if (!remote) keepFiles().catch(() => {}); // browsers may forbid it, and the page works without
+  run().catch(report);
+}
+
+/** Show what the server of `morlax explore` or `morlax teach` shows. */
+async function connect() {
+  const { Remote } = await import("./engines/remote.js");
+  const lost = () => announce("The server has stopped, or the connection is lost");
+  const step = () => state.engine && state.stage.advance();
+  const engine = await Remote.connect({ step, tell: warn, lost, renew: () => present(state.engine) });
+  present(engine);
+}
+
+/** Show one of the runs that `pack --web` wrote. */
+async function openPacked() {
+  const runs = await (await fetched("runs.json")).json();
+  // An embedded page has a chooser only if its address leaves the choice open.
+  document.body.classList.toggle("one", runs.length < 2 || query.has("run"));
+  const list = $("run");
+  list.replaceChildren(...runs.map((run) => new Option(run.title, run.folder)));
+  list.hidden = runs.length < 2;
+  $("title").hidden = runs.length > 1;
+  list.addEventListener("change", () => {
+    query.delete("tradeoff");
+    const run = runs.find(({ folder }) => folder === list.value);
+    open(run).then(remember, report);
+  });
+  await open(asked(runs));
+}
+
+/** Return the run that the address asks for by title or number. */
+function asked(runs) {
+  const name = query.get("run");
+  const found = runs.find((run, i) => run.title === name || String(i) === name);
+  if (found || name === null) return found ?? runs[0];
+  throw new Problem(`There is no robot ${name} here, but ${runs.map((run) => run.title).join(", ")}.`);
+}
+
+/** Show one of the runs, unless the visitor chooses another one before it is loaded. */
+async function open(run) {
+  const ask = ++asks;
+  const engine = await load(run).catch((error) => {
+    if (ask < asks) return null;
+    if (!state.engine) throw error;
+    $("run").value = state.folder; // the robot on the stage goes on
+    $("loading").hidden = true;
+    announce(sentence(error));
+    return null;
+  });
+  if (!engine || ask < asks) {
+    if (engine) former.push(engine);
+    return;
+  }
+  if (state.engine) former.push(state.engine);
+  state.folder = run.folder;
+  engine.about.title = run.title;
+  const m = engine.about.objectives.length;
+  engine.steer(parsed(query.get("tradeoff"), m) ?? even(m));
+  $("run").value = run.folder;
+  present(engine);
+}
+
+async function load({ title, folder, bytes, shared }) {
+  const size = bytes + (state.engine ? 0 : shared);
+  const begin = traffic.come;
+  traffic.follow = () => {
+    const [come, due] = [traffic.come - begin, size].map((x) => (x / 1e6).toFixed(1));
+    $("progress").textContent = `Loading ${title}: ${come} of ${due} MB`;
+  };
+  traffic.follow();
+  $("loading").classList.toggle("over", Boolean(state.engine));
+  $("loading").hidden = false;
+  const { Local } = await import("./engines/local.js");
+  const engine = await Local.load(folder);
+  engine.listener = { step: () => state.engine === engine && state.stage.advance(), tell: announce };
+  return engine;
+}
+
+/** Show the robots of an engine, and everything about them. */
+function present(engine) {
+  const { title, pushed } = engine.about;
+  document.title = `${title} · morlax`;
+  $("title").textContent = title;
+  $("push").disabled = pushed.length === 0;
+  state.replays = false;
+  state.engine = engine;
+  state.stage.show(engine);
+  state.panel = new Panel(engine, state.stage, remember);
+  state.panel.show();
+  $("loading").hidden = true;
+}
+
+/** Keep all files that this visit needed, for visits without a network. */
+async function keepFiles() {
+  await navigator.serviceWorker.register("sw.js");
+  const used = performance.getEntriesByType("resource").map(({ name }) => name);
+  const ours = used.filter((address) => address.startsWith(location.origin));
+  await (await caches.open("morlax")).addAll([...new Set(["./", ...ours])]);
+}
+
+/** Put robot and trade-off into the address, so that it can be shared. */
+function remember() {
+  if (remote) return;
+  query.set("run", state.engine.about.title);
+  query.set("tradeoff", shown(state.engine.steered.tradeoff));
+  history.replaceState(null, "", `?${query.toString().replaceAll("%2C", ",").replace("embed=", "embed")}`);
+}
+
+/** Step and draw until an error ends it. */
+async function run() {
+  let last = performance.now();
+  const frame = () => new Promise(requestAnimationFrame);
+  for (;;) {
+    await frame();
+    for (const engine of former.splice(0)) await engine.release();
+    const now = performance.now();
+    const elapsed = (now - last) / 1000;
+    last = now;
+    const { engine, stage } = state;
+    if (state.replays) replay(stage, (elapsed * engine.pace) / engine.about.dt);
+    const share = await engine.advance(stage.moment === null ? elapsed : 0);
+    if (engine !== state.engine) continue;
+    if (engine.scene !== stage.source) stage.show(engine);
+    stage.draw(share);
+    state.panel.show();
+    showPlayback(engine, stage);
+  }
+}
+
+/** Draw later poses of the past, until the present is reached. */
+function replay(stage, steps) {
+  state.played += steps;
+  stage.moment = Math.min(state.from + Math.floor(state.played), stage.past.length - 1);
+  if (stage.moment < stage.past.length - 1) return;
+  stage.moment = null;
+  state.replays = false;
+  state.engine.pause(false);
+}
+
+/** Show the time of the pose on the stage, and what the buttons do now. */
+function showPlayback(engine, stage) {
+  const { past, moment } = stage;
+  const { steps } = (moment === null ? stage.latest : past[moment])[engine.selected] ?? stage.latest[0];
+  $("clock").textContent = `${(steps * engine.about.dt).toFixed(1)} s`;
+  const { paused, pace } = engine;
+  const stopped = paused && !state.replays;
+  if (stopped === state.stopped && pace === state.pace) return;
+  Object.assign(state, { stopped, pace });
+  $("timeline").hidden = !stopped;
+  $("timeline").max = past.length - 1;
+  if (moment === null) $("timeline").value = past.length - 1;
+  $("pause").replaceChildren(icon(stopped ? "play" : "pause"));
+  $("pause").title = stopped ? "Continue (space)" : "Pause (space)";
+  $("pause").setAttribute("aria-label", $("pause").title);
+  $("pace").textContent = `${pace}×`;
+}
+
+/** Show what the server tells, for as long as the robots stand still. */
+function warn(text) {
+  announce(text, true);
+}
+
+function announce(text, stays = false) {
+  const place = $("event");
+  place.textContent = text;
+  place.classList.remove("fading", "staying");
+  void place.offsetWidth; // restarts the animation
+  place.classList.add(stays ? "staying" : "fading");
+}
+
+function wireControls() {
+  const actions = {
+    pause: () => {
+      const { engine, stage } = state;
+      if (!engine.paused) engine.pause(true);
+      else if (stage.moment === null) engine.pause(false);
+      else state.replays = !state.replays;
+    },
+    push: () => state.engine.press("push"),
+    reset: () => state.engine.press("reset"),
+    camera: () => state.stage.lookHome(),
+    photo: () => save().catch((error) => announce(sentence(error))),
+    pace: () => state.engine.setPace(PACES[(PACES.indexOf(state.engine.pace) + 1) % PACES.length]),
+  };
+  for (const [name, act] of Object.entries(actions)) {
+    $(name).addEventListener("click", act);
+    if (name !== "pace") {
+      $(name).replaceChildren(icon(name));
+      $(name).setAttribute("aria-label", $(name).title);
+    }
+  }
+  $("timeline").addEventListener("input", () => {
+    state.from = Math.min(Number($("timeline").value), state.stage.past.length - 1);
+    state.stage.moment = state.from;
+    state.played = 0;
+  });
+  const keys = { " ": "pause", p: "push", r: "reset", c: "camera" };
+  addEventListener("keydown", (event) => {
+    const typing = event.target.closest("button, select, input, summary");
+    const name = keys[event.key.toLowerCase()];
+    if (!state.engine || !name || typing || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    actions[name]();
+  });
+}
+
+/** Save what the stage shows as a PNG file. */
+async function save() {
+  const address = URL.createObjectURL(await state.stage.picture());
+  const name = `${$("title").textContent} ${shown(state.engine.steered.tradeoff)}.png`;
+  html("a", { href: address, download: name }).click();
+  URL.revokeObjectURL(address);
+}
+
+/** Follow the system's light or dark theme, until the visitor switches. */
+function followTheme() {
+  const system = matchMedia("(prefers-color-scheme: dark)");
+  let chosen = query.get("theme");
+  const dress = () => {
+    const theme = chosen ?? (system.matches ? "dark" : "light");
+    document.documentElement.dataset.theme = theme;
+    state.stage.dress(theme);
+    $("theme").replaceChildren(icon(theme === "dark" ? "sun" : "moon"));
+  };
+  system.addEventListener("change", dress);
+  $("theme").setAttribute("aria-label", $("theme").title);
+  $("theme").addEventListener("click", () => {
+    chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    dress();
+  });
+  dress();
+}
+
+function sentence(error) {
+  if (error instanceof Problem) return error.message;
+  return `The page cannot run here: ${error.message ?? error}.`;
+}
+
+/** Show one sentence in place of the robot. */
+function report(error) {
+  $("loading").hidden = $("controls").hidden = true;
+  $("problem").hidden = false;
+  $("problem").textContent = sentence(error);
+}
+
+main().catch(report);

@@ -1,0 +1,60 @@
+// "A or B?": the visitor compares two robots, and sees what the answers tell.
+
+import { html, short } from "./pictures.js";
+
+const $ = (id) => document.getElementById(id);
+const SIDES = ["A", "B"];
+
+export class AskingPanel {
+  constructor(engine) {
+    this.engine = engine;
+    this.key = null;
+    const button = (text, act) => {
+      const made = html("button", { type: "button", className: "chip", textContent: text });
+      made.addEventListener("click", act);
+      return made;
+    };
+    const answers = SIDES.map((side, i) => button(side, () => engine.answer(i)));
+    $("answers").replaceChildren(...answers, button("skip", () => engine.press("skip")));
+    const ends = ["use", "again", "leave"].map((name) => button(ENDS[name], () => engine.press(name)));
+    $("asking-ends").replaceChildren(...(engine.about.objectives.length ? ends : []));
+  }
+
+  show() {
+    const { asking } = this.engine;
+    const key = JSON.stringify(asking);
+    if (key === this.key) return;
+    this.key = key;
+    $("asking-section").hidden = !asking;
+    document.body.classList.toggle("asking", Boolean(asking));
+    if (!asking) return;
+    $("answers").hidden = asking.over;
+    $("question").textContent = asking.over
+      ? "There is nothing left to compare."
+      : `Which robot do you like better? Answers so far: ${asking.answers}`;
+    $("question").dataset.answers = asking.answers;
+    $("told").textContent = this.#told(asking.told);
+    $("evidence").textContent = this.#evidence(asking);
+  }
+
+  /** Say what A and B of the question before earn. */
+  #told(told) {
+    const { front, objectives } = this.engine.about;
+    if (!told?.policies || !front) return "";
+    const lines = told.policies.map((policy, side) => {
+      const sums = objectives.map((name, i) => `${name} ${short(front.returns[policy][i])}`);
+      return `${SIDES[side]}: ${sums.join(", ")}`;
+    });
+    return `You preferred ${SIDES[told.preferred]}. Returns: ${lines.join("; ")}.`;
+  }
+
+  /** Say which policy the visitor seems to like, and how sure that is. */
+  #evidence({ answers, best_tradeoff: weights, confidence, left }) {
+    if (!answers || !weights) return "";
+    const parts = this.engine.about.objectives.map((name, i) => `${name} ${weights[i].toFixed(2)}`);
+    const rest = left ? `about ${left} more question${left > 1 ? "s" : ""}` : "that is enough";
+    return `You seem to like ${parts.join(", ")} (${Math.round(100 * confidence)} % sure; ${rest}).`;
+  }
+}
+
+const ENDS = { use: "use this trade-off", again: "start again", leave: "back" };

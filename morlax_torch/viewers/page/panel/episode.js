@@ -1,0 +1,77 @@
+// Returns of the running episode, and how the former one ended.
+
+import { colorOf, robotColor } from "../colors.js";
+import { html, short } from "./pictures.js";
+
+const $ = (id) => document.getElementById(id);
+const CALM = 0.05; // share of a new reward in the smoothed one
+
+export class Episode {
+  constructor(engine) {
+    this.engine = engine;
+    const { terms } = engine.about;
+    $("terms-section").hidden = !terms?.length;
+    this.termCells = (terms ?? []).map(() => html("td"));
+    const rows = this.termCells.map((cell, i) => html("tr", {}, html("th", { textContent: terms[i] }), cell));
+    $("terms").replaceChildren(...rows);
+  }
+
+  show() {
+    const { robots, about, selected, steered } = this.engine;
+    if (robots.length !== this.number) this.#tabulate(robots.length, about.objectives);
+    robots.forEach((robot, i) => {
+      robot.returns.forEach((value, k) => (this.cells[k][i].textContent = amount(value)));
+    });
+    if (robots.length === 1) this.#showRates(steered, about.dt);
+    this.termCells.forEach((cell, i) => {
+      cell.textContent = steered.terms ? amount(steered.terms[i]) : "–";
+    });
+    const { ended } = robots[selected];
+    $("ended").textContent = ended ? this.#described(ended, about.objectives) : "";
+  }
+
+  /** Show smoothed rewards per second. */
+  #showRates({ returns, steps }, dt) {
+    const passed = steps - (this.steps ?? steps);
+    if (passed > 0) {
+      const calm = 1 - (1 - CALM) ** passed;
+      returns.forEach((value, i) => {
+        const rate = (value - this.former[i]) / (passed * dt);
+        this.rates[i] = (1 - calm) * (this.rates[i] ?? rate) + calm * rate;
+      });
+    }
+    if (passed !== 0 || !this.former) [this.steps, this.former] = [steps, [...returns]];
+    this.cells.forEach((row, i) => (row[1].textContent = this.rates[i] === null ? "–" : amount(this.rates[i])));
+  }
+
+  #tabulate(number, names) {
+    this.number = number;
+    this.rates = names.map(() => null);
+    this.steps = this.former = undefined;
+    const titles = number === 1 ? ["return", "per second"] : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
+    const head = titles.map((text, i) => {
+      const title = html("th", { textContent: text });
+      if (number > 1) title.style.color = robotColor(i);
+      return title;
+    });
+    this.cells = names.map(() => titles.map(() => html("td")));
+    const rows = names.map((name, i) => {
+      const title = html("th", { textContent: name, className: "objective" });
+      title.style.setProperty("--color", colorOf(i));
+      return html("tr", {}, title, ...this.cells[i]);
+    });
+    $("episode").replaceChildren(html("tr", {}, html("th"), ...head), ...rows);
+  }
+
+  #described({ returns, seconds, fell }, names) {
+    const sums = names.map((name, i) => `${name} ${amount(returns[i])}`);
+    return `The last episode ${fell ? "failed" : "ended"} after ${seconds.toFixed(1)} s: ${sums.join(", ")}.`;
+  }
+}
+
+/** Format a number with about four digits. */
+function amount(value) {
+  const size = Math.abs(value);
+  if (size >= 1e5) return short(value);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2);
+}

@@ -1,0 +1,160 @@
+// The map of policies: two objectives against each other, and every point is a trade-off to pick.
+
+import { html, onDrag, short, svg, ticks } from "./pictures.js";
+import { mixed } from "../colors.js";
+
+const [WIDTH, HEIGHT] = [380, 300];
+const [LEFT, RIGHT, TOP, BOTTOM] = [50, 12, 12, 40]; // margins
+const NEAR = 14; // from the pointer to a point that it asks about
+
+export class FrontPlot {
+  /**
+   * @param front tradeoffs, axes and their values, which are best and which fail.
+   * @param names of all objectives.
+   * @param axes indices of the two axes to show.
+   * @param pick called with a trade-off that a visitor clicks, drags or steps to.
+   */
+  constructor(front, names, axes, pick) {
+    Object.assign(this, { front, names, axes, pick });
+    this.ranges = axes.map((i) => paddedRange(front.values.map((v) => v[i])));
+    this.places = front.values.map((v) => this.#at(axes.map((i) => v[i])));
+    this.along = indicesOf(front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
+    this.marks = svg("g");
+    this.nearest = 0;
+    const label = `Pareto front of ${axes.map((i) => front.axes[i]).join(" and ")}: click, or use the arrow keys`;
+    this.drawing = svg(
+      "svg",
+      { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "img", tabindex: 0, "aria-label": label },
+      ...this.#scales(),
+      ...this.#points(),
+      this.marks,
+    );
+    this.tip = html("p", { className: "tip", hidden: true });
+    this.element = html("div", { className: "map" }, this.drawing, this.tip);
+    onDrag(this.drawing, (place) => this.#choose(place), (place) => this.#tell(place));
+    this.drawing.addEventListener("pointerleave", () => (this.tip.hidden = true));
+    this.drawing.addEventListener("keydown", (event) => this.#step(event));
+  }
+
+  /**
+   * Mark where trade-offs lie: at the evaluated ones that are nearest.
+   *
+   * @param marks weights, fill and outline of each; the last one is the visitor's own.
+   */
+  show(marks) {
+    const places = marks.map(({ weights }) => lowest(this.front.tradeoffs, (w) => distance(w, weights)));
+    this.nearest = places.at(-1) ?? 0;
+    const circles = marks.map(({ fill, outline }, i) => {
+      const [cx, cy] = this.places[places[i]];
+      return svg("circle", { cx, cy, r: 7.5, fill, stroke: outline, class: "mark" });
+    });
+    this.marks.replaceChildren(...circles);
+  }
+
+  /** Let only some points stand out, by index; null: all. */
+  limit(points) {
+    const chosen = points === null ? null : new Set(points);
+    for (const [i, point] of this.points) point.classList.toggle("out", chosen !== null && !chosen.has(i));
+  }
+
+  #choose(place) {
+    const far = (other, i) => (this.front.best[i] ? distance(other, place) : Infinity);
+    this.pick(this.front.tradeoffs[lowest(this.places, far)]);
+  }
+
+  /** Say which trade-off the point under the pointer has, and what its policy earns. */
+  #tell(place) {
+    const point = lowest(this.places, (other) => distance(other, place));
+    this.tip.hidden = distance(this.places[point], place) > NEAR ** 2;
+    if (this.tip.hidden) return;
+    const { tradeoffs, axes, values, fails } = this.front;
+    const lines = axes.map((axis, i) => {
+      if (i >= this.names.length) return `${axis}: ${short(values[point][i])}`;
+      const weight = Math.round(100 * tradeoffs[point][i]);
+      return `${this.names[i]} ${weight} %: ${short(values[point][i])} per second`;
+    });
+    if (fails[point]) lines.push("its episodes end in a fall");
+    this.tip.replaceChildren(...lines.map((text) => html("span", { textContent: text })));
+    const [x, y] = this.places[point];
+    const late = x > WIDTH / 2;
+    this.tip.style.left = late ? "auto" : `${(100 * x) / WIDTH}%`;
+    this.tip.style.right = late ? `${100 - (100 * x) / WIDTH}%` : "auto";
+    this.tip.style.top = `${(100 * (y + 10)) / HEIGHT}%`;
+  }
+
+  /** Move along the front with the arrow keys. */
+  #step(event) {
+    const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+    if (!way) return;
+    event.preventDefault();
+    const here = lowest(this.along, (i) => distance(this.places[i], this.places[this.nearest]));
+    const next = Math.min(Math.max(here + way, 0), this.along.length - 1);
+    this.pick(this.front.tradeoffs[this.along[next]]);
+  }
+
+  #at([x, y]) {
+    const [[left, right], [bottom, top]] = this.ranges;
+    return [
+      LEFT + ((x - left) / (right - left)) * (WIDTH - LEFT - RIGHT),
+      HEIGHT - BOTTOM - ((y - bottom) / (top - bottom)) * (HEIGHT - TOP - BOTTOM),
+    ];
+  }
+
+  #points() {
+    const { best, fails, tradeoffs } = this.front;
+    const order = this.places.map((_, i) => i).sort((a, b) => best[a] - best[b]);
+    const draw = (i) => {
+      const [cx, cy] = this.places[i];
+      if (fails[i]) return svg("path", { d: `M${cx - 3} ${cy - 3}l6 6m0-6l-6 6`, class: "failed" });
+      if (!best[i]) return svg("circle", { cx, cy, r: 1.8, class: "dominated" });
+      return svg("circle", { cx, cy, r: 3.4, fill: mixed(tradeoffs[i]) });
+    };
+    this.points = order.map((i) => [i, draw(i)]);
+    return this.points.map(([, point]) => point);
+  }
+
+  #scales() {
+    const parts = [];
+    const [[left, right], [bottom, top]] = this.ranges;
+    for (const value of ticks(left, right)) {
+      const [x] = this.#at([value, bottom]);
+      parts.push(svg("line", { x1: x, x2: x, y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
+      parts.push(svg("text", { x, y: HEIGHT - BOTTOM + 15, class: "tick middle" }, short(value)));
+    }
+    for (const value of ticks(bottom, top)) {
+      const [, y] = this.#at([left, value]);
+      parts.push(svg("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: y, y2: y, class: "grid" }));
+      parts.push(svg("text", { x: LEFT - 6, y: y + 3.5, class: "tick end" }, short(value)));
+    }
+    const [x, y] = [(LEFT + WIDTH - RIGHT) / 2, (TOP + HEIGHT - BOTTOM) / 2];
+    const [across, up] = this.axes.map((i) => this.front.axes[i]);
+    parts.push(svg("text", { x, y: HEIGHT - 6, class: "axis middle" }, across));
+    const turned = `translate(11 ${y}) rotate(-90)`;
+    parts.push(svg("text", { transform: turned, class: "axis middle" }, up));
+    return parts;
+  }
+}
+
+const indicesOf = (flags) => flags.flatMap((flag, i) => (flag ? [i] : []));
+
+function paddedRange(values) {
+  const [low, high] = [Math.min(...values), Math.max(...values)];
+  const margin = Math.max(0.06 * (high - low), 1e-6 + 1e-6 * Math.abs(high));
+  return [low - margin, high + margin];
+}
+
+/** Return the squared distance of two points. */
+function distance(a, b) {
+  return a.reduce((sum, x, i) => sum + (x - b[i]) ** 2, 0);
+}
+
+/** Return the index of the item with the lowest score. */
+function lowest(items, score) {
+  let best = 0;
+  let least = Infinity;
+  items.forEach((item, i) => {
+    const found = score(item, i);
+    if (found < least) [best, least] = [i, found];
+  });
+  return best;
+}

@@ -1,0 +1,39 @@
+// Rows of sliders with a name and a value.
+
+import { html } from "./pictures.js";
+
+export class Sliders {
+  /**
+   * @param rows name, limits, color, format and a note (title) of each slider.
+   * @param move called with index and value while a visitor drags.
+   * @param done called when the visitor lets go.
+   */
+  constructor(rows, move, done = () => {}) {
+    this.rows = rows;
+    this.inputs = rows.map(({ name, limits: [min, max] }, index) => {
+      const input = html("input", { type: "range", min, max, step: (max - min) / 200 });
+      input.setAttribute("aria-label", name);
+      input.addEventListener("input", () => move(index, Number(input.value)));
+      input.addEventListener("change", done);
+      return input;
+    });
+    this.outputs = rows.map(() => html("output"));
+    this.elements = rows.map(({ name, color, title: note }, index) => {
+      const title = html("span", { className: "name", textContent: name, title: note ?? "" });
+      const head = html("span", { className: "head" }, title, this.outputs[index]);
+      const row = html("label", { className: "slider" }, head, this.inputs[index]);
+      row.style.setProperty("--color", color);
+      return row;
+    });
+  }
+
+  /** Show the values of all sliders. */
+  show(values) {
+    values.forEach((value, i) => {
+      const { limits: [min, max], format } = this.rows[i];
+      this.inputs[i].value = value;
+      this.outputs[i].textContent = format(value);
+      this.elements[i].style.setProperty("--share", (value - min) / (max - min));
+    });
+  }
+}

@@ -1,0 +1,82 @@
+// The trade-offs of three objectives as a triangle: each corner is one objective alone.
+
+import { onDrag, svg } from "./pictures.js";
+import { colorOf, mixed } from "../colors.js";
+
+const [WIDTH, HEIGHT] = [320, 236];
+const CORNERS = [[160, 26], [50, 208], [270, 208]];
+const GRAIN = 12; // small triangles along each side, for the colors
+
+export class Triangle {
+  /** @param pick called with the trade-off that a visitor clicks or drags to. */
+  constructor(names, pick) {
+    this.pick = pick;
+    this.marks = svg("g");
+    const [top, left, right] = CORNERS;
+    const label = (text, [x, y], anchor, color) =>
+      svg("text", { x, y, class: `corner ${anchor}`, style: `--color: ${color}` }, text);
+    this.element = svg(
+      "svg",
+      {
+        viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+        class: "plot",
+        role: "img",
+        "aria-label": `Trade-off of ${names.join(", ")}: click to choose`,
+      },
+      ...colors(),
+      svg("polygon", { points: CORNERS.map(String).join(" "), class: "edge" }),
+      label(names[0], [top[0], top[1] - 10], "middle", colorOf(0)),
+      label(names[1], [left[0], left[1] + 20], "middle", colorOf(1)),
+      label(names[2], [right[0], right[1] + 20], "middle", colorOf(2)),
+      this.marks,
+    );
+    onDrag(this.element, (place) => this.#choose(place));
+  }
+
+  /** Mark trade-offs; see `FrontPlot`. */
+  show(marks) {
+    const circles = marks.map(({ weights, fill, outline }) => {
+      const [cx, cy] = at(weights);
+      return svg("circle", { cx, cy, r: 8, fill, stroke: outline, class: "mark" });
+    });
+    this.marks.replaceChildren(...circles);
+  }
+
+  #choose(place) {
+    const inside = weightsAt(place).map((w) => Math.max(w, 0));
+    const total = inside[0] + inside[1] + inside[2];
+    this.pick(inside.map((w) => w / total));
+  }
+}
+
+function at(weights) {
+  return [0, 1].map((axis) => CORNERS.reduce((sum, corner, i) => sum + weights[i] * corner[axis], 0));
+}
+
+/** Return the weights of the corners at a point: its barycentric coordinates. */
+function weightsAt([x, y]) {
+  const [[ax, ay], [bx, by], [cx, cy]] = CORNERS;
+  const area = (by - cy) * (ax - cx) + (cx - bx) * (ay - cy);
+  const a = ((by - cy) * (x - cx) + (cx - bx) * (y - cy)) / area;
+  const b = ((cy - ay) * (x - cx) + (ax - cx) * (y - cy)) / area;
+  return [a, b, 1 - a - b];
+}
+
+/** Fill the triangle with the colors of its trade-offs. */
+function colors() {
+  const parts = [];
+  const cell = (...corners) => {
+    const weights = corners.map(([i, j]) => [1 - (i + j) / GRAIN, i / GRAIN, j / GRAIN]);
+    const middle = [0, 1, 2].map((k) => weights.reduce((sum, w) => sum + w[k] / 3, 0));
+    const fill = mixed(middle);
+    const points = weights.map((w) => String(at(w))).join(" ");
+    parts.push(svg("polygon", { points, fill, stroke: fill, class: "cell" }));
+  };
+  for (let i = 0; i < GRAIN; i++) {
+    for (let j = 0; i + j < GRAIN; j++) {
+      cell([i, j], [i + 1, j], [i, j + 1]);
+      if (i + j + 1 < GRAIN) cell([i + 1, j], [i, j + 1], [i + 1, j + 1]);
+    }
+  }
+  return parts;
+}

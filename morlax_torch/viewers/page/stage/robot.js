@@ -1,0 +1,114 @@
+// One robot as three.js objects: a group per body, and what is drawn beside it.
+
+import * as THREE from "three";
+import { robotColor } from "../colors.js";
+import { Arrows } from "./arrows.js";
+import { colorOf, geometryOf, shownGeoms } from "./shapes.js";
+
+const AHEAD = 0.25; // s that the arrow of a velocity looks ahead
+const POINTS = 80; // of a trail
+
+export class Robot {
+  /**
+   * @param model MuJoCo's arrays.
+   * @param size of the robot in meters.
+   * @param index of its color; null without a ring.
+   */
+  constructor(model, size, index) {
+    this.size = size;
+    this.group = new THREE.Group(); // moves by what the robot has moved
+    this.bodies = Array.from({ length: model.nbody }, () => new THREE.Group());
+    this.group.add(...this.bodies);
+    for (const geom of shownGeoms(model)) addGeom(this.bodies, model, geom);
+    this.arrows = {
+      velocity: new Arrows(this.group, "#0072b2", size),
+      command: new Arrows(this.group, "#009e73", size),
+      contacts: new Arrows(this.group, "#d55e00", size),
+    };
+    this.trail = new THREE.Line(
+      new THREE.BufferGeometry(),
+      new THREE.LineBasicMaterial({ color: "#868e96" }),
+    );
+    this.trail.frustumCulled = false;
+    this.group.add(this.trail);
+    this.ring = index === null ? null : ringOf(size, robotColor(index));
+  }
+
+  /** Move the bodies `share` of the way from one pose to another. */
+  pose(former, latest, share) {
+    for (const [index, body] of this.bodies.entries()) {
+      body.position.fromArray(former.places, 3 * index);
+      body.position.lerp(place.fromArray(latest.places, 3 * index), share);
+      quaternionAt(former.turns, index, body.quaternion);
+      body.quaternion.slerp(quaternionAt(latest.turns, index, turn), share);
+    }
+  }
+
+  /**
+   * Draw arrows and trail.
+   *
+   * @param shown names of what the visitor wants to see.
+   * @param moment see `Stage`: followed place, velocity, heading, command, contacts, former places.
+   */
+  decorate(shown, { at, velocity, heading, command, contacts, former }) {
+    const above = (share) => at.clone().add(new THREE.Vector3(0, 0, share * this.size));
+    const draw = (name, arrows) => this.arrows[name].show(shown.has(name) ? arrows : []);
+    const from = above(0.3);
+    draw("velocity", velocity ? [[from, from.clone().addScaledVector(velocity, AHEAD)]] : []);
+    const start = above(0.36);
+    const reach = command && new THREE.Vector3(...command, 0).applyAxisAngle(UP, heading);
+    draw("command", reach ? [[start, start.clone().add(reach)]] : []);
+    draw("contacts", pairs(contacts ?? []));
+    this.trail.visible = shown.has("trail") && former.length > 1;
+    if (this.trail.visible) this.trail.geometry.setFromPoints(former.slice(-POINTS));
+  }
+
+  dispose() {
+    this.ring?.geometry.dispose();
+    this.ring?.material.dispose();
+    this.group.traverse(({ geometry, material }) => {
+      geometry?.dispose();
+      material?.dispose();
+    });
+  }
+}
+
+const UP = new THREE.Vector3(0, 0, 1);
+const place = new THREE.Vector3(); // reused, so that drawing allocates little
+const turn = new THREE.Quaternion();
+
+/** Read MuJoCo's quaternion, which has w first. */
+export function quaternionAt(numbers, index, result) {
+  const [w, x, y, z] = numbers.subarray(4 * index, 4 * index + 4);
+  return result.set(x, y, z, w);
+}
+
+function addGeom(bodies, model, geom) {
+  const geometry = geometryOf(model, geom);
+  if (!geometry) return;
+  const [red, green, blue, alpha] = colorOf(model, geom);
+  const material = new THREE.MeshStandardMaterial({
+    color: new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace),
+    roughness: 0.42,
+    metalness: 0.05,
+    transparent: alpha < 1,
+    opacity: alpha,
+  });
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.position.fromArray(model.geom_pos, 3 * geom);
+  quaternionAt(model.geom_quat, geom, mesh.quaternion);
+  mesh.castShadow = mesh.receiveShadow = true;
+  bodies[model.geom_bodyid[geom]].add(mesh);
+}
+
+function ringOf(size, color) {
+  const geometry = new THREE.RingGeometry(0.36 * size, 0.4 * size, 64);
+  return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color }));
+}
+
+function pairs(numbers) {
+  const points = Array.from({ length: numbers.length / 3 }, (_, i) => {
+    return new THREE.Vector3().fromArray(numbers, 3 * i);
+  });
+  return Array.from({ length: points.length / 2 }, (_, i) => [points[2 * i], points[2 * i + 1]]);
+}

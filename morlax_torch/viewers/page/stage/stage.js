@@ -1,0 +1,248 @@
+// The stage: robots side by side that stay in place while the ground moves, and a camera.
+
+import * as THREE from "three";
+import { OrbitControls } from "../libraries/OrbitControls.js";
+import { robotColor } from "../colors.js";
+import { Problem } from "../files.js";
+import { html } from "../panel/pictures.js";
+import { Quality, isAccelerated } from "./quality.js";
+import { Robot, quaternionAt } from "./robot.js";
+import { PLANE, shownGeoms } from "./shapes.js";
+import { Surroundings } from "./surroundings.js";
+
+const VIEW = new THREE.Vector3(0.55, -1, 0.32).normalize(); // from the robots to the camera
+const FIELD = 32; // degrees
+const MARGIN = 1.2; // around the robots
+const GAP = 1.15; // between the middles of neighbors, in sizes of the robot
+const BUTTONS = 50; // pixels that the buttons cover at the bottom
+const KEPT = 10; // s of poses to look back at
+const CALM = 250; // ms that the camera takes to follow most of a change of height
+
+export class Stage {
+  /**
+   * `shown` are the names of arrows and trail to draw, and can be changed.
+   *
+   * @param canvas to draw on.
+   * @param labels element for the robots' names, whose text is up to others.
+   */
+  constructor(canvas, labels) {
+    this.canvas = canvas;
+    this.labels = labels;
+    const accelerated = isAccelerated();
+    const context = canvas.getContext("webgl2", { antialias: accelerated });
+    if (!context) {
+      throw new Problem("This browser cannot draw in 3D: switch on WebGL 2 (hardware acceleration).");
+    }
+    this.quality = new Quality(accelerated);
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = THREE.PCFShadowMap;
+    this.renderer.toneMapping = THREE.NeutralToneMapping;
+    this.camera = new THREE.PerspectiveCamera(FIELD, 1, 0.01, 1000);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.enableDamping = true;
+    this.controls.enablePan = false;
+    this.controls.maxPolarAngle = 0.495 * Math.PI; // never below the floor
+    this.theme = "light";
+    this.shown = new Set(["command"]);
+    this.drawn = performance.now();
+    this.center = new THREE.Vector3(); // where the camera looks
+  }
+
+  /** Show the robots of an engine. */
+  show(engine) {
+    for (const robot of this.robots ?? []) robot.dispose();
+    const { model, about, robots, scene } = engine;
+    const same = this.model === model;
+    const many = robots.length > 1;
+    Object.assign(this, { engine, model, source: scene });
+    this.scene = new THREE.Scene();
+    const box = boundsOf(model, robots[0]);
+    this.size = Math.max(box.getSize(new THREE.Vector3()).length(), 0.05);
+    this.offset = box.getCenter(new THREE.Vector3()).z - robots[0].places[3 * about.followed + 2];
+    this.robots = robots.map((_, i) => new Robot(model, this.size, many ? i : null));
+    const gap = GAP * this.size;
+    this.lanes = robots.map((_, i) => gap * (i - (robots.length - 1) / 2));
+    this.floor = floorHeight(model);
+    this.surroundings = new Surroundings(this.scene, this.size, this.floor, this.lanes, gap);
+    this.surroundings.dress(this.theme);
+    for (const [i, { group, ring }] of this.robots.entries()) {
+      this.scene.add(group);
+      ring?.position.set(this.lanes[i], 0, this.floor + 0.004 * this.size);
+      if (ring) this.scene.add(ring);
+    }
+    this.#label();
+    this.past = []; // of all robots after control steps, the oldest first
+    this.moment = null; // index of the past pose to draw; null: the present
+    this.latest = null;
+    this.advance();
+    const wide = this.width !== undefined && same && this.wide === robots.length;
+    this.wide = robots.length;
+    if (!wide) this.lookHome(same);
+  }
+
+  /** Change to the light or dark look. */
+  dress(theme) {
+    this.theme = theme;
+    this.surroundings?.dress(theme);
+  }
+
+  /** Note the poses after a control step; `draw` moves from the former to these. */
+  advance() {
+    const { robots, about } = this.engine;
+    if (robots.length !== this.robots.length) return;
+    this.former = this.latest;
+    this.latest = robots.map(({ places, turns, steps, contacts }) => {
+      return { places: places.slice(), turns: turns.slice(), steps, contacts };
+    });
+    this.past.push(this.latest);
+    const seconds = (this.latest[0].steps - this.past[0][0].steps) * about.dt;
+    if (seconds > KEPT || this.past.length * about.dt > KEPT) this.past.shift();
+  }
+
+  /** Move the camera to where it was in the beginning; or only to the distance, if `turned`. */
+  lookHome(turned = false) {
+    const aspect = this.camera.aspect;
+    const half = THREE.MathUtils.degToRad(FIELD / 2);
+    const across = Math.atan(Math.tan(half) * aspect);
+    const wide = this.lanes.at(-1) - this.lanes[0] + this.size;
+    const distance = (MARGIN / 2) * Math.max(this.size / Math.sin(half), wide / Math.sin(across));
+    const from = this.camera.position.clone().sub(this.controls.target);
+    const direction = turned && from.length() > 0 ? from.normalize() : VIEW;
+    this.center.set(0, 0, this.#height(0, 1));
+    this.controls.target.copy(this.center);
+    this.camera.position.copy(direction).multiplyScalar(distance).add(this.center);
+    this.controls.minDistance = 0.4 * this.size;
+    this.controls.maxDistance = 12 * this.size + wide;
+    this.controls.update();
+  }
+
+  /** Return a picture of the present drawing, as a PNG file's data. */
+  picture() {
+    this.draw(1);
+    return new Promise((resolve) => this.canvas.toBlob(resolve));
+  }
+
+  /** Draw the moment `share` in [0, 1] of the way from the former poses to the latest. */
+  draw(share) {
+    const now = performance.now();
+    const haste = 1 - Math.exp((this.drawn - now) / CALM); // of a change of height to follow now
+    this.quality.note(now - this.drawn);
+    this.drawn = now;
+    this.#fit();
+    this.surroundings.shadow = this.quality.shadow;
+    const ways = this.robots.map((robot, i) => {
+      const [former, latest] = this.#drawn(i);
+      robot.pose(former, latest, share);
+      const at = robot.bodies[this.engine.about.followed].position;
+      robot.group.position.set(this.lanes[i] - at.x, -at.y, 0);
+      if (this.moment === null) this.#decorate(robot, i, at);
+      return at;
+    });
+    const rise = haste * (this.#height(0, share) - this.center.z);
+    for (const point of [this.center, this.controls.target, this.camera.position]) point.z += rise;
+    this.controls.update();
+    this.surroundings.follow(ways, this.center, this.camera.position);
+    this.renderer.render(this.scene, this.camera);
+    this.#placeLabels();
+  }
+
+  /** Return the poses of a robot to draw between. */
+  #drawn(i) {
+    if (this.moment !== null) return [this.past[this.moment][i], this.past[this.moment][i]];
+    const latest = this.latest[i];
+    const former = this.former?.[i] ?? latest;
+    return former.steps > latest.steps ? [latest, latest] : [former, latest]; // a new episode
+  }
+
+  /** Return the height to look at. */
+  #height(i, share) {
+    const at = 3 * this.engine.about.followed + 2;
+    const [former, latest] = this.#drawn(i);
+    return THREE.MathUtils.lerp(former.places[at], latest.places[at], share) + this.offset;
+  }
+
+  #decorate(robot, i, at) {
+    const { about, command, names } = this.engine;
+    const [former, latest] = this.#drawn(i);
+    const followed = about.followed;
+    const placeIn = (pose) => new THREE.Vector3().fromArray(pose.places, 3 * followed);
+    const seconds = (latest.steps - former.steps) * about.dt;
+    const velocity = seconds > 0 ? placeIn(latest).sub(placeIn(former)).divideScalar(seconds) : null;
+    const begin = this.past.findLastIndex((pose, k) => {
+      return k > 0 && this.past[k - 1][i].steps > pose[i].steps;
+    });
+    robot.decorate(this.shown, {
+      at,
+      velocity,
+      heading: headingOf(quaternionAt(latest.turns, followed, new THREE.Quaternion())),
+      command: about.velocities && !names ? command.slice(0, 2) : null,
+      contacts: latest.contacts,
+      former: this.shown.has("trail") ? this.past.slice(Math.max(begin, 0)).map((p) => placeIn(p[i])) : [],
+    });
+  }
+
+  #label() {
+    const names = this.robots.length < 2 ? [] : this.robots;
+    const made = names.map((_, i) => {
+      const label = html("span", { className: "name-tag" });
+      label.style.setProperty("--color", robotColor(i));
+      return label;
+    });
+    this.labels.replaceChildren(...made);
+  }
+
+  /** Keep the robots' names above their lanes, where no robot jumps. */
+  #placeLabels() {
+    for (const [i, label] of [...this.labels.children].entries()) {
+      const { x } = new THREE.Vector3(this.lanes[i], 0, this.center.z).project(this.camera);
+      label.style.left = `${((x + 1) / 2) * this.width}px`;
+    }
+  }
+
+  /** Keep the drawing as large as its place on the page. */
+  #fit() {
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    const ratio = Math.min(window.devicePixelRatio, 2) * this.quality.share;
+    if (width === this.width && height === this.tall && ratio === this.ratio) return;
+    Object.assign(this, { width, tall: height, ratio });
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+    const before = this.camera.aspect;
+    this.camera.aspect = width / Math.max(height, 1);
+    this.camera.setViewOffset(width, height, 0, BUTTONS / 2, width, height);
+    this.camera.updateProjectionMatrix();
+    if (Math.abs(before - this.camera.aspect) > 0.01) this.lookHome();
+  }
+}
+
+/** Return the angle around the vertical axis by which a body looks to the left of x. */
+function headingOf(turn) {
+  const forward = new THREE.Vector3(1, 0, 0).applyQuaternion(turn);
+  return Math.atan2(forward.y, forward.x);
+}
+
+/** Return a box around what moves. */
+function boundsOf(model, { places, turns }) {
+  const box = new THREE.Box3();
+  for (const geom of shownGeoms(model)) {
+    const body = model.geom_bodyid[geom];
+    if (body === 0) continue;
+    const center = new THREE.Vector3().fromArray(model.geom_pos, 3 * geom);
+    center.applyQuaternion(quaternionAt(turns, body, new THREE.Quaternion()));
+    center.add(new THREE.Vector3().fromArray(places, 3 * body));
+    const radius = model.geom_rbound[geom];
+    box.union(new THREE.Box3(center.clone().subScalar(radius), center.addScalar(radius)));
+  }
+  if (box.isEmpty()) box.set(new THREE.Vector3(-1, -1, 0), new THREE.Vector3(1, 1, 1));
+  return box;
+}
+
+/** Return the height of the model's ground plane; 0 if it has none. */
+function floorHeight(model) {
+  const planes = Array.from({ length: model.ngeom }, (_, geom) => geom).filter(
+    (geom) => model.geom_type[geom] === PLANE && model.geom_bodyid[geom] === 0,
+  );
+  return planes.length ? model.geom_pos[3 * planes[0] + 2] : 0;
+}
