@@ -9,7 +9,7 @@ export class Arrows {
   /** @param size of the robot in meters, which sets the arrows' width. */
   constructor(parent, color, size) {
     this.group = new THREE.Group();
-    this.width = 0.012 * size;
+    this.width = 0.008 * size;
     this.material = new THREE.MeshBasicMaterial({ color });
     this.shaft = new THREE.CylinderGeometry(this.width, this.width, 1, 12).translate(0, 0.5, 0);
     this.head = new THREE.ConeGeometry(2.2 * this.width, 4 * this.width, 16);

@@ -26,7 +26,7 @@ export class Robot {
       contacts: new Arrows(this.group, "#d55e00", size),
     };
     this.trail = new THREE.Line(
-      new THREE.BufferGeometry(),
+      new THREE.BufferGeometry().setFromPoints(Array(POINTS).fill(new THREE.Vector3())),
       new THREE.LineBasicMaterial({ color: "#868e96" }),
     );
     this.trail.frustumCulled = false;
@@ -60,7 +60,9 @@ export class Robot {
     draw("command", reach ? [[start, start.clone().add(reach)]] : []);
     draw("contacts", pairs(contacts ?? []));
     this.trail.visible = shown.has("trail") && former.length > 1;
-    if (this.trail.visible) this.trail.geometry.setFromPoints(former.slice(-POINTS));
+    if (!this.trail.visible) return;
+    const points = former.slice(-POINTS);
+    this.trail.geometry.setFromPoints(points).setDrawRange(0, points.length);
   }
 
   dispose() {
