@@ -1,18 +1,25 @@
 """The explorer's page: errors of the command, and its behavior in a real browser."""
 
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
-from browsing import PATIENCE, View, chromium, exploring, middle
+from browsing import PATIENCE, View, chromium, exploring
 
+from morlax_torch.choose import choose
 from morlax_torch.commands import explore
-from morlax_torch.viewers.explorer import library, weights
+from morlax_torch.evaluation.front import Front
+from morlax_torch.runs.loading import find_run
+from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.opening import free_port
 
 
@@ -35,31 +42,18 @@ def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, 
         assert "cannot listen on" in text and "choose another --port or --host" in text
 
 
-def test_without_viser_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
+def test_without_websockets_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
     make_run(workplace / "run", "hopper", "best")
     for name in [name for name in sys.modules if name.startswith("morlax_torch.viewers.explorer.")]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.setitem(sys.modules, "websockets", None)
     text = refused(explore, "run", "--port", "0")
     assert "pip install 'morlax-torch[explore]'" in text
 
 
-# in a browser
-
-
-@pytest.fixture
-def served(workplace, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
-    """Serve a run with three objectives; yields the page's address and the process."""
-    make_run(workplace / "runs/cheetah3/a", "cheetah3", "best", "latest")
-    make_run(workplace / "runs/hopper/b", "hopper", "best")
-    make_run(workplace / "runs/bruce/c", "bruce", "best")
-    with exploring("runs/cheetah3/a") as process:
-        yield process
-
-
 WAITING = """
 import signal, threading, time
-from morlax_torch.viewers.explorer.serving import Requests
+from morlax_torch.viewers.explorer.requests import Requests
 
 def interrupt(thread):
     while True:
@@ -83,123 +77,528 @@ def test_the_wait_for_requests_ends_whenever_a_signal_comes():
     subprocess.run([sys.executable, "-c", WAITING], timeout=PATIENCE, check=True)
 
 
-@pytest.fixture
+# in a browser
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
+    """Serve a run with three objectives; others lie beside it. Yields address and process."""
+    place = tmp_path_factory.mktemp("served")
+    make_run(place / "runs/cheetah3/a", "cheetah3", "best", "latest")
+    make_run(place / "runs/hopper/b", "hopper", "best")
+    make_run(place / "runs/bruce/c", "bruce", "best")
+    make_run(place / "runs/bare", "hopper", "best")
+    (place / "runs/bare/front.npz").unlink()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        with exploring("runs/cheetah3/a") as served:
+            yield served
+
+
+@pytest.fixture(scope="module")
 def browser() -> Iterator:
     with chromium() as browser:
         yield browser
 
 
-@pytest.mark.slow
-def test_a_browser_steers_the_robot(served, browser, tmp_path):
-    address, _ = served
-    view = View(browser, address)
-    shots = Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path))
+@pytest.fixture
+def visit(served, browser) -> Iterator:
+    """Return a function that opens a tab; no tab may have an error or ask another site."""
+    views: list[View] = []
 
-    # the robot moves, and every request goes to the served address
-    before = view.status()
-    view.until(lambda: view.status() != before, "the robot stands still")
-    assert view.elsewhere == []
-    assert view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=1e-3)
+    def open_tab(*size: int) -> View:
+        views.append(View(browser, served[0], *size))
+        return views[-1]
+
+    yield open_tab
+    for view in views:
+        assert view.errors == [] and view.elsewhere == []
+        if not view.tab.is_closed():
+            assert view.tab.is_hidden("#problem")
+        view.tab.close()
+
+
+def show(view: View, run: str, objectives: int) -> None:
+    """Choose a run."""
+    view.tab.select_option("#run", run)
+    view.until(lambda: view.tab.locator("#weights input").count() == objectives, "not shown")
+    view.until(lambda: len(view.tradeoff()) == objectives, "not shown")
+
+
+def shot(view: View, name: str, tmp_path: Path) -> None:
+    """Keep a picture where MORLAX_SCREENSHOTS says."""
+    view.tab.screenshot(path=Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path)) / f"{name}.png")
+
+
+@pytest.mark.slow
+def test_a_browser_steers_the_robot(visit, tmp_path):
+    view = visit()
+    assert view.tab.title() == "cheetah3 · morlax"
+    view.moves()
+    view.press("balance")
+    view.until(lambda: view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=1e-3), "no balance")
 
     # drag a slider: the other weights shrink in proportion
-    view.drag_slider("run", 0.8)
-    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.03), "slider has no effect")
+    view.drag("run", 0.8)
+    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.04), "slider has no effect")
     first, *others = view.tradeoff()
     assert others == pytest.approx([(1 - first) / 2] * 2, abs=2e-3)
-    view.until(
-        lambda: view.slider("energy") == pytest.approx(others[0], abs=6e-3), "sliders differ"
-    )
-    assert weights.read(view.field(), 3) == pytest.approx(view.tradeoff(), abs=2e-3)
-    view.tab.screenshot(path=shots / "slider.png")
+    view.until(lambda: view.value("energy") == pytest.approx(others[0], abs=6e-3), "they differ")
+    shot(view, "slider", tmp_path)
 
-    # click the front: the policy changes and its mark moves
-    corner = view.tab.locator('[data-cell="0 1"] [data-w="0.000, 1.000, 0.000"]')
+    # type a trade-off; nonsense changes nothing
+    view.tab.fill("#typed", "3; 1, 0")
+    view.until(lambda: view.value("run") == 0.75, "typing has no effect")
+    for text in ("0.7", "-1, 2, 0", "0, 0, 0", "nan, 1, 1", "Infinity, 1, 1", "run"):
+        view.tab.fill("#typed", text)
+    view.tab.wait_for_timeout(300)
+    assert view.value("run") == 0.75 and view.value("energy") == 0.25
+
+    # the front: a click picks a policy, and its mark moves there
+    view.tab.select_option("#axes select >> nth=0", label="run")
+    view.tab.select_option("#axes select >> nth=1", label="energy")
+    corner = view.tab.locator("#front circle:not(.mark)").nth(1)
     view.tab.mouse.click(*middle(corner))
-    view.until(lambda: view.tradeoff() == (0, 1, 0), "the click has no effect")
-    assert middle(view.tab.locator("[data-here]").first) == pytest.approx(middle(corner), abs=1)
-    view.until(
-        lambda: [view.slider(o) for o in ("run", "energy", "height")] == [0, 1, 0],
-        "the sliders do not follow",
-    )
+    view.until(lambda: max(view.tradeoff()) == 1, "the click has no effect")
+    mark = view.tab.locator("#front .mark")
+    view.until(lambda: middle(mark) == pytest.approx(middle(corner), abs=1), "no mark")
 
     # drag the point of the triangle, also beyond an edge
-    triangle = view.tab.locator("polygon").bounding_box()
-    x, y = triangle["x"] + triangle["width"] / 2, triangle["y"] + triangle["height"]
-    view.tab.mouse.move(x, y - triangle["height"] / 3)
+    triangle = view.tab.locator("#triangle polygon.edge")
+    triangle.scroll_into_view_if_needed()
+    box = triangle.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"]
+    view.tab.mouse.move(x, y - box["height"] / 3)
     view.tab.mouse.down()
     view.until(lambda: view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=0.04), "no drag starts")
-    view.tab.mouse.move(x, y + 60)
-    view.until(
-        lambda: view.tradeoff() == pytest.approx((0, 0.5, 0.5), abs=0.03), "drag has no effect"
-    )
+    view.tab.mouse.move(x, y + 15)
     view.tab.mouse.up()
+    view.until(lambda: view.tradeoff() == pytest.approx((0, 0.5, 0.5), abs=0.04), "no drag ends")
+    view.press("energy")
+    view.until(lambda: view.tradeoff() == (0, 1, 0), "the button has no effect")
 
-    # type and copy a trade-off
-    view.field_box().fill("2, 1, 1")
-    view.until(lambda: view.tradeoff() == (0.5, 0.25, 0.25), "typing has no effect")
-    view.tab.mouse.click(*middle(corner))
-    view.until(lambda: view.tradeoff() == (0, 1, 0), "the second click has no effect")
-    view.tab.get_by_role("button", name="copy", exact=True).click()
-    view.field_box().fill("")
-    view.field_box().press("Control+v")
-    assert view.field() == "0.000, 1.000, 0.000"
-    view.tab.screenshot(path=shots / "front.png")
+
+def middle(locator: Any) -> tuple[float, float]:
+    """Return the middle of an element, in pixels of its tab."""
+    locator.scroll_into_view_if_needed()
+    box = locator.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+@pytest.mark.slow
+def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tmp_path):
+    first, phone = visit(), visit(390, 844)
+    shot(phone, "phone", tmp_path)
+    first.tab.fill("#typed", "1, 3, 0")
+    phone.until(lambda: phone.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
+
+    # one tab closes in the middle of a drag
+    box = first.slider("run").bounding_box()
+    first.tab.mouse.move(box["x"] + 10, box["y"] + box["height"] / 2)
+    first.tab.mouse.down()
+    first.tab.close()
+    third = visit()
+    third.moves()
+
+    third.tab.click("#pause")
+    phone.until(lambda: phone.tab.is_visible("#timeline"), "the other tab is not paused")
+    phone.tab.wait_for_timeout(300)
+    before = phone.clock()
+    phone.tab.wait_for_timeout(500)
+    assert phone.clock() == before
+    third.tab.click("#push")
+    third.tab.click("#reset")
+    third.until(lambda: third.clock() == 0, "the episode is not reset")
+    third.tab.click("#pause")
+    third.moves()
+
+    # other runs: with two objectives, and with six and a velocity command
+    show(third, "runs/hopper/b", 2)
+    assert third.value("run") + third.value("jump") == pytest.approx(1, abs=6e-3)
+    phone.until(lambda: phone.tab.title() == "hopper · morlax", "the other tab shows the old run")
+    show(third, "runs/bruce/c", 6)
+    assert third.value("m/s forward") == 0.12 and third.value("m/s to the left") == 0
+    assert third.value("smooth") == pytest.approx(1 / 6, abs=5e-3)
+    third.drag("m/s to the left", 1.0)
+    limit = float(third.slider("m/s to the left").get_attribute("max"))
+    phone.until(lambda: phone.value("m/s to the left") == pytest.approx(limit, abs=1e-3), "no")
+    shot(third, "command", tmp_path)
+    show(third, "runs/cheetah3/a", 3)
+    third.tab.select_option("#checkpoint-list", "latest")
+    phone.until(lambda: phone.tab.input_value("#checkpoint-list") == "latest", "the old one")
+    third.tab.select_option("#checkpoint-list", "best")
+    phone.until(lambda: phone.tab.input_value("#checkpoint-list") == "best", "the old one")
+
+
+@pytest.mark.slow
+def test_robots_are_added_steered_and_removed_in_a_browser(visit, tmp_path):
+    view = visit(1280, 800)
+    show(view, "runs/hopper/b", 2)
+    view.tab.fill("#typed", "0.9, 0.1")
+    view.until(lambda: view.value("run") == 0.9, "typing has no effect")
+    assert view.names() == []
+    view.press("add a robot")
+    view.until(lambda: view.names() == ["1: 0.90, 0.10", "2: 0.90, 0.10"], "no second robot")
+    heads = view.tab.locator("#episode tr >> nth=0").locator("th")
+    assert heads.all_inner_texts() == ["", "robot 1", "robot 2"]
+
+    # the sliders steer the new robot only
+    view.drag("run", 0.2)
+    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.2, abs=0.05), "it is not steered")
+    second = view.tradeoff()
+    name = f"2: {second[0]:.2f}, {second[1]:.2f}"
+    view.until(lambda: view.names() == ["1: 0.90, 0.10", name], "the names do not follow")
+    assert view.tab.locator("#front .mark").count() == 2
+
+    # a color of its own for each robot: button, name, ring of its mark on the front
+    color = "el => getComputedStyle(el).getPropertyValue('--color')"
+    tags, buttons = view.tab.locator("#names span"), view.tab.locator("#robots .dot")
+    colors = [tags.nth(i).evaluate(color) for i in range(2)]
+    assert [buttons.nth(i).evaluate(color) for i in range(2)] == colors and len(set(colors)) == 2
+    outlines = {mark.get_attribute("stroke") for mark in view.tab.locator("#front .mark").all()}
+    assert outlines == set(colors)
+    shot(view, "compare", tmp_path)
+
+    # each robot keeps its own trade-off
+    view.press("robot 1")
+    view.until(lambda: view.tradeoff() == (0.9, 0.1), "the first is not steered")
+    view.until(lambda: view.value("run") == 0.9, "the sliders do not follow")
+    view.press("remove")
+    view.until(lambda: view.names() == [], "it is not removed")
+    view.until(lambda: view.tradeoff() == second, "the other robot is not steered")
+    assert view.tab.get_by_role("button", name="remove").count() == 0
+
+    # names of many weights are short
+    show(view, "runs/cheetah3/a", 3)
+    view.tab.fill("#typed", "0.2, 0.7, 0.1")
+    view.until(lambda: view.value("energy") == 0.7, "typing has no effect")
+    for _ in range(2):
+        view.press("add a robot")
+    view.until(lambda: view.names() == [f"{i}: energy 0.70" for i in (1, 2, 3)], "other names")
+    for _ in range(2):
+        view.press("remove")
+    view.until(lambda: view.names() == [], "they are not removed")
+
+
+@pytest.mark.slow
+def test_a_bookmark_is_kept_with_the_run(visit, served):
+    view = visit()
+    show(view, "runs/hopper/b", 2)
+    view.tab.fill("#typed", "0.4, 0.6")
+    view.until(lambda: view.value("run") == 0.4, "typing has no effect")
+    view.tab.on("dialog", lambda dialog: dialog.accept("calm"))
+    view.press("keep")
+    view.tab.get_by_role("button", name="@calm").wait_for()
+    view.press("run")
+    view.until(lambda: view.tradeoff() == (1, 0), "the button has no effect")
+    view.press("@calm")
+    view.until(lambda: view.tradeoff() == (0.4, 0.6), "the bookmark has no effect")
+    assert Path("runs/hopper/b/bookmarks.yaml").read_text() == "calm: [0.4, 0.6]\n"
+
+
+@pytest.mark.slow
+def test_a_run_without_a_front_says_so(visit):
+    view = visit()
+    show(view, "runs/bare", 2)
+    sentence = "This checkpoint has no front. To write one: morlax evaluate RUN"
+    view.until(lambda: view.text("checkpoint") == sentence, "there is no sentence")
+    assert view.tab.is_hidden("#choosing-section")
+    view.press("A or B?")
+    view.until(lambda: view.text("event") == sentence, "there is no sentence")
+    assert view.tab.is_hidden("#asking-section")
+
+
+@pytest.mark.slow
+def test_a_browser_finds_the_preferred_tradeoff(visit, tmp_path):
+    view = visit()
+    front = Front.load(find_run("cheetah") / "front.npz")
+    show(view, "cheetah", 2)
+
+    def ask(number: int, liked: int) -> None:
+        """Prefer the robot that has more of an objective; both are marked on the front."""
+        text = f"Answers so far: {number}"
+        view.until(lambda: view.text("question").endswith(text), "no next question")
+        view.until(lambda: view.tab.locator("#front .mark").count() == 2, "not marked")
+        a, b = view.tab.evaluate(STATED)
+        assert view.tab.is_hidden("#weights")
+        view.press("A" if a[liked] > b[liked] else "B")
+
+    view.press("A or B?")
+    view.until(lambda: view.names() == ["A", "B"], "A and B have no names")
+    shot(view, "asking", tmp_path)
+    for number in range(9):
+        ask(number, 0)  # this user likes speed
+    view.until(lambda: view.text("question").endswith("so far: 9"), "no effect")
+    assert view.text("told").startswith("You preferred ") and "run" in view.text("told")
+    assert re.search(r"\d+ % sure", view.text("evidence"))
+    standing = view.tab.locator("#front circle:not(.out):not(.mark)").count()
+    assert 0 < standing < len(front.returns) / 2  # what is still possible
+    view.press("use this trade-off")
+    view.until(lambda: view.names() == [], "the mode does not end")
+    nearest = np.square(front.tradeoffs - view.tradeoff()).sum(1).argmin()
+    run = front.returns[front.non_dominated, 0]
+    assert front.returns[nearest, 0] > run.max() - 0.02 * np.ptp(run)
+
+    before = view.field()
+    view.press("A or B?")
+    view.until(lambda: view.text("question").endswith("so far: 0"), "no second time")
+    for _ in range(3):
+        view.press("skip")
+    assert view.text("evidence") == ""
+    ask(0, 1)
+    view.until(lambda: view.text("evidence") != "", "no recommendation")
+    view.press("start again")
+    view.until(lambda: view.text("question").endswith("so far: 0"), "it does not start again")
+    view.press("back")
+    view.until(lambda: view.tab.is_visible("#weights"), "the mode does not end")
+    view.until(lambda: view.field() == before, "the trade-off is another one")
+
+
+# the trade-offs that the server says the robots have
+STATED = """async () => {
+  const { Remote } = await import(new URL('engines/remote.js', location));
+  const nothing = { step() {}, tell() {}, lost() {}, renew() {} };
+  const remote = await Remote.connect(nothing);
+  const found = remote.robots.map(({ tradeoff }) => tradeoff);
+  remote.socket.onclose = null;
+  remote.socket.close();
+  return found;
+}"""
 
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_the_robot_keeps_running_when_browsers_leave(served, browser, tmp_path):
-    address, process = served
-    first, second = View(browser, address), View(browser, address, 390, 844)
-    shots = Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path))
-    second.tab.screenshot(path=shots / "phone.png")
+def test_a_threshold_in_a_browser_chooses_and_limits_the_front(visit):
+    view = visit(1280, 800)
+    front = Front.load(find_run("cheetah") / "front.npz")
+    show(view, "cheetah", 2)
+    view.tab.click("#choosing-section summary")
+    view.tab.select_option("#maximize", label="energy")
+    levels = view.tab.locator("#levels input")
+    levels.first.scroll_into_view_if_needed()
+    box = levels.first.bounding_box()
+    view.tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    view.tab.wait_for_selector("#found[data-state=found]")
+    least = float(levels.first.input_value())
+    low, high = front.returns[:, 0].min(), front.returns[:, 0].max()
+    assert least == pytest.approx((low + high) / 2, abs=0.05 * (high - low))
+    expected = choose("cheetah", {"run": least}, "energy", device="cpu")
+    view.until(lambda: view.tradeoff() == pytest.approx(expected.tradeoff, abs=2e-3), "no jump")
+    assert view.text("found").startswith("Simulated returns: run ")
+    assert "This costs" in view.text("found")
+    out = view.tab.locator("#front .out").count()
+    assert out == (front.returns[:, 0] < least).sum()
 
-    # both tabs show the same robot
-    first.field_box().fill("1, 3, 0")
-    second.until(lambda: second.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
+    # what no policy reaches together with the first: one sentence, and nothing moves
+    kept = view.tradeoff()
+    levels.last.press("End")
+    levels.first.press("End")
+    view.tab.wait_for_selector("#found[data-state=missed]")
+    sentence = view.text("found")
+    assert re.fullmatch(r"No simulated policy keeps [^.]*(\.\d[^.]*)*\.", sentence)
+    assert view.tradeoff()[0] >= kept[0] - 2e-3  # at most the first of both steps moved it
+    view.press("thresholds off")
+    view.until(lambda: view.tab.locator("#front .out").count() == 0, "the front stays limited")
+    assert view.text("found") == ""
 
-    # one tab closes in the middle of a drag
-    track = first.tab.locator(".mantine-Slider-track").first.bounding_box()
-    first.tab.mouse.move(track["x"] + 10, track["y"] + track["height"] / 2)
-    first.tab.mouse.down()
-    first.tab.close()
-    second.tab.close()
-    third = View(browser, address)
-    assert sum(third.tradeoff()) == pytest.approx(1, abs=2e-3)
-    before = third.status()
-    third.until(lambda: third.status() != before, "the robot stands still")
 
-    # pause and resume
-    third.tab.get_by_role("button", name="pause").click()
-    third.tab.get_by_role("button", name="resume").wait_for()
-    third.tab.wait_for_timeout(300)
-    before = third.status()
-    third.tab.wait_for_timeout(500)
-    assert third.status() == before
-    third.tab.get_by_role("button", name="push").click()
-    third.tab.get_by_role("button", name="reset").click()
-    third.until(lambda: "0.0 s" in third.status(), "the episode is not reset")
-    third.tab.get_by_role("button", name="resume").click()
+# parts of the page
 
-    # another run, with other objectives
-    third.tab.get_by_label("policy").first.click()
-    third.tab.get_by_role("option", name="runs/hopper/b").click()
-    third.until(lambda: len(third.tradeoff()) == 2, "the other run is not shown")
-    assert third.slider("run") + third.slider("jump") == pytest.approx(1)
-    third.tab.wait_for_timeout(500)
-    third.tab.screenshot(path=shots / "another.png")
 
-    # a run with six objectives and a velocity command
-    third.tab.get_by_label("policy").first.click()
-    third.tab.get_by_role("option", name="runs/bruce/c").click()
-    third.until(lambda: len(third.tradeoff()) == 6, "the third run is not shown")
-    third.until(lambda: third.slider("m/s forward") == 0.12, "the velocity command is not shown")
-    assert third.slider("m/s to the left") == 0
-    assert third.slider("smooth") == pytest.approx(1 / 6, abs=5e-3)
-    third.tab.wait_for_timeout(500)
-    third.tab.screenshot(path=shots / "command.png")
+def run_in(view: View, script: str, *given: Any) -> Any:
+    """Run the body of an async function with `load(path)`, for the page's modules, and `given`."""
+    return view.tab.evaluate(
+        "async ([given, body]) => {"
+        " const load = (path) => import(new URL(path, location));"
+        " const Async = (async () => {}).constructor;"
+        " return new Async('load', 'given', body)(load, given); }",
+        [list(given), script],
+    )
 
-    process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0
-    assert errors == "" and output == ""
+
+@pytest.mark.slow
+def test_weights_sum_to_one_after_any_slider_moves(visit):
+    random = np.random.default_rng(0)
+    moves = []
+    for m in (2, 3, 5):
+        for _ in range(300):
+            value = random.choice([0.0, 1.0, 1e-12, 1 - 1e-12, random.random()])
+            moves.append([m, int(random.integers(m)), float(value)])
+    script = """
+        const { even, moved } = await load('panel/weights.js');
+        let weights = [];
+        return given[0].map(([m, index, value]) => {
+          if (weights.length !== m) weights = even(m);
+          return (weights = moved(weights, index, value));
+        });"""
+    view = visit()
+    for (m, index, value), weights in zip(moves, run_in(view, script, moves), strict=True):
+        assert len(weights) == m and min(weights) >= 0
+        assert sum(weights) == pytest.approx(1, abs=1e-9)
+        assert weights[index] == value
+    script = """
+        const { moved, parsed, shown } = await load('panel/weights.js');
+        const corner = moved([0.5, 0.3, 0.2], 0, 1);
+        return [moved([0.5, 0.3, 0.2], 0, 0), corner, moved(corner, 0, 0.5), parsed('(3 1)', 2),
+          parsed('1;0', 2), parsed(shown([0.125, 0.875]), 2)];"""
+    expected = [(0, 0.6, 0.4), (1, 0, 0), (0.5, 0.25, 0.25), None, (1, 0), (0.125, 0.875)]
+    for found, weights in zip(run_in(view, script), expected, strict=True):
+        assert found == (None if weights is None else pytest.approx(weights))
+
+
+SHAPES = """
+<mujoco><asset><mesh name="m" vertex="0 0 0  .3 0 0  0 .3 0  0 0 .3"/></asset><worldbody>
+  <geom type="sphere" size=".2"/><geom type="capsule" size=".1 .3"/>
+  <geom type="cylinder" size=".1 .3"/><geom type="box" size=".1 .2 .3"/>
+  <geom type="ellipsoid" size=".1 .2 .3"/><geom type="mesh" mesh="m"/>
+  <geom type="plane" size="1 1 1"/>
+</worldbody></mujoco>
+"""
+MEASURE = """
+  const { geometryOf } = await load('stage/shapes.js');
+  const THREE = await import('three');
+  const [model] = given;
+  for (const [name, x] of Object.entries(model)) {
+    if (Array.isArray(x)) model[name] = Float64Array.from(x);
+  }
+  return Array.from({ length: model.ngeom }, (_, geom) => {
+    const geometry = geometryOf(model, geom)?.toNonIndexed();
+    if (!geometry) return null;
+    geometry.computeBoundingBox();
+    const { min, max } = geometry.boundingBox;
+    const points = geometry.getAttribute('position');
+    const corner = (i) => new THREE.Vector3().fromBufferAttribute(points, i);
+    let volume = 0;
+    for (let i = 0; i < points.count; i += 3) {
+      volume += corner(i).dot(corner(i + 1).cross(corner(i + 2))) / 6;
+    }
+    return { volume, low: min.toArray(), high: max.toArray() };
+  });"""
+
+
+@pytest.mark.slow
+def test_shapes_match_mujoco_volumes_and_bounds(visit):
+    model = mujoco.MjModel.from_xml_string(SHAPES)
+    names = [name for name in dir(model) if name.startswith(("geom_", "mesh_"))]
+    arrays = {name: getattr(model, name) for name in names}
+    plain = {k: v.ravel().tolist() for k, v in arrays.items() if isinstance(v, np.ndarray)}
+    found = run_in(visit(), MEASURE, {"ngeom": model.ngeom, **plain})
+    pi = np.pi
+    volumes = [
+        4 / 3 * pi * 0.2**3,
+        4 / 3 * pi * 0.1**3 + pi * 0.1**2 * 0.6,
+        pi * 0.1**2 * 0.6,
+        0.2 * 0.4 * 0.6,
+        4 / 3 * pi * 0.1 * 0.2 * 0.3,
+        0.3**3 / 6,
+    ]
+    for geom, volume in enumerate(volumes):
+        assert found[geom]["volume"] == pytest.approx(volume, rel=0.03)
+        center, half = model.geom_aabb[geom].reshape(2, 3)
+        bounds = [found[geom]["low"], found[geom]["high"]]
+        np.testing.assert_allclose(bounds, [center - half, center + half], atol=5e-3)
+    assert found[len(volumes)] is None
+
+
+FIT = """
+  const [width, height, number] = given;
+  const { Stage } = await load('stage/stage.js');
+  const { Remote } = await load('engines/remote.js');
+  const THREE = await import('three');
+  const remote = await Remote.connect({ step() {}, tell() {}, lost() {}, renew() {} });
+  const place = document.body.appendChild(document.createElement('div'));
+  place.style.cssText = `position: fixed; width: ${width}px; height: ${height}px`;
+  const [canvas, names] = [document.createElement('canvas'), document.createElement('div')];
+  const stage = new Stage(place.appendChild(canvas), names);
+  const { about, model, robots: [robot] } = remote;
+  const engine = { about, model, scene: {}, names: null, command: [] };
+  engine.robots = Array.from({ length: number }, () => robot);
+  stage.show(engine);
+  for (let i = 0; i < 3; i++) stage.draw(1);
+  const { size, lanes, center, camera } = stage;
+  const corners = lanes.flatMap((x) => [-0.5, 0.5].flatMap((half) => [
+    new THREE.Vector3(x + half * size, 0, center.z),
+    new THREE.Vector3(x, 0, center.z + half * size),
+  ])).map((point) => point.project(camera).toArray());
+  remote.socket.onclose = null;
+  remote.socket.close();
+  place.remove();
+  return corners;"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 2, 4])
+def test_robots_fit_into_the_picture(visit, number):
+    view = visit()
+    for size in ((1012, 900), (390, 388)):
+        corners = np.array(run_in(view, FIT, *size, number))[:, :2]
+        assert np.abs(corners).max() < 1.0
+        assert np.ptp(corners[:, 0]) > 0.5 or np.ptp(corners[:, 1]) > 0.5  # and are large in it
+
+
+DECORATE = """
+  const { Robot } = await load('stage/robot.js');
+  const THREE = await import('three');
+  const model = { nbody: 1, ngeom: 0 };
+  const robot = new Robot(model, 1, null);
+  const vector = (...x) => new THREE.Vector3(...x);
+  const draw = (shown, rest) => robot.decorate(new Set(shown), {
+    at: vector(), velocity: vector(2, 0, 0), heading: Math.PI / 2, command: [1, 0],
+    contacts: [0, 0, 0, 0, 0, 1], former: [], ...rest });
+  const tip = ({ group }) => {
+    const arrow = group.children.find(({ visible }) => visible);
+    if (!arrow) return null;
+    const { position, quaternion, children: [shaft] } = arrow;
+    const along = vector(0, 1, 0).applyQuaternion(quaternion);
+    return along.multiplyScalar(shaft.scale.y).add(position).toArray();
+  };
+  const tips = () => ['velocity', 'command', 'contacts'].map((name) => tip(robot.arrows[name]));
+  draw(['velocity', 'command', 'contacts', 'trail'], { former: [vector(), vector(1, 0, 0)] });
+  const all = [tips(), robot.trail.visible];
+  draw([]);
+  return [all, [tips(), robot.trail.visible]];"""
+
+
+@pytest.mark.slow
+def test_arrows_show_velocity_command_and_contacts_where_a_visitor_wants_them(visit):
+    (tips, trail), hidden = run_in(visit(), DECORATE)
+    assert tips[0] == pytest.approx([0.5, 0, 0.3], abs=0.03)  # 0.25 s ahead
+    assert tips[1] == pytest.approx([0, 1, 0.36], abs=0.03)  # forward, after a turn to the left
+    assert tips[2] == pytest.approx([0, 0, 1], abs=0.03)
+    assert trail is True
+    assert hidden == [[None, None, None], False]
+
+
+CHART = """
+  const { Charts } = await load('panel/charts.js');
+  const about = { objectives: ['a'], pushed: [], dt: 0.5 };
+  const robot = { returns: [0], velocity: [], power: 1, steps: 0 };
+  const charts = new Charts({ about, selected: 0, get steered() { return robot; } });
+  document.getElementById('charts-section').open = true;
+  for (const steps of [1, 2, 3, 4, 1, 2, 3]) {
+    Object.assign(robot, { steps, returns: [10 * steps] });
+    charts.show();
+  }
+  const drawing = document.querySelector('#charts svg');
+  const path = drawing.querySelector('path').getAttribute('d');
+  return [drawing.querySelectorAll('.end-mark').length, path];"""
+
+
+@pytest.mark.slow
+def test_lines_of_charts_break_where_an_episode_ends(visit):
+    ends, path = run_in(visit(), CHART)
+    assert ends == 1
+    parts = path.split("M")[1:]
+    assert [part.count("L") for part in parts] == [3, 2]
+
+
+@pytest.mark.slow
+def test_the_page_says_that_its_server_has_stopped(browser, workplace, make_run):
+    make_run(workplace / "run", "hopper", "best")
+    with exploring("run") as (address, process):
+        view = View(browser, address)
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0 and errors == "" and output == ""
+        view.until(lambda: "has stopped" in view.text("event"), "nothing is said")
+        view.tab.close()

@@ -1,5 +1,6 @@
 """The explorer's server: who may use it, and what it does with input that no page would send."""
 
+import json
 import math
 import signal
 import subprocess
@@ -11,12 +12,11 @@ from collections.abc import Iterator
 from functools import partial
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from browsing import PATIENCE, POSE, Client, chromium, exploring
+from browsing import MOVES, PATIENCE, Client, chromium, exploring
 
-from morlax_torch import MorlaxError, envs, save
+from morlax_torch import envs, save
 
 
 @pytest.fixture(scope="module")
@@ -57,32 +57,39 @@ def request(address: str, **headers: str) -> tuple[int, str]:
 def test_only_the_printed_address_opens_the_page(address):
     from websockets.exceptions import InvalidStatus
 
-    base, _, token = address.rpartition("/")
+    base, token, _ = address.rsplit("/", 2)
     host = base.removeprefix("http://")
     assert len(token) >= 32
-    for wrong in (base, f"{base}/", f"{base}/index.html", f"{address[:-1]}", f"{base}/?{token}"):
+    outside = (base, f"{base}/", f"{base}/index.html", f"{base}/{token[:-1]}/", f"{base}/?{token}")
+    for wrong in outside:
         status, text = request(wrong)
         assert status == 403
         assert "Open the address that the command printed" in text
 
-    assert request(address)[0] == 200
-    assert request(address)[1].count("<title>") == 1
-    assert "<title>MORLAX explorer</title>" in request(address)[1]
-    assert "<html" in request(f"{address}/")[1]
+    status, page = request(address)
+    assert status == 200 and "<html" in page and 'src="main.js"' in page
+    assert request(address.rstrip("/")) == (status, page)
+    assert request(f"{address}main.js")[0] == 200
+    for wrong in ("secret", "../main.js", "engines/../../main.js", "%2e%2e/pyproject.toml"):
+        assert request(address + wrong)[0] == 404
     assert request(address, Host=host.replace("127.0.0.1", "localhost"))[0] == 200
     for headers in ({"Host": f"rebound.example:{host.rpartition(':')[2]}"}, {"Origin": "null"}):
         assert request(address, **headers)[0] == 403
 
     # websockets: without the token, or from another page
     Client(address, {"Origin": base}).close()
-    for wrong, origin in ((base, base), (f"{base}/x", base), (address, "http://127.0.0.1:1")):
+    for wrong, origin in (
+        (f"{base}/", base),
+        (f"{base}/x/", base),
+        (address, "http://127.0.0.1:1"),
+    ):
         with pytest.raises(InvalidStatus, match="403"):
             Client(wrong, {"Origin": origin})
 
 
 ATTACK = """
 <script>
-const socket = new WebSocket('{address}', ['viser-v{version}']);
+const socket = new WebSocket('{address}');
 socket.onopen = () => document.title = 'connected';
 socket.onerror = () => document.title = 'refused';
 </script>
@@ -113,19 +120,16 @@ def foreign() -> Iterator[tuple[str, dict[str, str]]]:
 
 @pytest.mark.slow
 def test_a_foreign_page_cannot_connect(address, foreign):
-    import viser
-
     elsewhere, pages = foreign
-    base = address.rpartition("/")[0]
-    for path, target in (("/blind", base), ("/knowing", address)):
-        websocket = "ws" + target.removeprefix("http")
-        pages[path] = ATTACK.format(address=websocket, version=viser.__version__)
+    base = address.rsplit("/", 2)[0]
+    for path, target in (("/blind", f"{base}/"), ("/knowing", address)):
+        pages[path] = ATTACK.format(address=f"ws{target.removeprefix('http')}socket")
     with chromium() as browser:
         context = browser.new_context()  # whose user has opened the explorer too
         context.set_default_timeout(1000 * PATIENCE)
         page = context.new_page()
         page.goto(address)
-        page.wait_for_selector("[data-tradeoff]", state="attached")
+        page.wait_for_function(MOVES)
         assert context.cookies() == []  # browsers would send them to the other server
         for path in pages:
             tab = context.new_page()
@@ -133,115 +137,107 @@ def test_a_foreign_page_cannot_connect(address, foreign):
             tab.wait_for_function("document.title")
             assert tab.title() == "refused"
         page.reload()
-        page.wait_for_selector("[data-tradeoff]", state="attached")
+        page.wait_for_function(MOVES)
 
         stranger = context.new_page()
         assert stranger.goto(base).status == 403
         assert "the command printed" in stranger.inner_text("body")
 
 
-def test_the_explorer_does_not_start_unprotected(monkeypatch):
-    viser = pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer import access
-
-    stopped = []
-
-    class OtherServer:
-        gui = SimpleNamespace(_gui_input_handle_from_uuid={})
-
-        def __init__(self, host: str, port: int, verbose: bool):
-            pass
-
-        def stop(self) -> None:
-            stopped.append(True)
-
-    monkeypatch.setattr(viser, "ViserServer", OtherServer)
-    with pytest.raises(MorlaxError, match="would let any web page steer the robot"):
-        access.start("127.0.0.1", 0)
-    assert stopped
+FORWARD = 0  # index of a number of the command
+ODD = (None, True, [], [1.0], {}, {"a": 1}, "text", math.nan, math.inf, -math.inf)
 
 
-FORWARD = "m/s forward"
-
-
-def test_only_values_that_the_page_offers_are_accepted(address):
+def test_only_what_the_page_offers_is_accepted(address):
     client, other = Client(address), Client(address)
-    slider, text, button, box = map(client.uuid, ("pace", "trade-off", "robot", "velocity"))
-    client.set("trade-off", "1, 1, 1, 1, 1, 1")
-    other.until(lambda: 'data-tradeoff="0.167, ' in other.html(), "typing has no effect")
+    client.send("steer", weights=[1, 1, 1, 1, 1, 1])
+    other.until(lambda: other.tradeoff() == pytest.approx([1 / 6] * 6), "no effect")
 
-    for raw in (b"", b"\xc1", b"\x00" * 1000, b"\x91" * 60_000, "text", '{"type": 1}', "\0"):
+    for raw in (b"", b"\xc1", b"\x00" * 1000, b"[" * 60_000, "text", '{"act": 1}', "\0", "null"):
         client.send_bytes(raw)
-    client.send("ShareUrlRequest")  # would publish the page on the internet
-    client.send("NoSuchMessage", uuid=slider)
-    client.send("ViewerCameraMessage", **{**POSE, "position": "here"})
-    client.send("ViewerCameraMessage", **{**POSE, "fov": math.nan})
-    client.send("GuiUpdateMessage", uuid="unknown", updates={"value": 1.0})
-    client.send("GuiUpdateMessage", uuid=["a list"], updates={"value": 1.0})
-    for updates in ({}, None, {"removed": True}, {"gui_api": None}, {"update_cb": []}):
-        client.send("GuiUpdateMessage", uuid=slider, updates=updates)
-    for uuid in (slider, text, button):
-        for value in (None, True, [], [1.0], {}, {"a": 1}, b"bytes", math.nan, math.inf, -math.inf):
-            client.send("GuiUpdateMessage", uuid=uuid, updates={"value": value})
-    for value in (None, 0, 1, 1.0, "true", "", [True], math.nan):
-        client.send("GuiUpdateMessage", uuid=box, updates={"value": value})
-    for label in ("pace", "joints", FORWARD):
-        client.set(label, "0.5")
-    offered = ("policy", "checkpoint", "robot", "compare", "steer robot", "maximize", "x axis")
-    for label in offered:
-        for value in (0, "", "secret", "../secret", "/etc/passwd", "x" * 5000, "a\0b"):
-            client.set(label, value)
-    for typed in ("", "1", "1, nan", "inf, 1, 1, 1, 1, 1", "1, " * 20_000, "1" * 300):
-        client.set("trade-off", typed)
+    client.send("no such act")
+    client.send("steer", weights=[1, 1, 1, 1, 1, 1], extra=1)
+    for value in ODD:
+        client.send("pace", value=value)
+        client.send("tell", index=FORWARD, value=value)
+        client.send("tell", index=value, value=0.1)
+        client.send("pause", on=value if value is not True else 1)
+        client.send("select", robot=value)
+        client.send("require", index=value, least=None)
+        client.send("steer", weights=value)
+        client.send("steer", weights=[value, 1, 1, 1, 1, 1] if value is not True else [])
+        client.send("press", name=value)
+    client.send("tell", index=7, value=0.1)
+    client.send("tell", index=-1, value=0.1)
+    client.send("select", robot=3)
+    client.send("require", index=6, least=1.0)
+    for weights in ([1], [1] * 7, [0] * 6, [-1, 1, 1, 1, 1, 1], [1e308] * 6, [1] * 10_000):
+        client.send("steer", weights=weights)
 
     # nobody was disconnected, nothing has changed, and the robot still moves
-    moments = {other.html()}
-    other.until(lambda: moments.add(other.html()) or len(moments) > 5, "the robot stands still")
-    assert other.value("policy") == "runs/bruce/a"
-    assert other.value("pace") == 1
-    assert other.value("velocity") is False and other.value("x axis") == "joints"
-    assert f'data-tradeoff="{", ".join(["0.167"] * 6)}"' in other.html()
-    assert client.notifications == other.notifications == []
+    other.moves()
+    assert other.state["pace"] == 1 and other.state["paused"] is False
+    assert other.tradeoff() == pytest.approx([1 / 6] * 6)
+    assert other.state["choosing"]["levels"] == {} and other.state["run"] == "runs/bruce/a"
+    assert client.told == other.told == []
+
+    # runs and checkpoints by a name that the page does not list are not opened
+    for name in ("secret", "../secret", "/etc/passwd", "x" * 300, "a\0b"):
+        client.send("open", run=name, checkpoint=None)
+        client.send("open", run="runs/bruce/a", checkpoint=name)
+    client.send("pace", value=0.5)
+    other.until(lambda: other.state["pace"] == 0.5, "the page hangs")
+    assert other.state["run"] == "runs/bruce/a" and other.state["checkpoint"] == "best"
 
     # numbers are clamped to the limits of their slider
-    limits = other.widgets[other.uuid(FORWARD)]
-    for label, value, expected in (
-        *(("pace", value, 0.05) for value in (0, -1, -1e300, 5e-324)),
-        ("pace", 1e300, 1),
-        (FORWARD, 1e9, limits["max"]),
-        (FORWARD, -7, limits["min"]),
-    ):
-        client.set(label, 0.1)
-        other.until(partial(has, other, label, 0.1), f"{label} does not change")
-        client.set(label, value)
-        other.until(partial(has, other, label, expected), f"{label} is not clamped")
-    client.set("velocity", True)
-    other.until(partial(has, other, "velocity", True), "the checkbox has no effect")
+    low, high = list(other.about["command"]["limits"].values())[FORWARD]
+    for value, expected in ((0, 0.05), (-1e300, 0.05), (5e-324, 0.05), (1e300, 1)):
+        client.send("pace", value=0.5)
+        client.send("pace", value=value)
+        other.until(partial(has, other, "pace", expected), "the pace is not clamped")
+    for value, expected in ((1e9, high), (-7, low)):
+        client.send("tell", index=FORWARD, value=value)
+        other.until(lambda e=expected: other.state["command"][FORWARD] == e, "not clamped")
+    client.send("tell", index=FORWARD, value=0.1)
+    other.until(lambda: other.state["command"][FORWARD] == 0.1, "no effect")
+    client.close()
+    other.close()
 
 
-def test_robots_are_added_named_and_removed(address):
+def test_robots_are_added_steered_and_removed(address):
     client = Client(address)
-    assert client.names() == []
-    client.set("compare", "add a robot")
-    client.until(lambda: len(client.names()) == 2, "there is no second robot")
-    client.set("trade-off", "0, 0, 0, 0, 0, 1")
-    client.until(lambda: client.names()[-1] == "▸ 2: energy 1.00", "it is not steered")
-    client.until(lambda: client.html().count("<b>robot ") == 2, "their returns are not shown")
-    client.set("steer robot", "1")
-    client.until(lambda: client.names()[0].startswith("▸ 1"), "the first is not selected")
-    client.until(lambda: client.value("energy") == 0.17, "the sliders do not follow")
-    client.set("compare", "remove")
-    client.until(lambda: client.names() == [], "it is not removed")
-    client.until(lambda: client.value("energy") == 1, "the sliders do not follow")
-    client.set("dark page", True)
-    client.set("contact forces", True)
-    client.until(lambda: client.dark, "the page is not dark")
-    before = client.moves
-    client.until(lambda: client.moves > before + 20, "the robot stands still")
+    assert len(client.state["robots"]) == 1
+    client.send("press", name="add")
+    client.until(lambda: len(client.poses) == 2, "there is no second robot")
+    client.send("steer", weights=[0, 0, 0, 0, 0, 1])
+    client.until(lambda: client.tradeoff(1) == [0, 0, 0, 0, 0, 1], "it is not steered")
+    assert client.tradeoff(0) == pytest.approx([1 / 6] * 6)
+    client.send("select", robot=0)
+    client.until(lambda: client.state["selected"] == 0, "the first is not selected")
+    client.send("press", name="remove")
+    client.until(lambda: len(client.poses) == 1, "it is not removed")
+    client.until(lambda: client.tradeoff() == [0, 0, 0, 0, 0, 1], "the wrong one is removed")
+    client.moves()
+    for _ in range(4):
+        client.send("press", name="add")
+    client.until(lambda: bool(client.told), "nothing is said about the fifth")
+    assert client.told == ["the page shows at most 4 robots: remove one first."]
+    for _ in range(4):
+        client.send("press", name="remove")
+    client.until(lambda: len(client.poses) == 1, "they are not removed")
+    client.close()
 
 
-def has(client: Client, label: str, value: float) -> bool:
-    return client.value(label) == value
+def has(client: Client, name: str, value: float) -> bool:
+    return client.state[name] == value
+
+
+def test_a_tab_that_does_not_read_holds_nobody_up(address):
+    asleep, awake = Client(address), Client(address)
+    before = awake.frames
+    awake.until(lambda: awake.frames > before + 100, "the other tab waits")
+    asleep.close()
+    awake.close()
 
 
 FRAGILE = """
@@ -269,23 +265,31 @@ def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_poli
     with exploring("run", "--trust") as (address, process):
         client = Client(address)
         (tmp_path / "broken").touch()
-        client.until(lambda: bool(client.notifications), "there is no notification")
-        assert set(client.notifications) == {"RuntimeError: a joint broke"}
+        client.until(lambda: bool(client.told), "nothing is told")
+        assert set(client.told) == {"RuntimeError: a joint broke"}
+        client.until(lambda: client.state["paused"], "the robot is not paused")
         later = Client(address)  # also learns why the robot stands still
-        later.until(lambda: bool(later.notifications), "there is no notification")
-        assert later.notifications == client.notifications[:1]
+        assert later.state["failure"] == client.told[0]
         later.close()
-        buttons = client.widgets[client.uuid("robot")]
-        client.until(lambda: "resume" in buttons["options"], "the robot is not paused")
         (tmp_path / "broken").unlink()
-        client.set("robot", "resume")
-        moments: set[str] = set()
-        client.until(lambda: moments.add(client.html()) or len(moments) > 5, "it stands still")
+        client.send("pause", on=False)
+        client.moves()
 
-        # a run that cannot be shown is a notification, too
-        shown = client.value("policy")
+        # a run that cannot be shown is told, too, and the robot stays
         damaged.write_bytes(b"not a checkpoint")
-        client.set("policy", "runs/hopper/b")
-        client.until(lambda: "best.pt is damaged" in client.notifications[-1], "no notification")
-        client.until(lambda: client.value("policy") == shown, "the dropdown is wrong")
+        client.send("open", run="runs/hopper/b", checkpoint=None)
+        client.until(lambda: "best.pt is damaged" in client.told[-1], "nothing is told")
+        assert client.state["run"] == "run"
+        client.moves()
+        client.close()
         assert ended(process).count("RuntimeError: a joint broke") == 1
+
+
+def test_messages_are_json_of_known_kinds():
+    from morlax_torch.viewers.explorer.messages import Press, Steer, accepted
+
+    assert accepted('{"act": "press", "name": "push"}') == Press(act="press", name="push")
+    steer = json.dumps({"act": "steer", "weights": [1, 0.5]})
+    assert accepted(steer) == Steer(act="steer", weights=[1.0, 0.5]) == accepted(steer.encode())
+    for text in ("{}", "[]", '{"act": "steer"}', '{"act": "press", "name": "open"}'):
+        assert accepted(text) is None

@@ -8,14 +8,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from browsing import PATIENCE, Client, View, chromium, exploring, serving
+from browsing import PATIENCE, Client, needs_page, serving
 
 from morlax_torch import MorlaxError
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import read_yaml
-from morlax_torch.evaluation.front import Front
 from morlax_torch.preferences.comparisons import Comparisons
-from morlax_torch.runs.loading import find_run
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.clip import Clip
 from morlax_torch.viewers.explorer.comparisons import ClipComparisons, PolicyComparisons
@@ -61,18 +59,27 @@ def test_answers_move_the_recommendation_to_the_preferred_end():
     session = Session.open(library.choose("cheetah"))
     front = session.front
     source = PolicyComparisons(front, (session.twin(), session.twin()))
+    evidence = []
     for _ in range(9):
         question = source.ask()
-        a, b = question.tradeoffs
+        evidence.append(source.state())
+        a, b = front.tradeoffs[list(question.policies)]
         source.answer(0 if a[0] > b[0] else 1)
+    question = source.ask()
+    evidence.append(source.state())
     index, tradeoff = source.best()
     run = front.returns[front.non_dominated, 0]
     assert front.returns[index, 0] > run.max() - 0.02 * np.ptp(run)
     assert tradeoff == pytest.approx(front.tradeoffs[index])
+    # the evidence grows: fewer policies are possible, and fewer questions remain
+    assert evidence[-1]["best"] == index and index in evidence[-1]["possible"]
+    assert len(evidence[-1]["possible"]) < len(evidence[0]["possible"])
+    assert evidence[-1]["confidence"] > evidence[0]["confidence"]
+    assert evidence[-1]["left"] < evidence[0]["left"]
     # its robots act on the question's trade-offs
-    for robot, asked in zip(question.behaviors, question.tradeoffs, strict=True):
+    for robot, asked in zip(question.behaviors, question.policies, strict=True):
         robot.step()
-        assert robot.player.tradeoff.tolist() == pytest.approx(asked)
+        assert robot.player.tradeoff.tolist() == pytest.approx(front.tradeoffs[asked])
         assert robot.seconds == pytest.approx(robot.dt)
 
 
@@ -82,14 +89,15 @@ def test_answers_move_the_recommendation_to_the_preferred_end():
 @pytest.fixture
 def asked(model) -> Iterator[tuple[str, list[tuple[int, int]]]]:
     """Serve two pairs of clips; yields the page's address and the answers so far."""
-    pytest.importorskip("viser", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer.comparing import ComparisonPage
+    needs_page()
+    from morlax_torch.viewers.explorer.exhibits import ComparisonExhibit
+    from morlax_torch.viewers.explorer.page import Page
 
     answers: list[tuple[int, int]] = []
     ways = [np.linspace([0, 0], [0, end], 20) for end in (1.0, -1.0, 0.5)]
     pairs = [(ways[0], ways[1]), (ways[2], ways[0])]
     source = ClipComparisons(model, 0.05, pairs, lambda *answer: answers.append(answer))
-    page, ended = ComparisonPage(source, "127.0.0.1", 0), threading.Event()
+    page, ended = Page(lambda _: ComparisonExhibit(source), "127.0.0.1", 0), threading.Event()
     thread = threading.Thread(target=page.serve, args=(ended.is_set,))
     thread.start()
     yield page.address, answers
@@ -98,29 +106,34 @@ def asked(model) -> Iterator[tuple[str, list[tuple[int, int]]]]:
     page.stop()
 
 
+def wait_for_answers(client: Client, number: int) -> None:
+    client.until(lambda: client.state["asking"]["answers"] == number, "no effect")
+
+
 def test_recorded_clips_can_be_compared(asked):
     address, answers = asked
-    client = Client(address, label="I prefer")
-    client.until(lambda: client.names() == ["A", "B"], "A and B have no names")
-    client.set("I prefer", "C")  # is not offered
-    client.set("I prefer", "B")
-    client.until(lambda: 'data-answers="1"' in client.html(), "the answer has no effect")
+    client = Client(address)
+    assert len(client.poses) == 2 and client.about["objectives"] == []
+    client.send("answer", preferred=2)  # is not offered
+    client.send("answer", preferred=1)
+    wait_for_answers(client, 1)
     assert answers == [(0, 1)]
-    before = client.moves
-    client.until(lambda: client.moves > before + 20, "the clips stand still")
-    client.set("I prefer", "A")
-    client.until(lambda: "nothing left to compare" in client.html(), "there is no end")
+    client.moves()
+    client.send("answer", preferred=0)
+    client.until(lambda: client.state["asking"]["over"], "there is no end")
     assert answers == [(0, 1), (1, 0)]
-    assert not client.widgets[client.uuid("I prefer")]["visible"]
+    client.send("answer", preferred=0)
+    client.moves()
+    assert len(answers) == 2
     client.close()
 
 
 def test_a_skipped_question_is_not_answered(asked):
     address, answers = asked
-    client = Client(address, label="I prefer")
-    client.set("I prefer", "skip")
-    client.set("I prefer", "A")
-    client.until(lambda: 'data-answers="1"' in client.html(), "the answer has no effect")
+    client = Client(address)
+    client.send("press", name="skip")
+    client.send("answer", preferred=0)
+    wait_for_answers(client, 1)
     assert answers == [(1, 0)]
     client.close()
 
@@ -132,13 +145,13 @@ def test_an_objective_is_taught_by_answers(tmp_path, monkeypatch):
     with serving("teach", *words) as (address, process):
         comparisons, random = Comparisons.load(Path("lesson/comparisons.npz")), _draws()
         height = comparisons.clips.terms[:, comparisons.terms.index("height")]
-        client = Client(address, label="I prefer")
+        client = Client(address)
         for number in range(12):
-            client.until(lambda n=number: f'data-answers="{n}"' in client.html(), "no question")
+            wait_for_answers(client, number)
             a, b = comparisons.pair(random)  # the clips that the page shows
             comparisons.answer(*((a, b) if height[a] > height[b] else (b, a)))
-            client.set("I prefer", "A" if height[a] > height[b] else "B")
-        client.until(lambda: "nothing left to compare" in client.html(), "there is no end")
+            client.send("answer", preferred=0 if height[a] > height[b] else 1)
+        client.until(lambda: client.state["asking"]["over"], "there is no end")
         client.close()
         process.send_signal(signal.SIGINT)
         printed, complaint = process.communicate(timeout=PATIENCE)
@@ -151,55 +164,3 @@ def test_an_objective_is_taught_by_answers(tmp_path, monkeypatch):
 def _draws() -> np.random.Generator:
     """Return the random numbers that a new lesson draws its pairs with."""
     return np.random.default_rng([0, 0])
-
-
-# policies on the explorer's page
-
-
-@pytest.mark.slow
-def test_a_run_without_a_front_says_so(tmp_path, make_run):
-    folder = make_run(tmp_path / "run", "hopper", "best")
-    (folder / "front.npz").unlink()
-    sentence = "This checkpoint has no front."
-    with exploring(str(folder)) as (address, _):
-        client = Client(address)
-        before = client.html().count(sentence)
-        client.set("compare", "A or B?")
-        client.until(lambda: client.html().count(sentence) == before + 1, "there is no sentence")
-        assert "I prefer" not in client.labels()
-        client.close()
-
-
-@pytest.mark.slow
-def test_a_browser_finds_the_preferred_tradeoff(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    front = Front.load(find_run("cheetah") / "front.npz")
-    with exploring("cheetah") as (address, _), chromium() as browser:
-        view = View(browser, address)
-        view.press("A or B?")
-        for number in range(9):
-            view.until(lambda n=number: view.numbers("answers") == (n,), "no next question")
-            a, b = view.numbers("a"), view.numbers("b")
-            view.press("A" if a[0] > b[0] else "B")  # this user likes speed
-        view.until(lambda: view.numbers("answers") == (9,), "the last answer has no effect")
-        best = view.numbers("best")
-        nearest = np.square(front.tradeoffs - best).sum(1).argmin()
-        run = front.returns[front.non_dominated, 0]
-        assert front.returns[nearest, 0] > run.max() - 0.02 * np.ptp(run)
-
-        view.press("start again")
-        view.until(lambda: view.numbers("answers") == (0,), "it does not start again")
-        for _ in range(3):
-            view.press("skip")
-        assert view.tab.locator("[data-best]").count() == 0
-        a, b = view.numbers("a"), view.numbers("b")
-        view.press("A" if a[1] > b[1] else "B")  # this one saves energy
-        view.tab.wait_for_selector("[data-best]")
-        best = view.numbers("best")
-        view.tab.screenshot(path=Path(tmp_path) / "asking.png")
-        view.press("use this trade-off")
-        view.until(lambda: view.tradeoff() == pytest.approx(best, abs=1e-3), "it is not used")
-        view.until(lambda: view.slider("run") == round(best[0], 2), "the sliders do not follow")
-        assert view.field() == ", ".join(f"{weight:.3f}" for weight in best)
-        assert view.tab.get_by_role("button", name="skip").count() == 0
-        assert view.errors == [] and view.elsewhere == []

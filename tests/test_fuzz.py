@@ -7,6 +7,7 @@ CI tries a few of each. To try them for half an hour each, two at a time:
 
 import contextlib
 import io
+import json
 import math
 import time
 from collections.abc import Callable
@@ -320,43 +321,53 @@ def test_a_damaged_result_is_finite_or_refused(fuzz, name, run, tmp_path):
 
 # Messages to the explorer
 
-LABELS = st.sampled_from(
+NAMES = st.sampled_from(
     [
-        *("policy", "checkpoint", "robot", "pace", "run", "jump", "trade-off", ""),
-        *("I prefer", "compare", "steer robot", "maximize", "run ≥", "jump ≥", "velocity"),
-        *("command arrow", "contact forces", "trail", "dark page"),
+        *("runs/a", "runs/b", "runs/damaged", "best", "latest", "..", "reset", "push", "add"),
+        *("remove", "free", "find", "skip", "use", "again", "leave", "calm"),
     ]
 )
-CHOICES = st.sampled_from(
+ACTS = st.sampled_from(
     [
-        *("runs/a", "runs/b", "runs/damaged", "best", "latest", "pause", "resume", "reset"),
-        *("push", "..", "A or B?", "A", "B", "skip", "use this trade-off", "start again", "back"),
-        *("thresholds off", "add a robot", "remove", "1", "2", "3"),
+        *("steer", "tell", "pause", "pace", "press", "select", "open", "require", "maximize"),
+        *("answer", "bookmark", "x", ""),
     ]
 )
-FIELDS = st.sampled_from(("value", "visible", "gui_api", "options", "max", "uuid"))
-KINDS = st.sampled_from(("GuiUpdateMessage", "ViewerCameraMessage", "ShareUrlRequest", "x", ""))
+FIELDS = st.sampled_from(
+    [
+        *("weights", "index", "value", "on", "name", "robot", "run", "checkpoint", "least"),
+        *("preferred", "act", "x"),
+    ]
+)
+VALUES = st.one_of(
+    NAMES, ODD, st.floats(), st.integers(-1, 3), st.booleans(), st.lists(st.floats(), max_size=3)
+)
+KNOWN = st.sampled_from(
+    [
+        {"act": "press", "name": "find"},
+        {"act": "answer", "preferred": 1},
+        {"act": "open", "run": "runs/b", "checkpoint": None},
+        {"act": "open", "run": "runs/damaged", "checkpoint": None},
+        {"act": "open", "run": "runs/a", "checkpoint": "latest"},
+        {"act": "require", "index": 0, "least": 50.0},
+        {"act": "pause", "on": False},
+    ]
+)
 MESSAGES = st.one_of(
-    st.tuples(st.just("set"), LABELS, st.one_of(CHOICES, ODD, st.floats(), st.text(max_size=300))),
-    st.tuples(st.just("update"), LABELS, st.dictionaries(FIELDS, ODD, max_size=3)),
-    st.tuples(st.just("send"), KINDS, st.dictionaries(FIELDS, ODD, max_size=3)),
-    st.tuples(st.just("bytes"), st.just(""), st.binary(max_size=200)),
-    st.tuples(st.just("text"), st.just(""), st.text(max_size=50)),
+    KNOWN,
+    st.builds(lambda name: {"act": "press", "name": name}, NAMES),
+    st.builds(lambda act, rest: {**rest, "act": act}, ACTS, st.dictionaries(FIELDS, VALUES)),
+    st.binary(max_size=200),
+    st.text(max_size=50),
 )
 
 
-def deliver(client: Any, message: tuple[str, str, Any]) -> None:
-    kind, name, content = message
-    with contextlib.suppress(OverflowError, StopIteration):  # not a message at all; no such widget
-        match kind:
-            case "set":
-                client.set(name, content)
-            case "update":
-                client.send("GuiUpdateMessage", uuid=client.uuid(name), updates=content)
-            case "send":
-                client.send(name, **content)
-            case _:
-                client.send_bytes(content)
+def deliver(client: Any, message: Any) -> None:
+    if not isinstance(message, dict):
+        client.send_bytes(message)
+        return
+    with contextlib.suppress(TypeError):  # bytes, which JSON has not
+        client.send_bytes(json.dumps(message))
 
 
 @pytest.mark.slow
@@ -372,25 +383,24 @@ def test_random_messages_leave_the_explorer_at_work(fuzz, make_run, tmp_path, mo
     with exploring("runs/a") as (address, process):
         weight = 0
 
-        def holds(messages: list[tuple[str, str, Any]]) -> None:
+        def holds(messages: list[Any]) -> None:
             nonlocal weight
             client = Client(address)
             for message in messages:
                 deliver(client, message)
             client.close()
             visitor = Client(address)  # still finds a page that does what it says
+            visitor.send("press", name="leave")
             weight = weight % 99 + 1
+            wanted = [weight / 100, 1 - weight / 100]
 
             def obeys() -> bool:
-                with contextlib.suppress(StopIteration):  # another run's widgets are on their way
-                    if visitor.value("run") == weight / 100:
-                        return True
-                    visitor.set("trade-off", f"{weight / 100:.2f}, {1 - weight / 100:.2f}")
-                return False
+                visitor.send("steer", weights=wanted)
+                return visitor.tradeoff(visitor.state["selected"]) == pytest.approx(wanted)
 
-            visitor.until(obeys, "the sliders do not move")
-            assert 0.05 <= visitor.value("pace") <= 1
-            assert visitor.value("policy") in ("runs/a", "runs/b")
+            visitor.until(obeys, "the robot is not steered")
+            assert 0.05 <= visitor.state["pace"] <= 1
+            assert visitor.state["run"] in ("runs/a", "runs/b")
             visitor.close()
             assert process.poll() is None
 

@@ -10,7 +10,7 @@ import torch
 
 from morlax_torch.__main__ import COMMANDS
 
-HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "viser", "tensorboard", "onnx"}
+HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "websockets", "tensorboard", "onnx"}
 TINY = (
     *("--env", "cheetah", "--device", "cpu", "--worlds", "8", "--horizon", "2"),
     *("--sampling.clusters", "2", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "2"),
@@ -107,7 +107,7 @@ def test_mistakes_are_told_without_torch(tmp_path, no_torch):
 def test_training_on_c_mujoco_imports_no_warp_no_viewer_and_no_optional_library(tmp_path):
     done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch.train", *TINY)
     modules = imported(done)
-    assert not modules & {"warp", "mujoco_warp", "viser", "onnx", "pandas", "torchvision", "triton"}
+    assert not modules & {"warp", "mujoco_warp", "websockets", "onnx", "pandas", "triton"}
     assert not modules & {"stable_baselines3", "torchrl", "rsl_rl", "skrl", "tensordict", "wandb"}
     assert not modules & {"mo_gymnasium", "morl_baselines", "array_api_compat"}
     assert "matplotlib" in modules and "matplotlib.pyplot" not in done.stderr

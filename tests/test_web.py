@@ -14,7 +14,8 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import pack
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
-from morlax_torch.viewers.web import libraries, writing
+from morlax_torch.viewers import libraries
+from morlax_torch.viewers.web import writing
 from morlax_torch.viewers.web.checking import TOLERANCE, check
 from morlax_torch.viewers.web.model import compiled
 from morlax_torch.viewers.web.robot import build

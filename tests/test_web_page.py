@@ -17,7 +17,7 @@ from browsing import PATIENCE, chromium
 import morlax_torch
 from morlax_torch import MorlaxError, envs
 from morlax_torch.train import train
-from morlax_torch.viewers.web import libraries
+from morlax_torch.viewers import libraries
 from morlax_torch.viewers.web.robot import build
 from morlax_torch.viewers.web.writing import write_page
 
@@ -25,7 +25,7 @@ pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 pytestmark = pytest.mark.slow  # to write the page takes half a minute
 STEPS = 100
 SIMULATE = """async ([site, folder, controls]) => {
-  const { Simulation } = await import(`${site}simulation.js`);
+  const { Simulation } = await import(`${site}engines/simulation.js`);
   const { engine, model, data, about } = await Simulation.load(`${site}${folder}`);
   return controls.map((control) => {
     data.ctrl.set(control);
@@ -34,7 +34,7 @@ SIMULATE = """async ([site, folder, controls]) => {
   });
 }"""
 ACT = """async ([site, folder, tradeoff, steps]) => {
-  const { Simulation } = await import(`${site}simulation.js`);
+  const { Simulation } = await import(`${site}engines/simulation.js`);
   const simulation = await Simulation.load(`${site}${folder}`);
   simulation.tradeoff = tradeoff;
   const found = [];
@@ -50,7 +50,7 @@ ACT = """async ([site, folder, tradeoff, steps]) => {
 }"""
 
 SLOWER = """async (site) => {
-  const { Quality } = await import(`${site}quality.js`);
+  const { Quality } = await import(`${site}stage/quality.js`);
   const quality = new Quality(true);
   const share = (duration, frames) => {
     for (let i = 0; i < frames; i++) quality.note(duration);

@@ -11,6 +11,7 @@ SHARPNESS = 15.0  # of choices: log odds per difference of the whole range of ut
 MISTAKES = 0.1  # share of answers that tell nothing about the preference
 CANDIDATES = 300  # pairs of which the most informative one is asked about
 NEAR = 0.05  # of the range of utilities: the user hardly sees a difference this small
+COVERED = 0.95  # chance that the user's best is among the possible policies
 SURE = 0.9  # confidence at which no more questions are needed
 
 
@@ -80,9 +81,12 @@ class Preference:
         """Return the index of the policy with the largest expected utility."""
         return int(self.policies[(self._scaled @ self.weights).argmax()])
 
-    def chances(self) -> NDArray[np.float64]:
-        """Return the probability (n,) that each of `policies` is the user's best."""
-        return np.bincount(self._favorite, self._posterior(), minlength=len(self.policies))
+    def possible(self) -> NDArray[np.intp]:
+        """Return the fewest policies that include the user's best with a chance of `COVERED`."""
+        chances = self._chances()
+        ranked = np.argsort(-chances)
+        enough = int(np.searchsorted(np.cumsum(chances[ranked]), COVERED)) + 1
+        return np.sort(self.policies[ranked[:enough]])
 
     def confidence(self) -> float:
         """Return the probability that no policy is much better for the user than `best`."""
@@ -94,9 +98,13 @@ class Preference:
         """Return about how many questions remain after `pair`; 0 if the answers suffice."""
         if self.confidence() >= SURE:
             return 0
-        chances = self.chances()
+        chances = self._chances()
         nats = -float(np.sum(chances * np.log(chances.clip(min=1e-12))))
         return max(1, round((1 - self.confidence()) * nats / max(self._information, 1e-3)))
+
+    def _chances(self) -> NDArray[np.float64]:
+        """Return the probability (n,) that each of `policies` is the user's best."""
+        return np.bincount(self._favorite, self._posterior(), minlength=len(self.policies))
 
     def _posterior(self) -> NDArray[np.float64]:
         likelihood = np.exp(self._log_posterior - self._log_posterior.max())

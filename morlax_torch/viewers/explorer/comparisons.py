@@ -15,8 +15,6 @@ from .behavior import Behavior
 from .clip import Clip
 from .session import Session, Weights
 
-POSSIBLE = 0.01  # chance of being the best, above which a policy still is possible
-
 
 class Question(NamedTuple):
     """Two behaviors, A and B."""
@@ -76,11 +74,10 @@ class PolicyComparisons:
 
     def _weighed(self) -> dict[str, Any]:
         preference, (index, tradeoff) = self._preference, self.best()
-        possible = preference.policies[preference.chances() > POSSIBLE]
         return {
             "best": index,
             "best_tradeoff": tradeoff,
-            "possible": possible.tolist(),
+            "possible": preference.possible().tolist(),
             "confidence": preference.confidence(),
             "left": preference.questions_left(),
         }

@@ -77,16 +77,13 @@ class RunExhibit:
         return (self._asking and self._asking.behaviors) or self._lineup.sessions
 
     def state(self) -> dict[str, Any]:
-        if time.monotonic() > self._scanned + SCAN:
-            self._scanned, self._labels = time.monotonic(), library.labels()
-        runs = {library.named(label): label for label in self._labels}
         return {
-            "runs": {self._choice.run: self._choice.run, **runs},
+            "runs": self._runs(),
             "run": self._choice.run,
             "checkpoint": self._choice.checkpoint,
             "checkpoints": list(self._choice.files),
             "selected": self._lineup.selected,
-            "command": self._lineup.steered.player.command,
+            "command": list(self._lineup.steered.player.command),
             "choosing": self._thresholds.state() if self._thresholds else None,
             "asking": self._asked(),
             "bookmarks": self._bookmarks,
@@ -102,7 +99,7 @@ class RunExhibit:
                     session.tell(index, request.value)
             case messages.Select(robot=robot) if robot < len(self._lineup.sessions):
                 self._lineup.selected = robot
-            case messages.Open(run=run, checkpoint=checkpoint):
+            case messages.Open(run=run, checkpoint=checkpoint) if run in self._runs():
                 choice = library.choose(run, checkpoint)
                 self._open(choice, self._alike(Session.open(choice)))
             case messages.Require(index=index) | messages.Maximize(index=index):
@@ -115,6 +112,13 @@ class RunExhibit:
                 self._press(name)
         if self._asking is not None:
             answer(self._asking, request)
+
+    def _runs(self) -> dict[str, str]:
+        """Return the runs to choose from: how each is called in a list, by its name."""
+        if time.monotonic() > self._scanned + SCAN:
+            self._scanned, self._labels = time.monotonic(), library.labels()
+        listed = {library.named(label): label for label in self._labels}
+        return {self._choice.run: self._choice.run, **listed}
 
     def _open(self, choice: library.Choice, session: Session) -> None:
         self._choice, self._lineup = choice, Lineup(session)

@@ -21,7 +21,7 @@ def importing_page() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name != "websockets":
+        if (error.name or "").partition(".")[0] != "websockets":
             raise
         raise MorlaxError(
             f"the page needs websockets, which is not installed: {installation('explore')}."

@@ -15,9 +15,9 @@ export class Remote {
   }
 
   constructor(listener) {
-    Object.assign(this, { listener, about: null, model: null, robots: [], names: null, scene: {} });
-    this.state = {};
+    Object.assign(this, { listener, robots: [], state: {}, scene: {} });
     this.poses = []; // of each robot: steps, places, turns, contacts
+    this.next = null; // about, model, state and poses of a run whose parts are still coming
     this.arrived = 0; // ms, when they came
     this.interval = 25; // ms between frames
     this.can = { ask: true, keep: true, contacts: true };
@@ -25,8 +25,13 @@ export class Remote {
     this.#connect();
   }
 
+  get names() {
+    return this.asking ? ["A", "B"] : null;
+  }
+
   get selected() {
-    return this.asking ? 0 : (this.state.selected ?? 0);
+    // the state may have come before the robot's pose
+    return this.asking ? 0 : Math.min(this.state.selected ?? 0, this.robots.length - 1);
   }
 
   get steered() {
@@ -133,42 +138,45 @@ export class Remote {
 
   #hear({ type, ...message }) {
     if (type === "tell") this.listener.tell(message.text);
-    if (type === "run") this.coming = message.about; // its model follows
-    if (type === "state") {
-      Object.assign(this.state, message);
-      this.names = this.asking ? ["A", "B"] : null;
-      this.#join();
-    }
+    if (type === "run") this.next = { about: message.about, state: { ...this.state }, poses: null };
+    if (type === "state") Object.assign((this.next ?? this).state, message);
+    if (type === "state" && !this.next) this.#join();
   }
 
   #receive(buffer) {
     const [kind, length] = new Int32Array(buffer, 0, 2);
-    if (kind === MODEL) {
-      this.model = modelOf(buffer, length);
-      this.about = this.coming;
-      this.scene = {};
-      this.poses = [];
-      if (this.ready) this.listener.renew();
-    } else if (kind === FRAME && this.model) {
-      const now = performance.now();
-      this.interval = Math.min(Math.max(now - this.arrived, 10), 100);
-      this.arrived = now;
-      const poses = posesOf(new Float32Array(buffer, 4), this.model.nbody);
-      if (poses.length !== this.poses.length) this.scene = {};
-      this.poses = poses;
+    if (kind === MODEL) this.next.model = modelOf(buffer, length);
+    const known = this.next ?? this;
+    if (kind !== FRAME || !known.model) return;
+    const now = performance.now();
+    this.interval = Math.min(Math.max(now - this.arrived, 10), 100);
+    this.arrived = now;
+    const poses = posesOf(new Float32Array(buffer, 4), known.model.nbody);
+    known.poses = poses;
+    if (this.next) {
+      this.#begin();
+    } else {
       this.#join();
-      if (this.ready) this.listener.step();
+      this.listener.step();
     }
   }
 
-  /** Give each robot its pose, as soon as both are known. */
+  /** Go on with another run, all parts of which have come. */
+  #begin() {
+    if (this.next.state.robots?.length !== this.next.poses.length) return;
+    Object.assign(this, this.next, { next: null, scene: {} });
+    this.#join();
+    if (this.ready) this.listener.renew();
+    else this.listener.ready();
+    this.ready = true;
+  }
+
+  /** Give each robot its pose, if both are known. */
   #join() {
     const { robots } = this.state;
-    if (!robots || robots.length !== this.poses.length) return;
+    if (robots.length !== this.poses.length) return;
+    if (robots.length !== this.robots.length) this.scene = {};
     this.robots = robots.map((robot, i) => Object.assign(robot, this.poses[i]));
-    if (this.ready) return;
-    this.ready = true;
-    this.listener.ready();
   }
 }
 

@@ -18,7 +18,7 @@ export class ChoosingPanel {
     const rows = objectives.map((name, i) => {
       const high = Math.max(...front.returns.map((row) => row[i]));
       const format = (value) => (value > this.lowest[i] ? `≥ ${short(value)}` : "any");
-      return { name, limits: [this.lowest[i], high], color: colorOf(i), format };
+      return { name, label: `at least ${name}`, limits: [this.lowest[i], high], color: colorOf(i), format };
     });
     this.asked = {}; // shown while a visitor drags
     const move = (index, value) => {
