@@ -104,7 +104,8 @@ class Preference:
 
     def _chances(self) -> NDArray[np.float64]:
         """Return the probability (n,) that each of `policies` is the user's best."""
-        return np.bincount(self._favorite, self._posterior(), minlength=len(self.policies))
+        n = len(self.policies)
+        return np.bincount(self._favorite, self._posterior(), n).astype(np.float64)
 
     def _posterior(self) -> NDArray[np.float64]:
         likelihood = np.exp(self._log_posterior - self._log_posterior.max())

@@ -25,7 +25,7 @@ def front_map(front: Front, dt: float) -> dict[str, Any]:
     if front.quantities is not None:
         values, names = np.hstack([values, front.quantities]), [*names, *front.quantity_names]
     falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
-    known = np.isfinite(values).all(0)
+    known = [bool(np.isfinite(column).all()) for column in values.T]
     return {
         "tradeoffs": front.tradeoffs.round(4).tolist(),
         "axes": [name for name, finite in zip(names, known, strict=True) if finite],
