@@ -387,8 +387,8 @@ def test_on_a_phone_the_panel_lies_below_the_robot_and_is_large_enough_to_tap(vi
     assert stage["width"] == panel["width"] == 390
     assert panel["y"] >= stage["y"] + stage["height"]
     assert page.evaluate("document.documentElement.scrollWidth") == 390
-    page.locator("summary").scroll_into_view_if_needed()
-    page.click("summary")
+    page.locator("#terms-section summary").scroll_into_view_if_needed()
+    page.click("#terms-section summary")
     assert page.is_visible("#terms")
 
 
