@@ -572,11 +572,11 @@ def test_arrows_show_velocity_command_and_contacts_where_a_visitor_wants_them(vi
 CHART = """
   const { Charts } = await load('panel/charts.js');
   const about = { objectives: ['a'], pushed: [], dt: 0.5 };
-  const robot = { returns: [0], velocity: [], power: 1, steps: 0 };
+  const robot = { returns: [0], velocity: [], power: 1, counted: 0 };
   const charts = new Charts({ about, selected: 0, get steered() { return robot; } });
   document.getElementById('charts-section').open = true;
-  for (const steps of [1, 2, 3, 4, 1, 2, 3]) {
-    Object.assign(robot, { steps, returns: [10 * steps] });
+  for (const counted of [1, 2, 3, 4, 1, 2, 3]) {
+    Object.assign(robot, { counted, returns: [10 * counted] });
     charts.show();
   }
   const drawing = document.querySelector('#charts svg');

@@ -235,7 +235,7 @@ def has(client: Client, name: str, value: float) -> bool:
 def test_a_tab_that_does_not_read_holds_nobody_up(address):
     asleep, awake = Client(address), Client(address)
     before = awake.frames
-    awake.until(lambda: awake.frames > before + 100, "the other tab waits")
+    awake.until(lambda: awake.frames > before + 20, "the other tab waits")
     asleep.close()
     awake.close()
 

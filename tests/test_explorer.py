@@ -11,10 +11,10 @@ from morlax_torch import MorlaxError, load
 from morlax_torch.choose import choose
 from morlax_torch.envs.worlds.randomization import horizontal
 from morlax_torch.runs.fronts import load_front
+from morlax_torch.viewers.explaining import explain, is_told_velocity
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.contacts import WEIGHT, contact_arrows
 from morlax_torch.viewers.explorer.describing import frame_bytes
-from morlax_torch.viewers.explorer.explaining import explain
 from morlax_torch.viewers.explorer.lineup import Lineup
 from morlax_torch.viewers.explorer.requests import Requests
 from morlax_torch.viewers.explorer.session import PUSH, Session
@@ -84,12 +84,12 @@ def test_a_finished_episode_is_reported_and_a_new_one_starts(session):
 
 
 def test_a_command_survives_resets_and_stays_within_its_limits(session, tmp_path, make_run):
-    assert not session.is_told_velocity
+    assert not is_told_velocity(session.player.env)
     bruce = Session.open(library.choose(str(make_run(tmp_path / "bruce", "bruce", "best"))))
     bruce.step()
     assert bruce.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
     bruce.tell(1, 0.05)
-    assert bruce.is_told_velocity
+    assert is_told_velocity(bruce.player.env)
     for _ in range(2):
         bruce.step()
         assert bruce.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.05])

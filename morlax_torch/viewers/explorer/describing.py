@@ -11,10 +11,10 @@ import numpy as np
 
 from ...envs.naming import title
 from ..camera import followed_body
+from ..explaining import explain, is_told_velocity
 from ..front_map import front_map
 from .behavior import Behavior
 from .contacts import contact_arrows
-from .explaining import explain
 from .session import Session
 
 MODEL, FRAME = 0, 1  # first byte of a message that is not JSON
@@ -40,7 +40,7 @@ def described(behavior: Behavior) -> dict[str, Any]:
         "notes": [explain(env, name) for name in behavior.objectives],
         "pushed": behavior.axes,
         "command": {"limits": env.command_limits} if env.command_limits else None,
-        "velocities": behavior.is_told_velocity,
+        "velocities": is_told_velocity(env),
         "front": front_map(behavior.front, env.dt) if behavior.front is not None else None,
         **about,
     }
@@ -54,6 +54,7 @@ def told(behavior: Behavior) -> dict[str, Any]:
     return {
         "tradeoff": behavior.tradeoff,
         "returns": _finite(behavior.player.returns.tolist()),
+        "counted": behavior.steps,
         "ended": last and {**asdict(last), "returns": _finite(last.returns)},
         "velocity": _finite(behavior.velocity()),
         "power": _finite([behavior.power()])[0],

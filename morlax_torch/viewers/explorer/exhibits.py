@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 from ...envs import MorlaxError
 from ...runs.bookmarks import bookmark, bookmarks
+from ...runs.loading import own_folder
 from . import library, messages
 from .asking import Asking
 from .behavior import Behavior
@@ -122,7 +123,8 @@ class RunExhibit:
 
     def _open(self, choice: library.Choice, session: Session) -> None:
         self._choice, self._lineup = choice, Lineup(session)
-        self._bookmarks = bookmarks(choice.run)
+        # shipped policies keep none
+        self._bookmarks = bookmarks(choice.run) if own_folder(choice.run) else None
         self._asking: Asking | None = None
         self._source: PolicyComparisons | None = None
         self._rounds = 0

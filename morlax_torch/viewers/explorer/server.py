@@ -64,6 +64,7 @@ class Server:
             try:
                 self._loop.run_until_complete(listen())
             finally:
+                self._loop.close()
                 ready.set()
 
         self._thread = threading.Thread(target=run, daemon=True)

@@ -16,7 +16,6 @@ from .behavior import Behavior
 from .library import Choice
 
 Weights = tuple[float, ...]  # a trade-off: not negative, and sums to one
-VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
 PUSH = 1.5  # m/s added to the robot's velocity by a push
 
 
@@ -110,12 +109,6 @@ class Session(Behavior):
         """Set one number of the command, by its index; it is clamped to the task's limits."""
         low, high = list(self.player.env.command_limits.values())[index]
         self.player.command[index] = min(max(value, low), high)
-
-    @property
-    def is_told_velocity(self) -> bool:
-        """Whether the command begins with velocities in m/s, forward and to the left."""
-        names = list(self.player.env.command_limits)[:2]
-        return len(names) == 2 and all(name.startswith(VELOCITIES) for name in names)
 
     def velocity(self) -> list[float]:
         """Return the velocity in m/s along x and, if the robot can move there, y."""

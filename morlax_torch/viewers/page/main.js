@@ -164,7 +164,7 @@ async function run() {
 /** Draw later poses of the past, until the present is reached. */
 function replay(stage, steps) {
   state.played += steps;
-  stage.moment = Math.min(state.from + Math.floor(state.played), stage.past.length - 1);
+  stage.moment = stage.after(state.from, state.played);
   if (stage.moment < stage.past.length - 1) return;
   stage.moment = null;
   state.replays = false;
@@ -183,10 +183,17 @@ function showPlayback(engine, stage) {
   $("timeline").hidden = !stopped;
   $("timeline").max = past.length - 1;
   if (moment === null) $("timeline").value = past.length - 1;
+  fill();
   $("pause").replaceChildren(icon(stopped ? "play" : "pause"));
   $("pause").title = stopped ? "Continue (space)" : "Pause (space)";
   $("pause").setAttribute("aria-label", $("pause").title);
   $("pace").textContent = `${pace}×`;
+}
+
+/** Color the timeline up to where it stands. */
+function fill() {
+  const { style, value, max } = $("timeline");
+  style.setProperty("--share", value / Math.max(max, 1));
 }
 
 /** Show what the server tells, for as long as the robots stand still. */
@@ -227,6 +234,7 @@ function wireControls() {
     state.from = Math.min(Number($("timeline").value), state.stage.past.length - 1);
     state.stage.moment = state.from;
     state.played = 0;
+    fill();
   });
   const keys = { " ": "pause", p: "push", r: "reset", c: "camera" };
   addEventListener("keydown", (event) => {

@@ -21,6 +21,7 @@ from ...runs.evaluating import evaluate
 from ...runs.fronts import load_front
 from ...runs.loading import find_checkpoint, load
 from ..camera import followed_body
+from ..explaining import explain, is_told_velocity
 from ..front_map import front_map
 from .checking import check
 from .model import WebModel, compiled
@@ -109,6 +110,8 @@ def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, A
         "after": _graph(traced.after),
         "starts": _starts(env, traced),
         "command": _command(env),
+        "velocities": is_told_velocity(env),
+        "notes": [explain(env, name) for name in env.objectives],
         "followed": followed_body(env.physics.model),
         "pushed": horizontal(env.physics.model),
         "push": PUSH,

@@ -16,7 +16,7 @@ export class Local {
     const { model, about } = simulation;
     Object.assign(this, { model, about, robots: [simulation], selected: 0 });
     Object.assign(this, { paused: false, pace: 1, names: null, asking: null, bookmarks: null });
-    this.can = { ask: false, keep: false, contacts: false };
+    this.can = { ask: false, contacts: false };
     this.choosing = { levels: {}, maximized: 0, searching: false, found: null, reason: "" };
     this.scene = {}; // another object whenever other robots are to be drawn
     this.listener = { step() {}, tell() {} };

@@ -20,7 +20,7 @@ export class Remote {
     this.next = null; // about, model, state and poses of a run whose parts are still coming
     this.arrived = 0; // ms, when they came
     this.interval = 25; // ms between frames
-    this.can = { ask: true, keep: true, contacts: true };
+    this.can = { ask: true, contacts: true };
     this.ready = false;
     this.#connect();
   }

@@ -81,6 +81,11 @@ export class Simulation {
     return actuator_force.reduce((sum, f, i) => sum + Math.abs(f * actuator_velocity[i]), 0);
   }
 
+  /** The control steps that `returns` count. */
+  get counted() {
+    return this.steps;
+  }
+
   /** The latest rewards of the task's terms. */
   get terms() {
     return this.last?.terms ?? null;

@@ -1,5 +1,6 @@
 // "A or B?": the visitor compares two robots, and sees what the answers tell.
 
+import { robotColor } from "../colors.js";
 import { html, short } from "./pictures.js";
 
 const $ = (id) => document.getElementById(id);
@@ -14,7 +15,12 @@ export class AskingPanel {
       made.addEventListener("click", act);
       return made;
     };
-    const answers = SIDES.map((side, i) => button(side, () => engine.answer(i)));
+    const answers = SIDES.map((side, i) => {
+      const answer = button(side, () => engine.answer(i));
+      answer.classList.add("dot");
+      answer.style.setProperty("--color", robotColor(i));
+      return answer;
+    });
     $("answers").replaceChildren(...answers, button("skip", () => engine.press("skip")));
     const ends = ["use", "again", "leave"].map((name) => button(ENDS[name], () => engine.press(name)));
     $("asking-ends").replaceChildren(...(engine.about.objectives.length ? ends : []));

@@ -31,11 +31,10 @@ export class Charts {
   show() {
     const { steered, about, selected } = this.engine;
     if (this.of !== selected) this.#forget(selected);
-    const { steps } = steered;
-    if (steps < this.steps) this.ends.push(this.time);
-    const passed = steps < this.steps ? steps : steps - this.steps;
-    this.steps = steps;
-    this.time += passed * about.dt;
+    const { counted } = steered;
+    if (counted < this.counted) this.ends.push(this.time);
+    this.time += (counted < this.counted ? counted : counted - this.counted) * about.dt;
+    this.counted = counted;
     if (this.time - (this.samples.at(-1)?.time ?? -1) < INTERVAL) return;
     this.samples.push({ time: this.time, values: this.charts.map(({ of }) => [...of(steered)]) });
     while (this.samples[0].time < this.time - SECONDS) this.samples.shift();
@@ -49,7 +48,7 @@ export class Charts {
     this.samples = [];
     this.ends = []; // times at which episodes ended
     this.time = 0;
-    this.steps = robot === null ? 0 : this.engine.steered.steps;
+    this.counted = robot === null ? 0 : this.engine.steered.counted;
   }
 
   #draw({ drawing, names, colors }, index) {

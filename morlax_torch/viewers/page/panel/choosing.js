@@ -7,12 +7,16 @@ import { Sliders } from "./sliders.js";
 const $ = (id) => document.getElementById(id);
 
 export class ChoosingPanel {
-  constructor(engine) {
+  /** @param settled called when thresholds have changed. */
+  constructor(engine, settled) {
     this.engine = engine;
     const { objectives, front } = engine.about;
     const options = objectives.map((name, i) => new Option(name, i));
     $("maximize").replaceChildren(...options);
-    $("maximize").onchange = () => engine.maximize(Number($("maximize").value));
+    $("maximize").onchange = () => {
+      engine.maximize(Number($("maximize").value));
+      settled();
+    };
     $("free").onclick = () => engine.press("free");
     this.lowest = objectives.map((_, i) => Math.min(...front.returns.map((row) => row[i])));
     const rows = objectives.map((name, i) => {
@@ -31,6 +35,7 @@ export class ChoosingPanel {
       }
       this.asked = {};
       this.key = null;
+      settled();
     };
     this.sliders = new Sliders(rows, move, done);
     $("levels").replaceChildren(...this.sliders.elements);
@@ -60,6 +65,7 @@ export class ChoosingPanel {
     const returns = Object.entries(found.returns).map(([name, value]) => `${name} ${short(value)}`);
     const how = found.simulated ? "Simulated" : "Evaluated";
     const name = this.engine.about.objectives[maximized];
-    return `${how} returns: ${returns.join(", ")}. This costs ${short(found.cost)} of ${name}.`;
+    const cost = found.cost > 0 ? ` This costs ${short(found.cost)} of ${name}.` : "";
+    return `${how} returns: ${returns.join(", ")}.${cost}`;
   }
 }

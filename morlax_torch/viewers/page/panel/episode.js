@@ -31,8 +31,8 @@ export class Episode {
   }
 
   /** Show smoothed rewards per second. */
-  #showRates({ returns, steps }, dt) {
-    const passed = steps - (this.steps ?? steps);
+  #showRates({ returns, counted }, dt) {
+    const passed = counted - (this.counted ?? counted);
     if (passed > 0) {
       const calm = 1 - (1 - CALM) ** passed;
       returns.forEach((value, i) => {
@@ -40,14 +40,14 @@ export class Episode {
         this.rates[i] = (1 - calm) * (this.rates[i] ?? rate) + calm * rate;
       });
     }
-    if (passed !== 0 || !this.former) [this.steps, this.former] = [steps, [...returns]];
+    if (passed !== 0 || !this.former) [this.counted, this.former] = [counted, [...returns]];
     this.cells.forEach((row, i) => (row[1].textContent = this.rates[i] === null ? "–" : amount(this.rates[i])));
   }
 
   #tabulate(number, names) {
     this.number = number;
     this.rates = names.map(() => null);
-    this.steps = this.former = undefined;
+    this.counted = this.former = undefined;
     const titles = number === 1 ? ["return", "per second"] : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
     const head = titles.map((text, i) => {
       const title = html("th", { textContent: text });

@@ -15,7 +15,6 @@ export class LineupPanel {
   show() {
     const { robots, selected, asking } = this.engine;
     $("robots-section").hidden = Boolean(asking);
-    this.#name();
     const key = JSON.stringify([robots.length, selected, Boolean(asking)]);
     if (key === this.key) return;
     this.key = key;
@@ -40,9 +39,15 @@ export class LineupPanel {
     if (engine.can.ask) choices.push(button("A or B?", "Find your trade-off by comparing robots", () => engine.press("find")));
     return choices;
   }
+}
 
-  /** Write names above the robots. */
-  #name() {
+/** The names above several robots. */
+export class RobotNames {
+  constructor(engine) {
+    this.engine = engine;
+  }
+
+  show() {
     const { names, robots, selected } = this.engine;
     [...$("names").children].forEach((label, i) => {
       const text = names?.[i] ?? `${i + 1}: ${brief(robots[i], this.engine)}`;

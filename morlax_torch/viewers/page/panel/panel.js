@@ -6,7 +6,7 @@ import { Charts } from "./charts.js";
 import { ChoosingPanel } from "./choosing.js";
 import { Episode } from "./episode.js";
 import { FrontPlot } from "./front.js";
-import { LineupPanel } from "./lineup.js";
+import { LineupPanel, RobotNames } from "./lineup.js";
 import { html } from "./pictures.js";
 import { RunLists } from "./runs.js";
 import { Sliders } from "./sliders.js";
@@ -29,7 +29,7 @@ export class Panel {
     const { about } = engine;
     this.names = about.objectives;
     this.front = about.front ?? null;
-    this.parts = [new AskingPanel(engine)];
+    this.parts = [new AskingPanel(engine), new RobotNames(engine)];
     if (engine.state) this.parts.push(new RunLists(engine));
     this.plots = [];
     const sections = ["robots", "tradeoff", "front", "episode"].map((name) => $(`${name}-section`));
@@ -38,7 +38,9 @@ export class Panel {
     this.#showCommand(about.command);
     this.#showKinds(about);
     if (!this.names.length) return;
-    const choose = (weights) => engine.steer(weights);
+    const choose = (weights) => {
+      if (!engine.asking) engine.steer(weights);
+    };
     this.#showWeights(choose, settled);
     this.#showPlots(choose);
     $("triangle").onpointerup = $("front").onpointerup = settled;
@@ -48,7 +50,7 @@ export class Panel {
       new Episode(engine),
       new Charts(engine),
     );
-    if (this.front) this.parts.push(new ChoosingPanel(engine));
+    if (this.front) this.parts.push(new ChoosingPanel(engine, settled));
   }
 
   /** Show the present. */

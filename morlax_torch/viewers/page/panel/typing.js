@@ -23,7 +23,6 @@ export class TypedWeights {
     };
     $("typed").onblur = () => (this.text = null);
     $("copy").onclick = () => copy().catch(() => $("typed").select());
-    $("keep").hidden = !engine.can.keep;
     $("keep").title = "Keep this trade-off as a bookmark of the run";
     $("keep").onclick = () => {
       const name = prompt("Name of the bookmark (then --tradeoff @NAME in every command)");
@@ -34,6 +33,7 @@ export class TypedWeights {
   show() {
     const text = shown(this.engine.steered.tradeoff).replaceAll(",", ", ");
     if (text !== this.text && document.activeElement !== $("typed")) $("typed").value = this.text = text;
+    $("keep").hidden = !this.engine.bookmarks; // shipped policies keep none
     const kept = JSON.stringify(this.engine.bookmarks ?? {});
     if (kept === this.kept) return;
     this.kept = kept;

@@ -73,7 +73,8 @@ export class Stage {
       if (ring) this.scene.add(ring);
     }
     this.#label();
-    this.past = []; // of all robots after control steps, the oldest first
+    this.past = []; // poses of all robots, the oldest first, and control steps until then
+    this.clock = 0; // control steps since the robots are shown
     this.moment = null; // index of the past pose to draw; null: the present
     this.latest = null;
     this.advance();
@@ -88,17 +89,26 @@ export class Stage {
     this.surroundings?.dress(theme);
   }
 
+  /** Return the index of the past moment `steps` control steps after another one. */
+  after(moment, steps) {
+    const clock = this.past[moment].clock + steps;
+    return this.past.findLastIndex((pose) => pose.clock <= clock);
+  }
+
   /** Note the poses after a control step; `draw` moves from the former to these. */
   advance() {
     const { robots, about } = this.engine;
     if (robots.length !== this.robots.length) return;
+    const [first] = this.latest ?? [{ steps: -1 }];
+    if (robots[0].steps === first.steps) return; // paused
     this.former = this.latest;
     this.latest = robots.map(({ places, turns, steps, contacts }) => {
       return { places: places.slice(), turns: turns.slice(), steps, contacts };
     });
-    this.past.push(this.latest);
-    const seconds = (this.latest[0].steps - this.past[0][0].steps) * about.dt;
-    if (seconds > KEPT || this.past.length * about.dt > KEPT) this.past.shift();
+    const { steps } = robots[0];
+    this.clock += steps > first.steps ? steps - first.steps : steps;
+    this.past.push(Object.assign(this.latest, { clock: this.clock }));
+    while ((this.clock - this.past[0].clock) * about.dt > KEPT) this.past.shift();
   }
 
   /** Move the camera to where it was in the beginning; or only to the distance, if `turned`. */

@@ -1,8 +1,16 @@
-"""What an objective is made of, in words."""
+"""What the page says of a task: what objectives are made of, and what its command means."""
 
 from inspect import cleandoc
 
-from ...envs.worlds.robot import Robot
+from ..envs.worlds.robot import Robot
+
+VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
+
+
+def is_told_velocity(env: Robot) -> bool:
+    """Whether the command begins with velocities in m/s, forward and to the left."""
+    names = list(env.command_limits)[:2]
+    return len(names) == 2 and all(name.startswith(VELOCITIES) for name in names)
 
 
 def explain(env: Robot, objective: str) -> str:
