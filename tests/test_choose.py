@@ -19,6 +19,7 @@ from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.networks.agent import Agent
 from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
 from morlax_torch.runs.loading import find_run
+from morlax_torch.runs.trials import CONDITIONS, EPISODES, USUAL, kept, trials
 from morlax_torch.terminal import cli
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
@@ -291,3 +292,39 @@ def test_choose_stores_a_bookmark_for_other_commands(tmp_path, make_run, monkeyp
     monkeypatch.setattr("sys.argv", ["choose", *typed, "a/b"])
     with pytest.raises(SystemExit):
         cli.run(command)
+
+
+def test_a_decision_card_tells_requirement_choice_and_other_conditions(
+    tmp_path, make_run, monkeypatch, capsys
+):
+    run, card = make_run(tmp_path / "run", "hopper", "best"), tmp_path / "card.html"
+    typed = ["choose", str(run), "--maximize", "run", "--device", "cpu", "--card"]
+    monkeypatch.setattr("sys.argv", [*typed, str(card), "--at-least", "jump=-1e6"])
+    cli.run(command)
+    said, page = capsys.readouterr().out, card.read_text()
+    assert f"written: {card}" in said.replace("\n", "")
+    assert "As much run as possible, with at least -1e+06 of jump" in page
+    for condition in ("as in evaluations", "pushes of 0.5 m/s", "friction times 0.5 to 1.5"):
+        assert condition in page
+    assert "The requirements are kept under every condition." in page
+    simulated = next(line.split()[2] for line in said.splitlines() if line.startswith("run "))
+    assert simulated.split(".")[0] in page.replace(",", "")
+    assert str(run / "checkpoints/best.pt") in page and "export" in page
+    monkeypatch.setattr("sys.argv", [*typed, str(tmp_path / "card.pdf")])
+    with pytest.raises(SystemExit):
+        cli.run(command)
+    assert "must end in .html" in capsys.readouterr().err
+
+
+def test_trials_repeat_the_evaluation_and_vary_the_robot():
+    policy = load("cheetah")
+    tried = trials(policy, (0.5, 0.5))
+    front = evaluate(policy, tradeoffs=3, device="cpu")
+    usual = tried.pop(USUAL)
+    assert usual.episodes == 1
+    np.testing.assert_allclose(usual.returns, front.returns[1], rtol=1e-3)
+    assert set(tried) == set(CONDITIONS)
+    for trial in tried.values():
+        assert trial.episodes == EPISODES and not np.allclose(trial.returns, usual.returns)
+    assert kept(usual, policy.objectives, {"run": float(usual.returns[0]) - 1})
+    assert not kept(usual, policy.objectives, {"run": float(usual.returns[0]) + 1})

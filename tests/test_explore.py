@@ -223,6 +223,18 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     limit = float(third.slider("m/s to the left").get_attribute("max"))
     phone.until(lambda: phone.value("m/s to the left") == pytest.approx(limit, abs=1e-3), "no")
     shot(third, "command", tmp_path)
+
+    # keys change the command, too, within its limits
+    third.tab.evaluate("document.activeElement.blur()")
+    third.tab.keyboard.press("x")
+    phone.until(lambda: phone.value("m/s forward") == 0, "the robot is not stopped")
+    low, high = (float(third.slider("m/s forward").get_attribute(n)) for n in ("min", "max"))
+    third.tab.keyboard.press("w")
+    notch = min(0.1 * (high - low), high)
+    phone.until(lambda: abs(phone.value("m/s forward") - notch) < 2e-3, "the key has no effect")
+    for _ in range(12):
+        third.tab.keyboard.press("s")
+    phone.until(lambda: phone.value("m/s forward") == pytest.approx(low), "it is not clamped")
     show(third, "runs/cheetah3/a", 3)
     third.tab.select_option("#checkpoint-list", "latest")
     phone.until(lambda: phone.tab.input_value("#checkpoint-list") == "latest", "the old one")
@@ -286,7 +298,8 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
     show(view, "runs/hopper/b", 2)
     view.tab.fill("#typed", "0.4, 0.6")
     view.until(lambda: view.value("run") == 0.4, "typing has no effect")
-    view.tab.on("dialog", lambda dialog: dialog.accept("calm"))
+    names = iter(("calm", "fast"))
+    view.tab.on("dialog", lambda dialog: dialog.accept(next(names)))
     view.press("keep")
     view.tab.get_by_role("button", name="@calm").wait_for()
     view.press("run")
@@ -294,6 +307,23 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
     view.press("@calm")
     view.until(lambda: view.tradeoff() == (0.4, 0.6), "the bookmark has no effect")
     assert Path("runs/hopper/b/bookmarks.yaml").read_text() == "calm: [0.4, 0.6]\n"
+
+    # a talk: the robot alone, bookmarks as stops
+    view.tab.fill("#typed", "1, 0")
+    view.until(lambda: view.value("run") == 1, "typing has no effect")
+    view.press("keep")
+    view.tab.get_by_role("button", name="@fast").wait_for()
+    view.tab.click("#talk")
+    assert view.text("caption") == "calm\nrun 40 %, jump 60 %"
+    assert view.tab.is_hidden("#panel")
+    view.tab.keyboard.press("ArrowRight")
+    assert view.text("caption").startswith("fast")
+    for _ in range(2):
+        view.tab.keyboard.press("ArrowLeft")
+    assert view.text("caption").startswith("calm")
+    view.tab.keyboard.press("Escape")
+    view.until(lambda: view.tab.is_visible("#panel"), "the talk does not end")
+    view.until(lambda: view.tradeoff() == (0.4, 0.6), "the talk has not steered")
 
 
 @pytest.mark.slow
@@ -501,7 +531,7 @@ def test_shapes_match_mujoco_volumes_and_bounds(visit):
 
 
 FIT = """
-  const [width, height, number] = given;
+  const [width, height, number, turned] = given;
   const { Stage } = await load('stage/stage.js');
   const { Remote } = await load('engines/remote.js');
   const THREE = await import('three');
@@ -513,8 +543,11 @@ FIT = """
   const { about, model, robots: [robot] } = remote;
   const engine = { about, model, scene: {}, names: null, command: [] };
   engine.robots = Array.from({ length: number }, () => robot);
+  stage.show({ ...engine, robots: [robot] });
+  stage.camera.position.copy(stage.center).add(new THREE.Vector3(...turned));
   stage.show(engine);
   for (let i = 0; i < 3; i++) stage.draw(1);
+  const sight = stage.camera.position.clone().sub(stage.center).normalize().toArray();
   const { size, lanes, center, camera } = stage;
   const corners = lanes.flatMap((x) => [-0.5, 0.5].flatMap((half) => [
     new THREE.Vector3(x + half * size, 0, center.z),
@@ -523,17 +556,49 @@ FIT = """
   remote.socket.onclose = null;
   remote.socket.close();
   place.remove();
-  return corners;"""
+  return [corners, sight];"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 4])
-def test_robots_fit_into_the_picture(visit, number):
+def test_robots_fit_into_the_picture_and_users_keep_their_direction(visit, number):
     view = visit()
+    turned = np.array([0.1, -2.0, 0.6])
     for size in ((1012, 900), (390, 388)):
-        corners = np.array(run_in(view, FIT, *size, number))[:, :2]
+        corners, sight = map(np.array, run_in(view, FIT, *size, number, turned.tolist()))
+        corners = corners[:, :2]
+        if number > 1 and size[0] > size[1]:  # alone, it is looked at as in the beginning
+            assert sight == pytest.approx(turned / np.linalg.norm(turned), abs=0.02)
         assert np.abs(corners).max() < 1.0
         assert np.ptp(corners[:, 0]) > 0.5 or np.ptp(corners[:, 1]) > 0.5  # and are large in it
+
+
+GROUND = """
+  const { Surroundings } = await load('stage/surroundings.js');
+  const THREE = await import('three');
+  const [lanes, gap, places] = given;
+  const around = new Surroundings(new THREE.Scene(), 1.5, 0, lanes, gap);
+  around.dress('light');
+  return places.map((x) => {
+    const origin = new THREE.Vector3();
+    around.follow(lanes.map(() => new THREE.Vector3(x, 0, 0)), origin, origin);
+    return around.floors.map(({ position, geometry, material: { map } }) => {
+      const { width } = geometry.parameters;
+      return { middle: position.x, width, offset: map.offset.x, repeat: map.repeat.x };
+    });
+  });"""
+
+
+@pytest.mark.slow
+def test_tiles_of_a_lane_move_with_the_robot_and_stay_in_the_lane(visit):
+    places, lanes, gap = [0.0, 0.3, 7.9, -123.4], [-0.9, 0.9], 1.8
+    found = run_in(visit(), GROUND, lanes, gap, places)
+    for x, floors in zip(places, found, strict=True):
+        for lane, floor in zip(lanes, floors, strict=True):
+            assert floor["middle"] == lane and 0.9 * gap < floor["width"] < gap
+            period = floor["width"] / floor["repeat"]  # m
+            phase = floor["offset"] + 0.5 * floor["repeat"] - x / period  # of the lane's middle
+            assert phase == pytest.approx(round(phase), abs=1e-6)
 
 
 DECORATE = """

@@ -16,6 +16,7 @@ from browsing import PATIENCE, chromium
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
+from morlax_torch.runs.bookmarks import bookmark
 from morlax_torch.train import train
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.web.robot import build
@@ -88,6 +89,7 @@ def folder(tmp_path_factory) -> Path:
         task, **small, **{"sampling.clusters": 4, "ppo.minibatches": 1, "evaluation.tradeoffs": 4}
     )
     run = train(config, output=place / "run").folder
+    bookmark(run, "calm", (0.25, 0.75))
     write_page(["cheetah3", str(run)], place / "page")
     return place / "page"
 
@@ -216,6 +218,14 @@ def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
     page.locator("#triangle svg").click(position={"x": 160, "y": 40})
     assert int(shares.first.inner_text().split()[0]) > 80
     assert not visit.complaints
+
+
+def test_a_link_opens_a_bookmark(visit):
+    page = visit("?run=Tumbler&tradeoff=@calm")
+    runs(page)
+    assert page.locator("#weights output").all_inner_texts() == ["25 %", "75 %"]
+    assert page.locator("#bookmarks button").all_inner_texts() == ["@calm"]
+    assert page.is_visible("#talk") and not visit.complaints
 
 
 def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):

@@ -3,11 +3,13 @@
 import math
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from ..envs import MorlaxError
+from ..files import write_file
 from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.startup import program
@@ -31,6 +33,7 @@ def command(arguments: Sequence[str]) -> None:
         seeds: int | None = None,
         seed: int = 0,
         bookmark: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+        card: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html")] = None,
         device: Device = None,
         trust: Trust = False,
     ) -> None:
@@ -49,6 +52,8 @@ def command(arguments: Sequence[str]) -> None:
                 but at least 8).
             seed: Random seed of the worlds.
             bookmark: Store the trade-off in the run under this name, for --tradeoff @NAME.
+            card: Write a decision card: the requirement, the choice, its returns under pushes and
+                with other friction, masses and motors, a film strip, and commands.
         """
         least: dict[str, float] = {}
         required = [_required(text, "=") for text in at_least]
@@ -65,6 +70,8 @@ def command(arguments: Sequence[str]) -> None:
                 trust_run(run)
             if bookmark is not None:
                 bookmarks.check_bookmark(run, bookmark)
+            if card is not None and card.suffix != ".html":
+                raise MorlaxError(f"the decision card {card} must end in .html.")
             choice = choose(
                 run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device
             )
@@ -76,13 +83,55 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(f"written: {file}", soft_wrap=True)
             weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
         cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
-        named = shlex.quote(run) + (" --trust" if trust else "")
-        cli.print_command(
-            "to export the policy", f"{program('export')} {named} --tradeoff {weights}"
-        )
-        cli.print_command("to see the robot", f"{program('explore')} {named}")
+        export, explore = _commands(run, weights, trust)
+        if card is not None:
+            with Live():
+                page = _card(run, choice, least, maximize, seed, device, (export, explore))
+                write_file(card, page.encode())
+            cli.console.print(f"written: {card}", soft_wrap=True)
+        cli.print_command("to export the policy", export)
+        cli.print_command("to see the robot", explore)
 
     call(main, arguments, program("choose"))
+
+
+def _commands(run: str, weights: str, trust: bool) -> tuple[str, str]:
+    """Return the command lines that export and show the policy."""
+    named = shlex.quote(run) + (" --trust" if trust else "")
+    export = f"{program('export')} {named} --tradeoff {weights}"
+    return export, f"{program('explore')} {named}"
+
+
+def _card(
+    run: str,
+    choice: "Choice",
+    least: dict[str, float],
+    maximize: str,
+    seed: int,
+    device: str | None,
+    commands: Sequence[str],
+) -> str:
+    """Simulate the choice under other conditions, and describe it."""
+    from ..envs.devices import resolve_device
+    from ..envs.naming import title
+    from ..reports.card import card
+    from ..runs.checkpoint import fingerprint
+    from ..runs.loading import find_checkpoint, load
+    from ..runs.trials import trials
+    from ..version import __version__
+    from ..viewers.filming.recording import strip
+
+    policy = load(run, resolve_device(device))
+    tried = trials(policy, choice.tradeoff, seed)
+    about = {
+        "run": run,
+        "checkpoint": str(find_checkpoint(run)),
+        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
+        "morlax-torch": __version__,
+    }
+    picture = strip(policy.cpu(), choice.tradeoff)
+    name = title(policy.config.env)
+    return card(name, choice, least, maximize, tried, about, commands, picture)
 
 
 def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:

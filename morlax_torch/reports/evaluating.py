@@ -21,7 +21,8 @@ from ..runs.history import History
 from ..runs.loading import find_checkpoint, find_run, load, own_folder, trust_run
 from . import comparison
 from .comparison import Evaluated
-from .page import number, words
+from .html import number
+from .page import words
 from .results import write
 
 PROTOCOLS = {

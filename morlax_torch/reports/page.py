@@ -1,6 +1,5 @@
 """The report of an evaluation: one self-contained HTML file."""
 
-import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
@@ -14,6 +13,7 @@ from ..evaluation.front import Front
 from ..evaluation.representatives import representatives
 from .chart import chart, svg
 from .comparison import Evaluated, Quartiles
+from .html import document, facts, image, number, row, table
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",
@@ -31,7 +31,6 @@ POLICIES = (
     "The knee has the largest sum of returns, each scaled to its range on the front; the balanced "
     "policy has the trade-off closest to equal weights."
 )
-NARROW = 16  # characters that fit into a column of facts
 
 
 def report(
@@ -61,10 +60,7 @@ def report(
         portrait: picture of the robot as PNG (None: leave it out).
     """
     objectives = next(iter(found.values())).front.objectives
-    style, script = (
-        (resources.files(str(__package__)) / f"page.{ending}").read_text()
-        for ending in ("css", "js")
-    )
+    script = (resources.files(str(__package__)) / "page.js").read_text()
     parts = [
         f"<h1>{escape(title)}</h1>",
         f'<p class="verdict">{escape(verdict)}</p>',
@@ -79,15 +75,8 @@ def report(
         *(_config(name, run.policy.config) for name, run in found.items()),
         "<h2>Indicators</h2>",
         _table({name: run.measures for name, run in found.items()}, summary),
-        f"<script>\n{script}</script>",
     ]
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n"
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
-    )
+    return document(title, parts, script)
 
 
 def words(measure: str) -> str:
@@ -98,10 +87,6 @@ def meaning(measure: str) -> str:
     """Return a short explanation of a measure, empty if there is none."""
     ends = {"_min": "lowest return of any policy", "_max": "highest return of any policy"}
     return MEANINGS.get(measure) or ends.get(measure[-4:], "")
-
-
-def number(value: float) -> str:
-    return f"{value:,.4g}"
 
 
 def _chips(objectives: Sequence[str]) -> str:
@@ -123,67 +108,50 @@ def _policies(front: Front) -> str:
     heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
     heads += [] if front.falls is None else ["fall rate"]
     shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-    rows = [_row("th", ["policy", *heads, ""])]
+    rows = [row("th", ["policy", *heads, ""])]
     for index, name in representatives(front).items():
         cells = [*(f"{share:.2f}" for share in shares[index]), *map(number, front.returns[index])]
         cells += [] if front.quantities is None else map(number, front.quantities[index])
         cells += [] if front.falls is None else [number(front.falls[index])]
-        rows.append(_row("td", [name, *cells, ""]))
-    return (
-        f'<div class="scroll"><table class="facts">{"".join(rows)}</table></div>\n<p>{POLICIES}</p>'
-    )
+        rows.append(row("td", [name, *cells, ""]))
+    return f"{table(rows, 'facts')}\n<p>{POLICIES}</p>"
 
 
 def _top(facts: Mapping[str, Mapping[str, str]], portrait: bytes | None) -> str:
-    picture = "" if portrait is None else _image("the robot under equal weights", "png", portrait)
+    picture = "" if portrait is None else image("the robot under equal weights", "png", portrait)
     return f'<div class="top"><div>{_facts(facts)}</div>{picture}</div>'
 
 
-def _facts(facts: Mapping[str, Mapping[str, str]]) -> str:
+def _facts(known: Mapping[str, Mapping[str, str]]) -> str:
     """Return the facts of one run as a list, and those of several as a table."""
-    if len(facts) == 1:
-        items = ""
-        for name, text in next(iter(facts.values())).items():
-            wide = ' class="wide"' if len(text) > NARROW else ""
-            items += f"<div{wide}><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>"
-        return f"<dl>{items}</dl>"
-    rows = _row("th", ["", *facts, ""])
-    for name in dict.fromkeys(name for run in facts.values() for name in run):
-        rows += _row("td", [name, *(run.get(name, "") for run in facts.values()), ""])
-    return f'<div class="scroll"><table class="facts">{rows}</table></div>'
+    if len(known) == 1:
+        return facts(next(iter(known.values())))
+    rows = row("th", ["", *known, ""])
+    for name in dict.fromkeys(name for run in known.values() for name in run):
+        rows += row("td", [name, *(run.get(name, "") for run in known.values()), ""])
+    return table([rows], "facts")
 
 
 def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Quartiles]) -> str:
     heads = [*measured, *(("median", "quartiles") if summary else ())]
-    rows = [_row("th", ["", *heads, ""])]
+    rows = [row("th", ["", *heads, ""])]
     for name in next(iter(measured.values())):
         cells = [words(name), *(number(values[name]) for values in measured.values())]
         if summary:
             low, median, high = summary[name]
             cells += [number(median), f"{number(low)} - {number(high)}"]
-        rows.append(_row("td", [*cells, meaning(name)]))
-    return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
-
-
-def _row(tag: str, cells: Sequence[str]) -> str:
-    *numbers, meaning = (escape(cell) for cell in cells)
-    inner = "".join(f"<{tag}>{cell}</{tag}>" for cell in numbers)
-    return f'<tr>{inner}<td class="words">{meaning}</td></tr>\n'
+        rows.append(row("td", [*cells, meaning(name)]))
+    return table(rows)
 
 
 def _picture(caption: str, figure: Figure) -> str:
     # an <img> keeps the ids of one SVG apart from those of the others
-    image = _image(caption, "svg+xml", svg(figure).encode())
+    picture = image(caption, "svg+xml", svg(figure).encode())
     natural = f"--natural:{96 * figure.get_figwidth():.0f}px"
     return (
-        f'<figure style="{natural}"><div class="scroll">{image}</div>'
+        f'<figure style="{natural}"><div class="scroll">{picture}</div>'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )
-
-
-def _image(about: str, kind: str, content: bytes) -> str:
-    data = base64.b64encode(content).decode()
-    return f'<img alt="{escape(about)}" src="data:image/{kind};base64,{data}">'
 
 
 def _config(name: str, config: Config) -> str:

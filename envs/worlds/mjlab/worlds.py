@@ -19,7 +19,8 @@ from . import quantities
 from .config import MjlabOptions, changed, options_class, remembers
 from .endings import BLOWN_UP, take_ending, watch_endings
 from .mirror import mirror_of
-from .step import COMMAND, MaskedStep, SharedDraws, supported
+from .modes import SharedDraws
+from .step import COMMAND, MaskedStep, supported
 
 _rehearsed: set[str] = set()
 

@@ -1,6 +1,7 @@
 """Write films and film strips: H.264 for browsers and slides, animated GIF, or PNG."""
 
 from collections.abc import Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,17 @@ def record(
         every, fps = film.pace(speed, FASTEST[output.suffix.lower()])
         total = film.steps(seconds) // every + 1
         write_video(output, _counted(film.frames(seconds, every), total), fps)
+
+
+def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
+    """Return a small film strip of a policy on the CPU as PNG; None if it cannot be drawn here."""
+    try:
+        drawn = Film(policy, [tradeoff], width=240, height=180).strip()
+    except MorlaxError:  # no OpenGL, or no MuJoCo robot
+        return None
+    file = BytesIO()
+    Image.fromarray(drawn).save(file, format="PNG")
+    return file.getvalue()
 
 
 def _counted(frames: Iterator[NDArray[np.uint8]], total: int) -> Iterator[NDArray[np.uint8]]:

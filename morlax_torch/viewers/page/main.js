@@ -1,8 +1,10 @@
 // The page: show the robots of an engine in real time, and react to the visitor.
 
 import { Problem, fetched, traffic } from "./files.js";
+import { drive, press } from "./panel/driving.js";
 import { Panel } from "./panel/panel.js";
 import { html, icon } from "./panel/pictures.js";
+import { Talk } from "./panel/talk.js";
 import { even, parsed, shown } from "./panel/weights.js";
 
 const PACES = [1, 0.5, 0.25];
@@ -14,6 +16,7 @@ const state = {
   folder: "", // of the run, without a server
   panel: null,
   stage: null,
+  talk: new Talk(() => state.engine),
   from: 0, // index of the past pose that a replay started from
   played: 0, // control steps since then
   replays: false,
@@ -89,7 +92,8 @@ async function open(run) {
   state.folder = run.folder;
   engine.about.title = run.title;
   const m = engine.about.objectives.length;
-  engine.steer(parsed(query.get("tradeoff"), m) ?? even(m));
+  const wanted = query.get("tradeoff");
+  engine.steer(engine.bookmarks[wanted?.replace(/^@/, "")] ?? parsed(wanted, m) ?? even(m));
   $("run").value = run.folder;
   present(engine);
 }
@@ -157,6 +161,8 @@ async function run() {
     if (engine.scene !== stage.source) stage.show(engine);
     stage.draw(share);
     state.panel.show();
+    state.talk.show();
+    drive(engine);
     showPlayback(engine, stage);
   }
 }
@@ -221,6 +227,7 @@ function wireControls() {
     reset: () => state.engine.press("reset"),
     camera: () => state.stage.lookHome(),
     photo: () => save().catch((error) => announce(sentence(error))),
+    talk: () => state.talk.start(),
     pace: () => state.engine.setPace(PACES[(PACES.indexOf(state.engine.pace) + 1) % PACES.length]),
   };
   for (const [name, act] of Object.entries(actions)) {
@@ -239,10 +246,10 @@ function wireControls() {
   const keys = { " ": "pause", p: "push", r: "reset", c: "camera" };
   addEventListener("keydown", (event) => {
     const typing = event.target.closest("button, select, input, summary");
+    if (!state.engine || typing || event.ctrlKey || event.metaKey || event.altKey) return;
     const name = keys[event.key.toLowerCase()];
-    if (!state.engine || !name || typing || event.ctrlKey || event.metaKey || event.altKey) return;
-    event.preventDefault();
-    actions[name]();
+    if (name) actions[name]();
+    if (name || state.talk.press(event.key) || press(state.engine, event.key)) event.preventDefault();
   });
 }
 

@@ -16,6 +16,7 @@ from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
 from ...phases import phase
+from ...runs.bookmarks import bookmarks
 from ...runs.checkpoint import front_path
 from ...runs.evaluating import evaluate
 from ...runs.fronts import load_front
@@ -56,6 +57,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     front = front_of(run, policy, device)
     about = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
     everything = {**about, **_described(env, traced, model), "front": front_map(front, env.dt)}
+    everything["bookmarks"] = bookmarks(run)
     (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
     return about
 

@@ -15,7 +15,9 @@ export class Local {
   constructor(simulation) {
     const { model, about } = simulation;
     Object.assign(this, { model, about, robots: [simulation], selected: 0 });
-    Object.assign(this, { paused: false, pace: 1, names: null, asking: null, bookmarks: null });
+    Object.assign(this, { paused: false, pace: 1, names: null, asking: null });
+    this.bookmarks = about.bookmarks; // trade-offs by name
+    this.keeps = false; // new bookmarks
     this.can = { ask: false, contacts: false };
     this.choosing = { levels: {}, maximized: 0, searching: false, found: null, reason: "" };
     this.scene = {}; // another object whenever other robots are to be drawn

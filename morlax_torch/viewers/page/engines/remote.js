@@ -62,6 +62,10 @@ export class Remote {
     return this.state.bookmarks ?? null;
   }
 
+  get keeps() {
+    return this.bookmarks !== null; // shipped policies have none
+  }
+
   steer(weights) {
     this.steered.tradeoff = weights; // shown at once; the server's answer follows
     this.#send({ act: "steer", weights });

@@ -33,7 +33,7 @@ export class TypedWeights {
   show() {
     const text = shown(this.engine.steered.tradeoff).replaceAll(",", ", ");
     if (text !== this.text && document.activeElement !== $("typed")) $("typed").value = this.text = text;
-    $("keep").hidden = !this.engine.bookmarks; // shipped policies keep none
+    $("keep").hidden = !this.engine.keeps;
     const kept = JSON.stringify(this.engine.bookmarks ?? {});
     if (kept === this.kept) return;
     this.kept = kept;

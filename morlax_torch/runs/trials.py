@@ -1,0 +1,74 @@
+"""Try one trade-off under conditions that training may not have had."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from ..envs.worlds.options import TaskOptions
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.making import evaluation_worlds
+from ..networks.policy import Policy
+from ..phases import phase
+
+EPISODES = 32
+USUAL = "as in evaluations"
+# changes of `task.randomization`, on top of the task's own
+CONDITIONS: dict[str, dict[str, Any]] = {
+    "other starts": {},
+    "pushes of 0.5 m/s": {"push": 0.5, "push_every": 100},
+    "friction times 0.5 to 1.5": {"friction": (0.5, 1.5)},
+    "masses times 0.8 to 1.2": {"mass": (0.8, 1.2)},
+    "motors times 0.8 to 1.2": {"strength": (0.8, 1.2)},
+}
+STARTS = 0.01  # least spread of starts, so that episodes differ
+
+
+class Trial(NamedTuple):
+    """Means over the episodes of one trade-off."""
+
+    returns: np.ndarray  # (m,)
+    falls: float  # share of episodes that failed
+    episodes: int
+
+
+def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str, Trial]:
+    """Simulate a trade-off (m,) under several conditions, each in `EPISODES` episodes.
+
+    Only the options of this package's own kind of robot can be changed; of other tasks, and of
+    those whose simulator cannot vary a field, fewer conditions are returned.
+
+    Args:
+        policy: simulated on its device.
+        tradeoff: not negative.
+        seed: random seed of the worlds.
+    """
+    task = policy.config.task.for_evaluation()
+    tried = {USUAL: task}
+    if isinstance(task, TaskOptions):
+        for name, changes in CONDITIONS.items():
+            varied = task.randomization.model_copy(update=changes)
+            update = {"randomization": varied, "reset_noise": max(task.reset_noise, STARTS)}
+            tried[name] = task.model_copy(update=update)
+    found: dict[str, Trial] = {}
+    for number, (name, options) in enumerate(tried.items()):
+        phase("trying other conditions", number / len(tried))
+        found[name] = _trial(policy, options, tradeoff, seed)
+    return found
+
+
+def _trial(policy: Policy, task: Any, tradeoff: Sequence[float], seed: int) -> Trial:
+    place = str(policy.agent.observation_normalizer.mean.device)
+    config = policy.config.model_copy(update={"task": task, "device": place, "backend": None})
+    episodes = EPISODES if task.varies else 1
+    env = evaluation_worlds(config, 1, episodes, seed)
+    points = torch.tensor([tradeoff], dtype=torch.float32)
+    front = Evaluator(policy.agent, env, points, "latched", seed, episodes, alone=True).evaluate()
+    falls = 0.0 if front.falls is None else float(front.falls[0])
+    return Trial(front.returns[0], falls, episodes)
+
+
+def kept(trial: Trial, objectives: Sequence[str], least: Mapping[str, float]) -> bool:
+    """Whether a trial's mean returns keep required returns by objective."""
+    return all(trial.returns[objectives.index(name)] >= value for name, value in least.items())
