@@ -2,7 +2,7 @@
 
 // Okabe and Ito: distinct to color-blind readers too.
 const PALETTE = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"];
-const ROBOTS = ["#7048e8", "#0b7285", "#c2255c", "#5c940d"];
+const ROBOTS = ["#7048e8", "#0b7285", "#c2255c", "#4a7a0a"];
 export const MOST = ROBOTS.length; // robots on one stage
 
 /** Return the color of an objective by its index. */

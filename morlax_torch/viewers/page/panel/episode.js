@@ -51,7 +51,8 @@ export class Episode {
     const titles = number === 1 ? ["return", "per second"] : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
     const head = titles.map((text, i) => {
       const title = html("th", { textContent: text });
-      if (number > 1) title.style.color = robotColor(i);
+      title.classList.toggle("dot", number > 1);
+      title.style.setProperty("--color", robotColor(i));
       return title;
     });
     this.cells = names.map(() => titles.map(() => html("td")));
