@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.making import evaluation_worlds
@@ -36,8 +37,8 @@ class Trial(NamedTuple):
 def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str, Trial]:
     """Simulate a trade-off (m,) under several conditions, each in `EPISODES` episodes.
 
-    Only the options of this package's own kind of robot can be changed; of other tasks, and of
-    those whose simulator cannot vary a field, fewer conditions are returned.
+    Only the options of this package's own kind of robot can be changed: other tasks are simulated
+    as usual. Conditions in which a task's worlds cannot differ are left out.
 
     Args:
         policy: simulated on its device.
@@ -54,7 +55,11 @@ def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str
     found: dict[str, Trial] = {}
     for number, (name, options) in enumerate(tried.items()):
         phase("trying other conditions", number / len(tried))
-        found[name] = _trial(policy, options, tradeoff, seed)
+        try:
+            found[name] = _trial(policy, options, tradeoff, seed)
+        except MorlaxError:  # worlds of this task cannot differ in this
+            if name == USUAL:
+                raise
     return found
 
 
