@@ -162,12 +162,14 @@ class Client:
     def __init__(self, address: str, headers: dict[str, str] | None = None):
         from websockets.sync.client import connect
 
-        self._socket = connect(
+        self._connection = connect(
             f"ws{address.removeprefix('http')}socket",
             additional_headers=headers,
             max_size=None,
+            close_timeout=0.5,  # s; what it has not read yet is of no interest
             ping_timeout=None,  # this client answers only while a test waits
         )
+        self._socket = self._connection.__enter__()
         self.about: dict[str, Any] = {}
         self.state: dict[str, Any] = {}
         self.told: list[str] = []
@@ -177,7 +179,7 @@ class Client:
 
     def close(self) -> None:
         """Leave the page."""
-        self._socket.close()
+        self._connection.__exit__(None, None, None)
 
     def send_bytes(self, data: bytes | str) -> None:
         """Send one message as it is."""

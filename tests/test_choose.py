@@ -307,8 +307,8 @@ def test_a_decision_card_tells_requirement_choice_and_other_conditions(
     for condition in ("as in evaluations", "pushes of 0.5 m/s", "friction times 0.5 to 1.5"):
         assert condition in page
     assert "The requirements are kept under every condition." in page
-    simulated = next(line.split()[2] for line in said.splitlines() if line.startswith("run "))
-    assert simulated.split(".")[0] in page.replace(",", "")
+    simulated = next(x.split()[2] for x in said.splitlines() if x.split()[:1] == ["run"])
+    assert f"<td>{float(simulated):,.4g}</td>" in page
     assert str(run / "checkpoints/best.pt") in page and "export" in page
     monkeypatch.setattr("sys.argv", [*typed, str(tmp_path / "card.pdf")])
     with pytest.raises(SystemExit):
