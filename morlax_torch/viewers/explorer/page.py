@@ -87,17 +87,17 @@ class Page:
     def _show(self, to: ServerConnection | None = None) -> None:
         """Send what has changed to all browsers, or everything to one."""
         first = self._exhibit.behaviors[0]
-        changed = self._robot is not first.robot
-        if changed:
+        if self._robot is not first.robot:
             self._robot = first.robot
             self._about = json.dumps({"type": "run", "about": described(first)})
             self._model = model_bytes(first.model)
-        if changed or to is not None:
-            self._server.send(self._about, None if changed else to)
-            self._server.send(self._model, None if changed else to)
+            self._server.send(self._about)
+            self._server.send(self._model)
         state = self._described()
         if to is not None:
-            self._server.send(json.dumps({"type": "state", **state}), to)
+            for message in (self._about, self._model, json.dumps({"type": "state", **state})):
+                self._server.send(message, to)
+            self._server.join(to)
         news = {k: v for k, v in state.items() if k not in self._state or self._state[k] != v}
         self._state = state
         if news:

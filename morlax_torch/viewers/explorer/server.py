@@ -13,6 +13,7 @@ from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from ...envs import MorlaxError
 from .access import Door
@@ -32,7 +33,7 @@ class Server:
         host: address to listen on.
         port: TCP port to listen on; 0 selects a free one.
         hear: called with each message of a browser, in the server's thread.
-        greet: called with each new connection, in the server's thread.
+        greet: called with each new connection, in the server's thread; then `join` it.
 
     Raises:
         MorlaxError: another program has taken the port.
@@ -74,8 +75,12 @@ class Server:
             raise MorlaxError(f"cannot listen on {host}, port {port}: choose another --port.")
 
     def send(self, message: str | bytes, to: ServerConnection | None = None) -> None:
-        """Send a message to one tab, or to all; from any thread, without waiting."""
+        """Send a message to one tab, or to all that joined; from any thread, without waiting."""
         self._loop.call_soon_threadsafe(self._send, message, to)
+
+    def join(self, tab: ServerConnection) -> None:
+        """Send a tab what all get, from now on."""
+        self._loop.call_soon_threadsafe(self._join, tab)
 
     def stop(self) -> None:
         """Disconnect the browsers and stop."""
@@ -90,8 +95,11 @@ class Server:
         ready = [tab for tab in self._tabs if tab.transport.get_write_buffer_size() < BEHIND]
         broadcast(ready, message)
 
+    def _join(self, tab: ServerConnection) -> None:
+        if tab.state is State.OPEN:
+            self._tabs.add(tab)
+
     async def _talk(self, tab: ServerConnection) -> None:
-        self._tabs.add(tab)
         try:
             self._greet(tab)
             async for message in tab:
