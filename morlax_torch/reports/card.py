@@ -61,7 +61,7 @@ def _returns(choice: Choice, least: Mapping[str, float]) -> str:
         )
         cells = [name, limits[0], number(choice.promised[name]), number(value), limits[1], ""]
         rows.append(row("td", cells))
-    return table(rows)
+    return table(rows, "facts")
 
 
 def _cost(choice: Choice, least: Mapping[str, float], maximize: str) -> str:
@@ -79,7 +79,7 @@ def _trials(trials: Mapping[str, Trial], least: Mapping[str, float], names: list
     for name, trial in trials.items():
         told = "yes" if kept(trial, names, least) else "no"
         rows.append(row("td", [name, *map(number, trial.returns), f"{trial.falls:.0%}", told, ""]))
-    return table(rows)
+    return table(rows, "facts")
 
 
 def _kept(trials: Mapping[str, Trial], least: Mapping[str, float], names: list[str]) -> str:
