@@ -44,7 +44,8 @@ def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, 
 
 def test_without_websockets_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
     make_run(workplace / "run", "hopper", "best")
-    for name in [name for name in sys.modules if name.startswith("morlax_torch.viewers.explorer.")]:
+    ours = [f"morlax_torch.viewers.explorer.{name}" for name in ("access", "page", "server")]
+    for name in [name for name in sys.modules if name.startswith("websockets.") or name in ours]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
     text = refused(explore, "run", "--port", "0")
