@@ -119,6 +119,11 @@ def test_recorded_clips_can_be_compared(asked):
     wait_for_answers(client, 1)
     assert answers == [(0, 1)]
     client.moves()
+    client.send("pause", on=True)
+    client.until(lambda: client.state["paused"], "it is not paused")
+    client.send("press", name="reset")
+    client.until(lambda: client.poses[0][2, 2] == client.poses[1][2, 2] == 0, "no beginning")
+    client.send("pause", on=False)
     client.send("answer", preferred=0)
     client.until(lambda: client.state["asking"]["over"], "there is no end")
     assert answers == [(0, 1), (1, 0)]

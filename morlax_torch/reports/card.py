@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from ..evaluation.requirements import Choice
-from ..runs.trials import Trial, kept
+from ..runs.trials import CONDITIONS, Trial, kept
 from .html import document, facts, image, number, row, table
 
 
@@ -85,6 +85,9 @@ def _trials(trials: Mapping[str, Trial], least: Mapping[str, float], names: list
 def _kept(trials: Mapping[str, Trial], least: Mapping[str, float], names: list[str]) -> str:
     episodes = max(trial.episodes for trial in trials.values())
     means = f"Means over up to {episodes} episodes each."
+    left = [name for name in CONDITIONS if name not in trials]
+    if left:
+        means += f" Left out, because this task cannot vary them: {', '.join(left)}."
     missed = [name for name, trial in trials.items() if not kept(trial, names, least)]
     if not least:
         return means

@@ -54,6 +54,9 @@ class ComparisonExhibit:
 
     def react(self, request: Request) -> None:
         answer(self._asking, request)
+        if isinstance(request, messages.Press) and request.name == "reset":
+            for behavior in self.behaviors:
+                behavior.reset()
         self.behaviors = self._asking.behaviors or self.behaviors  # the last ones stay
 
 
@@ -91,9 +94,10 @@ class RunExhibit:
         }
 
     def react(self, request: Request) -> None:
-        steered = self._lineup.steered
+        steered, thresholds = self._lineup.steered, self._thresholds
+        m = len(steered.objectives)
         match request:
-            case messages.Steer(weights=weights) if len(weights) == len(steered.objectives):
+            case messages.Steer(weights=weights) if len(weights) == m:
                 self._steer(normalized(weights) or steered.tradeoff)
             case messages.Tell(index=index) if index < len(steered.player.command):
                 for session in self._sessions():
@@ -103,9 +107,10 @@ class RunExhibit:
             case messages.Open(run=run, checkpoint=checkpoint) if run in self._runs():
                 choice = library.choose(run, checkpoint)
                 self._open(choice, self._alike(Session.open(choice)))
-            case messages.Require(index=index) | messages.Maximize(index=index):
-                if self._thresholds is not None and index < len(steered.objectives):
-                    self._choose(self._thresholds, request)
+            case messages.Require(index=index, least=least) if thresholds and index < m:
+                thresholds.require(index, least)
+            case messages.Maximize(index=index) if thresholds and index < m:
+                thresholds.maximize(index)
             case messages.Bookmark(name=name):
                 bookmark(self._choice.run, name, steered.tradeoff)
                 self._bookmarks = bookmarks(self._choice.run)
@@ -147,14 +152,6 @@ class RunExhibit:
 
     def _steer(self, tradeoff: Weights) -> None:
         self._lineup.steered.tradeoff = tradeoff
-
-    def _choose(
-        self, thresholds: Thresholds, request: messages.Require | messages.Maximize
-    ) -> None:
-        if isinstance(request, messages.Require):
-            thresholds.require(request.index, request.least)
-        else:
-            thresholds.maximize(request.index)
 
     def _press(self, name: str) -> None:
         match name:

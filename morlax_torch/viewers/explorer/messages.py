@@ -96,7 +96,7 @@ _READER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminat
 
 
 def accepted(message: str | bytes) -> Request | None:
-    """Return what a browser asks for; None if no page of ours would send this."""
+    """Return the request in a browser's message; None if the message is not one of the page's."""
     try:
         return _READER.validate_json(message)
     except (ValidationError, RecursionError):

@@ -51,14 +51,14 @@ class Page:
 
     def serve(self, ended: Callable[[], bool]) -> None:
         """Move the robots in real time and serve browsers until `ended` returns true."""
-        frame = told = 0.0
+        frame = shown = 0.0
         while not ended():
             now = time.perf_counter()
             failure = self._requests.attempt(partial(self._advance, now))
             if failure is not None:
                 self._paused, self._failure = True, failure
-            if now >= told:
-                told = now + TELL
+            if now >= shown:
+                shown = now + TELL
                 self._show()
             if now >= frame:
                 frame = now + FRAME
@@ -120,11 +120,9 @@ class Page:
             case messages.Pace(value=value):
                 self._pace = min(max(value, SLOWEST), 1.0)
             case _:
-                try:
-                    self._exhibit.react(message)
-                finally:
-                    if isinstance(message, messages.Open):
-                        self._failure = None
+                self._exhibit.react(message)
+                if isinstance(message, messages.Open):
+                    self._failure = None
         self._show()
 
     def _greet(self, tab: ServerConnection) -> None:

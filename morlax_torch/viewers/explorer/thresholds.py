@@ -92,7 +92,7 @@ class Thresholds:
         self._put(lambda: self._end((required, maximize), found))
 
     def _end(self, wanted: Wanted, found: Choice | Exception) -> None:
-        """Steer to a choice, or keep why there is none, unless the user wants another by now."""
+        """Steer to the choice, or keep why there is none; search again if thresholds changed."""
         self.searching = False
         if self._wanted is None:
             return

@@ -3,7 +3,7 @@
 import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
 import { Panel } from "./panel/panel.js";
-import { html, icon } from "./panel/pictures.js";
+import { html, icon } from "./pictures.js";
 import { Talk } from "./panel/talk.js";
 import { even, parsed, shown } from "./panel/weights.js";
 
@@ -20,6 +20,7 @@ const state = {
   from: 0, // index of the past pose that a replay started from
   played: 0, // control steps since then
   replays: false,
+  failure: null, // that the visitor knows
 };
 const former = []; // engines to release between two frames
 let asks = 0; // how often a run was asked for
@@ -42,9 +43,9 @@ async function main() {
 /** Show what the server of `morlax explore` or `morlax teach` shows. */
 async function connect() {
   const { Remote } = await import("./engines/remote.js");
-  const lost = () => announce("The server has stopped, or the connection is lost");
+  const lost = () => announce("The server has stopped, or the connection is lost", true);
   const step = () => state.engine && state.stage.advance();
-  const engine = await Remote.connect({ step, tell: warn, lost, renew: () => present(state.engine) });
+  const engine = await Remote.connect({ step, tell: announce, lost, renew: () => present(state.engine) });
   present(engine);
 }
 
@@ -182,7 +183,12 @@ function showPlayback(engine, stage) {
   const { past, moment } = stage;
   const { steps } = (moment === null ? stage.latest : past[moment])[engine.selected] ?? stage.latest[0];
   $("clock").textContent = `${(steps * engine.about.dt).toFixed(1)} s`;
-  const { paused, pace } = engine;
+  const { paused, pace, failure } = engine;
+  if (failure !== state.failure) {
+    state.failure = failure;
+    if (failure) announce(failure, true);
+    else $("event").classList.remove("staying");
+  }
   const stopped = paused && !state.replays;
   if (stopped === state.stopped && pace === state.pace) return;
   Object.assign(state, { stopped, pace });
@@ -202,14 +208,11 @@ function fill() {
   style.setProperty("--share", value / Math.max(max, 1));
 }
 
-/** Show what the server tells, for as long as the robots stand still. */
-function warn(text) {
-  announce(text, true);
-}
-
+/** Show a sentence above the robots, for as long as it takes to read, or until the next one. */
 function announce(text, stays = false) {
   const place = $("event");
   place.textContent = text;
+  place.style.animationDuration = `${Math.max(2.4, 0.07 * text.length)}s`;
   place.classList.remove("fading", "staying");
   void place.offsetWidth; // restarts the animation
   place.classList.add(stays ? "staying" : "fading");

@@ -18,7 +18,8 @@ export class Local {
     Object.assign(this, { paused: false, pace: 1, names: null, asking: null });
     this.bookmarks = about.bookmarks; // trade-offs by name
     this.keeps = false; // new bookmarks
-    this.can = { ask: false, contacts: false };
+    this.can = { ask: false, contacts: false, open: false };
+    this.failure = null;
     this.choosing = { levels: {}, maximized: 0, searching: false, found: null, reason: "" };
     this.scene = {}; // another object whenever other robots are to be drawn
     this.listener = { step() {}, tell() {} };

@@ -20,7 +20,7 @@ export class Remote {
     this.next = null; // about, model, state and poses of a run whose parts are still coming
     this.arrived = 0; // ms, when they came
     this.interval = 25; // ms between frames
-    this.can = { ask: true, contacts: true };
+    this.can = { ask: true, contacts: true, open: true };
     this.ready = false;
     this.#connect();
   }
@@ -44,6 +44,11 @@ export class Remote {
 
   get pace() {
     return this.state.pace;
+  }
+
+  /** Why the robots have paused by themselves; null: they have not. */
+  get failure() {
+    return this.state.failure ?? null;
   }
 
   get command() {

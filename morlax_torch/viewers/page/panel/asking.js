@@ -1,7 +1,7 @@
 // "A or B?": the visitor compares two robots, and sees what the answers tell.
 
 import { robotColor } from "../colors.js";
-import { html, short } from "./pictures.js";
+import { html, short } from "../pictures.js";
 
 const $ = (id) => document.getElementById(id);
 const SIDES = ["A", "B"];

@@ -1,7 +1,7 @@
 // Lines of the last seconds: returns, velocity and power of the steered robot.
 
 import { colorOf } from "../colors.js";
-import { html, short, svg } from "./pictures.js";
+import { html, short, svg } from "../pictures.js";
 
 const $ = (id) => document.getElementById(id);
 const SECONDS = 20;

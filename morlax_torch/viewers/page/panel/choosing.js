@@ -1,7 +1,7 @@
 // Choose a trade-off by what its policy must reach: returns of an episode.
 
 import { colorOf } from "../colors.js";
-import { html, short } from "./pictures.js";
+import { html, short } from "../pictures.js";
 import { Sliders } from "./sliders.js";
 
 const $ = (id) => document.getElementById(id);

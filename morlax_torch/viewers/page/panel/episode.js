@@ -1,7 +1,7 @@
 // Returns of the running episode, and how the former one ended.
 
 import { colorOf, robotColor } from "../colors.js";
-import { html, short } from "./pictures.js";
+import { html, short } from "../pictures.js";
 
 const $ = (id) => document.getElementById(id);
 const CALM = 0.05; // share of a new reward in the smoothed one

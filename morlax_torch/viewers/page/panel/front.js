@@ -1,6 +1,6 @@
 // The map of policies: two objectives against each other, and every point is a trade-off to pick.
 
-import { html, onDrag, short, svg, ticks } from "./pictures.js";
+import { html, onDrag, short, svg, ticks } from "../pictures.js";
 import { mixed } from "../colors.js";
 
 const [WIDTH, HEIGHT] = [380, 300];

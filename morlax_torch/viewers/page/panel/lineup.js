@@ -1,7 +1,7 @@
 // Several robots to compare: which one the sliders steer, and their names.
 
 import { MOST, robotColor } from "../colors.js";
-import { html } from "./pictures.js";
+import { html } from "../pictures.js";
 
 const $ = (id) => document.getElementById(id);
 const FEW = 6; // weights in all names together; more would overlap on a phone

@@ -7,7 +7,7 @@ import { ChoosingPanel } from "./choosing.js";
 import { Episode } from "./episode.js";
 import { FrontPlot } from "./front.js";
 import { LineupPanel, RobotNames } from "./lineup.js";
-import { html } from "./pictures.js";
+import { html } from "../pictures.js";
 import { RunLists } from "./runs.js";
 import { Sliders } from "./sliders.js";
 import { Triangle } from "./triangle.js";
@@ -30,7 +30,7 @@ export class Panel {
     this.names = about.objectives;
     this.front = about.front ?? null;
     this.parts = [new AskingPanel(engine), new RobotNames(engine)];
-    if (engine.state) this.parts.push(new RunLists(engine));
+    if (engine.can.open) this.parts.push(new RunLists(engine));
     this.plots = [];
     const sections = ["robots", "tradeoff", "front", "episode"].map((name) => $(`${name}-section`));
     for (const section of sections) section.hidden = this.names.length === 0;

@@ -1,6 +1,6 @@
 // Rows of sliders with a name and a value.
 
-import { html } from "./pictures.js";
+import { html } from "../pictures.js";
 
 export class Sliders {
   /**

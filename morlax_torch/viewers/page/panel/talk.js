@@ -1,6 +1,6 @@
 // For talks: the robot alone on the whole screen, and bookmarks as stops with captions.
 
-import { shown } from "./weights.js";
+import { html } from "../pictures.js";
 
 const $ = (id) => document.getElementById(id);
 const WAYS = { ArrowRight: 1, PageDown: 1, ArrowLeft: -1, PageUp: -1 }; // also of a presenter
@@ -44,8 +44,7 @@ export class Talk {
     this.engine().steer(weights);
     const { objectives } = this.engine().about;
     const parts = objectives.map((objective, i) => `${objective} ${Math.round(100 * weights[i])} %`);
-    $("caption").replaceChildren(name, Object.assign(document.createElement("small"), { textContent: parts.join(", ") }));
-    $("caption").dataset.tradeoff = shown(weights);
+    $("caption").replaceChildren(name, html("small", { textContent: parts.join(", ") }));
   }
 
   #leave() {

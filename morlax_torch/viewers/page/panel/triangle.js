@@ -1,6 +1,6 @@
 // The trade-offs of three objectives as a triangle: each corner is one objective alone.
 
-import { onDrag, svg } from "./pictures.js";
+import { onDrag, svg } from "../pictures.js";
 import { colorOf, mixed } from "../colors.js";
 
 const [WIDTH, HEIGHT] = [320, 236];

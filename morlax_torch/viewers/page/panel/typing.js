@@ -1,7 +1,7 @@
 // A trade-off as text, the corners and the balance as buttons, and bookmarks.
 
 import { colorOf } from "../colors.js";
-import { html } from "./pictures.js";
+import { html } from "../pictures.js";
 import { even, parsed, shown } from "./weights.js";
 
 const $ = (id) => document.getElementById(id);

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "../libraries/OrbitControls.js";
 import { robotColor } from "../colors.js";
 import { Problem } from "../files.js";
-import { html } from "../panel/pictures.js";
+import { html } from "../pictures.js";
 import { Quality, isAccelerated } from "./quality.js";
 import { Robot, quaternionAt } from "./robot.js";
 import { PLANE, shownGeoms } from "./shapes.js";
@@ -78,9 +78,9 @@ export class Stage {
     this.moment = null; // index of the past pose to draw; null: the present
     this.latest = null;
     this.advance();
-    const wide = this.width !== undefined && same && this.wide === robots.length;
-    this.wide = robots.length;
-    if (!wide) this.lookHome(same);
+    const stays = this.width !== undefined && same && this.number === robots.length;
+    this.number = robots.length;
+    if (!stays) this.lookHome(same);
   }
 
   /** Change to the light or dark look. */
@@ -120,7 +120,7 @@ export class Stage {
     const distance = (MARGIN / 2) * Math.max(this.size / Math.sin(half), wide / Math.sin(across));
     const from = this.camera.position.clone().sub(this.controls.target);
     const direction = turned && from.length() > 0 ? from.normalize() : VIEW;
-    this.center.set(0, 0, this.#height(0, 1));
+    this.center.set(0, 0, this.#height(1));
     this.controls.target.copy(this.center);
     this.camera.position.copy(direction).multiplyScalar(distance).add(this.center);
     this.controls.minDistance = 0.4 * this.size;
@@ -150,7 +150,7 @@ export class Stage {
       if (this.moment === null) this.#decorate(robot, i, at);
       return at;
     });
-    const rise = haste * (this.#height(0, share) - this.center.z);
+    const rise = haste * (this.#height(share) - this.center.z);
     for (const point of [this.center, this.controls.target, this.camera.position]) point.z += rise;
     this.controls.update();
     this.surroundings.follow(ways, this.center, this.camera.position);
@@ -166,10 +166,10 @@ export class Stage {
     return former.steps > latest.steps ? [latest, latest] : [former, latest]; // a new episode
   }
 
-  /** Return the height to look at. */
-  #height(i, share) {
+  /** Return the height to look at: that of the first robot. */
+  #height(share) {
     const at = 3 * this.engine.about.followed + 2;
-    const [former, latest] = this.#drawn(i);
+    const [former, latest] = this.#drawn(0);
     return THREE.MathUtils.lerp(former.places[at], latest.places[at], share) + this.offset;
   }
 
