@@ -179,11 +179,16 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.until(lambda: view.tradeoff() == (0, 1, 0), "the button has no effect")
 
 
+MIDDLE = """element => {
+    element.scrollIntoView({block: "nearest"});
+    const {x, y, width, height} = element.getBoundingClientRect();
+    return [x + width / 2, y + height / 2];
+}"""
+
+
 def middle(locator: Any) -> tuple[float, float]:
-    """Return the middle of an element, in pixels of its tab."""
-    locator.scroll_into_view_if_needed()
-    box = locator.bounding_box()
-    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    """Return the middle of an element, in pixels of its tab; the page may redraw it meanwhile."""
+    return tuple(locator.evaluate(MIDDLE))
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 import web_robots
-from browsing import PATIENCE, chromium
+from browsing import COARSE, PATIENCE, chromium
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
@@ -119,7 +119,7 @@ def visit(browser, site):
     contexts, complaints = [], []
 
     def open_page(query: str = "", width: int = 900, height: int = 560, before: str = ""):
-        context = browser.new_context(viewport={"width": width, "height": height})
+        context = browser.new_context(viewport={"width": width, "height": height}, **COARSE)
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(1000 * PATIENCE)

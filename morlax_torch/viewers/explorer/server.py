@@ -89,11 +89,15 @@ class Server:
 
     def _send(self, message: str | bytes, to: ServerConnection | None) -> None:
         """Send; a tab whose connection is too slow misses poses, which others replace soon."""
-        if to is not None or isinstance(message, str):
-            broadcast(self._tabs if to is None else [to], message)
-            return
-        ready = [tab for tab in self._tabs if tab.transport.get_write_buffer_size() < BEHIND]
-        broadcast(ready, message)
+        tabs = [
+            tab
+            for tab in (self._tabs if to is None else [to])
+            # a broken connection is open until its handler has run, and asyncio logs what it gets
+            if not tab.transport.is_closing()
+        ]
+        if to is None and isinstance(message, bytes):
+            tabs = [tab for tab in tabs if tab.transport.get_write_buffer_size() < BEHIND]
+        broadcast(tabs, message)
 
     def _join(self, tab: ServerConnection) -> None:
         if tab.state is State.OPEN:
