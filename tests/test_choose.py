@@ -14,12 +14,16 @@ from morlax_torch.choose import choose
 from morlax_torch.commands.choose import command
 from morlax_torch.configuration.tradeoffs import parse_tradeoff
 from morlax_torch.evaluate import evaluate
+from morlax_torch.evaluation.candidates import Candidates
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
+from morlax_torch.evaluation.names import Names
+from morlax_torch.evaluation.requirements import Requirements
 from morlax_torch.networks.agent import Agent
+from morlax_torch.reports.card import card
 from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
 from morlax_torch.runs.loading import find_run
-from morlax_torch.runs.trials import CONDITIONS, EPISODES, USUAL, kept, trials
+from morlax_torch.runs.trials import CONDITIONS, EPISODES, USUAL, Trial, trials
 from morlax_torch.terminal import cli
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
@@ -40,6 +44,39 @@ class Gusty(Quadratic):
         step = super().step(action)
         noise = torch.randn(step.reward.shape, generator=self.generator)
         return step._replace(reward=step.reward + 0.1 * noise)
+
+
+class Powered(Certain):
+    """`Certain` in two equal steps, which measures its place along x."""
+
+    episode_length = 2
+    quantities = ("power (W)", "speed (m/s)", "speed (share)")
+    lower_is_better = ("power (W)",)
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.x, self.age = torch.zeros(self.num_worlds), 0
+
+    def reset(self):
+        self.age = 0
+        return super().reset()
+
+    def step(self, action):
+        self.x, self.age = action[:, 0], self.age + 1
+        step = super().step(action)
+        over = step.terminated & (self.age == self.episode_length)
+        return step._replace(reward=step.reward / self.episode_length, terminated=over)
+
+    def measure(self):
+        return self.x[:, None]
+
+    def quantify(self, means):
+        (x,) = means.T
+        return np.stack([100 * x**2, 1 + x, x], 1)
+
+
+class GustyPowered(Gusty, Powered):
+    Options = Quadratic.Options
 
 
 @pytest.fixture
@@ -91,6 +128,22 @@ def circle() -> Front:
     return Front(("run", "save"), points, returns, np.full(11, 9), np.zeros(2))
 
 
+@pytest.fixture
+def powered(tmp_path, monkeypatch) -> Path:
+    """Return a run like `three`, whose policies need 25, 1 and 25 W at 1.5, 1.1 and 0.5 m/s."""
+    return separate(tmp_path / "run", "powered", Powered, monkeypatch)
+
+
+@pytest.fixture
+def measured(circle) -> Front:
+    """Return the circle with the power of running: 0 to 100 W, the same in kW, and a gap."""
+    power = circle.returns[:, :1] ** 2 / 100
+    gap = np.where(np.arange(11) == 3, np.nan, 1.0)[:, None]
+    values = np.hstack([power, power / 1000, gap])
+    names = ("power (W)", "power (kW)", "gap (m)")
+    return circle._replace(quantities=values, quantity_names=names)
+
+
 @pytest.mark.parametrize("least", [0.0, 33.0, 99.0])
 def test_of_a_front_the_best_evaluated_policy_is_chosen(circle, least):
     found = choose(circle, {"run": least}, "save")
@@ -109,6 +162,108 @@ def test_a_margin_is_a_share_of_the_range(circle):
     assert free.cost == 0 and free.margins == {}
     assert choose(circle, {"run": 70.0}, "save").returns["run"] == pytest.approx(70.7, abs=0.1)
     assert choose(circle, {"run": 70.0}, "save", margin=0.05).returns["run"] >= 75
+
+
+# quantities
+
+
+def test_of_a_front_as_much_as_a_quantity_allows(measured):
+    found = choose(measured, {}, "run", at_most={"power (W)": 60.0})
+    power = measured.quantities[:, 0]
+    best = power[power <= 60].max()
+    assert found.returns["run"] == pytest.approx(10 * best**0.5)
+    assert found.quantities["power (W)"] == best
+    assert found.margins == {"power (W)": 60 - best}
+    assert found.cost == pytest.approx(100 - found.returns["run"])
+    assert list(found.promised) == ["run", "save"]
+    tight = choose(measured, {}, "run", at_most={"power (W)": 60.0}, margin=0.1)
+    assert tight.quantities["power (W)"] <= 50
+
+
+def test_a_quantity_can_be_maximized_between_two_limits(measured):
+    limits = {"at_most": {"power (kW)": 0.06, "save": 95.0}}
+    found = choose(measured, {"power (kW)": 0.01}, "power (kW)", **limits)
+    power = measured.quantities[:, 1]
+    assert found.quantities["power (kW)"] == power[power <= 0.06].max()
+    near = min(found.quantities["power (kW)"] - 0.01, 0.06 - found.quantities["power (kW)"])
+    assert found.margins == {"power (kW)": near, "save": 95 - found.returns["save"]}
+
+
+def test_a_quantity_that_is_not_finite_keeps_no_requirement(measured):
+    found = choose(measured, {"gap": 0.5}, "save", at_most={"run": 50.0})
+    assert found.quantities["gap (m)"] == 1
+    assert (measured.tradeoffs[3] != found.tradeoff).any()
+    third = choose(measured, {}, "save", at_most={"save": float(measured.returns[3, 1])})
+    assert third.tradeoff == tuple(measured.tradeoffs[3])
+    infinite = measured._replace(quantities=np.where(np.isnan(measured.quantities), np.inf, 1.0))
+    assert choose(infinite, {"gap": 0.5}, "gap").quantities["gap (m)"] == 1
+    without = measured._replace(quantities=np.full((11, 3), np.nan))
+    assert (
+        choose(without, {"run": 50.0}, "save").returns
+        == choose(measured, {"run": 50.0}, "save").returns
+    )
+    message = "no evaluated policy has finite numbers for run and save and power .W.: choose"
+    with pytest.raises(MorlaxError, match=message):
+        choose(without, {}, "run", at_most={"power (W)": 60.0})
+
+
+def test_a_name_needs_no_unit_where_it_is_clear():
+    names = Names(("run", "power"), ("power (W)", "speed (m/s)", "speed (share)", "torque (N m)"))
+    assert names.index("power") == 1 and names.index("power (W)") == 2
+    assert names.index("torque") == names.index("torque (N m)") == 5
+    message = r"^'speed' is ambiguous: write 'speed \(m/s\)' or 'speed \(share\)'\.$"
+    with pytest.raises(MorlaxError, match=message):
+        names.index("speed")
+    with pytest.raises(
+        MorlaxError, match="unknown objective or quantity 'runn': did you mean 'run'"
+    ):
+        names.index("runn")
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf])
+def test_an_ignored_quantity_changes_no_proposal(circle, broken):
+    plain = Requirements.of(Names(("run", "save"), ()), {"run": 50.0}, {}, "save")
+    wide = Requirements.of(Names(("run", "save"), ("power (W)",)), {"run": 50.0}, {}, "save")
+    values = np.hstack([circle.returns, np.full((11, 1), broken)])
+    one = _candidates(circle.tradeoffs, circle.returns, plain).propose(8)
+    other = _candidates(circle.tradeoffs, values, wide).propose(8)
+    np.testing.assert_array_equal(one[0], other[0])
+    np.testing.assert_array_equal(one[1], other[1][:, :2])
+    assert one[2] == other[2]
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("limit", "least"), [(25.0, 49.0), (81.0, 83.2)])
+def test_the_search_meets_a_limit_beside_policies_without_numbers(measured, limit, least, broken):
+    """The most that 25 W allow is to run 50. Near 81 W, nothing is measured: 83.2 is evaluated."""
+
+    def simulate(tradeoffs: np.ndarray) -> np.ndarray:
+        returns = 100 * tradeoffs / np.linalg.norm(tradeoffs, axis=1, keepdims=True)
+        power = returns[:, :1] ** 2 / 100
+        return np.hstack([returns, np.where(abs(power - 81) < 5, broken, power)])
+
+    names = Names(("run", "save"), ("power (W)",))
+    required = Requirements.of(names, {}, {"power": limit}, "run")
+    found = _candidates(measured.tradeoffs, measured.values[:, :3], required)
+    for _ in range(8):
+        proposed, promised, chance = found.propose(8)
+        assert np.isfinite(promised).all() and 0 <= chance <= 1
+        found.tell(proposed, promised, simulate(proposed))
+    best = found.values[found.ranked()[0]]
+    assert least <= best[0] <= 10 * limit**0.5 and best[2] <= limit
+
+
+@pytest.mark.parametrize("m", [2, 3])
+def test_nothing_is_proposed_where_nothing_has_numbers(m):
+    names = Names(tuple("abc"[:m]), ("power (W)",))
+    required = Requirements.of(names, {}, {"power": 1.0}, "a")
+    values = np.hstack([np.eye(m), np.full((m, 1), np.nan)])
+    proposed, _, chance = Candidates(np.eye(m), values, False, required).propose(8)
+    assert len(proposed) == 0 and chance == 0
+
+
+def _candidates(tradeoffs: np.ndarray, values: np.ndarray, required: Requirements) -> Candidates:
+    return Candidates(tradeoffs, values, False, required.with_margin(0.0, values))
 
 
 # simulation
@@ -133,6 +288,32 @@ def test_what_no_separate_policy_reaches_is_refused(three):
     )
     with pytest.raises(MorlaxError, match=message):
         choose(three, {"left": 0.9, "right": 0.2}, "right", device="cpu")
+
+
+@pytest.mark.parametrize("given", ["run", "policy", "front without quantities"])
+def test_a_measured_quantity_is_kept_in_simulation(powered, given):
+    if given == "front without quantities":
+        front = Front.load(powered / "front.npz")
+        front._replace(quantities=None, quantity_names=()).save(powered / "front.npz")
+    run = load(powered) if given == "policy" else powered
+    found = choose(run, {}, "right", at_most={"power": 10.0}, device="cpu")
+    assert list(found.returns.values()) == pytest.approx([0.64, 0.84], abs=1e-5)
+    expected = {"power (W)": 1.0, "speed (m/s)": 1.1, "speed (share)": 0.1}
+    assert found.quantities == pytest.approx(expected, abs=1e-5)
+    assert found.margins == pytest.approx({"power (W)": 9.0}, abs=1e-4)
+    assert found.cost == pytest.approx(0.16, abs=1e-5)
+    fastest = choose(run, {"left": 0.4}, "speed (m/s)", device="cpu")
+    assert fastest.quantities["speed (m/s)"] == pytest.approx(1.1)
+    message = r"has power \(W\) 1 instead of at most 0.5, 0.5 more\.$"
+    with pytest.raises(MorlaxError, match=message):
+        choose(run, {}, "right", at_most={"power": 0.5}, device="cpu")
+
+
+def test_a_random_task_keeps_a_measured_quantity_on_other_episodes(tmp_path, monkeypatch):
+    run = separate(tmp_path / "run", "gusty", GustyPowered, monkeypatch)
+    found = choose(run, {"speed (m/s)": 0.8}, "right", at_most={"power": 10.0}, device="cpu")
+    assert found.quantities["power (W)"] == pytest.approx(1, abs=1e-4)
+    assert found.margins == pytest.approx({"speed (m/s)": 0.3, "power (W)": 9.0}, abs=1e-4)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -198,7 +379,12 @@ def test_the_command_prints_values_that_other_commands_take(monkeypatch, capsys)
 MISTAKES = {
     "an unknown objective": ({"rum": 1.0}, "save", "unknown objective 'rum': did you mean 'run'"),
     "nothing to maximize": ({}, "sav", "unknown objective 'sav': did you mean 'save'"),
-    "not a number": ({"run": float("nan")}, "save", "required return of run is nan"),
+    "no quantities": (
+        {"power": 1.0},
+        "save",
+        r"'power'.* No quantities are measured in this front",
+    ),
+    "not a number": ({"run": float("nan")}, "save", "required value of run is nan"),
     "too much": ({"run": 120.0}, "save", "has run 100 instead of 120, 20 less"),
     "too much at once": (
         {"run": 90.0, "save": 90.0},
@@ -247,7 +433,9 @@ def test_the_largest_requirement_of_an_objective_counts(required, three, monkeyp
     ("option", "text", "remedy"),
     [
         *(("--constrain", text, "'run >= 2000'") for text in ("run > 3", "run >= nan", ">= 3")),
+        *(("--constrain", text, "'power <= 60'") for text in ("run <= nan", "<= 3")),
         *(("--at-least", text, "run=2000") for text in ("run", "run=nan", "=3")),
+        *(("--at-most", text, "power=60") for text in ("power (W)", "power (W)=inf", "=3")),
     ],
 )
 def test_a_requirement_that_cannot_be_read_is_refused(option, text, remedy, monkeypatch, capsys):
@@ -257,6 +445,34 @@ def test_a_requirement_that_cannot_be_read_is_refused(option, text, remedy, monk
         cli.run(command)
     said = " ".join(capsys.readouterr().err.split())
     assert said == f"error: {text!r} is not a requirement: write for example {option} {remedy}."
+
+
+@pytest.mark.parametrize(
+    "option",
+    [("--at-most", "power (W)=10"), ("--at-most", "power=10"), ("--constrain", "power <= 10")],
+)
+def test_the_command_limits_a_quantity(option, powered, monkeypatch, capsys):
+    words = ["choose", str(powered), *option, "--maximize", "speed (m/s)", "--device", "cpu"]
+    monkeypatch.setattr("sys.argv", words)
+    cli.run(command)
+    lines = [line.split("  ") for line in capsys.readouterr().out.splitlines()]
+    cells = {line[0].strip(): [x.strip() for x in line[1:] if x.strip()] for line in lines}
+    assert cells["power (W)"] == ["1", "at most 10", "+9"]
+    assert cells["speed (m/s)"] == ["1.1"] and len(cells["right"]) == 2
+    assert "speed (share)" not in cells
+    assert ["cost of the requirements: 0.4 of speed (m/s), which reaches 1.5 without them"] in lines
+
+
+def test_a_decision_card_counts_quantities(measured):
+    limits = {"power (W)": 60.0}
+    choice = choose(measured, {"save": 10.0}, "run", at_most=limits)
+    required = Requirements.of(choice.names, {"save": 10.0}, limits, "run")
+    worse = choice.values + np.array([0, 0, 30, 0, 0])
+    tried = {"calm": Trial(choice.values, 0.0, 1), "storm": Trial(worse, 0.5, 1)}
+    page = card("robot", choice, required, tried, {}, [])
+    assert "As much run as possible, with at least 10 of save and at most 60 of power (W)" in page
+    assert "<td>at most 60</td>" in page and "power (kW)" not in page
+    assert "The requirements are not kept with storm." in page
 
 
 def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
@@ -322,9 +538,7 @@ def test_trials_repeat_the_evaluation_and_vary_the_robot():
     front = evaluate(policy, tradeoffs=3, device="cpu")
     usual = tried.pop(USUAL)
     assert usual.episodes == 1
-    np.testing.assert_allclose(usual.returns, front.returns[1], rtol=0.05)
+    np.testing.assert_allclose(usual.values, front.returns[1], rtol=0.05)
     assert set(tried) == set(CONDITIONS)
     for trial in tried.values():
-        assert trial.episodes == EPISODES and not np.allclose(trial.returns, usual.returns)
-    assert kept(usual, policy.objectives, {"run": float(usual.returns[0]) - 1})
-    assert not kept(usual, policy.objectives, {"run": float(usual.returns[0]) + 1})
+        assert trial.episodes == EPISODES and not np.allclose(trial.values, usual.values)

@@ -10,10 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import imageio_ffmpeg
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pytest
 from browsing import PATIENCE, View, chromium, exploring
+from matplotlib.colors import to_rgb
 
 from morlax_torch.choose import choose
 from morlax_torch.commands import explore
@@ -258,7 +261,7 @@ def test_robots_are_added_steered_and_removed_in_a_browser(visit, tmp_path):
     view.press("add a robot")
     view.until(lambda: view.names() == ["1: 0.90, 0.10", "2: 0.90, 0.10"], "no second robot")
     heads = view.tab.locator("#episode tr >> nth=0").locator("th")
-    assert heads.all_inner_texts() == ["", "robot 1", "robot 2"]
+    assert heads.all_inner_texts() == ["robot 1", "robot 2"]
 
     # the sliders steer the new robot only
     view.drag("run", 0.2)
@@ -296,6 +299,43 @@ def test_robots_are_added_steered_and_removed_in_a_browser(visit, tmp_path):
     for _ in range(2):
         view.press("remove")
     view.until(lambda: view.names() == [], "they are not removed")
+
+
+@pytest.mark.slow
+def test_axe_finds_no_barrier(visit):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    view = visit(1440, 900)
+    view.tab.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
+    for width, height in ((1440, 900), (390, 844)):
+        view.tab.set_viewport_size({"width": width, "height": height})
+        for _ in ("light", "dark"):
+            found = axe.run(view.tab)
+            assert found.violations_count == 0, found.generate_report()
+            view.tab.evaluate("document.getElementById('theme').click()")
+
+
+@pytest.mark.slow
+def test_a_picture_and_a_clip_are_saved_with_the_names_of_the_robots(visit, tmp_path):
+    view = visit()
+    view.press("add a robot")
+    view.until(lambda: len(view.names()) == 2, "no second robot")
+    with view.tab.expect_download() as photo:
+        view.tab.click("#photo")
+    assert photo.value.suggested_filename.startswith("cheetah3 ")
+    photo.value.save_as(tmp_path / "photo.png")
+    top = plt.imread(tmp_path / "photo.png")[:20, :, :3]  # above the robots and their rings
+    for color in ("#7048e8", "#0b7285"):
+        assert np.abs(top - to_rgb(color)).max(-1).min() < 0.2
+
+    view.tab.click("#clip")
+    view.moves()
+    with view.tab.expect_download() as clip:
+        view.tab.click("#clip")
+    file = tmp_path / clip.value.suggested_filename
+    clip.value.save_as(file)
+    about, *frames = imageio_ffmpeg.read_frames(str(file))
+    assert about["duration"] > 0.1 and len({bytes(frame) for frame in frames}) > 1
+    view.press("remove")
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """The explorer without a browser: real-time simulation, runs, questions, and what is sent."""
 
+import hashlib
+import json
 import os
 import time
 
@@ -13,10 +15,12 @@ from morlax_torch.envs.worlds.randomization import horizontal
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.viewers.explaining import explain, is_told_velocity
 from morlax_torch.viewers.explorer import library
+from morlax_torch.viewers.explorer import thresholds as thresholds_module
 from morlax_torch.viewers.explorer.contacts import WEIGHT, contact_arrows
 from morlax_torch.viewers.explorer.describing import frame_bytes
 from morlax_torch.viewers.explorer.lineup import Lineup
 from morlax_torch.viewers.explorer.requests import Requests
+from morlax_torch.viewers.explorer.saving import Saving
 from morlax_torch.viewers.explorer.session import PUSH, Session
 from morlax_torch.viewers.explorer.thresholds import Thresholds
 from morlax_torch.viewers.front_map import front_map
@@ -203,6 +207,70 @@ def test_thresholds_are_simulated_while_the_robots_go_on():
     assert len(found) == 1 and thresholds.state()["levels"] == {}
 
 
+def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypatch):
+    front = make_front(("run", "energy"))
+    values = np.stack([np.linspace(1, 2, len(front.returns)), np.linspace(0, 60, 4)], 1)
+    front = front._replace(quantities=values, quantity_names=("speed (m/s)", "power (W)"))
+
+    class Evaluated:
+        """A `Chooser` that does not simulate."""
+
+        def __init__(self, policy, front):
+            self.front = front._replace(quantities=np.hstack([values, np.full((4, 1), np.nan)]))
+            self.front = self.front._replace(quantity_names=(*front.quantity_names, "gap (m)"))
+
+        def choose(self, least, maximize, most):
+            return choose(self.front, least, maximize, at_most=most)
+
+    monkeypatch.setattr(thresholds_module, "Chooser", Evaluated)
+    requests, found = Requests(pytest.fail), []
+    thresholds = Thresholds(None, front, requests.put, found.append, ["power (W)"])
+    thresholds.maximize(2)
+    thresholds.require(3, 45.0)
+    thresholds.require(2, -1.0)  # is raised to the front's least
+    while thresholds.searching:
+        requests.execute(0.01)
+    wanted = ["--maximize", "speed (m/s)", "--at-least", "speed (m/s)=1.0"]
+    assert thresholds.options() == [*wanted, "--at-most", "power (W)=45.0"]
+    assert found == [tuple(front.tradeoffs[2])]
+    told = thresholds.state()
+    assert told["levels"] == {"3": 45.0, "2": 1.0} and told["maximized"] == 2
+    assert told["found"]["quantities"] == {"speed (m/s)": values[2, 0], "power (W)": 40.0}
+
+
+# files of the run
+
+
+@pytest.mark.slow
+def test_files_are_written_while_the_robots_go_on(tmp_path, make_run):
+    onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
+    run = make_run(tmp_path / "run", "hopper", "best", "latest")
+    requests = Requests(pytest.fail)
+    saving = Saving(library.choose(str(run), "latest"), requests.put)
+
+    def wait() -> str:
+        assert saving.state()["busy"]
+        while saving.state()["busy"]:
+            requests.execute(0.01)
+        return saving.state()["text"]
+
+    saving.export((0.25, 0.75))
+    saving.export((1.0, 0.0))  # while the first is written
+    assert wait().startswith(f"written: {run / 'policy.onnx'}")
+    about = {p.key: p.value for p in onnx.load(run / "policy.onnx").metadata_props}
+    assert json.loads(about["tradeoff"]) == [0.25, 0.75]
+    latest = hashlib.sha256((run / "checkpoints/latest.pt").read_bytes()).hexdigest()
+    assert json.loads(about["run"])["sha256"] == latest
+
+    saving = Saving(library.choose(str(run)), requests.put)
+    saving.card(["--maximize", "run", "--at-least", "run=1e9"])
+    assert wait().startswith("no simulated policy keeps every requirement")
+    assert not (run / "decision.html").exists()
+    saving.card(["--maximize", "run"])
+    assert wait() == f"written: {run / 'decision.html'}"
+    assert "As much run as possible" in (run / "decision.html").read_text()
+
+
 # what is sent
 
 
@@ -210,7 +278,10 @@ def test_the_map_has_returns_per_second_and_physical_quantities(make_front):
     front = make_front(("run", "energy"))
     power = np.linspace(1.0, 2.0, len(front.returns))[:, None]
     front = front._replace(quantities=power, quantity_names=("power (W)",))
-    sent = front_map(front, dt=0.05)
+    sent = front_map(front, 0.05, ["power (W)"])
+    (measured,) = sent["measured"]
+    assert measured.pop("values") == pytest.approx(power[:, 0].tolist(), abs=1e-4)
+    assert measured == {"index": 2, "name": "power (W)", "lower": True}
     assert sent["axes"] == ["run per second", "energy per second", "power (W)"]
     np.testing.assert_allclose(np.array(sent["values"])[:, 0], front.returns[:, 0] / 10, atol=1e-4)
     np.testing.assert_allclose(np.array(sent["values"])[:, 2], power[:, 0], atol=1e-4)

@@ -194,13 +194,13 @@ def test_a_robot_follows_the_command_that_a_viewer_sets(go1_run):
 def test_the_shipped_go1_walks_as_commanded(tradeoff, least):
     player = Player(load("go1", device="cpu"), tradeoff)
     player.command = [0.8, 0.0, 0.0]
-    for _ in range(100):
+    for _ in range(50):
         player.step()
     began = player.data.qpos[:2].copy()
-    for _ in range(100):
+    for _ in range(50):
         player.step()
     assert player.data.qpos[2] > 0.2
-    assert (((player.data.qpos[:2] - began) ** 2).sum()) ** 0.5 / 2 > least  # m/s
+    assert (((player.data.qpos[:2] - began) ** 2).sum()) ** 0.5 > least  # m/s, over a second
 
 
 def test_an_exported_policy_moves_the_joints_as_mjlab_does(go1_run, tmp_path):
@@ -331,7 +331,7 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
     for env in (own, ours):
         env.episode_length_buf.copy_(ages)
     step, feet = MaskedStep(ours, ("actor", "critic")), 4 if name == GO1 else 2
-    for number in range(45):
+    for number in range(30):  # the third world restarts twice
         action = 0.3 * torch.randn(3, own.action_manager.total_action_dim, generator=generator)
         groups, _, terminated, timed_out, _ = own.step(action)
         if number:

@@ -2,8 +2,10 @@
 
 import http.client
 import io
+import json
 import urllib.error
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,10 +17,12 @@ from morlax_torch.commands import pack
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
 from morlax_torch.viewers import libraries
+from morlax_torch.viewers.arrays import drawn_arrays
 from morlax_torch.viewers.web import writing
 from morlax_torch.viewers.web.checking import TOLERANCE, check
 from morlax_torch.viewers.web.model import compiled
 from morlax_torch.viewers.web.robot import build
+from morlax_torch.viewers.web.start import start
 from morlax_torch.viewers.web.tracing import PagePhysics, trace
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
@@ -105,6 +109,69 @@ def test_a_page_shows_the_nominal_robot_of_a_mujoco_task(make_policy):
     policy.config = policy.config.model_copy(update={"env": "gymnasium:mo-hopper-v5"})
     with pytest.raises(MorlaxError, match="only MuJoCo robots"):
         build(policy)
+
+
+# The recorded start
+
+MESHES = """
+<mujoco>
+  <asset>
+    <mesh name="hidden" vertex="0 0 0 1 0 0 0 1 0 0 0 1 1 1 1"/>
+    <mesh name="shown" vertex="0 0 0 2 0 0 0 2 0 0 0 2"/>
+  </asset>
+  <worldbody>
+    <geom type="mesh" mesh="hidden" group="3"/>
+    <geom type="mesh" mesh="shown"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_the_recorded_start_is_the_robot_with_even_weights(make_policy):
+    policy = make_policy("hopper")
+    recorded = read_arrays(start(policy, build(policy)[0]))
+    env, _ = build(policy)
+    model, observation, steps = env.physics.model, env.reset(), 0
+    data, act = mujoco.MjData(model), policy.specialize([0.5, 0.5])
+    every = round(recorded["dt"] / env.dt)
+    assert 0.015 < recorded["dt"] < 0.025 and recorded["followed"] == 1
+    for places, turns in zip(
+        recorded["places"].reshape(-1, model.nbody, 3),
+        recorded["turns"].reshape(-1, model.nbody, 4),
+        strict=True,
+    ):
+        data.qpos[:] = env.physics.qpos[0]
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_array_equal(places, data.xpos.astype(np.float32))
+        np.testing.assert_array_equal(turns, data.xquat.astype(np.float32))
+        for _ in range(every):
+            step = env.step(act(observation))
+            observation, steps = step.observation, steps + 1
+            if step.terminated | step.truncated:
+                break
+    assert step.terminated and steps > 10
+    np.testing.assert_array_equal(recorded["geom_type"], model.geom_type)
+
+
+def test_pages_get_no_meshes_that_they_do_not_draw():
+    model = mujoco.MjModel.from_xml_string(MESHES)
+    arrays = drawn_arrays(model)
+    first, count = model.mesh_vertadr[1], model.mesh_vertnum[1]
+    np.testing.assert_array_equal(arrays["mesh_vert"], model.mesh_vert[first : first + count])
+    first, count = model.mesh_faceadr[1], model.mesh_facenum[1]
+    np.testing.assert_array_equal(arrays["mesh_face"], model.mesh_face[first : first + count])
+    assert len(model.mesh_face) > count
+    assert arrays["mesh_faceadr"][1] == arrays["mesh_vertadr"][1] == 0
+    assert list(arrays["mesh_facenum"]) == [0, count]
+
+
+def read_arrays(data: bytes) -> dict[str, Any]:
+    """Read what `array_bytes` returned, as the page does."""
+    begin = 4 + int(np.frombuffer(data, np.int32, 1)[0])
+    found = json.loads(data[4:begin])
+    for name, (kind, at, size) in found.pop("arrays").items():
+        found[name] = np.frombuffer(data, kind, size, begin + at)
+    return found
 
 
 # Libraries

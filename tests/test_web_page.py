@@ -4,6 +4,7 @@ import functools
 import gzip
 import http.server
 import json
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.runs.bookmarks import bookmark
 from morlax_torch.train import train
 from morlax_torch.viewers import libraries
+from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.web.robot import build
 from morlax_torch.viewers.web.writing import write_page
 
@@ -64,6 +66,27 @@ SLOWER = """async (site) => {
     slower: share(100, 30),
     slowest: share(100, 30),
   };
+}"""
+HELD = """
+  const get = fetch;
+  globalThis.fetch = async (address, ...rest) => {
+    if (String(address).includes("mujoco.wasm")) await new Promise((go) => (globalThis.go = go));
+    return get(address, ...rest);
+  };
+"""
+UNRECORDED = """
+  const get = fetch;
+  globalThis.fetch = (address) => get(String(address).replace("start.bin", "nowhere"));
+"""
+RECORDED = """async ([site, folder]) => {
+  const { Recorded } = await import(`${site}engines/recorded.js`);
+  const recorded = await Recorded.load(`${site}${folder}`);
+  recorded.length = Math.min(recorded.length, 30); // a shorter loop
+  const poses = [];
+  const stage = { advance: () => poses.push(recorded.robots[0]), draw: () => {} };
+  stage.advance();
+  await recorded.play(stage, () => poses.length > recorded.length);
+  return poses.map(({ steps, places }) => [steps, Array.from(places)]);
 }"""
 TARGETS = """() => Object.fromEntries(
   Array.from(document.querySelectorAll("button, select, input, summary"))
@@ -203,6 +226,45 @@ def test_trade_offs_change_the_gait(empty, site):
     assert fast[3] > lazy[3] + 1  # m along x
 
 
+# The recorded start
+
+
+def test_a_recorded_robot_moves_before_the_physics_has_come(visit):
+    page = visit("?run=cheetah3", before=HELD)
+    page.wait_for_selector("#loading.over")
+    pictures = {page.locator("#view").screenshot()}
+    while len(pictures) < 3:
+        page.wait_for_timeout(100)
+        pictures.add(page.locator("#view").screenshot())
+    assert page.inner_text("#progress").startswith("Recorded; loading cheetah3: ")
+    assert page.is_hidden("#panel") and page.is_hidden("#controls")
+    page.wait_for_function("typeof go === 'function'")
+    page.evaluate("go()")
+    runs(page)
+    assert page.is_visible("#panel") and page.is_hidden("#loading")
+    come, due = re.findall(r"[\d.]+(?= of|  ?MB)", page.text_content("#progress"))
+    assert come == due and not visit.complaints
+
+
+def test_the_recording_repeats_the_robot_of_python(empty, site, folder):
+    poses = empty.evaluate(RECORDED, [site, "runs/1"])
+    policy = morlax_torch.load(str(folder.parent / "run"))
+    player = Player(policy, [0.5, 0.5])
+    assert len(poses) > 30
+    for step, (steps, places) in enumerate(poses[:30]):
+        assert steps == step
+        gap = np.abs(np.array(places) - player.data.xpos.ravel()).max()
+        assert gap < 1e-5, (step, gap)
+        player.step()
+    assert poses[30] == poses[0]
+
+
+def test_a_page_without_a_recording_opens_too(visit):
+    page = visit("?run=cheetah3", before=UNRECORDED)
+    runs(page)
+    assert page.text_content("#progress").startswith("Loading cheetah3: ")
+
+
 # Page
 
 
@@ -233,7 +295,8 @@ def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
     runs(page)
     # without a graphics card the page draws fewer pixels
     stage, _ = boxes(page)
-    assert page.evaluate("document.getElementById('view').width") == stage["width"] // 2
+    drawn = page.evaluate("document.getElementById('view').width / devicePixelRatio")
+    assert drawn == pytest.approx(stage["width"] / 2, abs=2 / 0.3)
     page.click("#pause")
     page.wait_for_timeout(500)
     stopped = page.inner_text("#clock")

@@ -51,6 +51,7 @@ class Worlds(ABC):
     objectives: tuple[str, ...]
     reference_point: tuple[float, ...]
     quantities: tuple[str, ...] = ()  # with units, that evaluations measure beside returns
+    lower_is_better: tuple[str, ...] = ()  # those of the quantities that policies should keep low
     generator: torch.Generator  # of every random draw while stepping
     blowups: Tensor  # () int64: how often a world left sane bounds
     _weights: Tensor  # (terms, m)

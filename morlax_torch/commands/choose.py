@@ -2,7 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,15 +16,18 @@ from ..terminal.startup import program
 from ..terminal.task_arguments import Device, RunName, Trust, call
 
 if TYPE_CHECKING:
-    from ..evaluation.requirements import Choice
+    from ..evaluation.requirements import Choice, Requirements
 
 
 def command(arguments: Sequence[str]) -> None:
     def main(
         run: RunName,
-        maximize: Annotated[str, tyro.conf.arg(metavar="OBJECTIVE")],
+        maximize: Annotated[str, tyro.conf.arg(metavar="NAME")],
         at_least: Annotated[
             tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="run=2000")
+        ] = (),
+        at_most: Annotated[
+            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="power=60")
         ] = (),
         constrain: Annotated[
             tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="'run >= 2000'")
@@ -37,16 +40,18 @@ def command(arguments: Sequence[str]) -> None:
         device: Device = None,
         trust: Trust = False,
     ) -> None:
-        """Find the trade-off that maximizes one objective while others reach required returns.
+        """Find the trade-off that maximizes one value while others keep requirements.
 
-        It simulates trade-offs of the run's front and others between them, and prints the best
-        that keeps every requirement in simulation.
+        A value is the return of an objective, or a quantity that evaluations of the task measure,
+        such as "power (W)"; "power" is enough. The command simulates trade-offs of the run's front
+        and others between them, and prints the best that keeps every requirement in simulation.
 
         Args:
-            maximize: The objective to maximize.
-            at_least: Least return of an objective, once per requirement.
-            constrain: The same in another spelling, which a shell needs in quotes.
-            margin: Share of an objective's range on the front by which its requirement must be
+            maximize: The objective or quantity to maximize.
+            at_least: Least value of an objective or quantity, once per requirement.
+            at_most: Largest value of an objective or quantity, once per requirement.
+            constrain: The same as 'run >= 2000' or 'power <= 60', which a shell needs in quotes.
+            margin: Share of a value's range on the front by which its requirement must be
                 exceeded (None: 0.02 for tasks with random starts, models or commands, otherwise 0).
             seeds: Episodes per trade-off, to average over; for such tasks (None: as in training,
                 but at least 8).
@@ -55,13 +60,20 @@ def command(arguments: Sequence[str]) -> None:
             card: Write a decision card: the requirement, the choice, its returns under pushes and
                 with other friction, masses and motors, a film strip, and commands.
         """
-        least: dict[str, float] = {}
-        required = [_required(text, "=") for text in at_least]
-        required += [_required(text, ">=") for text in constrain]
-        for name, value in required:
-            least[name] = max(value, least.get(name, value))
+        above = [text for text in constrain if "<=" not in text]
+        below = [text for text in constrain if "<=" in text]
+        least = _strictest(
+            [_required(text, "=", "--at-least run=2000") for text in at_least]
+            + [_required(text, ">=", "--constrain 'run >= 2000'") for text in above],
+            max,
+        )
+        most = _strictest(
+            [_required(text, "=", "--at-most power=60") for text in at_most]
+            + [_required(text, "<=", "--constrain 'power <= 60'") for text in below],
+            min,
+        )
         with Live():
-            from ..evaluation.requirements import shown
+            from ..evaluation.requirements import Requirements, shown
             from ..runs import bookmarks
             from ..runs.choosing import choose
             from ..runs.loading import find_checkpoint, trust_run
@@ -73,9 +85,17 @@ def command(arguments: Sequence[str]) -> None:
             if card is not None and card.suffix != ".html":
                 raise MorlaxError(f"the decision card {card} must end in .html.")
             choice = choose(
-                run, least, maximize, margin=margin, seeds=seeds, seed=seed, device=device
+                run,
+                least,
+                maximize,
+                at_most=most,
+                margin=margin,
+                seeds=seeds,
+                seed=seed,
+                device=device,
             )
-        _show(choice, least, maximize)
+            required = Requirements.of(choice.names, least, most, maximize)
+        _show(choice, required)
         weights = shown(choice.tradeoff)
         cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
         if bookmark is not None:
@@ -86,7 +106,7 @@ def command(arguments: Sequence[str]) -> None:
         export, explore = _commands(run, weights, trust)
         if card is not None:
             with Live():
-                page = _card(run, choice, least, maximize, seed, device, (export, explore))
+                page = _card(run, choice, required, seed, device, (export, explore))
                 write_file(card, page.encode())
             cli.console.print(f"written: {card}", soft_wrap=True)
         cli.print_command("to export the policy", export)
@@ -105,8 +125,7 @@ def _commands(run: str, weights: str, trust: bool) -> tuple[str, str]:
 def _card(
     run: str,
     choice: "Choice",
-    least: dict[str, float],
-    maximize: str,
+    required: "Requirements",
     seed: int,
     device: str | None,
     commands: Sequence[str],
@@ -131,37 +150,49 @@ def _card(
     }
     picture = strip(policy.cpu(), choice.tradeoff)
     name = title(policy.config.env)
-    return card(name, choice, least, maximize, tried, about, commands, picture)
+    return card(name, choice, required, tried, about, commands, picture)
 
 
-def _show(choice: "Choice", least: dict[str, float], maximize: str) -> None:
-    """Print promised and simulated returns, margins and the cost."""
+def _show(choice: "Choice", required: "Requirements") -> None:
+    """Print promised and simulated values, margins and the cost."""
     from rich.table import Table  # takes a while to import
 
     table = Table(box=None)
-    for column in ("objective", "promised", "simulated", "required", "margin"):
-        table.add_column(column, justify="left" if column == "objective" else "right")
-    for name, value in choice.returns.items():
-        limits = [f"{least[name]:g}", f"{choice.margins[name]:+.4g}"] if name in least else []
-        table.add_row(name, f"{choice.promised[name]:.5g}", f"{value:.5g}", *limits)
+    for column in ("value", "promised", "simulated", "required", "margin"):
+        table.add_column(column, justify="left" if column == "value" else "right")
+    for index in required.used:
+        name = required.names.all[index]
+        promised = f"{choice.promised[name]:.5g}" if name in choice.promised else ""
+        limits = [limit.shown() for limit in required.limits if limit.index == index]
+        margin = [f"{choice.margins[name]:+.4g}"] if limits else []
+        cells = f"{choice.values[index]:.5g}", " and ".join(limits), *margin
+        table.add_row(name, promised, *cells)
     cli.console.print(table)
-    if least:
-        best = choice.returns[maximize] + choice.cost
+    if required.limits:
+        best = choice.values[required.maximized] + choice.cost
         cli.console.print(
-            f"cost of the requirements: {choice.cost:.4g} of {maximize}, which reaches "
-            f"{best:.5g} without them"
+            f"cost of the requirements: {choice.cost:.4g} of "
+            f"{required.names.all[required.maximized]}, which reaches {best:.5g} without them"
         )
 
 
-def _required(text: str, sign: str) -> tuple[str, float]:
-    name, found, least = text.partition(sign)
+def _required(text: str, sign: str, example: str) -> tuple[str, float]:
+    name, found, level = text.partition(sign)
     try:
-        if not found or not name.strip() or not math.isfinite(float(least)):
+        if not found or not name.strip() or not math.isfinite(float(level)):
             raise ValueError
-        return name.strip(), float(least)
+        return name.strip(), float(level)
     except ValueError:
-        example = "--at-least run=2000" if sign == "=" else "--constrain 'run >= 2000'"
         raise MorlaxError(f"{text!r} is not a requirement: write for example {example}.") from None
+
+
+def _strictest(
+    levels: Sequence[tuple[str, float]], strictest: Callable[[float, float], float]
+) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for name, level in levels:
+        found[name] = strictest(level, found.get(name, level))
+    return found
 
 
 def main() -> None:

@@ -34,6 +34,12 @@ class Front(NamedTuple):
     checkpoint: str = ""  # file of the evaluated policies, such as "best.pt"; "": unknown
 
     @property
+    def values(self) -> np.ndarray:
+        """(K, m + q) returns, then quantities if they were measured."""
+        measured = () if self.quantities is None else (self.quantities,)
+        return np.hstack([self.returns, *measured])
+
+    @property
     def non_dominated(self) -> np.ndarray:
         """(K,) bool"""
         return pareto.non_dominated(self.returns)

@@ -1,4 +1,4 @@
-"""Required returns, the objective to maximize, and the choice that follows from both."""
+"""Required values, the value to maximize, and the choice that follows from both."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from ..envs import MorlaxError
-from ..envs.errors import unknown
+from .names import Names
 
 
 class Choice(NamedTuple):
@@ -15,100 +15,181 @@ class Choice(NamedTuple):
     tradeoff: tuple[float, ...]  # the simulated one; at most 5 decimals, which sum to one
     returns: dict[str, float]  # by objective: simulated; of a `Front`: evaluated
     promised: dict[str, float]  # before the simulation: evaluated, or interpolated
-    margins: dict[str, float]  # by required objective: the return minus the requirement
-    cost: float  # of the requirements: best maximized return without them minus this one
+    margins: dict[str, float]  # by required name: distance kept from the nearest requirement
+    cost: float  # of the requirements: best maximized value without them minus this one
     simulated: int  # number of simulated trade-offs; 0: chosen from a `Front` alone
+    quantities: dict[str, float]  # by full name, such as "power (W)": measured as the returns
+
+    @property
+    def values(self) -> np.ndarray:
+        """(m + q,) returns, then quantities."""
+        return np.array([*self.returns.values(), *self.quantities.values()])
+
+    @property
+    def names(self) -> Names:
+        return Names(tuple(self.returns), tuple(self.quantities))
+
+
+class Limit(NamedTuple):
+    """The least or the largest value that a policy may have."""
+
+    index: int  # of the value
+    sign: int  # 1: at least, -1: at most
+    level: float
+
+    def shown(self, spec: str = "g") -> str:
+        """Return the limit as text, its level in a format of numbers."""
+        return f"{'' if self.sign > 0 else 'at most '}{self.level:{spec}}"
 
 
 class Requirements(NamedTuple):
-    objectives: tuple[str, ...]
-    constraints: dict[str, float]  # least returns by objective
-    least: np.ndarray  # (m,) with the margin; -inf: not required
-    maximized: int  # index of an objective
-    span: np.ndarray  # (m,) range of each objective, above zero
+    """Limits to the values (m + q,) of policies, and the value to maximize.
+
+    Values are returns by objective, then measured quantities. A quantity that is not finite keeps
+    no requirement; one that is neither required nor maximized is ignored.
+    """
+
+    names: Names
+    limits: tuple[Limit, ...]
+    maximized: int  # index of a value
+    span: np.ndarray  # (m + q,) range of each value, above zero
+    margin: float = 0.0  # share of a value's range by which a limit must be exceeded
 
     @classmethod
     def of(
         cls,
-        objectives: Sequence[str],
-        constraints: Mapping[str, float],
+        names: Names,
+        at_least: Mapping[str, float],
+        at_most: Mapping[str, float],
         maximize: str,
-        margin: float,
-        returns: np.ndarray,
     ) -> Self:
-        """Check and convert requirements; `choose` describes them.
-
-        The returns (K, m) determine the ranges of objectives, of which the margin is a share.
+        """Check and convert requirements, without a margin; `choose` describes them.
 
         Raises:
-            MorlaxError: there is no such objective, or a number is out of range.
+            MorlaxError: a name is unknown or ambiguous, or a number is not finite.
         """
-        objectives = tuple(objectives)
-        for name in (*constraints, maximize):
-            if name not in objectives:
-                raise unknown("objective", name, objectives)
+        limits = []
+        for sign, levels in ((1, at_least), (-1, at_most)):
+            for name, level in levels.items():
+                limits.append(Limit(names.index(name), sign, float(level)))
+                if not np.isfinite(level):
+                    raise MorlaxError(f"the required value of {name} is {level}: use a number.")
+        return cls(names, tuple(limits), names.index(maximize), np.ones(len(names.all)))
+
+    def with_margin(self, margin: float, values: np.ndarray) -> Self:
+        """Require a margin, as a share of the ranges of values (n, m + q), finite ones.
+
+        Raises:
+            MorlaxError: the margin is out of range.
+        """
         if not 0 <= margin <= 1:
             raise MorlaxError(f"margin is {margin:g}: it must be from 0 to 1.")
-        span = np.ptp(returns, axis=0).clip(min=1e-12)
-        least = np.full(len(objectives), -np.inf)
-        for name, value in constraints.items():
-            if not np.isfinite(value):
-                raise MorlaxError(f"the required return of {name} is {value}: use a number.")
-            index = objectives.index(name)
-            least[index] = value + margin * span[index]
-        return cls(objectives, dict(constraints), least, objectives.index(maximize), span)
+        span = np.ptp(self.relevant(values), axis=0).clip(min=1e-12)
+        return self._replace(margin=margin, span=span)
 
-    def kept(self, returns: np.ndarray) -> np.ndarray:
-        """Return (n,) whether returns (n, m) keep every requirement, margins included."""
-        return np.all(returns >= self.least, axis=1)
+    @property
+    def used(self) -> list[int]:
+        """Indices of objectives and of required and maximized quantities, in order."""
+        limited = (limit.index for limit in self.limits)
+        return sorted({*range(len(self.names.objectives)), *limited, self.maximized})
 
-    def best(self, returns: np.ndarray) -> int | None:
-        """Return which of returns (n, m) keeps every requirement and has most of the objective."""
-        kept = self.kept(returns)
-        value = np.where(kept, returns[:, self.maximized], -np.inf)
-        return int(value.argmax()) if kept.any() else None
+    @property
+    def limited(self) -> np.ndarray:
+        """(limits,) index of the value that each limit is of."""
+        return np.array([limit.index for limit in self.limits], dtype=int)
+
+    def relevant(self, values: np.ndarray) -> np.ndarray:
+        """Return values (n, m + q) with zeros in place of ignored ones."""
+        found = np.zeros(values.shape)
+        found[:, self.used] = values[:, self.used]
+        return found
+
+    def finite(self, values: np.ndarray) -> np.ndarray:
+        """Return (n,) whether all but the ignored of values (n, m + q) are finite."""
+        return np.all(np.isfinite(self.relevant(values)), axis=1)
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(limits,) levels with the margin."""
+        levels = [limit.level for limit in self.limits]
+        return levels + self._signs * self.margin * self.span[self.limited]
+
+    @property
+    def _signs(self) -> np.ndarray:
+        return np.array([limit.sign for limit in self.limits], dtype=int)
+
+    def excess(self, values: np.ndarray) -> np.ndarray:
+        """Return by how much values (..., m + q) keep each bound, (..., limits).
+
+        It is negative where they miss it.
+        """
+        return self._signs * (values[..., self.limited] - self.bounds)
+
+    def kept(self, values: np.ndarray) -> np.ndarray:
+        """Return (n,) whether values (n, m + q) keep every requirement, margins included."""
+        return self.finite(values) & (self.excess(values) >= 0).all(1)
+
+    def best(self, values: np.ndarray) -> int | None:
+        """Return which of values (n, m + q) keeps every requirement and has most to maximize."""
+        kept = self.kept(values)
+        maximized = np.where(kept, values[:, self.maximized], -np.inf)
+        return int(maximized.argmax()) if kept.any() else None
 
     def choice(
         self,
         tradeoff: np.ndarray,
-        returns: np.ndarray,
+        values: np.ndarray,
         promised: np.ndarray,
         unconstrained: float,
         simulated: int,
     ) -> Choice:
-        """Return the choice of a trade-off with returns and promised returns, (m,) each.
+        """Return the choice of a trade-off with values and promised values, (m + q,) each.
 
-        `unconstrained`: best return of the maximized objective without requirements.
+        `unconstrained`: best maximized value without requirements.
         """
-        value = dict(zip(self.objectives, returns.tolist(), strict=True))
+        m = len(self.names.objectives)
+        margins: dict[str, float] = {}
+        for limit in self.limits:
+            name = self.names.all[limit.index]
+            distance = limit.sign * (float(values[limit.index]) - limit.level)
+            margins[name] = min(distance, margins.get(name, distance))
         return Choice(
             tuple(tradeoff.tolist()),
-            value,
-            dict(zip(self.objectives, promised.tolist(), strict=True)),
-            {name: value[name] - least for name, least in self.constraints.items()},
-            max(0.0, unconstrained - float(returns[self.maximized])),
+            dict(zip(self.names.objectives, values[:m].tolist(), strict=True)),
+            dict(zip(self.names.objectives, promised[:m].tolist(), strict=True)),
+            margins,
+            max(0.0, unconstrained - float(values[self.maximized])),
             simulated,
+            dict(zip(self.names.quantities, values[m:].tolist(), strict=True)),
         )
 
-    def missed(self, tradeoffs: np.ndarray, returns: np.ndarray, source: str) -> MorlaxError:
-        """Say by how much the nearest of trade-offs and returns, (n, m) each, misses.
+    def missed(self, tradeoffs: np.ndarray, values: np.ndarray, source: str) -> MorlaxError:
+        """Say by how much the nearest of trade-offs (n, m) and values (n, m + q) misses.
 
-        The returns are "simulated" or "evaluated".
+        The values are "simulated" or "evaluated".
         """
-        short = np.maximum(self.least - returns, 0.0)
-        nearest = int((short / self.span).max(1).argmin())
+        finite = self.finite(values)
+        if not finite.any():
+            needed = " and ".join(self.names.all[index] for index in self.used)
+            return MorlaxError(
+                f"no {source} policy has finite numbers for {needed}: choose another checkpoint, "
+                "or require and maximize other quantities."
+            )
+        excess = self.excess(values[finite])
+        nearest = int((excess / self.span[self.limited]).min(1).argmax())
         parts = []
-        for name, required in self.constraints.items():
-            index = self.objectives.index(name)
-            least, value = self.least[index], returns[nearest, index]
-            if value < least:
-                margin = f" with its margin, {least:.5g}," if least > required else ""
-                parts.append(
-                    f"{name} {value:.5g} instead of {required:g},{margin} {least - value:.3g} less"
-                )
+        for limit, bound, kept in zip(self.limits, self.bounds, excess[nearest], strict=True):
+            if kept >= 0:
+                continue
+            name, value = self.names.all[limit.index], values[finite][nearest, limit.index]
+            margin = f" {bound:.5g} with its margin," if bound != limit.level else ""
+            more = "less" if limit.sign > 0 else "more"
+            parts.append(
+                f"{name} {value:.5g} instead of {limit.shown()},{margin} {-kept:.3g} {more}"
+            )
         return MorlaxError(
             f"no {source} policy keeps every requirement: the nearest, with the trade-off "
-            f"{shown(tradeoffs[nearest])}, has {' and '.join(parts)}."
+            f"{shown(tradeoffs[finite][nearest])}, has {' and '.join(parts)}."
         )
 
 

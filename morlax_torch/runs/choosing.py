@@ -1,16 +1,18 @@
-"""Choose a trade-off whose policy reaches required returns in simulation."""
+"""Choose a trade-off whose policy keeps requirements in simulation."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 import torch
 
 from ..configuration.tradeoffs import even_tradeoffs
-from ..envs import MorlaxError, resolve_device
+from ..envs import resolve_device
 from ..evaluation.candidates import Candidates, rounded
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
 from ..evaluation.making import evaluation_worlds
+from ..evaluation.names import Names
 from ..evaluation.requirements import Choice, Requirements
 from ..files import AnyPath
 from ..networks.policy import Policy
@@ -23,6 +25,7 @@ SETTLED = 0.05  # chance of a gain below which nothing more is simulated
 FINALISTS, MOST_GROUPS = 8, 4  # simulated again on other episodes, if the task is random
 RANDOM_SEEDS = 8  # episodes per trade-off of a random task, at least
 RANDOM_MARGIN = 0.02
+NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 def choose(
@@ -30,12 +33,16 @@ def choose(
     constraints: Mapping[str, float],
     maximize: str,
     *,
+    at_most: Mapping[str, float] = NOTHING,
     margin: float | None = None,
     seeds: int | None = None,
     seed: int = 0,
     device: str | None = None,
 ) -> Choice:
-    """Return the trade-off that maximizes one objective while others reach required returns.
+    """Return the trade-off that maximizes one value while others keep requirements.
+
+    A value is the return of an objective, or a quantity that evaluations of the task measure, such
+    as "power (W)". A quantity may be named without its unit.
 
     Simulates evaluated trade-offs and others between them, and returns the best that keeps every
     requirement in simulation. If the task is random, the best ones are simulated again on other
@@ -44,31 +51,36 @@ def choose(
     Args:
         run: a run's folder, a checkpoint file, a shipped name, or a policy, which is moved to the
             device. Of a `Front`, evaluated trade-offs are returned, and nothing is simulated.
-        constraints: least return by objective.
-        maximize: an objective.
-        margin: share of an objective's range by which its requirement must be exceeded. The range
-            is that of the evaluated returns. None: 0.02 if the task is random, otherwise 0.
+        constraints: least value by name.
+        maximize: name of a value.
+        at_most: largest value by name.
+        margin: share of a value's range by which its requirement must be exceeded. The range is
+            that of the evaluated values. None: 0.02 if the task is random, otherwise 0.
         seeds: episodes per trade-off to average over. None: as in training, but at least 8 if the
             task is random.
         seed: random seed of the worlds, if the task is random.
         device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
 
     Raises:
-        MorlaxError: there is no such run or objective, a number is out of range, or no policy
-            keeps the requirements.
+        MorlaxError: there is no such run or value, a name is ambiguous, a number is out of range,
+            or no policy keeps the requirements.
     """
     if isinstance(run, Front):
-        return _of_evaluated(run, constraints, maximize, margin or 0.0)
+        required = Requirements.of(
+            Names(run.objectives, run.quantity_names), constraints, at_most, maximize
+        )
+        return _of_evaluated(run, required, margin or 0.0)
     place = resolve_device(device)
     front = None if isinstance(run, Policy) else load_front(run)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    return Chooser(policy, front, seeds, seed).choose(constraints, maximize, margin)
+    return Chooser(policy, front, seeds, seed).choose(constraints, maximize, at_most, margin)
 
 
 class Chooser:
     """Chooses trade-offs of a policy by simulation on its device.
 
-    It starts from an evaluated front; without one, it simulates some trade-offs first.
+    It starts from an evaluated front; without one, or if the front lacks a required quantity, it
+    simulates some trade-offs first.
     """
 
     def __init__(
@@ -82,16 +94,26 @@ class Chooser:
         config = policy.config.model_copy(update={"device": place, "backend": None})
         self._env = evaluation_worlds(config, BATCH, self._seeds, seed)
         self._evaluator = self._make_evaluator(BATCH, seed)
-        self._start = self._evaluated(front)
+        self._front = front
+        self._names = Names(policy.objectives, self._env.quantities, policy.config.env)
+        self._even: tuple[np.ndarray, np.ndarray] | None = None
 
     def choose(
-        self, constraints: Mapping[str, float], maximize: str, margin: float | None = None
+        self,
+        constraints: Mapping[str, float],
+        maximize: str,
+        at_most: Mapping[str, float] = NOTHING,
+        margin: float | None = None,
     ) -> Choice:
         if margin is None:
             margin = RANDOM_MARGIN if self._random else 0.0
-        names, (tradeoffs, returns, simulated) = self._policy.objectives, self._start
-        required = Requirements.of(names, constraints, maximize, margin, returns)
-        found = Candidates(tradeoffs, returns, simulated, required)
+        required = Requirements.of(self._names, constraints, at_most, maximize)
+        tradeoffs, values, simulated = self._start(required)
+        known = values[required.finite(values)]
+        if len(known) == 0:
+            raise required.missed(tradeoffs, values, "simulated")
+        required = required.with_margin(margin, known)
+        found = Candidates(tradeoffs, values, simulated, required)
         for batch in range(MOST_BATCHES):
             proposed, promised, chance = found.propose(BATCH)
             if len(proposed) == 0 or (batch > 0 and chance < SETTLED):
@@ -109,29 +131,41 @@ class Chooser:
         simulated = int(found.simulated.sum())
         if not self._random:
             best = ranked[0]
-            most = float(found.returns[free, required.maximized])
-            row = found.tradeoffs[best], found.returns[best], found.promised[best]
+            most = float(found.values[free, required.maximized])
+            row = found.tradeoffs[best], found.values[best], found.promised[best]
             return required.choice(*row, most, simulated)
         evaluator = self._make_evaluator(FINALISTS, self._seed + 1)
         groups = [ranked[i : i + FINALISTS - 1] for i in range(0, len(ranked), FINALISTS - 1)]
         tried = np.empty(0, dtype=int)
-        returns = np.empty((0, len(required.least)))
+        values = np.empty((0, len(self._names.all)))
         for group in groups[:MOST_GROUPS]:
             finalists = np.append(group, free)
             again = self._simulate(evaluator, found.tradeoffs[finalists])
-            tried, returns = np.append(tried, finalists), np.vstack([returns, again])
-            if (best := required.best(returns)) is not None:
-                row = found.tradeoffs[tried[best]], returns[best], found.promised[tried[best]]
-                most = float(returns[-1, required.maximized])
+            tried, values = np.append(tried, finalists), np.vstack([values, again])
+            if (best := required.best(values)) is not None:
+                row = found.tradeoffs[tried[best]], values[best], found.promised[tried[best]]
+                most = float(values[-1, required.maximized])
                 return required.choice(*row, most, simulated)
-        raise required.missed(found.tradeoffs[tried], returns, "simulated")
+        raise required.missed(found.tradeoffs[tried], values, "simulated")
 
-    def _evaluated(self, front: Front | None) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Return trade-offs and returns, (n, m) each, and whether they were simulated here."""
-        if front is not None:
-            return front.tradeoffs, front.returns, False
-        even = rounded(even_tradeoffs(BATCH, len(self._policy.objectives)).double().numpy())
-        return even, self._simulate(self._evaluator, even), True
+    def _start(self, required: Requirements) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Return trade-offs (n, m), values (n, m + q), and whether they were simulated here."""
+        if self._front is not None:
+            values = self._evaluated(self._front)
+            if required.finite(values).any():
+                return self._front.tradeoffs, values, False
+        if self._even is None:
+            even = rounded(even_tradeoffs(BATCH, len(self._names.objectives)).double().numpy())
+            self._even = even, self._simulate(self._evaluator, even)
+        return *self._even, True
+
+    def _evaluated(self, front: Front) -> np.ndarray:
+        """Return the values (K, m + q) of a front; NaN where it lacks a quantity of the task."""
+        quantities = np.full((len(front.returns), len(self._names.quantities)), np.nan)
+        for column, name in enumerate(self._names.quantities):
+            if front.quantities is not None and name in front.quantity_names:
+                quantities[:, column] = front.quantities[:, front.quantity_names.index(name)]
+        return np.hstack([front.returns, quantities])
 
     def _make_evaluator(self, tradeoffs: int, seed: int) -> Evaluator:
         """Evaluate so many trade-offs at once, each in an equal share of the worlds."""
@@ -142,21 +176,19 @@ class Chooser:
         return made
 
     def _simulate(self, evaluator: Evaluator, tradeoffs: np.ndarray) -> np.ndarray:
-        """Return the returns (n, m) of at most as many trade-offs (n, m) as an evaluator has."""
+        """Return the values (n, m + q) of at most as many trade-offs (n, m) as an evaluator has."""
         filled = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))  # repeats them
         evaluator.retarget(torch.from_numpy(filled).float())
-        return evaluator.evaluate().returns[: len(tradeoffs)]
+        return evaluator.evaluate().values[: len(tradeoffs)]
 
 
-def _of_evaluated(
-    front: Front, constraints: Mapping[str, float], maximize: str, margin: float
-) -> Choice:
-    finite = np.isfinite(front.returns).all(1)
+def _of_evaluated(front: Front, required: Requirements, margin: float) -> Choice:
+    finite = required.finite(front.values)
     if not finite.any():
-        raise MorlaxError("the front has no finite returns: evaluate the run again.")
-    tradeoffs, returns = front.tradeoffs[finite], front.returns[finite]
-    required = Requirements.of(front.objectives, constraints, maximize, margin, returns)
-    best, most = required.best(returns), float(returns[:, required.maximized].max())
+        raise required.missed(front.tradeoffs, front.values, "evaluated")
+    tradeoffs, values = front.tradeoffs[finite], front.values[finite]
+    required = required.with_margin(margin, values)
+    best, most = required.best(values), float(values[:, required.maximized].max())
     if best is None:
-        raise required.missed(tradeoffs, returns, "evaluated")
-    return required.choice(tradeoffs[best], returns[best], returns[best], most, 0)
+        raise required.missed(tradeoffs, values, "evaluated")
+    return required.choice(tradeoffs[best], values[best], values[best], most, 0)

@@ -1,6 +1,6 @@
 """Try one trade-off under conditions that training may not have had."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ STARTS = 0.01  # least spread of starts, so that episodes differ
 class Trial(NamedTuple):
     """Means over the episodes of one trade-off."""
 
-    returns: np.ndarray  # (m,)
+    values: np.ndarray  # (m + q,) returns by objective, then measured quantities
     falls: float  # share of episodes that failed
     episodes: int
 
@@ -71,9 +71,4 @@ def _trial(policy: Policy, task: Any, tradeoff: Sequence[float], seed: int) -> T
     points = torch.tensor([tradeoff], dtype=torch.float32)
     front = Evaluator(policy.agent, env, points, "latched", seed, episodes, alone=True).evaluate()
     falls = 0.0 if front.falls is None else float(front.falls[0])
-    return Trial(front.returns[0], falls, episodes)
-
-
-def kept(trial: Trial, objectives: Sequence[str], least: Mapping[str, float]) -> bool:
-    """Whether a trial's mean returns keep required returns by objective."""
-    return all(trial.returns[objectives.index(name)] >= value for name, value in least.items())
+    return Trial(front.values[0], falls, episodes)

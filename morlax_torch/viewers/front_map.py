@@ -1,5 +1,6 @@
 """A front as the page draws it: a map of policies."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,16 @@ from ..evaluation.front import Front
 FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
 
 
-def front_map(front: Front, dt: float) -> dict[str, Any]:
+def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> dict[str, Any]:
     """Describe a front for the page.
 
     Its axes are the objectives' returns per second, then measured quantities such as "power (W)";
-    `pair` are the axes to show first.
+    `pair` are the axes to show first. `measured` are the quantities that can be required.
 
     Args:
         front: evaluated trade-offs.
         dt: seconds of a control step.
+        lower_is_better: names of quantities.
     """
     seconds = dt * front.lengths.clip(1)[:, None]
     values, names = front.returns / seconds, [f"{name} per second" for name in front.objectives]
@@ -31,8 +33,26 @@ def front_map(front: Front, dt: float) -> dict[str, Any]:
         "axes": [name for name, finite in zip(names, known, strict=True) if finite],
         "values": values[:, known].round(4).tolist(),
         "returns": front.returns.round(2).tolist(),
+        "measured": _measured(front, lower_is_better),
         "best": front.non_dominated.tolist(),
         "fails": (falls > FAILS).tolist(),
         "pair": pareto.most_conflicting_pair(front.returns[front.non_dominated]),
         "checkpoint": front.checkpoint,
     }
+
+
+def _measured(front: Front, lower_is_better: Sequence[str]) -> list[dict[str, Any]]:
+    """Describe quantities that are finite; indices count the objectives first."""
+    if front.quantities is None:
+        return []
+    columns = zip(front.quantity_names, front.quantities.T, strict=True)
+    return [
+        {
+            "index": index,
+            "name": name,
+            "lower": name in lower_is_better,
+            "values": values.round(4).tolist(),
+        }
+        for index, (name, values) in enumerate(columns, len(front.objectives))
+        if np.isfinite(values).all()
+    ]

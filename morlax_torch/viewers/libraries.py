@@ -46,11 +46,11 @@ LIBRARIES = (
     ),
     Library(
         "three",
-        "0.187.0",
-        "Qiu7R+Cmh8CstZsY1uJOSWnVlfo7ZtNLV7mF8Jltk3LB3AtDu9cRZlcnRKkAk8Y4z6KKw35z7Y7Urd7jWY8etA==",
+        "0.185.1",  # later archives have no minified files, which are a third as large
+        "5aojFCXKwnjBRZvUnt3WFfEcvUJgkN5LlijRFN95hMy8WVkG4I0QNcJE+OuWvuJ0bOdStrbfXn0pkd6/QyiAlg==",
         {
-            "build/three.module.js": "three.module.js",
-            "build/three.core.js": "three.core.js",
+            "build/three.module.min.js": "three.module.min.js",
+            "build/three.core.min.js": "three.core.min.js",
             "examples/jsm/controls/OrbitControls.js": "OrbitControls.js",
         },
         "LICENSE",

@@ -14,7 +14,7 @@ NAMES = (
     "torque (N m)",  # root mean square over joints and time
     "cost of transport",  # power / (weight * speed)
 )
-
+LOWER_IS_BETTER = ("velocity error (m/s)", "power (W)", "torque (N m)", "cost of transport")
 
 SLOWEST = 0.3  # m/s; slower commands say little about walking
 

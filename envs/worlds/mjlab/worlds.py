@@ -74,7 +74,9 @@ class MjlabWorlds(ForeignWorlds):
         manager = self.env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
         self._command = next((x for x in terms if type(x).__name__ == COMMAND), None)
-        self.quantities = quantities.NAMES if self._command else ()
+        if self._command:
+            self.quantities = quantities.NAMES
+            self.lower_is_better = quantities.LOWER_IS_BETTER
         self._groups = tuple(name for name in (self.actor_group, CRITIC) if name in groups)
         self._step = MaskedStep(self.env, self._groups) if masked else None
 

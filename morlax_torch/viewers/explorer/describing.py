@@ -1,6 +1,5 @@
 """What a page is sent of robots: their model once, and their poses in each frame."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -10,6 +9,7 @@ import mujoco
 import numpy as np
 
 from ...envs.naming import title
+from ..arrays import array_bytes, drawn_arrays
 from ..camera import followed_body
 from ..explaining import explain, is_told_velocity
 from ..front_map import front_map
@@ -18,14 +18,6 @@ from .contacts import contact_arrows
 from .session import Session
 
 MODEL, FRAME = 0, 1  # first byte of a message that is not JSON
-# what the page draws; see mjModel
-SHAPES = (
-    *("geom_type", "geom_bodyid", "geom_group", "geom_matid", "geom_dataid"),
-    *("geom_size", "geom_rgba", "geom_pos", "geom_quat", "geom_rbound", "mat_rgba"),
-    *("mesh_vertadr", "mesh_normaladr", "mesh_faceadr", "mesh_facenum"),
-    *("mesh_vert", "mesh_normal", "mesh_face", "mesh_facenormal"),
-    *("hfield_size", "hfield_nrow", "hfield_ncol", "hfield_adr", "hfield_data"),
-)
 
 
 def described(behavior: Behavior) -> dict[str, Any]:
@@ -33,7 +25,7 @@ def described(behavior: Behavior) -> dict[str, Any]:
     about: dict[str, Any] = {"dt": behavior.dt, "followed": followed_body(behavior.model)}
     if not isinstance(behavior, Session):
         return {"title": "A or B?", "objectives": [], "pushed": [], "command": None, **about}
-    env = behavior.player.env
+    env, front = behavior.player.env, behavior.front
     return {
         "title": title(behavior.player.policy.config.env),
         "objectives": list(behavior.objectives),
@@ -41,7 +33,7 @@ def described(behavior: Behavior) -> dict[str, Any]:
         "pushed": behavior.axes,
         "command": {"limits": env.command_limits} if env.command_limits else None,
         "velocities": is_told_velocity(env),
-        "front": front_map(behavior.front, env.dt) if behavior.front is not None else None,
+        "front": None if front is None else front_map(front, env.dt, env.lower_is_better),
         **about,
     }
 
@@ -67,19 +59,9 @@ def _finite(values: list[float]) -> list[float]:
 
 
 def model_bytes(model: mujoco.MjModel) -> bytes:
-    """Return the arrays that the page draws a model from: a JSON header, then their bytes."""
-    header: dict[str, Any] = {"nbody": model.nbody, "ngeom": model.ngeom, "arrays": {}}
-    parts, at = [], 0
-    for name in SHAPES:
-        values = np.ascontiguousarray(getattr(model, name))
-        kind = np.float32 if values.dtype.kind == "f" else np.int32
-        data = values.astype(kind).tobytes()
-        header["arrays"][name] = [np.dtype(kind).name, at, values.size]
-        parts.append(data)
-        at += len(data)
-    text = json.dumps(header).encode()
-    text += b" " * (-len(text) % 4)  # arrays begin at a multiple of their size
-    return b"".join([np.array([MODEL, len(text)], np.int32).tobytes(), text, *parts])
+    """Return the arrays that the page draws a model from."""
+    arrays = array_bytes(drawn_arrays(model), nbody=model.nbody, ngeom=model.ngeom)
+    return np.int32(MODEL).tobytes() + arrays
 
 
 def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:

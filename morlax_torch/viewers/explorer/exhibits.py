@@ -14,6 +14,7 @@ from .comparisons import Comparisons, PolicyComparisons
 from .lineup import Lineup
 from .messages import Request
 from .requests import Put
+from .saving import Saving
 from .session import Session, Weights
 from .thresholds import Thresholds
 
@@ -91,6 +92,7 @@ class RunExhibit:
             "choosing": self._thresholds.state() if self._thresholds else None,
             "asking": self._asked(),
             "bookmarks": self._bookmarks,
+            "saving": self._saving.state(),
         }
 
     def react(self, request: Request) -> None:
@@ -107,9 +109,9 @@ class RunExhibit:
             case messages.Open(run=run, checkpoint=checkpoint) if run in self._runs():
                 choice = library.choose(run, checkpoint)
                 self._open(choice, self._alike(Session.open(choice)))
-            case messages.Require(index=index, least=least) if thresholds and index < m:
-                thresholds.require(index, least)
-            case messages.Maximize(index=index) if thresholds and index < m:
+            case messages.Require(index=index) if thresholds and index < len(thresholds.names):
+                thresholds.require(index, request.least)
+            case messages.Maximize(index=index) if thresholds and index < len(thresholds.names):
                 thresholds.maximize(index)
             case messages.Bookmark(name=name):
                 bookmark(self._choice.run, name, steered.tradeoff)
@@ -128,6 +130,7 @@ class RunExhibit:
 
     def _open(self, choice: library.Choice, session: Session) -> None:
         self._choice, self._lineup = choice, Lineup(session)
+        self._saving = Saving(choice, self._put)
         # shipped policies keep none
         self._bookmarks = bookmarks(choice.run) if own_folder(choice.run) else None
         self._asking: Asking | None = None
@@ -135,9 +138,8 @@ class RunExhibit:
         self._rounds = 0
         self._thresholds = None
         if session.front is not None:
-            self._thresholds = Thresholds(
-                session.player.policy, session.front, self._put, self._steer
-            )
+            policy, lower = session.player.policy, session.player.env.lower_is_better
+            self._thresholds = Thresholds(policy, session.front, self._put, self._steer, lower)
 
     def _alike(self, session: Session) -> Session:
         """Give a robot of another checkpoint what the present one has."""
@@ -167,6 +169,10 @@ class RunExhibit:
                 self._lineup.remove()
             case "free" if self._thresholds is not None:
                 self._thresholds.stop()
+            case "export":
+                self._saving.export(self._lineup.steered.tradeoff)
+            case "card" if self._thresholds is not None:
+                self._saving.card(self._thresholds.options())
             case "find" | "again":
                 self._find()
             case "use" | "leave":

@@ -44,7 +44,10 @@ class Press(Message):
     """Press a button."""
 
     act: Literal["press"]
-    name: Literal["reset", "push", "add", "remove", "free", "find", "skip", "use", "again", "leave"]
+    name: (
+        Literal["reset", "push", "add", "remove", "free", "export", "card"]
+        | Literal["find", "skip", "use", "again", "leave"]
+    )
 
 
 class Select(Message):
@@ -63,7 +66,10 @@ class Open(Message):
 
 
 class Require(Message):
-    """Require a return of an objective, clamped to the front's; null requires nothing."""
+    """Require a value, clamped to the front's; null requires nothing.
+
+    Indices from the number of objectives on are quantities, which may have to be at most `least`.
+    """
 
     act: Literal["require"]
     index: NonNegativeInt

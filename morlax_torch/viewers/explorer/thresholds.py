@@ -1,8 +1,9 @@
 """Choose a trade-off by what its policy must reach, while the robots go on."""
 
+import math
 import threading
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 from ...envs import MorlaxError
 from ...evaluation.front import Front
@@ -12,27 +13,44 @@ from ...runs.choosing import Chooser
 from .requests import Put
 from .session import Weights
 
-Wanted = tuple[dict[str, float], str]  # required returns, and the objective to maximize
+
+class Wanted(NamedTuple):
+    """Requirements by name, and the value to maximize."""
+
+    at_least: dict[str, float]
+    maximize: str
+    at_most: dict[str, float]
 
 
 class Thresholds:
-    """Required returns, and the objective to maximize.
+    """Required values, and the value to maximize.
 
-    A thread of its own simulates, one search after the other.
+    Values are returns by objective, then measured quantities, by index. A thread of its own
+    simulates, one search after the other.
 
     Args:
         policy: to simulate, on the CPU.
         front: evaluated trade-offs to start from.
         put: queues a request.
         steer: called with the trade-off that was found.
+        lower_is_better: names of quantities; they are required to be at most, others at least.
     """
 
-    def __init__(self, policy: Policy, front: Front, put: Put, steer: Callable[[Weights], None]):
+    def __init__(
+        self,
+        policy: Policy,
+        front: Front,
+        put: Put,
+        steer: Callable[[Weights], None],
+        lower_is_better: Sequence[str] = (),
+    ):
         self._policy, self._front, self._put, self._steer = policy, front, put, steer
+        self._lower = lower_is_better
+        self.names = *front.objectives, *front.quantity_names
         self._chooser: Chooser | None = None
         self._wanted: Wanted | None = None  # by the user; None: no thresholds
         self.searching = False
-        self.levels: dict[int, float] = {}  # required returns by index of the objective
+        self.levels: dict[int, float] = {}  # required values by index
         self.maximized = 0
         self.found: Choice | None = None
         self.reason = ""  # why nothing was found
@@ -40,56 +58,69 @@ class Thresholds:
     def state(self) -> dict[str, Any]:
         """Describe the thresholds for a page."""
         return {
-            "levels": {str(index): least for index, least in self.levels.items()},
+            "levels": {str(index): level for index, level in self.levels.items()},
             "maximized": self.maximized,
             "searching": self.searching and self._wanted is not None,
-            "found": self.found and self.found._asdict(),
+            "found": self.found and _sent(self.found),
             "reason": self.reason,
         }
+
+    def options(self) -> list[str]:
+        """Return options of `morlax choose` that require the same."""
+        wanted = self._collected()
+        words = ["--maximize", wanted.maximize]
+        for option, levels in (("--at-least", wanted.at_least), ("--at-most", wanted.at_most)):
+            for name, level in levels.items():
+                words += [option, f"{name}={level}"]
+        return words
 
     def stop(self) -> None:
         """Require nothing, and ignore what the current search will find."""
         self.levels.clear()
         self._wanted, self.found, self.reason = None, None, ""
 
-    def require(self, index: int, least: float | None) -> None:
-        """Require a return of an objective, within the front's range, and search; None: any."""
-        returns = self._front.returns[:, index]
-        if least is None:
+    def require(self, index: int, level: float | None) -> None:
+        """Require a value, within the front's range, and search; None: any."""
+        values = self._front.values[:, index]
+        if level is None:
             self.levels.pop(index, None)
         else:
-            self.levels[index] = float(min(max(least, returns.min()), returns.max()))
+            self.levels[index] = float(min(max(level, values.min()), values.max()))
         if self.levels:
             self._choose()
         else:
             self.stop()
 
     def maximize(self, index: int) -> None:
-        """Get as much of an objective as the thresholds allow, and search if there are any."""
+        """Get as much of a value as the thresholds allow, and search if there are any."""
         self.maximized = index
         if self.levels:
             self._choose()
 
+    def _collected(self) -> Wanted:
+        named = {self.names[index]: level for index, level in self.levels.items()}
+        least = {name: level for name, level in named.items() if name not in self._lower}
+        most = {name: level for name, level in named.items() if name in self._lower}
+        return Wanted(least, self.names[self.maximized], most)
+
     def _choose(self) -> None:
         """Search for the trade-off that meets the thresholds, now or after the current search."""
-        names = self._front.objectives
-        required = {names[index]: least for index, least in self.levels.items()}
-        self._wanted = required, names[self.maximized]
+        self._wanted = self._collected()
         self.found, self.reason = None, ""
         if not self.searching:
             self.searching = True
-            threading.Thread(target=self._search, args=self._wanted, daemon=True).start()
+            threading.Thread(target=self._search, args=[self._wanted], daemon=True).start()
 
-    def _search(self, required: dict[str, float], maximize: str) -> None:
+    def _search(self, wanted: Wanted) -> None:
         """Search in another thread, and queue what follows."""
         found: Choice | Exception
         try:
             if self._chooser is None:
                 self._chooser = Chooser(self._policy, self._front)
-            found = self._chooser.choose(required, maximize)
+            found = self._chooser.choose(*wanted)
         except Exception as error:  # raised again where it can be shown
             found = error
-        self._put(lambda: self._end((required, maximize), found))
+        self._put(lambda: self._end(wanted, found))
 
     def _end(self, wanted: Wanted, found: Choice | Exception) -> None:
         """Steer to the choice, or keep why there is none; search again if thresholds changed."""
@@ -105,3 +136,9 @@ class Thresholds:
             self.reason = str(found)
         else:
             raise found
+
+
+def _sent(found: Choice) -> dict[str, Any]:
+    """Return a choice without quantities that JSON does not have."""
+    finite = {name: value for name, value in found.quantities.items() if math.isfinite(value)}
+    return found._replace(quantities=finite)._asdict()

@@ -1,11 +1,13 @@
 // The page: show the robots of an engine in real time, and react to the visitor.
 
+import { Recorded } from "./engines/recorded.js";
 import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
 import { Panel } from "./panel/panel.js";
 import { html, icon } from "./pictures.js";
 import { Talk } from "./panel/talk.js";
 import { even, parsed, shown } from "./panel/weights.js";
+import { Capture } from "./stage/capture.js";
 
 const PACES = [1, 0.5, 0.25];
 const $ = (id) => document.getElementById(id);
@@ -57,7 +59,7 @@ async function openPacked() {
   const list = $("run");
   list.replaceChildren(...runs.map((run) => new Option(run.title, run.folder)));
   list.hidden = runs.length < 2;
-  $("title").hidden = runs.length > 1;
+  $("title").classList.toggle("spoken", runs.length > 1);
   list.addEventListener("change", () => {
     query.delete("tradeoff");
     const run = runs.find(({ folder }) => folder === list.value);
@@ -99,15 +101,30 @@ async function open(run) {
   present(engine);
 }
 
+/** Show the recording of a run until a robot is loaded; returns whether there is one. */
+async function preview(folder) {
+  try {
+    const recorded = await Recorded.load(folder);
+    state.stage.show(recorded);
+    const ended = () => state.engine || $("loading").hidden;
+    recorded.play(state.stage, ended).catch(() => {}); // the robot itself follows
+    return true;
+  } catch {
+    return false; // the page works without
+  }
+}
+
 async function load({ title, folder, bytes, shared }) {
+  const recorded = !state.engine && (await preview(folder));
   const size = bytes + (state.engine ? 0 : shared);
   const begin = traffic.come;
   traffic.follow = () => {
     const [come, due] = [traffic.come - begin, size].map((x) => (x / 1e6).toFixed(1));
-    $("progress").textContent = `Loading ${title}: ${come} of ${due} MB`;
+    const what = recorded ? "Recorded; loading" : "Loading";
+    $("progress").textContent = `${what} ${title}: ${come} of ${due} MB`;
   };
   traffic.follow();
-  $("loading").classList.toggle("over", Boolean(state.engine));
+  $("loading").classList.toggle("over", recorded || Boolean(state.engine));
   $("loading").hidden = false;
   const { Local } = await import("./engines/local.js");
   const engine = await Local.load(folder);
@@ -196,9 +213,7 @@ function showPlayback(engine, stage) {
   $("timeline").max = past.length - 1;
   if (moment === null) $("timeline").value = past.length - 1;
   fill();
-  $("pause").replaceChildren(icon(stopped ? "play" : "pause"));
-  $("pause").title = stopped ? "Continue (space)" : "Pause (space)";
-  $("pause").setAttribute("aria-label", $("pause").title);
+  label("pause", stopped ? "Continue (space)" : "Pause (space)", stopped ? "play" : "pause");
   $("pace").textContent = `${pace}×`;
 }
 
@@ -229,17 +244,16 @@ function wireControls() {
     push: () => state.engine.press("push"),
     reset: () => state.engine.press("reset"),
     camera: () => state.stage.lookHome(),
-    photo: () => save().catch((error) => announce(sentence(error))),
+    photo: () => photograph().catch((error) => announce(sentence(error))),
+    clip: () => film().catch((error) => announce(sentence(error))),
     talk: () => state.talk.start(),
     pace: () => state.engine.setPace(PACES[(PACES.indexOf(state.engine.pace) + 1) % PACES.length]),
   };
-  for (const [name, act] of Object.entries(actions)) {
-    $(name).addEventListener("click", act);
-    if (name !== "pace") {
-      $(name).replaceChildren(icon(name));
-      $(name).setAttribute("aria-label", $(name).title);
-    }
+  for (const [button, act] of Object.entries(actions)) {
+    $(button).addEventListener("click", act);
+    if (button !== "pace") label(button, $(button).title);
   }
+  $("clip").hidden = !Capture.canRecord;
   $("timeline").addEventListener("input", () => {
     state.from = Math.min(Number($("timeline").value), state.stage.past.length - 1);
     state.stage.moment = state.from;
@@ -250,18 +264,43 @@ function wireControls() {
   addEventListener("keydown", (event) => {
     const typing = event.target.closest("button, select, input, summary");
     if (!state.engine || typing || event.ctrlKey || event.metaKey || event.altKey) return;
-    const name = keys[event.key.toLowerCase()];
-    if (name) actions[name]();
-    if (name || state.talk.press(event.key) || press(state.engine, event.key)) event.preventDefault();
+    const button = keys[event.key.toLowerCase()];
+    if (button) actions[button]();
+    if (button || state.talk.press(event.key) || press(state.engine, event.key)) event.preventDefault();
   });
 }
 
 /** Save what the stage shows as a PNG file. */
-async function save() {
-  const address = URL.createObjectURL(await state.stage.picture());
-  const name = `${$("title").textContent} ${shown(state.engine.steered.tradeoff)}.png`;
-  html("a", { href: address, download: name }).click();
+async function photograph() {
+  download(await state.stage.picture(), "png");
+}
+
+/** Begin a clip, or end it and save it as a video. */
+async function film() {
+  const { capture } = state.stage;
+  const ends = capture.records;
+  label("clip", ends ? "Record a clip" : "End the clip and save it", ends ? "clip" : "stop");
+  $("clip").setAttribute("aria-pressed", !ends);
+  if (!ends) {
+    capture.record();
+    return;
+  }
+  const video = await capture.end();
+  download(video, video.type.includes("mp4") ? "mp4" : "webm");
+}
+
+function download(data, ending) {
+  const address = URL.createObjectURL(data);
+  const { about, steered } = state.engine;
+  html("a", { href: address, download: `${about.title} ${shown(steered.tradeoff)}.${ending}` }).click();
   URL.revokeObjectURL(address);
+}
+
+/** Give a button a title and an icon. */
+function label(button, title, picture = button) {
+  $(button).title = title;
+  $(button).setAttribute("aria-label", title);
+  $(button).replaceChildren(icon(picture));
 }
 
 /** Follow the system's light or dark theme, until the visitor switches. */

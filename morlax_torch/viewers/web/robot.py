@@ -27,8 +27,10 @@ from ..front_map import front_map
 from .checking import check
 from .model import WebModel, compiled
 from .recording import storage
+from .start import start
 from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, trace
 
+START = "start.bin"  # what the page shows first
 STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
 PUSH = 1.5  # m/s added to the robot's velocity by a push
@@ -48,6 +50,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     traced = trace(env)
     check(env, traced, torch.Generator().manual_seed(0))
     folder.mkdir(parents=True)
+    (folder / START).write_bytes(start(policy, env))
     export(policy, folder / "policy.onnx")
     for name, graph in (("before", traced.before), ("after", traced.after)):
         (folder / f"{name}.onnx").write_bytes(graph.onnx)

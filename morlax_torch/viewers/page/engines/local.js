@@ -1,6 +1,7 @@
 // Moves robots in this browser: the page needs no server. See `Remote` for the other engine.
 
 import { MOST } from "../colors.js";
+import { keeping, requirable } from "../requirements.js";
 import { Simulation } from "./simulation.js";
 
 const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
@@ -18,6 +19,7 @@ export class Local {
     Object.assign(this, { paused: false, pace: 1, names: null, asking: null });
     this.bookmarks = about.bookmarks; // trade-offs by name
     this.keeps = false; // new bookmarks
+    this.saving = null; // nothing can be written here
     this.can = { ask: false, contacts: false, open: false };
     this.failure = null;
     this.choosing = { levels: {}, maximized: 0, searching: false, found: null, reason: "" };
@@ -67,10 +69,10 @@ export class Local {
     }
   }
 
-  /** Require a return of an objective; null: any. */
-  require(index, least) {
+  /** Require a return or a measured quantity; null: any. */
+  require(index, level) {
     const { [index]: _, ...others } = this.choosing.levels;
-    this.#choose(least === null ? others : { ...others, [index]: least }, this.choosing.maximized);
+    this.#choose(level === null ? others : { ...others, [index]: level }, this.choosing.maximized);
   }
 
   maximize(index) {
@@ -123,20 +125,22 @@ export class Local {
 
   /** Take the best of the evaluated policies that keep what is required. */
   #choose(levels, maximized) {
-    const { returns, tradeoffs } = this.about.front;
-    const required = Object.entries(levels);
     this.choosing = { levels, maximized, searching: false, found: null, reason: "" };
-    if (!required.length) return;
-    const kept = returns.filter((row) => required.every(([i, least]) => row[i] >= least));
+    if (!Object.keys(levels).length) return;
+    const kept = keeping(this.about, levels);
     if (!kept.length) {
       this.choosing.reason = "no evaluated policy keeps all of this";
       return;
     }
-    const best = kept.reduce((a, b) => (b[maximized] > a[maximized] ? b : a));
-    const tradeoff = tradeoffs[returns.indexOf(best)];
-    const named = (row) => Object.fromEntries(this.about.objectives.map((name, i) => [name, row[i]]));
-    const free = Math.max(...returns.map((row) => row[maximized]));
-    this.choosing.found = { tradeoff, returns: named(best), cost: free - best[maximized], simulated: 0 };
+    const numbers = requirable(this.about);
+    const { values } = numbers.find(({ index }) => index === maximized);
+    const best = kept.reduce((a, b) => (values[b] > values[a] ? b : a));
+    const named = (some) => Object.fromEntries(some.map(({ name, values }) => [name, values[best]]));
+    const m = this.about.objectives.length;
+    const [returns, quantities] = [named(numbers.slice(0, m)), named(numbers.slice(m))];
+    const tradeoff = this.about.front.tradeoffs[best];
+    const cost = Math.max(...values) - values[best];
+    this.choosing.found = { tradeoff, returns, quantities, cost, simulated: 0 };
     this.steer(tradeoff);
   }
 }

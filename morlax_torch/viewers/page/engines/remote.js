@@ -1,9 +1,9 @@
 // Robots that a server moves: `morlax explore` and `morlax teach`. See `Local` for the other engine.
 
 import { Problem } from "../files.js";
+import { arraysOf } from "./arrays.js";
 
 const [MODEL, FRAME] = [0, 1]; // first number of a message that is not JSON
-const ARRAYS = { float32: Float32Array, int32: Int32Array };
 const AGAIN = 1000; // ms until a lost connection is tried again
 
 export class Remote {
@@ -65,6 +65,11 @@ export class Remote {
 
   get bookmarks() {
     return this.state.bookmarks ?? null;
+  }
+
+  /** What the server writes or has written: `busy` and a sentence; null: it writes nothing. */
+  get saving() {
+    return this.state.saving ?? null;
   }
 
   get keeps() {
@@ -153,8 +158,8 @@ export class Remote {
   }
 
   #receive(buffer) {
-    const [kind, length] = new Int32Array(buffer, 0, 2);
-    if (kind === MODEL) this.next.model = modelOf(buffer, length);
+    const [kind] = new Int32Array(buffer, 0, 1);
+    if (kind === MODEL) this.next.model = arraysOf(buffer, 4);
     const known = this.next ?? this;
     if (kind !== FRAME || !known.model) return;
     const now = performance.now();
@@ -187,15 +192,6 @@ export class Remote {
     if (robots.length !== this.robots.length) this.scene = {};
     this.robots = robots.map((robot, i) => Object.assign(robot, this.poses[i]));
   }
-}
-
-function modelOf(buffer, length) {
-  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
-  const model = { nbody: header.nbody, ngeom: header.ngeom };
-  for (const [name, [type, at, size]] of Object.entries(header.arrays)) {
-    model[name] = new ARRAYS[type](buffer, 8 + length + at, size);
-  }
-  return model;
 }
 
 function posesOf(numbers, nbody) {

@@ -22,7 +22,7 @@ export class Charts {
     const drawn = this.charts.map((chart) => {
       chart.drawing = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart", role: "img" });
       chart.drawing.setAttribute("aria-label", `${chart.title} of the last ${SECONDS} s`);
-      return html("figure", {}, html("figcaption", { textContent: chart.title }), chart.drawing);
+      return html("figure", {}, caption(chart), chart.drawing);
     });
     $("charts").replaceChildren(...drawn);
     this.#forget(null);
@@ -71,4 +71,14 @@ export class Charts {
     });
     drawing.replaceChildren(...ends, ...lines, ...scale);
   }
+}
+
+/** Return the title of a chart, and its lines' names if there are several. */
+function caption({ title, names, colors }) {
+  const lines = names.length < 2 ? [] : names.map((name, k) => {
+    const line = html("span", { className: "dot", textContent: name });
+    line.style.setProperty("--color", colors[k]);
+    return line;
+  });
+  return html("figcaption", {}, title, ...lines);
 }

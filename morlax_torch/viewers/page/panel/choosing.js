@@ -1,7 +1,8 @@
-// Choose a trade-off by what its policy must reach: returns of an episode.
+// Choose a trade-off by what its policy must reach: returns of an episode, or measured quantities.
 
 import { colorOf } from "../colors.js";
-import { html, short } from "../pictures.js";
+import { short } from "../pictures.js";
+import { requirable } from "../requirements.js";
 import { Sliders } from "./sliders.js";
 
 const $ = (id) => document.getElementById(id);
@@ -10,34 +11,35 @@ export class ChoosingPanel {
   /** @param settled called when thresholds have changed. */
   constructor(engine, settled) {
     this.engine = engine;
-    const { objectives, front } = engine.about;
-    const options = objectives.map((name, i) => new Option(name, i));
-    $("maximize").replaceChildren(...options);
+    this.numbers = requirable(engine.about);
+    const rising = this.numbers.filter(({ lower }) => !lower);
+    $("maximize").replaceChildren(...rising.map(({ name, index }) => new Option(name, index)));
     $("maximize").onchange = () => {
       engine.maximize(Number($("maximize").value));
       settled();
     };
     $("free").onclick = () => engine.press("free");
-    this.lowest = objectives.map((_, i) => Math.min(...front.returns.map((row) => row[i])));
-    const rows = objectives.map((name, i) => {
-      const high = Math.max(...front.returns.map((row) => row[i]));
-      const format = (value) => (value > this.lowest[i] ? `≥ ${short(value)}` : "any");
-      return { name, label: `at least ${name}`, limits: [this.lowest[i], high], color: colorOf(i), format };
-    });
+    const m = engine.about.objectives.length;
+    const colors = this.numbers.map((_, i) => (i < m ? colorOf(i) : "var(--ink)"));
+    this.rows = this.numbers.map((number, i) => rowOf(number, colors[i]));
     this.asked = {}; // shown while a visitor drags
-    const move = (index, value) => {
-      this.asked[index] = value;
+    const move = (i, value) => {
+      this.asked[i] = value;
       this.sliders.show(this.#values());
     };
     const done = () => {
-      for (const [index, value] of Object.entries(this.asked)) {
-        engine.require(Number(index), value > this.lowest[index] ? value : null);
+      for (const [i, value] of Object.entries(this.asked)) {
+        engine.require(this.numbers[i].index, isFree(this.rows[i], value) ? null : value);
       }
       this.asked = {};
       this.key = null;
       settled();
     };
-    this.sliders = new Sliders(rows, move, done);
+    this.sliders = new Sliders(this.rows, move, done);
+    this.sliders.inputs.forEach((input, i) => {
+      input.value = this.rows[i].rest;
+      this.rows[i].rest = Number(input.value); // the last step may lie before the right end
+    });
     $("levels").replaceChildren(...this.sliders.elements);
   }
 
@@ -55,17 +57,34 @@ export class ChoosingPanel {
 
   #values() {
     const { levels } = this.engine.choosing;
-    return this.lowest.map((low, i) => this.asked[i] ?? levels[i] ?? low);
+    return this.numbers.map(({ index }, i) => this.asked[i] ?? levels[index] ?? this.rows[i].rest);
   }
 
-  #result({ searching, found, reason, maximized }) {
+  #result({ searching, found, reason, levels, maximized }) {
     if (searching) return "Simulating policies…";
     if (reason) return `${reason[0].toUpperCase()}${reason.slice(1).replace(/\.$/, "")}.`;
     if (!found) return "";
-    const returns = Object.entries(found.returns).map(([name, value]) => `${name} ${short(value)}`);
+    const listed = (values) => values.map(([name, value]) => `${name} ${short(value)}`).join(", ");
     const how = found.simulated ? "Simulated" : "Evaluated";
-    const name = this.engine.about.objectives[maximized];
-    const cost = found.cost > 0 ? ` This costs ${short(found.cost)} of ${name}.` : "";
-    return `${how} returns: ${returns.join(", ")}.${cost}`;
+    const used = this.numbers.filter(({ index }) => index in levels || index === maximized);
+    const quantities = used.filter(({ name }) => name in found.quantities);
+    const measured = listed(quantities.map(({ name }) => [name, found.quantities[name]]));
+    const { name } = this.numbers.find(({ index }) => index === maximized);
+    return [
+      `${how} returns: ${listed(Object.entries(found.returns))}.`,
+      ...(measured ? [`Measured: ${measured}.`] : []),
+      ...(found.cost > 0 ? [`This costs ${short(found.cost)} of ${name}.`] : []),
+    ].join(" ");
   }
 }
+
+/** Return a slider; `rest` is the end at which it requires nothing. */
+function rowOf({ name, lower, values }, color) {
+  const limits = [Math.min(...values), Math.max(...values)];
+  const row = { name: `at ${lower ? "most" : "least"} ${name}`, lower, limits, color };
+  row.rest = limits[lower ? 1 : 0];
+  row.format = (value) => (isFree(row, value) ? "any" : `${lower ? "≤" : "≥"} ${short(value)}`);
+  return row;
+}
+
+const isFree = ({ lower, rest }, value) => (lower ? value >= rest : value <= rest);

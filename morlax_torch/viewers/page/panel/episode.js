@@ -61,7 +61,7 @@ export class Episode {
       title.style.setProperty("--color", colorOf(i));
       return html("tr", {}, title, ...this.cells[i]);
     });
-    $("episode").replaceChildren(html("tr", {}, html("th"), ...head), ...rows);
+    $("episode").replaceChildren(html("tr", {}, html("td"), ...head), ...rows);
   }
 
   #described({ returns, seconds, fell }, names) {

@@ -8,7 +8,9 @@ import { Episode } from "./episode.js";
 import { FrontPlot } from "./front.js";
 import { LineupPanel, RobotNames } from "./lineup.js";
 import { html } from "../pictures.js";
+import { keeping } from "../requirements.js";
 import { RunLists } from "./runs.js";
+import { SavingPanel } from "./saving.js";
 import { Sliders } from "./sliders.js";
 import { Triangle } from "./triangle.js";
 import { TypedWeights } from "./typing.js";
@@ -49,6 +51,7 @@ export class Panel {
       new LineupPanel(engine),
       new Episode(engine),
       new Charts(engine),
+      new SavingPanel(engine),
     );
     if (this.front) this.parts.push(new ChoosingPanel(engine, settled));
   }
@@ -79,10 +82,8 @@ export class Panel {
   #standing() {
     const { asking, choosing } = this.engine;
     if (asking) return asking.possible;
-    const levels = Object.entries(choosing?.levels ?? {});
-    if (!levels.length) return null;
-    const kept = (row) => levels.every(([i, least]) => row[i] >= least);
-    return this.front.returns.flatMap((row, i) => (kept(row) ? [i] : []));
+    const levels = choosing?.levels ?? {};
+    return Object.keys(levels).length ? keeping(this.engine.about, levels) : null;
   }
 
   #showWeights(choose, settled) {

@@ -15,7 +15,7 @@ export class RunLists {
     const key = JSON.stringify([runs, run, checkpoints, checkpoint]);
     if (key === this.key || !runs) return;
     this.key = key;
-    $("title").hidden = true;
+    $("title").classList.add("spoken");
     $("run").hidden = false;
     $("run").replaceChildren(...Object.entries(runs).map(([name, label]) => new Option(label, name)));
     $("run").value = run;

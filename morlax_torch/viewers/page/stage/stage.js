@@ -5,6 +5,7 @@ import { OrbitControls } from "../libraries/OrbitControls.js";
 import { robotColor } from "../colors.js";
 import { Problem } from "../files.js";
 import { html } from "../pictures.js";
+import { Capture } from "./capture.js";
 import { Quality, isAccelerated } from "./quality.js";
 import { Robot, quaternionAt } from "./robot.js";
 import { PLANE, shownGeoms } from "./shapes.js";
@@ -28,6 +29,7 @@ export class Stage {
   constructor(canvas, labels) {
     this.canvas = canvas;
     this.labels = labels;
+    this.capture = new Capture(canvas, labels);
     const accelerated = isAccelerated();
     const context = canvas.getContext("webgl2", { antialias: accelerated });
     if (!context) {
@@ -54,7 +56,7 @@ export class Stage {
   show(engine) {
     for (const robot of this.robots ?? []) robot.dispose();
     const { model, about, robots, scene } = engine;
-    const same = this.model === model;
+    const same = this.model === model || this.engine?.isRecorded;
     const many = robots.length > 1;
     Object.assign(this, { engine, model, source: scene });
     this.scene = new THREE.Scene();
@@ -131,7 +133,7 @@ export class Stage {
   /** Return a picture of the present drawing, as a PNG file's data. */
   picture() {
     this.draw(1);
-    return new Promise((resolve) => this.canvas.toBlob(resolve));
+    return this.capture.picture();
   }
 
   /** Draw the moment `share` in [0, 1] of the way from the former poses to the latest. */
@@ -156,6 +158,7 @@ export class Stage {
     this.surroundings.follow(ways, this.center, this.camera.position);
     this.renderer.render(this.scene, this.camera);
     this.#placeLabels();
+    if (this.capture.records) this.capture.copy(); // a browser forgets the drawing soon
   }
 
   /** Return the poses of a robot to draw between. */
