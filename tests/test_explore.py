@@ -155,7 +155,8 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.until(lambda: view.value("run") == 0.75, "typing has no effect")
     for text in ("0.7", "-1, 2, 0", "0, 0, 0", "nan, 1, 1", "Infinity, 1, 1", "run"):
         view.tab.fill("#typed", text)
-    view.tab.wait_for_timeout(300)
+    view.tab.locator("#typed").blur()
+    view.until(lambda: view.field() == "0.75, 0.25, 0", "nonsense is kept")
     assert view.value("run") == 0.75 and view.value("energy") == 0.25
 
     # the front: a click picks a policy, and its mark moves there
@@ -333,8 +334,9 @@ def test_a_picture_and_a_clip_are_saved_with_the_names_of_the_robots(visit, tmp_
         view.tab.click("#clip")
     file = tmp_path / clip.value.suggested_filename
     clip.value.save_as(file)
-    about, *frames = imageio_ffmpeg.read_frames(str(file))
-    assert about["duration"] > 0.1 and len({bytes(frame) for frame in frames}) > 1
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", file, "-f", "framemd5", "-"
+    lines = subprocess.run(ffmpeg, capture_output=True, check=True, text=True).stdout.splitlines()
+    assert len({line.split(",")[-1] for line in lines if not line.startswith("#")}) > 1
     view.press("remove")
 
 
