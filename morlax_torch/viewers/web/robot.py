@@ -59,8 +59,8 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
         (folder / name).write_bytes(data)
     front = front_of(run, policy, device)
     about = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
-    everything = {**about, **_described(env, traced, model), "front": front_map(front, env.dt, env.lower_is_better)}
-    everything["bookmarks"] = bookmarks(run)
+    drawn = {"front": front_map(front, env.dt, env.lower_is_better), "bookmarks": bookmarks(run)}
+    everything = {**about, **_described(env, traced, model), **drawn}
     (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
     return about
 
