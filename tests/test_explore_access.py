@@ -163,14 +163,14 @@ def test_only_what_the_page_offers_is_accepted(address):
         client.send("tell", index=value, value=0.1)
         client.send("pause", on=value if value is not True else 1)
         client.send("select", robot=value)
-        client.send("require", index=value, least=None)
+        client.send("require", index=value, level=None)
         client.send("steer", weights=value)
         client.send("steer", weights=[value, 1, 1, 1, 1, 1] if value is not True else [])
         client.send("press", name=value)
     client.send("tell", index=7, value=0.1)
     client.send("tell", index=-1, value=0.1)
     client.send("select", robot=3)
-    client.send("require", index=6, least=1.0)
+    client.send("require", index=6, level=1.0)
     for weights in ([1], [1] * 7, [0] * 6, [-1, 1, 1, 1, 1, 1], [1e308] * 6, [1] * 10_000):
         client.send("steer", weights=weights)
 

@@ -335,7 +335,7 @@ ACTS = st.sampled_from(
 )
 FIELDS = st.sampled_from(
     [
-        *("weights", "index", "value", "on", "name", "robot", "run", "checkpoint", "least"),
+        *("weights", "index", "value", "on", "name", "robot", "run", "checkpoint", "level"),
         *("preferred", "act", "x"),
     ]
 )
@@ -349,7 +349,7 @@ KNOWN = st.sampled_from(
         {"act": "open", "run": "runs/b", "checkpoint": None},
         {"act": "open", "run": "runs/damaged", "checkpoint": None},
         {"act": "open", "run": "runs/a", "checkpoint": "latest"},
-        {"act": "require", "index": 0, "least": 50.0},
+        {"act": "require", "index": 0, "level": 50.0},
         {"act": "pause", "on": False},
     ]
 )

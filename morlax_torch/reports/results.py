@@ -147,8 +147,7 @@ def front_rows(front: Front) -> list[list]:
         *front.quantity_names,
         *("length", "falls", "non_dominated", "obeys"),
     ]
-    measured = () if front.quantities is None else (front.quantities,)
-    numbers = np.column_stack([front.tradeoffs, front.returns, *measured]).tolist()
+    numbers = np.column_stack([front.tradeoffs, front.values]).tolist()
     marks = np.column_stack([front.lengths, front.falls, front.non_dominated, front.obeys])
     pairs = zip(numbers, marks, strict=True)
     return [heads, *([*row, *(f"{mark:g}" for mark in some)] for row, some in pairs)]

@@ -110,7 +110,7 @@ class RunExhibit:
                 choice = library.choose(run, checkpoint)
                 self._open(choice, self._alike(Session.open(choice)))
             case messages.Require(index=index) if thresholds and index < len(thresholds.names):
-                thresholds.require(index, request.least)
+                thresholds.require(index, request.level)
             case messages.Maximize(index=index) if thresholds and index < len(thresholds.names):
                 thresholds.maximize(index)
             case messages.Bookmark(name=name):

@@ -66,14 +66,14 @@ class Open(Message):
 
 
 class Require(Message):
-    """Require a value, clamped to the front's; null requires nothing.
+    """Require the return of an objective, or a quantity, whose indices follow the objectives'.
 
-    Indices from the number of objectives on are quantities, which may have to be at most `least`.
+    The level is clamped to the front's range; null requires nothing.
     """
 
     act: Literal["require"]
     index: NonNegativeInt
-    least: float | None
+    level: float | None
 
 
 class Maximize(Message):

@@ -60,8 +60,9 @@ class Saving:
         done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True)
         lines = done.stdout.splitlines()
         told = [line for line in lines if line.startswith("written:")]
-        text = " ".join((done.stderr if done.returncode else "\n".join(told)).split())
-        self._put(lambda: self._end(text.removeprefix("error: ")))
+        error = done.stderr.rpartition("error: ")[2]  # progress may precede it
+        text = " ".join((error if done.returncode else "\n".join(told)).split())
+        self._put(lambda: self._end(text))
 
     def _end(self, text: str) -> None:
         self._busy, self._text = False, text

@@ -123,7 +123,7 @@ class Thresholds:
         self._put(lambda: self._end(wanted, found))
 
     def _end(self, wanted: Wanted, found: Choice | Exception) -> None:
-        """Steer to the choice, or keep why there is none; search again if thresholds changed."""
+        """Steer to the choice, or store the error; search again if the thresholds have changed."""
         self.searching = False
         if self._wanted is None:
             return

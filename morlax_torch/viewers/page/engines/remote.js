@@ -108,8 +108,8 @@ export class Remote {
     this.#send({ act: "open", run, checkpoint });
   }
 
-  require(index, least) {
-    this.#send({ act: "require", index, least });
+  require(index, level) {
+    this.#send({ act: "require", index, level });
   }
 
   maximize(index) {

@@ -61,8 +61,9 @@ export class Capture {
     context.setTransform(1, 0, 0, 1, 0, 0);
   }
 
-  /** Take the size of the drawing; videos need even numbers. */
+  /** Take the size of the drawing, between clips; videos need even numbers. */
   #size() {
+    if (this.records) return;
     this.canvas.width = 2 * Math.ceil(this.view.width / 2);
     this.canvas.height = 2 * Math.ceil(this.view.height / 2);
   }
