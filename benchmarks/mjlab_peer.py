@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from morlax_torch.envs.worlds.mjlab.config import add_effort
+from morlax_torch.envs.worlds.mjlab.config import add_terms
 
 LOUD = 100.0  # an action scale that bounds no action
 
@@ -76,7 +76,7 @@ def make_runner(
         importlib.import_module("mjlab.utils.torch").configure_torch_backends()
         cfg, agent = registry.load_env_cfg(task), registry.load_rl_cfg(task)
         cfg.scene.num_envs, cfg.seed, agent.seed = worlds, seed, seed
-        add_effort(cfg)
+        add_terms(cfg)
         for term, factor in (weights or {}).items():
             cfg.rewards[term].weight = factor * (cfg.rewards[term].weight or 1.0)
         agent.logger = "tensorboard"

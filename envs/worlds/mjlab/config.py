@@ -16,6 +16,7 @@ from ..options import Count, ObjectiveOptions, Objectives, Point
 
 OLDEST = 1, 6
 EFFORT = ("joint_torques_l2", "electrical_power_cost")  # mjlab's, for every robot
+ALIVE = "is_alive"  # mjlab's, too: 1 unless the episode terminates
 
 
 class MjlabOptions(ObjectiveOptions):
@@ -81,7 +82,7 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
         MorlaxError: an option names something that the task does not have.
     """
     cfg = load(name)
-    add_effort(cfg)
+    add_terms(cfg)
     groups = [options.shared, options.guide, *options.objectives.values()]
     used = list(dict.fromkeys(term for group in groups for term in group))
     known = [term for term, found in cfg.rewards.items() if found is not None]
@@ -134,15 +135,15 @@ def _registry() -> Any:
     return import_module("mjlab.tasks.registry")
 
 
-def add_effort(cfg: Any) -> None:
-    """Offer mjlab's terms of effort, of the first robot, to a task that lacks them."""
+def add_terms(cfg: Any) -> None:
+    """Offer mjlab's terms of effort, of the first robot, and of survival to a task without them."""
     functions = import_module("mjlab.envs.mdp")
     managers = import_module("mjlab.managers")
-    for term in EFFORT:
+    robot = managers.SceneEntityCfg(next(iter(cfg.scene.entities)), joint_names=(".*",))
+    for term, params in (*((term, {"asset_cfg": robot}) for term in EFFORT), (ALIVE, {})):
         if term not in cfg.rewards:
-            robot = managers.SceneEntityCfg(next(iter(cfg.scene.entities)), joint_names=(".*",))
             cfg.rewards[term] = managers.RewardTermCfg(
-                func=getattr(functions, term), weight=0.0, params={"asset_cfg": robot}
+                func=getattr(functions, term), weight=0.0, params=params
             )
 
 
