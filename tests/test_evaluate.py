@@ -127,6 +127,15 @@ def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
     assert (folder / "report.html").is_file()
 
 
+def test_returns_under_another_protocol_do_not_replace_the_run_s_front(workplace):
+    before = (workplace / "a/hopper/front.npz").read_bytes()
+    evaluate.command(["a/hopper", *FEW, "--protocol", "discounted"])
+    assert (workplace / "a/hopper/front.npz").read_bytes() == before
+    (folder,) = (workplace / "evaluations").iterdir()
+    assert Front.load(folder / "front.npz").reference_point.tolist() == [-100, -100]
+    assert "0.99^t" in (folder / "report.html").read_text()
+
+
 def test_a_reference_can_be_a_file_or_a_run(workplace):
     evaluate.command(["b/hopper", *FEW])
     found = []

@@ -1,4 +1,4 @@
-"""Evaluations measure the returns of deterministic policies under both protocols."""
+"""Evaluations measure the returns of deterministic policies under each protocol."""
 
 import gc
 
@@ -9,6 +9,7 @@ from same import assert_same
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs import TimeStep
+from morlax_torch.evaluation import evaluator as module
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.group import ALONE, Group
@@ -110,6 +111,20 @@ def test_the_paper_s_protocol_masks_only_the_failed_steps(agent):
     front = Evaluator(agent, Scripted(), TRADEOFFS, "paper").evaluate()
     assert front.returns.tolist() == [[115, 1150], [113, 1130], [103, 1030]]
     assert front.falls is not None and front.falls.tolist() == [0, 1, 1]
+
+
+def test_the_discounted_protocol_ends_with_the_failure_or_its_own_time_limit(agent, monkeypatch):
+    discounted = Evaluator(agent, Scripted(), TRADEOFFS, "discounted")
+    for _ in range(2):
+        front = discounted.evaluate()
+        whole = 1 + 2 * 0.99 + 4 * 0.99**2 + 8 * 0.99**3
+        expected = [whole, 1 + 2 * 0.99, 1 + 2 * 0.99 + 4 * 0.99**2]
+        np.testing.assert_allclose(front.returns[:, 0], expected, rtol=1e-6)
+        np.testing.assert_allclose(front.returns[:, 1], 10 * front.returns[:, 0], rtol=1e-6)
+    assert front.reference_point.tolist() == [-100, -100]
+    monkeypatch.setattr(module, "HORIZON", 3)
+    front = Evaluator(agent, Scripted(), TRADEOFFS, "discounted").evaluate()
+    assert front.lengths.tolist() == [3, 2, 3] and front.returns[0, 0] == pytest.approx(expected[2])
 
 
 def test_what_happens_after_an_episode_is_over_does_not_count(agent):
@@ -276,7 +291,7 @@ def test_episodes_of_one_tradeoff_are_averaged(front):
     assert mean.falls is not None and mean.falls.tolist() == [0, 0.5, 1]
 
 
-@pytest.mark.parametrize("protocol", ("latched", "paper"))
+@pytest.mark.parametrize("protocol", ("latched", "paper", "discounted"))
 def test_a_fall_on_the_last_step_counts(agent, protocol):
     env = Scripted()
     env.FAILED = torch.tensor([[False, False, False, failed] for failed in (True, False, False)])

@@ -8,6 +8,7 @@ import torch
 from morlax_torch import MorlaxError, envs
 from morlax_torch.adapters.morl_baselines import MorlBaselinesAgent
 from morlax_torch.gpu.resources import one_thread
+from morlax_torch.runs.evaluating import evaluate
 
 TASK = "morlax_torch/Hopper-v0"
 
@@ -55,6 +56,21 @@ def test_policy_evaluation_mo_gives_the_returns_of_the_worlds(make_policy):
     np.testing.assert_allclose(vector_discounted, discounted, rtol=1e-4)
     assert scalar == pytest.approx(tradeoff @ returns, rel=1e-4)
     assert scalar_discounted == pytest.approx(tradeoff @ discounted, rel=1e-4)
+
+
+def test_the_discounted_protocol_gives_what_morl_baselines_measures_in_mo_gymnasium(make_policy):
+    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
+    mo_gymnasium = pytest.importorskip("mo_gymnasium")
+    changes = {"task": {"reset_noise": 0.0}, "evaluation": {"seeds": 1}}
+    policy = make_policy("mo-gymnasium/hopper-2obj", **changes)
+    front = evaluate(policy, 4, "discounted", "cpu")
+    assert front.reference_point.tolist() == [-100, -100] and front.lengths.max() > 20
+    original = mo_gymnasium.make("mo-hopper-2obj-v5", reset_noise_scale=0.0)
+    agent = MorlBaselinesAgent(policy, gamma=0.99)
+    with one_thread(torch.device("cpu")):
+        for tradeoff, returns in zip(front.tradeoffs, front.returns, strict=True):
+            *_, discounted = evaluation.eval_mo(agent, original, w=tradeoff)
+            np.testing.assert_allclose(returns, discounted, rtol=1e-3)
 
 
 def gpi_ls(env: gymnasium.Env, **small):

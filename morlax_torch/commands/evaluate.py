@@ -29,7 +29,7 @@ def command(arguments: Sequence[str]) -> None:
             tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)"),
         ],
         tradeoffs: int | None = None,
-        protocol: Literal["latched", "paper"] = "latched",
+        protocol: Literal["latched", "paper", "discounted"] = "latched",
         device: Device = None,
         backend: str | None = None,
         seed: int = 0,
@@ -52,7 +52,9 @@ def command(arguments: Sequence[str]) -> None:
                 random draws for more (None: as in training).
             protocol: How returns are counted. latched: up to and including the first failed step.
                 paper: as in the paper's tables, which draw 1024 trade-offs at random;
-                failed steps earn no reward, and the reward of the reset is added.
+                failed steps earn no reward, and the reward of the reset is added. discounted: as
+                C-MORL and D3PO on MO-Gymnasium's tasks, by 0.99 per step, over at most 500 steps;
+                the reference point is -100 in every objective.
             backend: Simulator: warp or mujoco (None: chosen by device).
             seed: Random seed of the worlds.
             seeds: Episodes per trade-off, to average over; for tasks with random starts, models or
@@ -60,7 +62,7 @@ def command(arguments: Sequence[str]) -> None:
             reference: Reference front of IGD+: a front.npz or a run (None: the best points of all
                 runs, if there are several).
             output: Output folder (None: the run's folder, or evaluations/<time> for several runs,
-                a shipped policy or a checkpoint other than best.pt).
+                a shipped policy, a checkpoint other than best.pt or another protocol than latched).
         """
         if not runs:
             raise MorlaxError(

@@ -15,7 +15,8 @@ from ..networks.agent import Agent
 from ..phases import phase
 from .front import Front
 
-Protocol = Literal["latched", "paper"]
+Protocol = Literal["latched", "paper", "discounted"]
+DISCOUNT, HORIZON, REFERENCE = 0.99, 500, -100.0  # of the protocol "discounted"
 SETS = 2  # of episodes where a task is random: one is reported, one chooses checkpoints
 STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
 
@@ -37,7 +38,10 @@ class Evaluator:
     `latched`, the default protocol: a return is the sum of rewards up to and including the first
     step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an
     episode early; steps on which the robot counts as failed earn nothing, later ones may, and the
-    reward that the paper's `reset` returns is added.
+    reward that the paper's `reset` returns is added. `discounted`, the protocol of C-MORL (ICLR
+    2025) and D3PO (arXiv 2602.07764) on MO-Gymnasium's tasks: a return is the sum of 0.99^t r_t up
+    to and including the step that ends the episode, of 500 steps at most, and the reference point
+    is -100 in every objective.
 
     Args:
         agent: the policies, read anew at each evaluation.
@@ -85,13 +89,16 @@ class Evaluator:
         # sums of what the worlds measure, then the number of measured steps
         size = env.measure().shape[1] + 1 if env.quantities else 0
         self._measured = self._returns.new_zeros(len(tradeoffs), size)
+        self._discounted = protocol == "discounted"
+        self._weight = torch.ones((), device=env.device)  # of the next step's rewards
+        self._horizon = min(HORIZON, env.episode_length) if self._discounted else env.episode_length
         with torch.no_grad():
             actors = agent.actors(self.tradeoffs)
         # a recorded graph reads parameters at fixed addresses
         parameters = {name: value.clone() for name, value in actors.parameters.items()}
         self._actors = actors._replace(parameters=parameters)
         possible = range(1, STEPS_PER_GRAPH + 1)
-        self._stride = max(n for n in possible if env.episode_length % n == 0)
+        self._stride = max(n for n in possible if self._horizon % n == 0)
         self._steps = Graph(self._some_steps, env.device, [env.generator], self._one_step)
 
     def compile(self) -> None:
@@ -129,14 +136,15 @@ class Evaluator:
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
+        self._weight.fill_(1.0)
         sums = self._returns, self._measured
         for values in (self._fallen, self._blown_up, self._lengths, *sums):
             values.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         with one_thread(self.env.device):
-            for step in range(0, self.env.episode_length, self._stride):
-                phase(f"evaluating {self.number} trade-offs", step / self.env.episode_length)
+            for step in range(0, self._horizon, self._stride):
+                phase(f"evaluating {self.number} trade-offs", step / self._horizon)
                 self._steps()
         generator.set_state(state)
         return self._fronts()
@@ -164,7 +172,7 @@ class Evaluator:
             self._points.copy(),
             returns,
             lengths.astype(np.int32),
-            np.array(self.env.reference_point),
+            np.full(m, REFERENCE) if self._discounted else np.array(self.env.reference_point),
             falls,
             blowups if self._knows_blowups else None,
         )
@@ -183,14 +191,16 @@ class Evaluator:
     @torch.no_grad()
     def _one_step(self) -> None:
         step = self.env.step(self._actors.act(self._observation[:, None])[:, 0])
-        latched = self.protocol == "latched"
+        latched = self.protocol != "paper"
         self._fallen |= step.terminated & self._alive if latched else step.terminated
         self._knows_blowups = step.blown_up is not None
         if step.blown_up is not None:
             self._blown_up |= step.blown_up & self._alive if latched else step.blown_up
         if not latched:
             self._alive.copy_(~step.terminated)
-        self._returns += torch.where(self._alive[:, None], step.reward, 0.0)
+        self._returns += self._weight * torch.where(self._alive[:, None], step.reward, 0.0)
+        if self._discounted:
+            self._weight *= DISCOUNT
         self._lengths += self._alive
         over = step.terminated | step.truncated
         if self.env.quantities:  # after the last step of an episode, a new one may have begun

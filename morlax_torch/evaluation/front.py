@@ -23,7 +23,7 @@ class Front(NamedTuple):
 
     objectives: tuple[str, ...]
     tradeoffs: np.ndarray  # (K, m)
-    returns: np.ndarray  # (K, m) undiscounted sums
+    returns: np.ndarray  # (K, m) sums of rewards, discounted only by the protocol of that name
     lengths: np.ndarray  # (K,) control steps until the episode ended
     reference_point: np.ndarray  # (m,)
     falls: np.ndarray | None = None  # (K,) share of episodes that failed; None: unknown

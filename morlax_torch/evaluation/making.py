@@ -8,7 +8,7 @@ from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
 from .evaluator import Evaluator, Protocol
 
-PAPER_TRADEOFFS = 1024  # of the paper's tables
+DRAWN_TRADEOFFS = 1024  # of the paper's tables, and of D3PO's
 
 
 def make_evaluator(
@@ -25,7 +25,7 @@ def make_evaluator(
     """Make the evaluator of an agent, with the same worlds for every training seed.
 
     Trade-offs are an even grid for two objectives; the corners and fixed random draws for more;
-    random draws with the paper's protocol. None: the config's number, or the paper's 1,024.
+    random draws with the protocols of published tables. None: the config's number, or their 1,024.
     `seeds` are episodes per trade-off and set; None: the config's number. For the other arguments
     see `Evaluator`.
 
@@ -33,12 +33,12 @@ def make_evaluator(
         MorlaxError: a number is out of range, or nothing in the task is random although
             `seeds` > 1.
     """
-    paper = protocol == "paper"
+    published = protocol != "latched"
     if tradeoffs is None:
-        tradeoffs = PAPER_TRADEOFFS if paper else config.evaluation.tradeoffs
+        tradeoffs = DRAWN_TRADEOFFS if published else config.evaluation.tradeoffs
     seeds = config.evaluation.seeds if seeds is None else seeds
     points = evaluation_tradeoffs(tradeoffs, num_objectives)  # refuses too few
-    if paper:
+    if published:
         points = dirichlet_tradeoffs(tradeoffs, num_objectives)
     env = evaluation_worlds(config, tradeoffs, seeds, seed, sets, group)
     return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)

@@ -28,6 +28,7 @@ from .results import write
 PROTOCOLS = {
     "latched": "a return ends with the first failed step",
     "paper": "failed steps earn no reward, and the reward of the reset is added",
+    "discounted": "a return is the sum of 0.99^t times the rewards of at most 500 steps",
 }
 MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them
 
@@ -87,7 +88,7 @@ def evaluate_runs(
     for name, run in named.items():
         about_run = histories[name], comparison.measures(fronts[name], target), machines[name]
         found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
-    folder = output or default_output(runs)
+    folder = output or default_output(runs, protocol)
     about = (
         f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on {place}, "
         f"{f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
@@ -99,7 +100,7 @@ def evaluate_runs(
     picture = portrait(first)
     phase("writing the report")
     write(found, folder, about, typed, picture)
-    if output is None and len(runs) == 1 and own_folder(runs[0]):
+    if output is None and len(runs) == 1 and own_folder(runs[0]) and protocol == "latched":
         (path,), (front,) = files.values(), fronts.values()
         front.save(front_path(path))  # where `load_front` looks
     return found, folder
@@ -129,14 +130,15 @@ def reference_front(
     return front.returns[front.non_dominated]
 
 
-def default_output(runs: Sequence[str]) -> Path:
+def default_output(runs: Sequence[str], protocol: Protocol = "latched") -> Path:
     """Return the run's folder; for several runs or a shipped policy, evaluations/<time>.
 
-    So for a checkpoint that is not the run's best: the files in its folder are of best.pt.
+    So for a checkpoint that is not the run's best, and for other protocols than training has: the
+    files in its folder are of best.pt, evaluated as in training.
     """
     folder, path = own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
-    if len(runs) > 1 or folder is None or other:
+    if len(runs) > 1 or folder is None or other or protocol != "latched":
         return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
     return folder
 
