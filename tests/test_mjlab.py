@@ -143,9 +143,14 @@ def test_tuned_configs_name_terms_of_the_task(robot):
     config, _, _ = read(["--env", f"mjlab:Mjlab-Velocity-Flat-Unitree-{robot}", "--device", "cpu"])
     assert len(config.task.objectives) >= 3
     assert config.task.guide and "tracking" in config.task.objectives
-    assert len(config.sampling.focus) == len(config.task.objectives)
+
+
+def test_other_objectives_drop_a_focus_that_weighs_the_tuned_ones():
+    env = "mjlab:Mjlab-Velocity-Flat-Unitree-G1"
+    tuned = config_for(env, device="cpu")
+    assert len(tuned.sampling.focus) == len(tuned.task.objectives)
     own = {"task.objectives": {"rise": {"upright": 1.0}, "save": {"joint_torques_l2": 1.0}}}
-    assert config_for(config.env, device="cpu", **own).sampling.focus is None
+    assert config_for(env, device="cpu", **own).sampling.focus is None
 
 
 MISTAKES = [
