@@ -51,11 +51,11 @@ def main(
     for run in runs:
         policy = load(run, place)
         walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
+        free = {"non-dominated": str((~dominated(walks.returns, walks.returns)).sum())}
         for label, index in (("best tracking", walks.best), ("least power", walks.cheapest)):
-            rows.append((run.name, label, *walks.told(index)))
+            weights, values = walks.told(index)
+            rows.append((run.name, label, weights, values | free))
         fronts.append(walks.returns)
-        free = (~dominated(walks.returns, walks.returns)).sum()
-        counts.append(f"{run.name}: {free} of {tradeoffs} policies are non-dominated")
     if peers is not None:
         task = policy.config.env.rpartition(":")[2]
         loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})

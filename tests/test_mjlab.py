@@ -1,5 +1,6 @@
 """Tasks of mjlab: their rewards, their last observations, and runs in them."""
 
+import csv
 import json
 import os
 import subprocess
@@ -275,9 +276,10 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "best tracking" in done.stdout and "mjlab: lazy" in done.stdout
-    assert "of 4 policies are non-dominated" in done.stdout
     assert len(list(tmp_path.glob("*.pt"))) == 1
-    assert len(rows.read_text().splitlines()) == 1 + 2 + 1
+    best, cheapest, lazy = csv.DictReader(rows.read_text().splitlines())
+    assert best["non-dominated"] == cheapest["non-dominated"] in ("1", "2", "3", "4")
+    assert lazy["policy"] == lazy["non-dominated"] == ""
 
 
 @pytest.mark.parametrize("name", [GO1, G1])
