@@ -101,8 +101,8 @@ class View:
         """Return where the slider with this label stands."""
         return float(self.slider(label).input_value())
 
-    def drag(self, label: str, share: float) -> None:
-        """Drag the slider with this label to a share of its length."""
+    def drag(self, label: str, share: float) -> float:
+        """Drag the slider with this label to a share of its length, and return its value there."""
         slider = self.slider(label)
         slider.scroll_into_view_if_needed()
         box, mouse = slider.bounding_box(), self.tab.mouse
@@ -110,7 +110,9 @@ class View:
         mouse.move(box["x"] + box["width"] / 3, height)
         mouse.down()
         mouse.move(box["x"] + 10 + (box["width"] - 20) * share, height, steps=4)
+        value = self.value(label)
         mouse.up()
+        return value
 
     def press(self, name: str) -> None:
         self.tab.get_by_role("button", name=name, exact=True).click()

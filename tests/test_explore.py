@@ -143,8 +143,9 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.until(lambda: view.tradeoff() == pytest.approx((1 / 3,) * 3, abs=1e-3), "no balance")
 
     # drag a slider: the other weights shrink in proportion
-    view.drag("run", 0.8)
-    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.8, abs=0.04), "slider has no effect")
+    run = view.drag("run", 0.8)
+    assert run == pytest.approx(0.8, abs=0.04)
+    view.until(lambda: view.tradeoff()[0] == pytest.approx(run, abs=1e-3), "slider has no effect")
     first, *others = view.tradeoff()
     assert others == pytest.approx([(1 - first) / 2] * 2, abs=2e-3)
     view.until(lambda: view.value("energy") == pytest.approx(others[0], abs=6e-3), "they differ")
@@ -265,8 +266,9 @@ def test_robots_are_added_steered_and_removed_in_a_browser(visit, tmp_path):
     assert heads.all_inner_texts() == ["robot 1", "robot 2"]
 
     # the sliders steer the new robot only
-    view.drag("run", 0.2)
-    view.until(lambda: view.tradeoff()[0] == pytest.approx(0.2, abs=0.05), "it is not steered")
+    run = view.drag("run", 0.2)
+    assert run == pytest.approx(0.2, abs=0.05)
+    view.until(lambda: view.tradeoff()[0] == pytest.approx(run, abs=1e-3), "it is not steered")
     second = view.tradeoff()
     name = f"2: {second[0]:.2f}, {second[1]:.2f}"
     view.until(lambda: view.names() == ["1: 0.90, 0.10", name], "the names do not follow")
@@ -318,6 +320,7 @@ def test_axe_finds_no_barrier(visit):
 @pytest.mark.slow
 def test_a_picture_and_a_clip_are_saved_with_the_names_of_the_robots(visit, tmp_path):
     view = visit()
+    show(view, "runs/cheetah3/a", 3)
     view.press("add a robot")
     view.until(lambda: len(view.names()) == 2, "no second robot")
     with view.tab.expect_download() as photo:
