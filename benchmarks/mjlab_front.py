@@ -1,6 +1,6 @@
 """Compare fronts on a velocity task of mjlab with policies of mjlab's own training.
 
-python benchmarks/mjlab_front.py runs/go1-0 runs/go1-1 --peers LOGS --seconds 360
+python benchmarks/mjlab_front.py runs/go1-0 runs/go1-1 --peers default.pt effort.pt
 """
 
 import csv
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import mjlab_peer
 import tyro
-import yaml
 from mjlab_walks import dominated, walk
 from rich.table import Table
 
@@ -16,15 +15,10 @@ from morlax_torch import load
 from morlax_torch.envs import resolve_device
 from morlax_torch.terminal.cli import console
 
-WEIGHTINGS = Path(__file__).with_name("mjlab_weightings.yaml")
-
 
 def main(
     runs: tyro.conf.Positional[tuple[Path, ...]],
-    peers: Path | None = None,
-    weightings: Path = WEIGHTINGS,
-    seconds: float = 360.0,
-    worlds: int = 16384,
+    peers: tuple[Path, ...] = (),
     tradeoffs: int = 64,
     episodes: int = 24,
     seed: int = 0,
@@ -35,14 +29,10 @@ def main(
 
     Args:
         runs: Folders of runs of one task.
-        peers: Folder for policies of mjlab's own training, one for each weighting; those that are
-            missing are trained first.
-        weightings: YAML file of weightings, by task and name.
-        seconds: Training time of each of them, in seconds.
-        worlds: Worlds that they train in.
+        peers: Checkpoints of benchmarks/mjlab_peer.py.
         tradeoffs: Number of policies of each run.
         episodes: Episodes that each policy walks.
-        seed: Seed of the episodes and of mjlab's training.
+        seed: Seed of the episodes.
         device: cuda or cpu (None: CUDA if available).
         output: CSV file of rows.
     """
@@ -56,17 +46,15 @@ def main(
             weights, values = walks.told(index)
             rows.append((run.name, label, weights, values | free))
         fronts.append(walks.returns)
-    if peers is not None:
+    for file in peers:
         task = policy.config.env.rpartition(":")[2]
         loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})
         config = policy.config.model_copy(update={"task": loud})
-        for name, weights in yaml.safe_load(weightings.read_text())[task].items():
-            file = peers / f"{task}-{name.replace(' ', '-')}-{seed}.pt"
-            peer = mjlab_peer.trained(task, weights, file, seconds, worlds, str(place), seed)
-            walks = walk(peer, config, tradeoffs, episodes, seed)
-            rows.append((f"mjlab: {name}", "", [], walks.told(0)[1]))
-            beaten = [dominated(walks.returns[:, :1], front)[0] for front in fronts]
-            counts.append(f"mjlab: {name}: dominated by {sum(beaten)} of {len(runs)} fronts")
+        peer = mjlab_peer.load_peer(task, file, str(place))
+        walks = walk(peer, config, tradeoffs, episodes, seed)
+        rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
+        beaten = [dominated(walks.returns[:, :1], front)[0] for front in fronts]
+        counts.append(f"mjlab: {file.stem}: dominated by {sum(beaten)} of {len(runs)} fronts")
     shown = list(rows[0][3])
     table = Table("", "", "trade-off", *shown, title=f"{policy.config.env}, {episodes} episodes")
     for name, label, weights, values in rows:

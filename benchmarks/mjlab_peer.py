@@ -1,8 +1,14 @@
-"""mjlab's own training with rsl_rl, to compare with."""
+"""Train with mjlab's own runner, rsl_rl, to compare with.
+
+    python benchmarks/mjlab_peer.py go1.pt --weighting effort --seconds 300
+
+The file keeps the state of training, so the command goes on where it ended.
+"""
 
 import contextlib
 import importlib
 import io
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -10,11 +16,17 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import torch
+import tyro
+import yaml
 from torch import Tensor
 
+from morlax_torch.envs import MorlaxError, resolve_device
 from morlax_torch.envs.worlds.mjlab.config import add_terms
+from morlax_torch.terminal.cli import console
 
 LOUD = 100.0  # an action scale that bounds no action
+WEIGHTINGS = Path(__file__).with_name("mjlab_weightings.yaml")
+CHUNK = 10  # iterations between looks at the limits
 
 
 class Peer(NamedTuple):
@@ -34,27 +46,59 @@ class Peer(NamedTuple):
         return self.policy({"actor": observation[:, 0]})[:, None] / LOUD
 
 
-def trained(
-    task: str,
-    weights: dict[str, float],
-    file: Path,
-    seconds: float,
-    worlds: int,
-    device: str,
-    seed: int,
-) -> Peer:
-    """Load mjlab's own policy, or train it first for so many seconds."""
-    known = file.exists()
-    runner = make_runner(task, 16 if known else worlds, device, seed, weights)
-    if known:
-        runner.load(str(file), map_location=device)
-    else:
-        start = time.perf_counter()
-        while time.perf_counter() - start < seconds:
-            with contextlib.redirect_stdout(io.StringIO()):
-                runner.learn(1, init_at_random_ep_len=runner.current_learning_iteration == 0)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        runner.save(str(file))
+def main(
+    file: tyro.conf.Positional[Path],
+    task: str = "Mjlab-Velocity-Flat-Unitree-Go1",
+    weighting: str = "default",
+    weightings: Path = WEIGHTINGS,
+    worlds: int = 4096,
+    steps: int = 2**62,
+    seconds: float = 300.0,
+    seed: int = 0,
+    device: str | None = None,
+) -> None:
+    """Train a policy, or go on with one, until the first of two limits.
+
+    Args:
+        file: Checkpoint to write.
+        task: Name in mjlab's registry.
+        weighting: Name of reward weights.
+        weightings: YAML file of weightings, by task and name.
+        worlds: Number of worlds; mjlab's own default is 4,096.
+        steps: Environment steps in all.
+        seconds: Training time of this call, in seconds.
+        seed: Seed of training.
+        device: cuda or cpu (None: CUDA if available).
+    """
+    weights = yaml.safe_load(weightings.read_text())[task][weighting]
+    runner = make_runner(task, worlds, str(resolve_device(device)), seed, weights)
+    per_iteration = worlds * runner.cfg["num_steps_per_env"]
+    done = runner.load(str(file))["env_steps"] if file.exists() else 0
+    start, first = time.perf_counter(), done
+    while done < steps and time.perf_counter() - start < seconds:
+        number = min(CHUNK, math.ceil((steps - done) / per_iteration))
+        with contextlib.redirect_stdout(io.StringIO()):
+            runner.learn(number, init_at_random_ep_len=done == first)
+        done += number * per_iteration
+    passed = time.perf_counter() - start
+    file.parent.mkdir(parents=True, exist_ok=True)
+    runner.save(str(file), {"env_steps": done})
+    console.print(
+        f"{task}, {weighting}, seed {seed}: {done / 1e6:.1f} M steps, "
+        f"{passed:.0f} s, {(done - first) / passed:,.0f} steps/s"
+    )
+
+
+def load_peer(task: str, file: Path, device: str) -> Peer:
+    """Load the policy of a file that `main` wrote.
+
+    Raises:
+        MorlaxError: there is no such file.
+    """
+    if not file.exists():
+        raise MorlaxError(f"{file} is missing: train it with benchmarks/mjlab_peer.py.")
+    runner = make_runner(task, 16, device)
+    runner.load(str(file), map_location=device)
     return Peer(runner.get_inference_policy(device))
 
 
@@ -85,3 +129,7 @@ def make_runner(
         wrapped = wrappers.RslRlVecEnvWrapper(env, clip_actions=agent.clip_actions)
         kind = registry.load_runner_cls(task) or wrappers.MjlabOnPolicyRunner
         return kind(wrapped, asdict(agent), None, device)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -262,21 +262,27 @@ def test_the_wrapper_for_rsl_rl_is_a_vectorized_environment():
 
 
 def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
-    script = Path(__file__).parents[1] / "benchmarks" / "mjlab_front.py"
-    rows, small = tmp_path / "rows.csv", ("--tradeoffs", "4", "--worlds", "4", "--episodes", "2")
-    weightings = tmp_path / "weightings.yaml"
+    benchmarks = Path(__file__).parents[1] / "benchmarks"
+    rows, peer, weightings = (tmp_path / name for name in ("rows.csv", "lazy.pt", "given.yaml"))
     weightings.write_text(f"{GO1.partition(':')[2]}: {{lazy: {{electrical_power_cost: -0.1}}}}")
-    peers = ("--peers", tmp_path, "--weightings", weightings, "--seconds", "0.1")
-    given = (*peers, "--device", "cpu", "--output", rows, *small)
-    done = subprocess.run(
-        [sys.executable, script, go1_run, *given],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "COLUMNS": "200"},
-    )
-    assert done.returncode == 0, done.stderr
+    given = ("--weighting", "lazy", "--weightings", weightings, "--worlds", "4", "--steps")
+    small = ("--tradeoffs", "4", "--episodes", "2", "--output", rows)
+    calls = [
+        ("mjlab_peer.py", peer, *given, "90"),
+        ("mjlab_peer.py", peer, *given, "150"),
+        ("mjlab_front.py", go1_run, "--peers", peer, *small),
+    ]
+    for script, *arguments in calls:
+        done = subprocess.run(
+            [sys.executable, benchmarks / script, *arguments, "--device", "cpu"],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "COLUMNS": "200"},
+        )
+        assert done.returncode == 0, done.stderr
+    # the second call goes on after the first: an iteration is 96 steps
+    assert torch.load(peer, weights_only=False)["infos"]["env_steps"] == 192
     assert "best tracking" in done.stdout and "mjlab: lazy" in done.stdout
-    assert len(list(tmp_path.glob("*.pt"))) == 1
     best, cheapest, lazy = csv.DictReader(rows.read_text().splitlines())
     assert best["non-dominated"] == cheapest["non-dominated"] in ("1", "2", "3", "4")
     assert lazy["policy"] == lazy["non-dominated"] == ""
