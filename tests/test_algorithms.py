@@ -56,6 +56,8 @@ def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
     values = {**SMALL, "algorithm": algorithm, "max_env_steps": steps, **changes}
     if algorithm == "pg-morl":
         values |= {"method.generation": 3, "method.warmup": 6, "method.bins": 10} | changes
+    if algorithm == "hyper-sac":
+        values |= {"method.start": 1, "method.batch": 256, "method.updates": 8} | changes
     return config_for(values.pop("env", TASK), **values)
 
 
@@ -85,6 +87,8 @@ def test_it_finds_the_front(algorithm, device):
     iterations, changes = 100, {"ppo.learning_rate": 8e-3}
     if algorithm == "pg-morl":
         changes |= {"method.generation": 10, "method.warmup": 20, "method.bins": 30}
+    if algorithm == "hyper-sac":
+        changes |= {"method.learning_rate": 2e-3}
     learner = trained(small(algorithm, iterations, device=device, **changes), iterations)
     front = make_evaluator(learner).evaluate()
     tradeoffs = torch.as_tensor(front.tradeoffs)

@@ -33,6 +33,7 @@ def config(algorithm: str, size: int) -> Config:
         sampling={} if algorithm == "amor" else {"clusters": CLUSTERS},
         ppo={"minibatches": 1, "desired_kl": 0.01},
         task={"reset_noise": 0.05},
+        **({"method": {"start": 1, "batch": 32, "updates": 2}} if algorithm == "hyper-sac" else {}),
     )
 
 
@@ -85,8 +86,10 @@ def with_own_networks(algorithm: str, group: Group) -> dict[str, Any]:
     """Return the state of a learner with networks of this process."""
     torch.manual_seed(group.rank)
     inputs = 13 + 2 * (algorithm == "amor")  # AMOR's networks see the trade-off too
-    actor, critic = Shifted(inputs, 8), Shifted(inputs, 2)
-    return {**trained(algorithm, group, actor=actor, critic=critic), "shift": actor.shift}
+    networks = {"actor": Shifted(inputs, 8), "critic": Shifted(inputs, 2)}
+    if algorithm == "hyper-sac":  # which has its own critics
+        del networks["critic"]
+    return {**trained(algorithm, group, **networks), "shift": networks["actor"].shift}
 
 
 def started(group: Group, folder: Path) -> dict[str, Any]:

@@ -7,11 +7,13 @@ from ..envs import Worlds
 from ..gpu.group import ALONE, Group
 from .learner import Learner
 from .methods import AMOR, MORLAX, HyperMORL, IndependentPPO
+from .off_policy.hyper_sac import HyperSAC
 from .pg_morl.learner import PGMORL
 from .trainer import Trainer
 
-LEARNERS: dict[str, type[Trainer]] = {
+LEARNERS: dict[str, type[Trainer] | type[HyperSAC]] = {
     "morlax": MORLAX,
+    "hyper-sac": HyperSAC,
     "amor": AMOR,
     "hyper-morl": HyperMORL,
     "pg-morl": PGMORL,

@@ -16,6 +16,7 @@ from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization
 from .batch import Table, expected_returns, make_batch
 from .learner import Learner
+from .metrics import read
 from .ppo import PPO
 from .rollout import Episodes, Rollout, collect
 
@@ -104,11 +105,6 @@ class Trainer(Learner):
         )
         self._metrics = torch.zeros(len(self.metric_names), device=env.device)
         self._iterations = 0  # that the metrics are of
-        self._episode_names = (
-            *(f"episode_return/{name}" for name in env.objectives),
-            "episode_length",
-            "episodes",
-        )
         self._episodes = Episodes(config.worlds, len(env.objectives), env.device)
         generators = (self.generator, env.generator)
         self.explore = Graph(self._explore, env.device, generators, partial(self._explore, 1))
@@ -218,22 +214,11 @@ class Trainer(Learner):
             **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
             **{f"learning_rate/{name}": own.rate for name, own in optimizers.items()},
             **{f"gradient_norm/{name}": own.norms / updates for name, own in optimizers.items()},
-            **dict(zip(self._episode_names, self._episodes.totals, strict=True)),
             **self.scalarization.metrics(self.env.objectives),
-            "blowups": self.env.blowups.float(),
         }
-        means = self.group.mean_(torch.stack(list(parts.values())))
-        overflow = self.group.largest_(self.env.overflow().max().float()[None])
-        values = torch.cat([means, overflow]).tolist()
+        found = read(parts, self.env, self._episodes, self.group)
         self._restart_metrics()
-        metrics = dict(zip((*parts, "overflow"), values, strict=True))
-        metrics["blowups"] *= self.group.size
-        episodes = metrics.pop("episodes")
-        for name in self._episode_names[:-1]:
-            total = metrics.pop(name)
-            if episodes:
-                metrics[name] = total / episodes
-        return metrics
+        return found
 
     def _restart_metrics(self) -> None:
         self._iterations = 0

@@ -26,6 +26,7 @@ from .sections import (
     REQUIRED,
     EvaluationConfig,
     HyperMORLOptions,
+    HyperSACOptions,
     MethodOptions,
     NetworkConfig,
     PGMORLOptions,
@@ -47,8 +48,10 @@ class Config(Section):
     env: str
     """The task: a name of docs/tasks.md, a registered name, FILE.py:CLASS for your own, or
     gymnasium:ID for a Gymnasium environment with a vector reward."""
-    algorithm: Literal["morlax", "amor", "hyper-morl", "pg-morl", "independent"] = "morlax"
-    """What learns the front: MORLAX, or a baseline of docs/algorithms.md."""
+    algorithm: Literal["morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "independent"] = (
+        "morlax"
+    )
+    """What learns the front: MORLAX, hyper-sac (few steps), or a baseline of docs/algorithms.md."""
     scalarization: str = "linear"
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
     augmented-chebyshev, constrained:OBJECTIVE (at least so much of one objective), or
@@ -149,6 +152,11 @@ class Config(Section):
         """Whether each independent network has normalizers of its own."""
         return isinstance(self.method, PGMORLOptions)
 
+    @property
+    def off_policy(self) -> bool:
+        """Whether critics value a state and an action, twice."""
+        return isinstance(self.method, HyperSACOptions)
+
     def num_values(self, num_objectives: int) -> int:
         return 1 if self.ppo.critic == "scalar" else num_objectives
 
@@ -184,8 +192,10 @@ class Config(Section):
             raise unknown("objective", objective, self.task.objectives)
         if self.ppo.critic == "scalar":
             raise ValueError(f"scalarization {name} needs ppo.critic vector")
-        if self.algorithm == "pg-morl":
-            raise ValueError("algorithm pg-morl selects by weighted sums: leave out scalarization")
+        if self.algorithm == "pg-morl" or self.off_policy:
+            raise ValueError(
+                f"algorithm {self.algorithm} needs weighted sums: leave out scalarization"
+            )
 
     def check_sizes(self, num_objectives: int) -> None:
         K, corners = self.num_clusters, self.num_corners(num_objectives)
@@ -225,6 +235,13 @@ class Config(Section):
                 f"each of the {num_objectives} objectives"
             )
         self.task.check_seeds(self.evaluation.seeds)
+        if isinstance(self.method, HyperSACOptions):
+            if self.method.batch % K:
+                raise ValueError(
+                    f"method.batch ({self.method.batch}) must be a multiple of sampling.clusters "
+                    f"({K}): try --method.batch {max(1, self.method.batch // K) * K}"
+                )
+            return
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
         if dealt % self.ppo.minibatches:
             raise ValueError(

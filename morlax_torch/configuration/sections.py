@@ -136,6 +136,33 @@ class HyperMORLOptions(MethodOptions):
     """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
 
 
+class HyperSACOptions(MethodOptions):
+    """Options of hyper-sac."""
+
+    updates: Count = 32
+    """Gradient steps per iteration."""
+    batch: Count = 1024
+    """Transitions of a gradient step; must be a multiple of sampling.clusters."""
+    replay: int = Field(default=500_000, gt=0, lt=2**40)
+    """Number of transitions to keep, of all worlds of a process."""
+    start: int = Field(default=5_000, gt=0, lt=2**40)
+    """Transitions to store before the first gradient step."""
+    learning_rate: float = Field(default=7e-4, gt=0, le=1)
+    """Learning rate of Adam."""
+    decay_fraction: float = Field(default=0.3, ge=0, le=1)
+    """Share of the run, at its end, over which the learning rate decays linearly to zero."""
+    discount: float = Field(default=0.99, ge=0, le=1)
+    """Discount factor gamma, per control step."""
+    steps: Annotated[int, Field(ge=1, le=1000)] = 3
+    """Rewards of a target before the value of the state that follows."""
+    target_rate: float = Field(default=0.01, gt=0, le=1)
+    """Step of the target critics towards the critics, per gradient step."""
+    entropy: float = Field(default=-0.5, ge=-100, le=100)
+    """Entropy per action that the temperature aims at."""
+    temperature: float = Field(default=0.02, gt=0, le=100)
+    """Initial weight of the entropy, in units of scaled rewards."""
+
+
 class PGMORLOptions(MethodOptions):
     """Options of PG-MORL."""
 
@@ -155,6 +182,7 @@ class PGMORLOptions(MethodOptions):
 
 
 OPTIONS: dict[str, type[MethodOptions]] = {
+    "hyper-sac": HyperSACOptions,
     "hyper-morl": HyperMORLOptions,
     "pg-morl": PGMORLOptions,
 }
@@ -165,6 +193,11 @@ REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
         "network.type": "independent",
         "sampling.mode": "sparse",
         "sampling.corners": 0,
+    },
+    "hyper-sac": {
+        "network.type": "dual",
+        "sampling.mode": "sparse",
+        "ppo.critic": "vector",
     },
     "pg-morl": {
         "network.type": "independent",

@@ -1,6 +1,7 @@
 """CPU threads of torch, and memory: a lack of it, and giving it back."""
 
 import gc
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -38,6 +39,15 @@ def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
         sizes = tuple(size / 2**30 for size in torch.cuda.mem_get_info())
         free = "the GPU's memory is full ({:.1f} of {:.1f} GiB free)".format(*sizes)
     return f"{free}: use fewer --worlds or --tradeoffs, or free memory that other programs hold."
+
+
+def memory_of(device: "torch.device") -> int:
+    """Return the bytes that are free on a GPU, or those of the whole machine."""
+    import torch
+
+    if device.type == "cuda":
+        return torch.cuda.mem_get_info(device)[0]
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def release_memory() -> None:

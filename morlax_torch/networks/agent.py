@@ -18,6 +18,7 @@ from .hypernetwork import Hypernetwork
 from .mlp import check_network, mlp
 from .normalizer import Normalizer
 from .symmetric import Symmetric
+from .twins import Twins
 
 
 class Actors(NamedTuple):
@@ -125,7 +126,9 @@ class Agent(nn.Module):
                 actor.get_parameter(f"{last}.bias")[action_size:] = spread_of(sizes.initial_std)
         else:
             check_network("actor", actor, actor_inputs, 2 * action_size)
-        if critic is None:
+        if config.off_policy:
+            critic = Twins(whole + action_size, sizes.critic, num_values, generator)
+        elif critic is None:
             critic = mlp(critic_inputs, sizes.critic, num_values, generator)
         else:
             check_network("critic", critic, critic_inputs, num_values)
@@ -136,8 +139,9 @@ class Agent(nn.Module):
             outputs = Reflection.joined([acted, spread])
             inputs = [seen.first(observation_size), none(conditions)]
             actor = Symmetric(actor, Reflection.joined(inputs), outputs)
-            inputs = [seen, none(conditions)]
-            critic = Symmetric(critic, Reflection.joined(inputs), none(num_values))
+            inputs = [seen, acted] if config.off_policy else [seen, none(conditions)]
+            values = none(2 * num_values if config.off_policy else num_values)
+            critic = Symmetric(critic, Reflection.joined(inputs), values)
 
         def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
             return Hypernetwork(

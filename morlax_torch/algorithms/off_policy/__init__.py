@@ -1,0 +1,1 @@
+"""Off-policy learning of a whole front."""
