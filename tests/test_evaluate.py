@@ -36,12 +36,14 @@ THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Path:
-    """Train a/hopper, b/hopper, noisy, three (objectives) and cheetah; tests get copies."""
+    """Train a/hopper, b/hopper, discounted, noisy, three (objectives) and cheetah; tests get
+    copies."""
     place = tmp_path_factory.mktemp("runs")
     (place / "three.yaml").write_text(THREE)
     for folder, arguments in {
         "a/hopper": ("--env", "hopper"),
         "b/hopper": ("--env", "hopper", "--seed", "1"),
+        "discounted": ("--env", "hopper", "--evaluation.protocol", "discounted"),
         "noisy": ("--env", "hopper", "--task.reset-noise", "0.1"),
         "three": ("--config", str(place / "three.yaml")),
         "cheetah": ("--env", "cheetah"),
@@ -127,13 +129,32 @@ def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
     assert (folder / "report.html").is_file()
 
 
-def test_returns_under_another_protocol_do_not_replace_the_run_s_front(workplace):
-    before = (workplace / "a/hopper/front.npz").read_bytes()
-    evaluate.command(["a/hopper", *FEW, "--protocol", "discounted"])
-    assert (workplace / "a/hopper/front.npz").read_bytes() == before
+POINTS = {"latched": [0, 0], "discounted": [-100, -100]}  # of reference, by protocol
+
+
+@pytest.mark.parametrize(
+    ("run", "own", "other"),
+    [("a/hopper", "latched", "discounted"), ("discounted", "discounted", "latched")],
+)
+def test_returns_under_another_protocol_do_not_replace_the_run_s_front(run, own, other, workplace):
+    before = (workplace / run / "front.npz").read_bytes()
+    evaluate.command([run, *FEW, "--protocol", other])
+    assert (workplace / run / "front.npz").read_bytes() == before
     (folder,) = (workplace / "evaluations").iterdir()
-    assert Front.load(folder / "front.npz").reference_point.tolist() == [-100, -100]
-    assert "0.99^t" in (folder / "report.html").read_text()
+    evaluate.command([run, *FEW, "--tradeoffs", "7"])
+    for place, protocol, number in ((folder, other, 6), (workplace / run, own, 7)):
+        front = Front.load(place / "front.npz")
+        assert (front.protocol, len(front.returns)) == (protocol, number)
+        assert front.reference_point.tolist() == POINTS[protocol]
+        assert ("0.99^t" in (place / "report.html").read_text()) == (protocol == "discounted")
+
+
+def test_runs_of_two_protocols_are_compared_by_one_that_is_named(workplace):
+    evaluate.command(["a/hopper", "discounted", *FEW, "--protocol", "discounted"])
+    (folder,) = (workplace / "evaluations").iterdir()
+    for name in ("hopper", "discounted"):
+        assert Front.load(folder / name / "front.npz").protocol == "discounted"
+    assert not (folder / "hypervolume.png").exists()  # the training curves cannot be compared
 
 
 def test_a_reference_can_be_a_file_or_a_run(workplace):
@@ -330,6 +351,7 @@ FIGURE_MISTAKES = {
     "nowhere": "nowhere does not exist",
     "cheetah --width 1": "the width must be from 2 to 20 inches, not 1",
     "a/hopper noisy": "hopper and noisy differ in task.reset_noise",
+    "a/hopper discounted": "hopper and discounted differ in evaluation.protocol (latched and",
     "a/hopper": "has no front beside it: write it with morlax evaluate a/hopper",
 }
 
@@ -375,6 +397,8 @@ MISTAKES = {
     "a/hopper cheetah": "hopper is a run of 'hopper' and cheetah of 'cheetah': compare runs of one",
     "a/hopper three": "hopper has the objectives run, jump and three has run, jump, up",
     "a/hopper noisy": "hopper and noisy differ in task.reset_noise",
+    "a/hopper discounted": "hopper and discounted differ in evaluation.protocol (latched and",
+    "a/hopper --reference discounted/front.npz": "counts returns by the protocol discounted, but",
     "a/hopper --seeds 3": "nothing in this task is random (task.reset_noise is 0",
     "noisy --seeds 0": "seeds is 0: at least one is needed",
     "three --tradeoffs 2 --protocol paper": "2 trade-offs are too few",

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import torch
 from same import assert_same
+from tiny import tiny
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation import evaluator as module
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.making import usual_tradeoffs
 from morlax_torch.gpu.group import ALONE, Group
 from morlax_torch.networks.agent import Agent
 
@@ -125,6 +127,13 @@ def test_the_discounted_protocol_ends_with_the_failure_or_its_own_time_limit(age
     monkeypatch.setattr(module, "HORIZON", 3)
     front = Evaluator(agent, Scripted(), TRADEOFFS, "discounted").evaluate()
     assert front.lengths.tolist() == [3, 2, 3] and front.returns[0, 0] == pytest.approx(expected[2])
+
+
+def test_published_tables_have_their_own_number_of_trade_offs_unless_training_has_one():
+    latched, discounted = tiny(), tiny(**{"evaluation.protocol": "discounted"})
+    found = [usual_tradeoffs(config, "discounted") for config in (latched, discounted)]
+    assert found == [1024, 4]
+    assert usual_tradeoffs(discounted, "latched") == 4
 
 
 def test_what_happens_after_an_episode_is_over_does_not_count(agent):

@@ -290,6 +290,13 @@ def test_the_map_has_returns_per_second_and_physical_quantities(make_front):
     assert front_map(fallen, dt=0.05)["fails"] == [False, False, False, True]
 
 
+def test_the_map_of_discounted_returns_has_rewards_per_second_too(make_front):
+    front = make_front(("run", "energy"))  # of 200 steps
+    ones = np.full_like(front.returns, sum(0.99**t for t in range(200)))
+    sent = front_map(front._replace(returns=ones, protocol="discounted"), dt=0.05)
+    np.testing.assert_allclose(sent["values"], 1 / 0.05)
+
+
 def test_a_state_that_is_not_finite_is_not_sent(session):
     assert frame_bytes([session]) is not None
     session.data.xpos[1] = np.nan

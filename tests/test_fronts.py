@@ -10,24 +10,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, load
 from morlax_torch.commands.choose import command as choose
-from morlax_torch.configuration.config import Config
+from morlax_torch.commands.evaluate import command as evaluate_command
+from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.exports.manifest import provenance
 from morlax_torch.files import AnyPath
 from morlax_torch.pack import pack
 from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.choosing import choose as choice_of
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.runs.history import History, best_row, hypervolume_of, read_rows
 from morlax_torch.runs.loading import find_run
 from morlax_torch.runs.progress import Evaluation
+from morlax_torch.runs.session import Session
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
+from morlax_torch.runs.trials import USUAL, trials
 from morlax_torch.train import train
 
 WORSE = {"max_env_steps": 192, "ppo.learning_rate": 0.1}  # the best evaluation is not the last
@@ -205,6 +212,90 @@ def test_a_random_run_reports_what_evaluate_finds_again(tmp_path):
     assert not np.isclose(other.returns, returns(run.folder)).any()
 
 
+# Other protocols than the default one
+
+DISCOUNTED = {"evaluation.protocol": "discounted"}
+
+
+@pytest.fixture(scope="module")
+def trained_discounted(tmp_path_factory) -> Path:
+    """A run by the discounted protocol whose best evaluation is not its last."""
+    folder = tmp_path_factory.mktemp("runs") / "discounted"
+    return train(tiny(**WORSE, **DISCOUNTED), output=folder).folder
+
+
+@pytest.fixture
+def discounted(trained_discounted, tmp_path) -> Path:
+    return shutil.copytree(trained_discounted, tmp_path / "discounted")
+
+
+def test_training_measures_by_the_protocol_of_its_config(discounted, tmp_path):
+    front, found = load_front(discounted), rows(discounted)
+    typed = ["--protocol", "discounted", "--tradeoffs", "4", "--device", "cpu", "--output"]
+    evaluate_command([str(discounted), *typed, str(tmp_path / "again")])
+    again = Front.load(tmp_path / "again" / "front.npz")
+    np.testing.assert_array_equal(front.returns, again.returns)
+    np.testing.assert_array_equal(front.tradeoffs, dirichlet_tradeoffs(4, 2))
+    assert front.reference_point.tolist() == again.reference_point.tolist() == [-100, -100]
+    latched = evaluate(discounted, protocol="latched", device="cpu")
+    assert not np.isclose(front.returns[:, 0], latched.returns[:, 0], rtol=1e-3).any()
+    volumes = [float(row["hypervolume"]) for row in found]
+    for name, volume in (("best", max(volumes)), ("latest", volumes[-1])):
+        path = discounted / "checkpoints" / f"{name}.pt"
+        measured = evaluate(path, protocol="discounted", tradeoffs=4, device="cpu")
+        assert measured.hypervolume == pytest.approx(volume)
+    assert [row["best"] for row in found][-1] == "0"
+
+
+def test_a_random_run_is_chosen_and_reported_by_its_protocol(tmp_path):
+    run = train(tiny(**NOISY, **DISCOUNTED), output=tmp_path / "run")
+    front = load_front(run.folder)
+    again = evaluate(run.folder, 4, "discounted", device="cpu")
+    np.testing.assert_allclose(front.returns, again.returns, rtol=1e-6)
+    first, second = evaluator(tiny(**NOISY, **DISCOUNTED)).evaluate_sets()
+    assert first.protocol == second.protocol == "discounted"
+    assert not np.isclose(first.returns, second.returns).any()
+
+
+def test_evaluate_and_pack_use_the_run_s_own_protocol(discounted, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    front, file = load_front(discounted), discounted / "front.npz"
+    evaluate_runs([str(discounted)], "", device="cpu")
+    np.testing.assert_array_equal(load_front(discounted).returns, front.returns)
+    pack(discounted, tmp_path / "packed", "cpu")
+    np.testing.assert_array_equal(load_front(tmp_path / "packed").returns, front.returns)
+    before = file.read_bytes()
+    _, folder = evaluate_runs([str(discounted)], "", protocol="latched", device="cpu")
+    assert folder.parent == Path("evaluations") and file.read_bytes() == before
+    shutil.copy(folder / "front.npz", file)
+    with pytest.raises(MorlaxError, match=r"by the protocol latched, but .* by discounted: write"):
+        load_front(discounted)
+
+
+def test_choose_counts_returns_by_the_run_s_own_protocol(discounted):
+    least = float(np.median(load_front(discounted).returns[:, 0]))
+    choice = choice_of(discounted, {"run": least}, "jump", device="cpu")
+    policy = load(discounted, "cpu")
+    env, point = evaluation_worlds(policy.config, 1, 1), torch.tensor([choice.tradeoff])
+    again = Evaluator(policy.agent, env, point, "discounted", alone=True).evaluate()
+    np.testing.assert_allclose(choice.values, again.values[0], rtol=1e-6)
+    assert choice.returns["run"] >= least
+    usual = trials(policy, choice.tradeoff)[USUAL]
+    np.testing.assert_allclose(usual.values, choice.values, rtol=1e-6)
+
+
+def test_runs_without_a_protocol_are_latched(run):
+    values = tiny(**WORSE).model_dump(mode="json")
+    del values["evaluation"]["protocol"]
+    assert load_config(values) == tiny(**WORSE)
+    path = run / "checkpoints/best.pt"
+    contents, front = checkpoint.load(path), load_front(run)
+    del contents.config["evaluation"]["protocol"]
+    checkpoint.write(path, contents.model_dump(exclude={"format", "policy"}))
+    assert load(run).config.evaluation.protocol == "latched" == load_front(run).protocol
+    np.testing.assert_array_equal(returns(run), front.returns)
+
+
 # Resumed runs
 
 
@@ -223,6 +314,21 @@ def test_other_trade_offs_begin_the_record_of_the_best_checkpoint_anew(run):
     assert load(run).config.evaluation.tradeoffs == 2
 
 
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_another_protocol_begins_the_record_of_the_best_checkpoint_anew(interrupted, discounted):
+    """Although its hypervolumes are smaller; also if the first session ends before it evaluates."""
+    before = checkpoint.load(discounted / "checkpoints/best.pt").progress
+    if interrupted:
+        config = tiny(**{**WORSE, "max_env_steps": 256})
+        session = Session.of(config, Run.open(discounted))
+        assert not list(session.training(stopped=lambda: True))
+    resumed(discounted)
+    after = checkpoint.load(discounted / "checkpoints/best.pt")
+    assert after.progress.best_hypervolume < before.best_hypervolume
+    assert load(discounted).config.evaluation.protocol == "latched"
+    np.testing.assert_array_equal(load_front(discounted).returns, returns(discounted))
+
+
 @pytest.mark.parametrize("old", [False, True])
 def test_the_record_goes_on_if_evaluations_stay_comparable(old, run):
     """Also that of version 1.0, which stored only one hypervolume."""
@@ -230,6 +336,7 @@ def test_the_record_goes_on_if_evaluations_stay_comparable(old, run):
         path = run / "checkpoints/latest.pt"
         contents = checkpoint.load(path)
         contents.progress.best_selection = None
+        del contents.config["evaluation"]["protocol"]
         checkpoint.write(path, contents.model_dump(exclude={"format", "policy"}))
     before = checkpoint.load(run / "checkpoints/best.pt").progress
     resumed(run, **{"evaluation.every": 64})

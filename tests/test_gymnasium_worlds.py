@@ -14,6 +14,7 @@ from gymnasium.spaces import Box, Dict, Discrete, Graph, Sequence, Space
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
+from morlax_torch.commands import evaluate as evaluate_command
 from morlax_torch.commands import train
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import task_values
@@ -320,6 +321,17 @@ def test_a_run_measures_the_hypervolume_and_its_policies_can_be_evaluated(run):
     front = evaluate(policy, 4, device="cpu")
     assert front.returns.shape == (4, 2)
     assert (front.returns >= -100).all()
+
+
+def test_a_protocol_that_goes_on_after_failures_is_refused(run, tmp_path, refused):
+    error = f"the protocol paper goes on after a failure, but episodes of '{CAR}' end there: choose"
+    paper, folder = ("--evaluation.protocol", "paper"), tmp_path / "run"
+    assert error in refused(train, "--env", CAR, *paper, "--output", folder)
+    assert not folder.exists()
+    before = (run / "config.yaml").read_text()
+    assert error in refused(train, "--resume", run, *paper)
+    assert error in refused(evaluate_command, run, "--protocol", "paper")
+    assert (run / "config.yaml").read_text() == before
 
 
 def test_the_worlds_of_a_resumed_gymnasium_run_start_anew(run, tmp_path, capsys):

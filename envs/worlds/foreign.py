@@ -47,6 +47,8 @@ class ForeignWorlds(Worlds):
     world that is not finite terminates with zero reward.
     """
 
+    may_recover = False
+
     def __init__(
         self,
         options: Any,

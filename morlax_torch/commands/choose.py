@@ -42,9 +42,10 @@ def command(arguments: Sequence[str]) -> None:
     ) -> None:
         """Find the trade-off that maximizes one value while others keep requirements.
 
-        A value is the return of an objective, or a quantity that evaluations of the task measure,
-        such as "power (W)"; "power" is enough. The command simulates trade-offs of the run's front
-        and others between them, and prints the best that keeps every requirement in simulation.
+        A value is the return of an objective, counted as in training's evaluations, or a quantity
+        that they measure, such as "power (W)"; "power" is enough. The command simulates trade-offs
+        of the run's front and others between them, and prints the best that keeps every requirement
+        in simulation.
 
         Args:
             maximize: The objective or quantity to maximize.

@@ -4,10 +4,11 @@ import copy
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from ..configuration.sections import Protocol
 from ..envs import MorlaxError
 from ..phases import phase
 from ..terminal import cli
@@ -29,7 +30,7 @@ def command(arguments: Sequence[str]) -> None:
             tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)"),
         ],
         tradeoffs: int | None = None,
-        protocol: Literal["latched", "paper", "discounted"] = "latched",
+        protocol: Protocol | None = None,
         device: Device = None,
         backend: str | None = None,
         seed: int = 0,
@@ -49,12 +50,13 @@ def command(arguments: Sequence[str]) -> None:
             runs: Run folders (runs/TASK or latest: the newest run), checkpoint files, or shipped
                 policies.
             tradeoffs: Number of trade-offs: an even grid for two objectives; the corners and fixed
-                random draws for more (None: as in training).
-            protocol: How returns are counted. latched: up to and including the first failed step.
-                paper: as in the paper's tables, which draw 1024 trade-offs at random;
-                failed steps earn no reward, and the reward of the reset is added. discounted: as
-                C-MORL and D3PO on MO-Gymnasium's tasks, by 0.99 per step, over at most 500 steps;
-                the reference point is -100 in every objective.
+                random draws for more (None: as in training, or the 1024 random draws of another
+                protocol).
+            protocol: How returns are counted (None: as in training). latched: up to and including
+                the first failed step. paper: as in the paper's tables, which draw trade-offs at
+                random; failed steps earn no reward, and the reward of the reset is added.
+                discounted: as C-MORL and D3PO on MO-Gymnasium's tasks, by 0.99 per step, over at
+                most 500 steps; the reference point is -100 in every objective.
             backend: Simulator: warp or mujoco (None: chosen by device).
             seed: Random seed of the worlds.
             seeds: Episodes per trade-off, to average over; for tasks with random starts, models or
@@ -62,7 +64,8 @@ def command(arguments: Sequence[str]) -> None:
             reference: Reference front of IGD+: a front.npz or a run (None: the best points of all
                 runs, if there are several).
             output: Output folder (None: the run's folder, or evaluations/<time> for several runs,
-                a shipped policy, a checkpoint other than best.pt or another protocol than latched).
+                a shipped policy, a checkpoint other than best.pt, or another protocol than
+                training's).
         """
         if not runs:
             raise MorlaxError(

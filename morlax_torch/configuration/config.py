@@ -15,7 +15,7 @@ from pydantic import (
 
 from .. import envs
 from ..envs import MorlaxError, ObjectiveOptions
-from ..envs.errors import explained, unknown
+from ..envs.errors import explained, shortened, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..files import exists
@@ -31,6 +31,7 @@ from .sections import (
     NetworkConfig,
     PGMORLOptions,
     PPOConfig,
+    Protocol,
     SamplingConfig,
 )
 
@@ -164,6 +165,7 @@ class Config(Section):
     def _consistent(self) -> Self:
         self._check_algorithm()
         self._check_scalarization()
+        self.check_protocol(self.evaluation.protocol)
         self.check_sizes(len(self.task.objectives))
         return self
 
@@ -195,6 +197,14 @@ class Config(Section):
         if self.algorithm == "pg-morl" or self.off_policy:
             raise ValueError(
                 f"algorithm {self.algorithm} needs weighted sums: leave out scalarization"
+            )
+
+    def check_protocol(self, protocol: Protocol) -> None:
+        """Raise MorlaxError if the task's worlds cannot be evaluated by a protocol."""
+        if protocol == "paper" and not envs.get(self.env).may_recover:
+            raise MorlaxError(
+                "the protocol paper goes on after a failure, but episodes of "
+                f"{shortened(self.env)} end there: choose another protocol."
             )
 
     def check_sizes(self, num_objectives: int) -> None:

@@ -11,6 +11,7 @@ MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 
 Width = Annotated[int, Field(ge=1, le=65536)]
 Layers = Annotated[tuple[Width, ...], Field(max_length=16)]
+Protocol = Literal["latched", "paper", "discounted"]  # of evaluations, see `Evaluator`
 
 
 class SamplingConfig(Section):
@@ -113,16 +114,20 @@ class EvaluationConfig(Section):
     every: int | None = Field(default=None, gt=0, lt=2**63)
     """Environment steps between evaluations (None: spaced so that they take at most about 8 % of
     the time)."""
+    protocol: Protocol = "latched"
+    """How returns are counted (docs/evaluation.md). latched: up to and including the first failed
+    step; paper: as in the paper's tables; discounted: as in the tables of C-MORL and D3PO."""
     tradeoffs: int = Field(default=512, ge=2, le=1_000_000)
     """Number of trade-offs to evaluate: an even grid for two objectives; the corners and fixed
-    random draws for more."""
+    random draws for more; with another protocol than latched, random draws."""
     seeds: int = Field(default=1, ge=1, le=100_000)
     """Episodes per trade-off, to average over; for tasks with random starts, models or commands.
     There, as many others choose the best checkpoint."""
 
     def measures_like(self, other: Self) -> bool:
         """Return whether hypervolumes can be compared with those of another config."""
-        return (self.tradeoffs, self.seeds) == (other.tradeoffs, other.seeds)
+        mine, theirs = ((e.protocol, e.tradeoffs, e.seeds) for e in (self, other))
+        return mine == theirs
 
 
 class MethodOptions(Section):

@@ -1,11 +1,10 @@
 """Evaluate a family of policies: one episode for each of a fixed set of trade-offs."""
 
-from typing import Literal
-
 import numpy as np
 import torch
 from torch import Tensor
 
+from ..configuration.sections import Protocol
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import EVALUATION_SEEDS
 from ..gpu.graph import Graph
@@ -15,7 +14,6 @@ from ..networks.agent import Agent
 from ..phases import phase
 from .front import Front
 
-Protocol = Literal["latched", "paper", "discounted"]
 DISCOUNT, HORIZON, REFERENCE = 0.99, 500, -100.0  # of the protocol "discounted"
 SETS = 2  # of episodes where a task is random: one is reported, one chooses checkpoints
 STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
@@ -76,7 +74,8 @@ class Evaluator:
         # common random numbers: a trade-off's k-th episode draws what that of another one draws
         episodes = torch.arange(len(self._points) * sets) // (len(self._points) // seeds)
         env.share_draws(episodes[group.rank :: group.size], SETS * seeds)
-        self.agent, self.env, self.protocol, self._group = agent, env, protocol, group
+        self.agent, self.env, self._group = agent, env, group
+        self.protocol: Protocol = protocol
         self.tradeoffs = tradeoffs.to(env.device)
         self._seed = EVALUATION_SEEDS + seed
         self._observation = env.reset().clone()
@@ -175,6 +174,7 @@ class Evaluator:
             np.full(m, REFERENCE) if self._discounted else np.array(self.env.reference_point),
             falls,
             blowups if self._knows_blowups else None,
+            protocol=self.protocol,
         )
         if self._seeds > 1:
             front = front.averaged(self._seeds)

@@ -7,13 +7,14 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..configuration.sections import Protocol
 from ..envs import MorlaxError
 from ..envs.errors import LONGEST
 from ..envs.worlds.options import check_objectives
 from ..files import AnyPath, read, replacing
 from . import pareto
 
-TEXTS = ("fingerprint", "checkpoint")
+TEXTS = ("fingerprint", "checkpoint", "protocol")
 SIGNED = ("returns", "reference_point", "quantities")
 EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
 
@@ -23,7 +24,7 @@ class Front(NamedTuple):
 
     objectives: tuple[str, ...]
     tradeoffs: np.ndarray  # (K, m)
-    returns: np.ndarray  # (K, m) sums of rewards, discounted only by the protocol of that name
+    returns: np.ndarray  # (K, m) sums of rewards, as the protocol counts them
     lengths: np.ndarray  # (K,) control steps until the episode ended
     reference_point: np.ndarray  # (m,)
     falls: np.ndarray | None = None  # (K,) share of episodes that failed; None: unknown
@@ -32,6 +33,7 @@ class Front(NamedTuple):
     quantity_names: tuple[str, ...] = ()  # with units, such as "power (W)"
     fingerprint: str = ""  # of the evaluated policies, see `runs.checkpoint`; "": unknown
     checkpoint: str = ""  # file of the evaluated policies, such as "best.pt"; "": unknown
+    protocol: Protocol = "latched"
 
     @property
     def values(self) -> np.ndarray:

@@ -1,21 +1,31 @@
 """Make the evaluator of a config's task, in training and after it."""
 
 from ..configuration.config import Config
+from ..configuration.sections import Protocol
 from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import EVALUATION_SEEDS
 from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
-from .evaluator import Evaluator, Protocol
+from .evaluator import Evaluator
 
 DRAWN_TRADEOFFS = 1024  # of the paper's tables, and of D3PO's
+
+
+def usual_tradeoffs(config: Config, protocol: Protocol) -> int:
+    """Return the config's number of trade-offs, or that of published tables by their protocols.
+
+    If the config has such a protocol, its own number counts.
+    """
+    own = protocol in ("latched", config.evaluation.protocol)
+    return config.evaluation.tradeoffs if own else DRAWN_TRADEOFFS
 
 
 def make_evaluator(
     agent: Agent,
     config: Config,
     num_objectives: int,
-    protocol: Protocol = "latched",
+    protocol: Protocol | None = None,
     tradeoffs: int | None = None,
     seeds: int | None = None,
     seed: int = 0,
@@ -25,20 +35,20 @@ def make_evaluator(
     """Make the evaluator of an agent, with the same worlds for every training seed.
 
     Trade-offs are an even grid for two objectives; the corners and fixed random draws for more;
-    random draws with the protocols of published tables. None: the config's number, or their 1,024.
-    `seeds` are episodes per trade-off and set; None: the config's number. For the other arguments
-    see `Evaluator`.
+    random draws with the protocols of published tables. None: `usual_tradeoffs`. `seeds` are
+    episodes per trade-off and set. `protocol` and `seeds` are those of the config if they are None.
+    For the other arguments see `Evaluator`.
 
     Raises:
-        MorlaxError: a number is out of range, or nothing in the task is random although
-            `seeds` > 1.
+        MorlaxError: a number is out of range, nothing in the task is random although `seeds` > 1,
+            or the task cannot be evaluated by the protocol.
     """
-    published = protocol != "latched"
-    if tradeoffs is None:
-        tradeoffs = DRAWN_TRADEOFFS if published else config.evaluation.tradeoffs
+    protocol = config.evaluation.protocol if protocol is None else protocol
+    config.check_protocol(protocol)
+    tradeoffs = usual_tradeoffs(config, protocol) if tradeoffs is None else tradeoffs
     seeds = config.evaluation.seeds if seeds is None else seeds
     points = evaluation_tradeoffs(tradeoffs, num_objectives)  # refuses too few
-    if published:
+    if protocol != "latched":
         points = dirichlet_tradeoffs(tradeoffs, num_objectives)
     env = evaluation_worlds(config, tradeoffs, seeds, seed, sets, group)
     return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)

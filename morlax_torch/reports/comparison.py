@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..configuration.sections import Protocol
 from ..envs import MorlaxError
 from ..evaluation import pareto
 from ..evaluation.front import Front
@@ -79,6 +80,19 @@ def check_comparable(policies: Mapping[str, Policy]) -> None:
                     f"{theirs[option]}), so their returns cannot be compared: evaluate them "
                     "separately."
                 )
+
+
+def own_protocol(policies: Mapping[str, Policy]) -> Protocol:
+    """Return the protocol that training evaluated by, or raise MorlaxError if policies differ."""
+    own: dict[str, Protocol] = {name: p.config.evaluation.protocol for name, p in policies.items()}
+    (first, one), *others = own.items()
+    for name, other in others:
+        if one != other:
+            raise MorlaxError(
+                f"{first} and {name} differ in evaluation.protocol ({one} and {other}), so their "
+                f"returns cannot be compared: use morlax evaluate --protocol {one}."
+            )
+    return one
 
 
 def _same(option: str, mine: Any, theirs: Any) -> bool:

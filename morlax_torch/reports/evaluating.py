@@ -8,9 +8,10 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
+from ..configuration.sections import Protocol
 from ..envs import MorlaxError, resolve_device
-from ..evaluation.evaluator import Protocol
 from ..evaluation.front import Front
+from ..evaluation.making import usual_tradeoffs
 from ..files import unused
 from ..networks.policy import Policy
 from ..phases import phase, within
@@ -25,7 +26,7 @@ from .html import number
 from .page import words
 from .results import write
 
-PROTOCOLS = {
+PROTOCOLS: dict[Protocol, str] = {
     "latched": "a return ends with the first failed step",
     "paper": "failed steps earn no reward, and the reward of the reset is added",
     "discounted": "a return is the sum of 0.99^t times the rewards of at most 500 steps",
@@ -37,7 +38,7 @@ def evaluate_runs(
     runs: Sequence[str],
     typed: str,
     tradeoffs: int | None = None,
-    protocol: Protocol = "latched",
+    protocol: Protocol | None = None,
     device: str | None = None,
     backend: str | None = None,
     seed: int = 0,
@@ -66,9 +67,11 @@ def evaluate_runs(
     named = dict(zip(comparison.names(runs), runs, strict=True))
     policies = {name: load(run, place) for name, run in named.items()}
     comparison.check_comparable(policies)
-    first, usual = next(iter(policies.values())), [p.config.evaluation for p in policies.values()]
-    tradeoffs = max(each.tradeoffs for each in usual) if tradeoffs is None else tradeoffs
-    seeds = max(each.seeds for each in usual) if seeds is None else seeds
+    protocol = comparison.own_protocol(policies) if protocol is None else protocol
+    first, configs = next(iter(policies.values())), [p.config for p in policies.values()]
+    if tradeoffs is None:
+        tradeoffs = max(usual_tradeoffs(config, protocol) for config in configs)
+    seeds = max(config.evaluation.seeds for config in configs) if seeds is None else seeds
     curves = {name: find_run(run) / "metrics.csv" for name, run in named.items()}
     histories = {name: History.load(p) if p.is_file() else None for name, p in curves.items()}
     machines = {name: read_machines(find_run(run)) for name, run in named.items()}
@@ -76,7 +79,9 @@ def evaluate_runs(
     def evaluated(policy: Policy) -> Front:
         return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
 
-    target = None if reference is None else reference_front(reference, policies, evaluated)
+    target = None
+    if reference is not None:
+        target = reference_front(reference, policies, protocol, evaluated)
     files = {name: find_checkpoint(run) for name, run in named.items()}
     fronts = {}
     for name, policy in policies.items():
@@ -88,7 +93,8 @@ def evaluate_runs(
     for name, run in named.items():
         about_run = histories[name], comparison.measures(fronts[name], target), machines[name]
         found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
-    folder = output or default_output(runs, protocol)
+    as_trained = protocol == first.config.evaluation.protocol
+    folder = output or default_output(runs, as_trained)
     about = (
         f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on {place}, "
         f"{f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
@@ -100,14 +106,17 @@ def evaluate_runs(
     picture = portrait(first)
     phase("writing the report")
     write(found, folder, about, typed, picture)
-    if output is None and len(runs) == 1 and own_folder(runs[0]) and protocol == "latched":
+    if output is None and len(runs) == 1 and own_folder(runs[0]) and as_trained:
         (path,), (front,) = files.values(), fronts.values()
         front.save(front_path(path))  # where `load_front` looks
     return found, folder
 
 
 def reference_front(
-    source: str, policies: Mapping[str, Policy], evaluated: Callable[[Policy], Front]
+    source: str,
+    policies: Mapping[str, Policy],
+    protocol: Protocol,
+    evaluated: Callable[[Policy], Front],
 ) -> np.ndarray:
     """Return the non-dominated points (n, m) of a reference: of an .npz file, or of a run.
 
@@ -125,20 +134,25 @@ def reference_front(
             f"the reference {source} has the objectives {', '.join(front.objectives)}, but the "
             f"runs have {', '.join(objectives)}: choose a front with the same objectives."
         )
+    if front.protocol != protocol:
+        raise MorlaxError(
+            f"the reference {source} counts returns by the protocol {front.protocol}, but the runs "
+            f"are evaluated by {protocol}: choose a front of the same protocol."
+        )
     if not front.non_dominated.any():
         raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
     return front.returns[front.non_dominated]
 
 
-def default_output(runs: Sequence[str], protocol: Protocol = "latched") -> Path:
+def default_output(runs: Sequence[str], as_trained: bool) -> Path:
     """Return the run's folder; for several runs or a shipped policy, evaluations/<time>.
 
-    So for a checkpoint that is not the run's best, and for other protocols than training has: the
-    files in its folder are of best.pt, evaluated as in training.
+    So for a checkpoint that is not the run's best, and for another protocol than training's (not
+    `as_trained`): the files in its folder are of best.pt, evaluated as in training.
     """
     folder, path = own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
-    if len(runs) > 1 or folder is None or other or protocol != "latched":
+    if len(runs) > 1 or folder is None or other or not as_trained:
         return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
     return folder
 

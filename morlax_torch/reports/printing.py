@@ -58,7 +58,9 @@ def write_figures(
     rows = _grouped(found)
     tasks = {task: _of_task(rows, task) for task, _ in rows}
     for group in tasks.values():
-        comparison.check_comparable({name: run.policy for name, run in group.items()})
+        policies = {name: run.policy for name, run in group.items()}
+        comparison.check_comparable(policies)
+        comparison.own_protocol(policies)
     make_folder(folder)
     with mpl.rc_context(figures.STYLES[style]):
         for name, run in found.items():

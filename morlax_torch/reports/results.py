@@ -82,6 +82,7 @@ def write(
     several = len(found) > 1
     task = title(next(iter(found.values())).policy.config.env)
     histories = [run.history for run in found.values() if run.history is not None]
+    counted = {run.policy.config.evaluation.protocol for run in found.values()}
     make_folder(folder)
     if several:
         overlaid = figures.fronts_figure({name: run.front for name, run in found.items()}, task)
@@ -89,7 +90,7 @@ def write(
         drawn.append(
             ("Fronts of all runs, without policies dominated within their own run.", overlaid)
         )
-    if histories:
+    if histories and len(counted) == 1:
         curves = figures.hypervolume_figure(histories, task)
         figures.save(curves, folder / "hypervolume")
         drawn.append(("Hypervolume during training.", curves))

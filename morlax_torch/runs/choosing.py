@@ -41,8 +41,9 @@ def choose(
 ) -> Choice:
     """Return the trade-off that maximizes one value while others keep requirements.
 
-    A value is the return of an objective, or a quantity that evaluations of the task measure, such
-    as "power (W)". A quantity may be named without its unit.
+    A value is the return of an objective, counted by the run's `evaluation.protocol`, or a quantity
+    that evaluations of the task measure, such as "power (W)". A quantity may be named without its
+    unit.
 
     Simulates evaluated trade-offs and others between them, and returns the best that keeps every
     requirement in simulation. If the task is random, the best ones are simulated again on other
@@ -171,7 +172,8 @@ class Chooser:
         """Evaluate so many trade-offs at once, each in an equal share of the worlds."""
         some = torch.ones(tradeoffs, len(self._policy.objectives))
         seeds = self._env.num_worlds // tradeoffs
-        made = Evaluator(self._policy.agent, self._env, some, "latched", seed, seeds, alone=True)
+        protocol = self._policy.config.evaluation.protocol
+        made = Evaluator(self._policy.agent, self._env, some, protocol, seed, seeds, alone=True)
         made.compile()
         return made
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ..configuration.files import write_yaml
+from ..configuration.sections import Protocol
 from ..envs import resolve_device
-from ..evaluation.evaluator import Protocol
 from ..evaluation.front import Front
 from ..evaluation.making import make_evaluator
 from ..files import AnyPath, making, read
@@ -20,7 +20,7 @@ from .references import copy_reward
 def evaluate(
     run: AnyPath | Policy,
     tradeoffs: int | None = None,
-    protocol: Protocol = "latched",
+    protocol: Protocol | None = None,
     device: str | None = None,
     backend: str | None = None,
     seed: int = 0,
@@ -33,7 +33,7 @@ def evaluate(
         tradeoffs: K, the number of trade-offs: an even grid for two objectives; the corners and
             fixed random draws for more; None: as in training, or the 1,024 random ones of
             published tables.
-        protocol: how returns are counted, see `Evaluator`.
+        protocol: how returns are counted, see `Evaluator`; None: as in training.
         device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
         backend: "warp" or "mujoco"; None is chosen by device.
         seed: random seed of the worlds, for tasks with random starts or models.
@@ -41,8 +41,8 @@ def evaluate(
             training.
 
     Raises:
-        MorlaxError: there is no such run, a number is out of range, or nothing in the task is
-            random although `seeds` > 1.
+        MorlaxError: there is no such run, a number is out of range, nothing in the task is random
+            although `seeds` > 1, or the task cannot be evaluated by the protocol.
     """
     place = resolve_device(device)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)

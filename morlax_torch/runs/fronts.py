@@ -3,6 +3,7 @@
 import shlex
 from pathlib import Path
 
+from ..configuration.sections import EvaluationConfig
 from ..envs import MorlaxError
 from ..evaluation.front import Front
 from ..files import AnyPath
@@ -22,8 +23,8 @@ def load_front(run: AnyPath) -> Front:
         run: a run's folder, a checkpoint file, or a shipped name.
 
     Raises:
-        MorlaxError: there is no such run, it has no front, the front is damaged or is of another
-            checkpoint.
+        MorlaxError: there is no such run, it has no front, the front is damaged, is of another
+            checkpoint, or counts returns by another protocol than the run.
     """
     path = find_checkpoint(run)
     file = checkpoint.front_path(path)
@@ -32,6 +33,13 @@ def load_front(run: AnyPath) -> Front:
     front, contents = Front.load(file), checkpoint.load(path)
     if front.objectives != contents.environment.objectives:
         raise MorlaxError(f"{file} has other objectives than {path}: {_remedy(path)}")
+    usual = EvaluationConfig().protocol  # of earlier versions
+    own = contents.config.get("evaluation", {}).get("protocol", usual)
+    if front.protocol != own:
+        raise MorlaxError(
+            f"{file} counts returns by the protocol {front.protocol}, but {path} by {own}: "
+            f"{_remedy(path)}"
+        )
     if not front.fingerprint:
         return front._replace(checkpoint=_of_earlier_version(path))
     if front.fingerprint != checkpoint.fingerprint(contents.agent):

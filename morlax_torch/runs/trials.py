@@ -69,6 +69,7 @@ def _trial(policy: Policy, task: Any, tradeoff: Sequence[float], seed: int) -> T
     episodes = EPISODES if task.varies else 1
     env = evaluation_worlds(config, 1, episodes, seed)
     points = torch.tensor([tradeoff], dtype=torch.float32)
-    front = Evaluator(policy.agent, env, points, "latched", seed, episodes, alone=True).evaluate()
+    protocol = config.evaluation.protocol
+    front = Evaluator(policy.agent, env, points, protocol, seed, episodes, alone=True).evaluate()
     falls = 0.0 if front.falls is None else float(front.falls[0])
     return Trial(front.values[0], falls, episodes)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..evaluation import pareto
+from ..evaluation.evaluator import DISCOUNT
 from ..evaluation.front import Front
 
 FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
@@ -14,16 +15,20 @@ FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
 def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> dict[str, Any]:
     """Describe a front for the page.
 
-    Its axes are the objectives' returns per second, then measured quantities such as "power (W)";
-    `pair` are the axes to show first. `measured` are the quantities that can be required.
+    Its axes are the objectives' rewards per second, weighted as in the returns, then measured
+    quantities such as "power (W)"; `pair` are the axes to show first. `measured` are the quantities
+    that can be required.
 
     Args:
         front: evaluated trade-offs.
         dt: seconds of a control step.
         lower_is_better: names of quantities.
     """
-    seconds = dt * front.lengths.clip(1)[:, None]
-    values, names = front.returns / seconds, [f"{name} per second" for name in front.objectives]
+    steps = front.lengths.clip(1)[:, None]
+    if front.protocol == "discounted":
+        steps = (1 - DISCOUNT**steps) / (1 - DISCOUNT)  # sum of the steps' weights
+    values = front.returns / (dt * steps)
+    names = [f"{name} per second" for name in front.objectives]
     if front.quantities is not None:
         values, names = np.hstack([values, front.quantities]), [*names, *front.quantity_names]
     falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
