@@ -47,8 +47,14 @@ SMALL: dict[str, Any] = {
 }
 SCALAR: dict[str, Any] = {"ppo.critic": "scalar", "ppo.optimizer": "joint"}
 SPARSE: dict[str, Any] = {"sampling.mode": "sparse"}
-CASES = [*((name, {}) for name in LEARNERS), ("morlax", SCALAR), ("amor", SPARSE)]
-NAMES = [*LEARNERS, "as released", "sparse amor"]
+LONGER = {"env": TASK.replace(Quadratic.__name__, Sprint.__name__)}  # than one step
+CASES = [
+    *((name, {}) for name in LEARNERS),
+    ("morlax", SCALAR),
+    ("amor", SPARSE),
+    ("hyper-sac", LONGER),
+]
+NAMES = [*LEARNERS, "as released", "sparse amor", "hyper-sac in longer episodes"]
 
 
 def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
@@ -314,8 +320,7 @@ def test_an_independent_policy_is_that_of_plain_ppo():
 @pytest.mark.parametrize("algorithm", LEARNERS)
 def test_a_resumed_run_s_policies_still_return_what_was_measured(algorithm, tmp_path):
     """Loaded, saved without training's state and loaded again, and as the policy of a trade-off."""
-    task = TASK.replace(Quadratic.__name__, Sprint.__name__)
-    folder = train(small(algorithm, 6, env=task), output=tmp_path / "run").folder
+    folder = train(small(algorithm, 6, **LONGER), output=tmp_path / "run").folder
     steps = 12 * WORLDS * HORIZON
     command(["--resume", str(folder), "--trust", "--max-env-steps", str(steps)])
     measured = Front.load(folder / "front.npz")
