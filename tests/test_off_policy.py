@@ -120,7 +120,11 @@ def test_a_replay_that_does_not_fit_is_refused_and_one_that_does_is_named():
     assert 10**6 < int(str(error.value).rstrip(".").split()[-1]) < 10**12
 
 
-def test_own_critics_are_refused():
+def test_own_critics_and_worlds_that_hide_endings_are_refused(monkeypatch):
     config = config_for(TASK, device="cpu", algorithm="hyper-sac")
+    worlds = make_worlds(config, config.worlds)
     with pytest.raises(MorlaxError, match="makes its own critics"):
-        make_learner(make_worlds(config, config.worlds), config, critic=torch.nn.Linear(3, 2))
+        make_learner(worlds, config, critic=torch.nn.Linear(3, 2))
+    monkeypatch.setattr(type(worlds), "shows_endings", False)
+    with pytest.raises(MorlaxError, match="do not show how an episode ended"):
+        make_learner(worlds, config)

@@ -70,6 +70,11 @@ class HyperSAC(Learner):
             raise MorlaxError(
                 f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
             )
+        if not env.shows_endings:
+            raise MorlaxError(
+                "these worlds do not show how an episode ended, which algorithm hyper-sac learns "
+                "from: choose another algorithm."
+            )
         self.env, self.config, self.group, self.options = env, config, group, config.method
         self.agent = make_agent(env, config, actor=actor)
         group.share(self.agent)
