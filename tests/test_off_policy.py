@@ -75,7 +75,7 @@ def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generato
 
 def test_critics_learn_the_values_of_actions():
     """An episode of the task is one step, so the value of an action is its reward."""
-    learner = trained(small("hyper-sac", 60, **{"method.learning_rate": 2e-3}), 60)
+    learner = trained(small("hyper-sac", 20, **{"method.learning_rate": 4e-3}), 20)
     action = 0.6 * (2 * torch.rand(200, 2, generator=learner.generator) - 1)
     rewards = Quadratic.returns(action)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
@@ -84,7 +84,7 @@ def test_critics_learn_the_values_of_actions():
     with torch.no_grad():
         found = learner.agent.critic.run(learner.agent.critic(tradeoffs), rows)
     for twin in found.chunk(2, -1):
-        assert (twin * learner._scale() - rewards).abs().mean() < 0.05
+        assert (twin * learner._scale() - rewards).abs().mean() < 0.06
 
 
 def test_a_run_without_its_replay_fills_it_before_it_learns():
