@@ -414,7 +414,7 @@ def test_even_tradeoffs_cover_the_simplex(number):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"algorithm": "sac"}, "algorithm.*'morlax', 'amor', 'hyper-morl'"),
+        ({"algorithm": "sac"}, "algorithm.*'morlax', 'hyper-sac', 'amor'"),
         ({"algorithm": "amor", "network.type": "dual"}, "amor needs conditioned: leave it out"),
         ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
         (

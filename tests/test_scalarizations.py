@@ -288,7 +288,7 @@ MISTAKES = {
     "an error": ("FILE:broken", {}, "the utility .*broken fails: RuntimeError"),
     "infinite": ("FILE:steep", {}, "the derivative of the utility .*steep is not finite"),
     "a scalar critic": ("chebyshev", {"ppo.critic": "scalar"}, "needs ppo.critic vector"),
-    "PG-MORL": ("chebyshev", {"algorithm": "pg-morl"}, "pg-morl selects by weighted sums"),
+    "PG-MORL": ("chebyshev", {"algorithm": "pg-morl"}, "pg-morl needs weighted sums"),
 }
 
 
