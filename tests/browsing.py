@@ -110,6 +110,10 @@ class View:
         mouse.move(box["x"] + box["width"] / 3, height)
         mouse.down()
         mouse.move(box["x"] + 10 + (box["width"] - 20) * share, height, steps=4)
+        # a busy page handles moves in its next frame
+        self.tab.evaluate(
+            "new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r)))"
+        )
         value = self.value(label)
         mouse.up()
         return value
