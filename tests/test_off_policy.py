@@ -126,5 +126,5 @@ def test_own_critics_and_worlds_that_hide_endings_are_refused(monkeypatch):
     with pytest.raises(MorlaxError, match="makes its own critics"):
         make_learner(worlds, config, critic=torch.nn.Linear(3, 2))
     monkeypatch.setattr(type(worlds), "shows_endings", False)
-    with pytest.raises(MorlaxError, match="do not show how an episode ended"):
+    with pytest.raises(MorlaxError, match="last observation of each episode"):
         make_learner(worlds, config)

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -42,11 +43,13 @@ def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
 
 
 def memory_of(device: "torch.device") -> int:
-    """Return the bytes that are free on a GPU, or those of the whole machine."""
+    """Return the bytes that are free on a GPU, or those of the whole machine if it tells them."""
     import torch
 
     if device.type == "cuda":
         return torch.cuda.mem_get_info(device)[0]
+    if not hasattr(os, "sysconf"):  # Windows
+        return sys.maxsize
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 

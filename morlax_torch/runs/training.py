@@ -210,12 +210,13 @@ def _check(
     if metrics["overflow"]:
         remedy = learner.env.remedy(int(metrics["overflow"]))
         raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}.{_kept(run)}")
+    section = "method" if learner.config.off_policy else "ppo"
     for name, value in metrics.items():
         if (name == "entropy" or name.endswith("_loss")) and not math.isfinite(value):
             raise MorlaxError(
                 f"the {name.replace('_', ' ')} became {value} in {span} "
                 f"({metrics['blowups']:.0f} worlds have blown up so far): "
-                f"try a lower --ppo.learning-rate.{_kept(run)}"
+                f"try a lower --{section}.learning-rate.{_kept(run)}"
             )
     if all_blew_up:
         raise MorlaxError(f"every world blew up in each rollout of {span}: {UNSTABLE}.{_kept(run)}")

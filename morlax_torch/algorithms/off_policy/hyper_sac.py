@@ -72,8 +72,8 @@ class HyperSAC(Learner):
             )
         if not env.shows_endings:
             raise MorlaxError(
-                "these worlds do not show how an episode ended, which algorithm hyper-sac learns "
-                "from: choose another algorithm."
+                "algorithm hyper-sac learns from the last observation of each episode, which these "
+                "worlds do not show: choose another algorithm."
             )
         self.env, self.config, self.group, self.options = env, config, group, config.method
         self.agent = make_agent(env, config, actor=actor)
@@ -174,7 +174,7 @@ class HyperSAC(Learner):
             self._gains.masked_fill_(ended, 0.0)
 
     def _scale(self) -> Tensor:
-        """Return what rewards are divided by (m,), so that their returns are about TYPICAL."""
+        """Return divisors of rewards (m,), which scale the returns to about TYPICAL."""
         return (self._squares.sqrt() / TYPICAL).clamp(min=1e-6)
 
     def _learn(self, updates: int | None = None) -> None:
@@ -253,7 +253,7 @@ class HyperSAC(Learner):
             value.zero_()
 
     def _tensors(self) -> dict[str, list[Tensor]]:
-        """Return what is copied beside the agent and the worlds, by name of the state."""
+        """Return the tensors of the state, without those of agent and worlds, by name."""
         return {
             "target": list(self.target.parameters()),
             "optimizers": [x for optimizer in self.optimizers for x in optimizer.state()],
