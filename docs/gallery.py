@@ -21,7 +21,7 @@ SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
 ABOUT = """# Gallery
 
 The package ships trained policies: one hypernetwork each for ant, bruce, cheetah, cheetah3,
-hopper, humanoid and walker, and a [Go1 of mjlab](mjlab.md).
+hopper, humanoid and walker, and a [Go1 and a G1 of mjlab](mjlab.md).
 `morlax_torch.load("ant")` loads one, and `evaluate`, `record`, `explore` and `export` accept its
 name in place of a run's folder.
 

@@ -14,7 +14,7 @@ from morlax_torch.runs.loading import SHIPPED, find_run, load
 from morlax_torch.terminal import arguments
 
 MEGABYTES = {"humanoid": 6.0, "bruce": 6.0}  # all others: 1
-OF_PEERS = {"go1"}  # tested where mjlab is installed
+OF_PEERS = {"go1", "g1"}  # tested where mjlab is installed
 SHIPS = sorted(folder.name for folder in SHIPPED.iterdir() if folder.name not in OF_PEERS)
 
 

@@ -50,6 +50,7 @@ def command(arguments: Sequence[str]) -> None:
             from ..exports.exporting import export  # imports torch
             from ..exports.formats import FORMATS
             from ..exports.manifest import provenance, robot_of
+            from ..files import make_folder
             from ..runs.bookmarks import tradeoff_of
             from ..runs.loading import load, own_folder
 
@@ -63,6 +64,7 @@ def command(arguments: Sequence[str]) -> None:
                     f"--slew is for {SETTINGS}, which {policy.config.env} does not have, because "
                     "its actions are not positions of joints."
                 )
+            make_folder(place.parent)
             largest = export(policy, place, format, weights, about, robot)
             lacks = deploy(robot, place, policy.config.env, policy.objectives, weights, slew)
         cli.console.print(f"written: {place} (largest difference from the policy: {largest:.0e})")
