@@ -26,7 +26,7 @@ def find_run(run: AnyPath) -> Path:
     """Return the folder of a run, given its path, one of its checkpoints, or a shipped name.
 
     A folder of runs, such as runs/ant, stands for its newest run, and "latest" for the newest of
-    all in runs/.
+    all in runs/. A folder with a shipped name is only meant if it is a run, not an export of it.
 
     Raises:
         MorlaxError: there is no such run.
@@ -34,11 +34,12 @@ def find_run(run: AnyPath) -> Path:
     path = checkpoint.named_run(run)
     if is_file(path):
         return checkpoint.folder_of(path)
-    if is_folder(path):
-        return path
     shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
-    if str(path) in shipped:
-        return shipped[str(path)]
+    found = shipped.get(str(path))
+    if is_folder(path) and (found is None or is_folder(path / "checkpoints")):
+        return path
+    if found is not None:
+        return found
     raise MorlaxError(
         f"{path} does not exist: name the folder of a run, such as runs/ant/..., a .pt file, or a "
         f"shipped policy: {', '.join(sorted(shipped))}."
