@@ -434,9 +434,10 @@ def simulated_again(learner: PGMORL, number: int) -> np.ndarray:
     return pg_morl.measuring(again, learner.config, 2).evaluate().returns
 
 
-def test_the_whole_archive_returns_what_was_stored_at_three_times_of_a_run(monkeypatch):
+@pytest.mark.parametrize("protocol", ["latched", "discounted"])
+def test_the_whole_archive_returns_what_was_stored_at_three_times_of_a_run(protocol, monkeypatch):
     monkeypatch.setattr(pg_morl, "intervals", lambda *_: (4, 2))
-    learner = made(tiny())
+    learner = made(tiny(**{"evaluation.protocol": protocol}))
     evaluator, sizes = make_evaluator(learner), []
     for _ in range(3):
         for _ in range(4):

@@ -110,6 +110,12 @@ class Evaluator:
         """K"""
         return len(self._points) // self._seeds
 
+    @property
+    def reference_point(self) -> np.ndarray:
+        """(m,), that hypervolumes by the protocol count from."""
+        usual = np.array(self.env.reference_point)
+        return np.full_like(usual, REFERENCE) if self._discounted else usual
+
     def retarget(self, tradeoffs: Tensor) -> None:
         """Evaluate as many other trade-offs (K, m) from now on."""
         self._points = tradeoffs.repeat(self._seeds, 1).cpu().numpy()
@@ -171,7 +177,7 @@ class Evaluator:
             self._points.copy(),
             returns,
             lengths.astype(np.int32),
-            np.full(m, REFERENCE) if self._discounted else np.array(self.env.reference_point),
+            self.reference_point,
             falls,
             blowups if self._knows_blowups else None,
             protocol=self.protocol,

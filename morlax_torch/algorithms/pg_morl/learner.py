@@ -141,7 +141,7 @@ class PGMORL(Trainer):
         """Let the snapshots join the population, and keep the best of it."""
         state, before = self._state, self._size
         joined = torch.cat([state["returns"][:before], returns])
-        point = self.env.reference_point
+        point = self._evaluator.reference_point
         kept = performance_buffer(joined.numpy(), point, self._directions, self.options.bin_size)
         stores = [state[name] for name in ("returns", "weights", "tried")]
         untried = torch.zeros(len(returns), self.options.candidates, dtype=torch.bool)
@@ -164,7 +164,7 @@ class PGMORL(Trainer):
             returns,
             predicted[valid],
             len(self.tradeoffs),
-            self.env.reference_point,
+            self._evaluator.reference_point,
             self.options.sparsity,
         )
         # with too few candidates, the best are trained twice
@@ -236,7 +236,7 @@ def measuring(agent: Agent, config: Config, num_objectives: int) -> Evaluator:
     """Return the evaluator of an agent's policies, which come in a row."""
     worlds = evaluation_worlds(config, agent.num_networks, seeds=1, seed=MEASURING)
     unused = torch.full((agent.num_networks, num_objectives), 1 / num_objectives)
-    return Evaluator(agent, worlds, unused, seed=MEASURING)
+    return Evaluator(agent, worlds, unused, config.evaluation.protocol, seed=MEASURING)
 
 
 def belongings(agent: Agent) -> list[Tensor]:
