@@ -1,0 +1,87 @@
+"""Train CAPQL or GPI-LS of morl-baselines on a task of MO-Gymnasium, to compare with.
+
+    python benchmarks/morl_baselines_peers.py --env mo-hopper-2obj-v5 --algorithm capql
+
+Needs the extra morl-baselines. Its own code trains with its own defaults, on the CPU. Policies are
+evaluated as `morlax train --env mo-gymnasium/hopper-2obj` does with two objectives: an even grid of
+trade-offs, undiscounted returns, hypervolume from the origin.
+"""
+
+import contextlib
+import csv
+import io
+import time
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+import tyro
+
+from morlax_torch.configuration.tradeoffs import even_tradeoffs
+from morlax_torch.evaluation.pareto import hypervolume
+from morlax_torch.terminal.cli import console
+
+COLUMNS = "task", "algorithm", "seed", "env_steps", "train_seconds", "hypervolume"
+
+
+def main(
+    env: str = "mo-hopper-2obj-v5",
+    algorithm: Literal["capql", "gpi-ls"] = "capql",
+    steps: int = 100_000,
+    seed: int = 0,
+    tradeoffs: int = 64,
+    episodes: int = 2,
+    output: Path | None = None,
+) -> None:
+    """Train one algorithm and evaluate its policies.
+
+    Args:
+        env: Environment of MO-Gymnasium with two objectives.
+        algorithm: Algorithm of morl-baselines.
+        steps: Environment steps of training.
+        seed: Random seed.
+        tradeoffs: Number of policies to evaluate.
+        episodes: Episodes of each.
+        output: CSV file to add a row to.
+    """
+    import mo_gymnasium  # registers the environments
+    from morl_baselines.common.evaluation import policy_evaluation_mo
+
+    start = time.perf_counter()
+    agent = trained(algorithm, env, steps, seed)
+    seconds = time.perf_counter() - start
+    world = mo_gymnasium.make(env)
+    world.reset(seed=seed)
+    returns = [
+        policy_evaluation_mo(agent, world, w.numpy(), rep=episodes)[2]
+        for w in even_tradeoffs(tradeoffs, 2)
+    ]
+    found = hypervolume(np.array(returns), np.zeros(2))
+    row = (env, algorithm, seed, steps, round(seconds, 1), f"{found:.6g}")
+    console.print(*row)
+    if output is not None:
+        new = not output.exists()
+        with output.open("a", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerows([COLUMNS, row] if new else [row])
+
+
+def trained(algorithm: str, name: str, steps: int, seed: int) -> Any:
+    """Return an agent of morl-baselines after its training."""
+    import mo_gymnasium
+    from morl_baselines.multi_policy.capql.capql import CAPQL
+    from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPILSContinuousAction
+
+    env: gymnasium.Env = mo_gymnasium.make(name)
+    kind = CAPQL if algorithm == "capql" else GPILSContinuousAction
+    agent = kind(env, log=False, seed=seed, device="cpu")
+    with contextlib.redirect_stdout(io.StringIO()):
+        agent.train(
+            steps, eval_env=mo_gymnasium.make(name), ref_point=np.zeros(2), checkpoints=False
+        )
+    return agent
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
