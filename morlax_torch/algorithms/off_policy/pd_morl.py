@@ -47,7 +47,7 @@ class PDMORL(OffPolicy):
         super().__init__(env, config, **others)
         assert isinstance(config.method, PDMORLOptions)
         self.options = config.method
-        families = self.agent.actor, self.agent.critic
+        self._families = families = self.agent.actor, self.agent.critic
         self.targets = tuple(copy.deepcopy(own).requires_grad_(False) for own in families)
         rate, group = self.options.learning_rate, self.group
         self.optimizers = tuple(
@@ -107,8 +107,8 @@ class PDMORL(OffPolicy):
         policy_loss, degrees = self._actor_loss(seen, tradeoffs)
         by_actor.step(policy_loss)
         with torch.no_grad():
-            targets = [x for target in self.targets for x in target.parameters()]
-            own = [*self.agent.actor.parameters(), *self.agent.critic.parameters()]
+            targets: list[Tensor] = [x for target in self.targets for x in target.parameters()]
+            own: list[Tensor] = [x for part in self._families for x in part.parameters()]
             torch._foreach_lerp_(targets, own, options.target_rate)
             losses = policy_loss, value_loss, degrees
             self._sums += torch.stack([loss.detach() for loss in losses])
