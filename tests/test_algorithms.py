@@ -53,8 +53,15 @@ CASES = [
     ("morlax", SCALAR),
     ("amor", SPARSE),
     ("hyper-sac", LONGER),
+    ("pd-morl", LONGER),
 ]
-NAMES = [*LEARNERS, "as released", "sparse amor", "hyper-sac in longer episodes"]
+NAMES = [
+    *LEARNERS,
+    "as released",
+    "sparse amor",
+    "hyper-sac in longer episodes",
+    "pd-morl in longer episodes",
+]
 
 
 def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
@@ -64,6 +71,9 @@ def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
         values |= {"method.generation": 3, "method.warmup": 6, "method.bins": 10} | changes
     if algorithm == "hyper-sac":
         values |= {"method.start": 1, "method.batch": 256, "method.updates": 8} | changes
+    if algorithm == "pd-morl":
+        values |= {"method.start": 1, "method.updates": 16, "method.delay": 2} | changes
+        values.setdefault("method.refresh", 600)
     return config_for(values.pop("env", TASK), **values)
 
 

@@ -31,6 +31,7 @@ def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algor
     one, other = (process[algorithm] for process in found)
     for part in ("agent", "optimizers", "metrics"):
         assert_same(one[part], other[part])
+    assert_same(one.get("interpolator"), other.get("interpolator"))
     steps = two_processes.ITERATIONS * two_processes.WORLDS * two_processes.HORIZON
     assert one["steps"] == steps
     assert not torch.equal(one["observation"], other["observation"])

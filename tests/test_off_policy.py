@@ -4,14 +4,16 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from closed_form import Quadratic
-from test_algorithms import TASK, small, trained
+from closed_form import Quadratic, best_returns
+from test_algorithms import CLUSTERS, TASK, iterate, small, trained
 from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, config_for
+from morlax_torch.algorithms.off_policy.interpolator import Interpolator, angle
 from morlax_torch.algorithms.off_policy.replay import Replay
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
 from morlax_torch.runs.training import make_worlds
 
 N, T, DISCOUNT, STEPS = 4, 3, 0.9, 3
@@ -46,15 +48,16 @@ def rollouts(number: int, generator: torch.Generator) -> list[Rollout]:
 @pytest.mark.parametrize("number", [1, 4, 11])  # a part of the ring, all of it, and once around
 def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generator):
     capacity = 13
-    replay, given = Replay(capacity, SIZES), rollouts(number, generator)
-    for rollout in given:
-        replay.add(rollout)
+    replay, given = Replay(capacity, 2, SIZES), rollouts(number, generator)
+    tradeoffs = torch.rand(number, 2, 2, generator=generator)  # of each rollout's clusters
+    for rollout, own in zip(given, tradeoffs, strict=True):
+        replay.add(rollout, own)
     steps = [Rollout(*(x.flatten(1, 2) for x in rollout)) for rollout in given]
     rows = Rollout(*(torch.cat(columns) for columns in zip(*steps, strict=True)))
     first, total = max(0, number * T - capacity), number * T
     seen = set()
     sample = replay.sample(500, STEPS, DISCOUNT, generator)
-    for observation, action, reward, following, discount in zip(*sample, strict=True):
+    for observation, action, reward, following, discount, tradeoff in zip(*sample, strict=True):
         time, world = int(observation), round(10 * (observation.item() % 1))
         assert first <= time < total
         seen.add((time, world))
@@ -66,6 +69,7 @@ def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generato
             if ended or last == total - 1:
                 break
         assert_close(action, rows.action[time, world].tanh())
+        assert torch.equal(tradeoff, tradeoffs[time // T, world // 2])
         assert_close(reward, wanted)
         assert_close(following, rows.final_observation[last, world])
         value = 0.0 if rows.terminated[last, world] else DISCOUNT ** (last - time + 1)
@@ -73,9 +77,23 @@ def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generato
     assert len(seen) == min(number * T, capacity) * N  # every step of every world
 
 
-def test_critics_learn_the_values_of_actions():
+VALUED = {  # faster than as published, and without angles, which move the optimum
+    "hyper-sac": {"method.learning_rate": 4e-3},
+    "pd-morl": {
+        "method.learning_rate": 4e-3,
+        "method.target_rate": 0.05,
+        "method.updates": 60,
+        "method.warmup": 0.0,
+        "method.critic_angle": 0.0,
+        "method.actor_angle": 0.0,
+    },
+}
+
+
+@pytest.mark.parametrize("algorithm", VALUED)
+def test_critics_learn_the_values_of_actions(algorithm):
     """An episode of the task is one step, so the value of an action is its reward."""
-    learner = trained(small("hyper-sac", 20, **{"method.learning_rate": 4e-3}), 20)
+    learner = trained(small(algorithm, 20, **VALUED[algorithm]), 20)
     action = 0.6 * (2 * torch.rand(200, 2, generator=learner.generator) - 1)
     rewards = Quadratic.returns(action)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
@@ -83,8 +101,97 @@ def test_critics_learn_the_values_of_actions():
     rows = torch.cat([seen, action.expand(3, -1, -1)], -1)
     with torch.no_grad():
         found = learner.agent.critic.run(learner.agent.critic(tradeoffs), rows)
+    scale = learner._scale() if algorithm == "hyper-sac" else 1.0
     for twin in found.chunk(2, -1):
-        assert (twin * learner._scale() - rewards).abs().mean() < 0.06
+        assert (twin * scale - rewards).abs().mean() < 0.06
+
+
+def interpolated(m: int, generator: torch.Generator) -> tuple[Interpolator, torch.Tensor]:
+    """Return an interpolator of random returns, and these."""
+    found, returns = Interpolator(m, torch.device("cpu")), 100 * torch.rand(m + 1, m).double()
+    found.observe(returns)
+    return found, returns
+
+
+@pytest.mark.parametrize("m", [2, 3])
+def test_directions_of_key_tradeoffs_are_those_of_their_returns(m, generator):
+    keys = typical_tradeoffs(m)
+    assert_close(Interpolator(m, torch.device("cpu"))(keys), keys)  # before any return is known
+    found, returns = interpolated(m, generator)
+    directions = found(keys)
+    assert_close(directions, (returns / returns.sum(1, keepdim=True)).float())
+    found.observe(returns - 1)
+    assert torch.equal(found(keys), directions)  # only better ones count
+    better = returns.clone()
+    better[1] += keys[1]
+    found.observe(better)
+    assert_close(found(keys), (better / better.sum(1, keepdim=True)).float())
+
+
+def test_directions_of_two_objectives_are_linear_between_key_tradeoffs(generator):
+    """In one dimension, a sum of distances and a constant is a linear spline."""
+    found, returns = interpolated(2, generator)
+    first = torch.tensor([0.1, 0.3, 0.5, 0.6, 0.95])
+    values = (returns / returns.sum(1, keepdim=True)).float()
+    less, more = (1 - 2 * first).clamp(min=0), (2 * first - 1).clamp(min=0)
+    shares = torch.stack([less, 1 - less - more, more], 1)
+    keys = typical_tradeoffs(2)[:, 0].argsort()
+    tradeoffs = torch.stack([first, 1 - first], 1)
+    assert_close(found(tradeoffs), shares @ values[keys])
+
+
+def test_angles_of_values_to_their_directions():
+    one = torch.tensor([[1.0, 2.0], [1.0, 0.0], [0.0, 3.0], [1.0, 0.0]])
+    other = torch.tensor([[2.0, 4.0], [0.0, 5.0], [1.0, 1.0], [-1.0, 0.0]])
+    assert_close(angle(one, other), torch.tensor([0.0, 90.0, 45.0, 90.0]), rtol=0, atol=0.9)
+
+
+@pytest.mark.parametrize("weight", [0.0, 3.0])
+def test_angles_turn_policies_towards_the_directions_of_their_tradeoffs(weight):
+    """Halfway between two keys, that is another direction than the one of the best returns."""
+    changes = {"method.actor_angle": weight, "method.warmup": 0.5}
+    learner = trained(small("pd-morl", 20, **{**VALUED["pd-morl"], **changes}), 20)
+    tradeoff = torch.tensor([[0.75, 0.25]])
+    found = Quadratic.returns(learner.agent.actors(tradeoff).act(torch.ones(1, 1, 1))[0])
+    wanted = learner.interpolator(tradeoff) if weight else best_returns(tradeoff)
+    first, second = (x[0, 0] / x[0, 1] for x in (found, wanted))
+    assert_close(first, second, rtol=0.1, atol=0)
+
+
+def test_clusters_explore_near_key_tradeoffs_first_and_then_their_own_cells(monkeypatch):
+    learner = trained(small("pd-morl", 40, **{"method.warmup": 0.5}), 0)
+    monkeypatch.setattr(learner, "learn", lambda: None)
+    keys = learner.interpolator.keys[torch.arange(CLUSTERS) % 3]
+    for _ in range(20):
+        iterate(learner, 1)
+        assert 0 < (learner.tradeoffs - keys).abs().max() < 0.11
+    centers = even_tradeoffs(CLUSTERS, 2)
+    for _ in range(20):
+        iterate(learner, 1)
+        cells = torch.cdist(learner.tradeoffs, centers).argmin(1)
+        assert torch.equal(cells, torch.arange(CLUSTERS))
+
+
+def test_a_share_of_samples_keeps_its_tradeoff_and_all_do_at_first():
+    learner = trained(small("pd-morl", 40, **{"method.batch": 400}), 0)
+    acted = torch.tensor([0.2, 0.8]).expand(400, 2)
+    for done, kept in ((0.0, 400), (0.5, 100)):
+        learner._done.fill_(done)
+        found = learner._relabeled(acted)
+        assert (found == acted).all(1).sum() == kept
+        assert_close(found.sum(1), torch.ones(400))
+    assert found[kept:, 0].std() > 0.2
+
+
+def test_exploration_is_random_at_first_and_then_noise_around_the_policy(monkeypatch):
+    learner = trained(small("pd-morl", 40, **{"method.start": 200}), 0)
+    monkeypatch.setattr(learner, "learn", lambda: None)
+    iterate(learner, 1)  # stores 256 transitions
+    assert learner.rollout.action.tanh().std() == pytest.approx(3**-0.5, rel=0.1)  # uniform
+    iterate(learner, 1)
+    policy = learner.agent.actors(learner.tradeoffs).act(learner.rollout.observation[0])
+    noise = learner.rollout.action.tanh() - policy
+    assert noise.std().item() == pytest.approx(0.1, rel=0.1)
 
 
 def test_a_run_without_its_replay_fills_it_before_it_learns():
@@ -106,12 +213,29 @@ def test_a_run_without_its_replay_fills_it_before_it_learns():
         ({"scalarization": "chebyshev"}, "hyper-sac needs weighted sums"),
         ({"network.type": "conditioned"}, "hyper-sac needs dual"),
         ({"ppo.critic": "scalar"}, "hyper-sac needs vector"),
+        (
+            {"algorithm": "pd-morl", "method.batch": 258},
+            r"must be a multiple of method.relabels . 1 .4.: try --method.batch 256",
+        ),
+        (
+            {"algorithm": "pd-morl", "method.updates": 5},
+            r"must be a multiple of method.delay .2.: try --method.updates 4",
+        ),
+        ({"algorithm": "pd-morl", "scalarization": "chebyshev"}, "pd-morl needs weighted sums"),
+        ({"algorithm": "pd-morl", "network.type": "dual"}, "pd-morl needs conditioned"),
+        ({"algorithm": "pd-morl", "sampling.mode": "dense"}, "pd-morl needs sparse"),
+        ({"algorithm": "pd-morl", "ppo.critic": "scalar"}, "pd-morl needs vector"),
+        (
+            {"algorithm": "pd-morl", "max_env_steps": None, "ppo.decay_fraction": 0.0},
+            "method.warmup needs max_env_steps",
+        ),
     ],
     ids=str,
 )
 def test_what_cannot_work_is_refused(changes, message):
+    changes = dict(changes)
     with pytest.raises(MorlaxError, match=message):
-        small("hyper-sac", **changes)
+        small(changes.pop("algorithm", "hyper-sac"), **changes)
 
 
 def test_a_replay_that_does_not_fit_is_refused_and_one_that_does_is_named():
@@ -120,8 +244,9 @@ def test_a_replay_that_does_not_fit_is_refused_and_one_that_does_is_named():
     assert 10**6 < int(str(error.value).rstrip(".").split()[-1]) < 10**12
 
 
-def test_own_critics_and_worlds_that_hide_endings_are_refused(monkeypatch):
-    config = config_for(TASK, device="cpu", algorithm="hyper-sac")
+@pytest.mark.parametrize("algorithm", ["hyper-sac", "pd-morl"])
+def test_own_critics_and_worlds_that_hide_endings_are_refused(algorithm, monkeypatch):
+    config = config_for(TASK, device="cpu", algorithm=algorithm)
     worlds = make_worlds(config, config.worlds)
     with pytest.raises(MorlaxError, match="makes its own critics"):
         make_learner(worlds, config, critic=torch.nn.Linear(3, 2))

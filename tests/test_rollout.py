@@ -96,7 +96,7 @@ def collected(make_agent, generator):
     first = env.reset()
     observation = first.clone()
     rollout = Rollout.empty(HORIZON, CLUSTERS, env)
-    collect(env, agent.actors(TRADEOFFS), observation, rollout, generator)
+    collect(env, agent.actors(TRADEOFFS).explore, observation, rollout, generator)
     return rollout, agent, first, observation
 
 

@@ -22,6 +22,7 @@ from tiny import tiny
 from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.configuration.config import config_class
+from morlax_torch.configuration.sections import OPTIONS
 from morlax_torch.phases import phase, within
 from morlax_torch.terminal import arguments, live, tune_arguments
 from morlax_torch.terminal.task_arguments import text_of
@@ -199,7 +200,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
     models = [arguments.Command, tune_arguments.TuneOptions]
-    models += [config_class(env, name) for name in ("morlax", "hyper-morl", "pg-morl")]
+    models += [config_class(env, name) for name in ("morlax", *OPTIONS)]
     for model in models:
         assert not undescribed(model)
 

@@ -18,6 +18,11 @@ from morlax_torch.runs.progress import Progress
 
 WORLDS, HORIZON, CLUSTERS = 32, 4, 4
 ITERATIONS = 2
+LEARNING = {"start": 1, "batch": 32, "updates": 2}  # from a replay
+METHODS: dict[str, Any] = {
+    "hyper-sac": {"method": LEARNING},
+    "pd-morl": {"method": {**LEARNING, "refresh": 100}},
+}
 
 
 def config(algorithm: str, size: int) -> Config:
@@ -33,7 +38,7 @@ def config(algorithm: str, size: int) -> Config:
         sampling={} if algorithm == "amor" else {"clusters": CLUSTERS},
         ppo={"minibatches": 1, "desired_kl": 0.01},
         task={"reset_noise": 0.05},
-        **({"method": {"start": 1, "batch": 32, "updates": 2}} if algorithm == "hyper-sac" else {}),
+        **METHODS.get(algorithm, {}),
     )
 
 
@@ -85,9 +90,10 @@ def trained(algorithm: str, group: Group, **networks: torch.nn.Module) -> dict[s
 def with_own_networks(algorithm: str, group: Group) -> dict[str, Any]:
     """Return the state of a learner with networks of this process."""
     torch.manual_seed(group.rank)
-    inputs = 13 + 2 * (algorithm == "amor")  # AMOR's networks see the trade-off too
+    conditioned = algorithm in ("amor", "pd-morl")  # whose networks see the trade-off too
+    inputs = 13 + 2 * conditioned
     networks = {"actor": Shifted(inputs, 8), "critic": Shifted(inputs, 2)}
-    if algorithm == "hyper-sac":  # which has its own critics
+    if algorithm in METHODS:  # which have their own critics
         del networks["critic"]
     return {**trained(algorithm, group, **networks), "shift": networks["actor"].shift}
 

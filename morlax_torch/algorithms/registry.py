@@ -8,15 +8,18 @@ from ..gpu.group import ALONE, Group
 from .learner import Learner
 from .methods import AMOR, MORLAX, HyperMORL, IndependentPPO
 from .off_policy.hyper_sac import HyperSAC
+from .off_policy.learner import OffPolicy
+from .off_policy.pd_morl import PDMORL
 from .pg_morl.learner import PGMORL
 from .trainer import Trainer
 
-LEARNERS: dict[str, type[Trainer] | type[HyperSAC]] = {
+LEARNERS: dict[str, type[Trainer] | type[OffPolicy]] = {
     "morlax": MORLAX,
     "hyper-sac": HyperSAC,
     "amor": AMOR,
     "hyper-morl": HyperMORL,
     "pg-morl": PGMORL,
+    "pd-morl": PDMORL,
     "independent": IndependentPPO,
 }
 

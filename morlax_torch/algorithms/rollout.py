@@ -1,13 +1,16 @@
 """Collect rollouts, count their episodes and estimate advantages."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..envs import Worlds
-from ..networks.agent import Actors
-from ..networks.gaussian import sample
+
+Explore = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+"""Maps raw observations (K, G, O) and standard normal noise (K, G, A) to actions before the tanh
+(K, G, A) and their log-probabilities (K, G)."""
 
 
 class Rollout(NamedTuple):
@@ -47,14 +50,14 @@ class Rollout(NamedTuple):
 @torch.no_grad()
 def collect(
     env: Worlds,
-    actors: Actors,
+    explore: Explore,
     observation: Tensor,
     rollout: Rollout,
     generator: torch.Generator,
 ) -> None:
-    """Fill `rollout`: each of the K actors acts in its own cluster, G worlds in a row.
+    """Fill `rollout`: each of K actors explores its own cluster, G worlds in a row.
 
-    Actors see the first O features of `observation` (N, O + P), which is updated in place to the
+    They see the first O features of `observation` (N, O + P), which is updated in place to the
     end of the rollout. The generator draws their noise.
     """
     rollout.observation[0].copy_(observation.view_as(rollout.observation[0]))
@@ -62,7 +65,7 @@ def collect(
     last = len(noise) - 1
     for t in range(len(noise)):
         seen = rollout.observation[t, ..., : env.observation_size]
-        action, log_prob = sample(actors.distribution(seen).output, noise[t])
+        action, log_prob = explore(seen, noise[t])
         step = env.step(action.tanh().flatten(0, 1))
         following = observation if t == last else rollout.observation[t + 1]
         pairs = (

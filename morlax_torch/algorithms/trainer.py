@@ -157,7 +157,7 @@ class Trainer(Learner):
         with torch.no_grad(), one_thread(self.env.device):
             collect(
                 self.env,
-                self.trained.actors(self.tradeoffs),
+                self.trained.actors(self.tradeoffs).explore,
                 self.observation,
                 self.rollout.first(steps or self.config.horizon),
                 self.generator,

@@ -29,6 +29,8 @@ from .sections import (
     HyperSACOptions,
     MethodOptions,
     NetworkConfig,
+    OffPolicyOptions,
+    PDMORLOptions,
     PGMORLOptions,
     PPOConfig,
     Protocol,
@@ -49,9 +51,9 @@ class Config(Section):
     env: str
     """The task: a name of docs/tasks.md, a registered name, FILE.py:CLASS for your own, or
     gymnasium:ID for a Gymnasium environment with a vector reward."""
-    algorithm: Literal["morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "independent"] = (
-        "morlax"
-    )
+    algorithm: Literal[
+        "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent"
+    ] = "morlax"
     """What learns the front: MORLAX, hyper-sac (few steps), or a baseline of docs/algorithms.md."""
     scalarization: str = "linear"
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
@@ -156,7 +158,7 @@ class Config(Section):
     @property
     def off_policy(self) -> bool:
         """Whether critics value a state and an action, twice."""
-        return isinstance(self.method, HyperSACOptions)
+        return isinstance(self.method, OffPolicyOptions)
 
     def num_values(self, num_objectives: int) -> int:
         return 1 if self.ppo.critic == "scalar" else num_objectives
@@ -180,7 +182,7 @@ class Config(Section):
                 )
         if self.network.type == "independent" and "network.type" not in required:
             raise ValueError("network.type independent needs algorithm independent or pg-morl")
-        if isinstance(self.method, HyperMORLOptions) and not self.ends:
+        if isinstance(self.method, HyperMORLOptions | PDMORLOptions) and not self.ends:
             raise ValueError(
                 "method.warmup needs max_env_steps or max_seconds: it is a share of them"
             )
@@ -245,12 +247,13 @@ class Config(Section):
                 f"each of the {num_objectives} objectives"
             )
         self.task.check_seeds(self.evaluation.seeds)
-        if isinstance(self.method, HyperSACOptions):
-            if self.method.batch % K:
-                raise ValueError(
-                    f"method.batch ({self.method.batch}) must be a multiple of sampling.clusters "
-                    f"({K}): try --method.batch {max(1, self.method.batch // K) * K}"
-                )
+        method = self.method
+        if isinstance(method, HyperSACOptions):
+            _check_multiple("batch", method.batch, "sampling.clusters", K)
+        if isinstance(method, PDMORLOptions):
+            _check_multiple("batch", method.batch, "method.relabels + 1", method.relabels + 1)
+            _check_multiple("updates", method.updates, "method.delay", method.delay)
+        if self.off_policy:
             return
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
         if dealt % self.ppo.minibatches:
@@ -258,6 +261,14 @@ class Config(Section):
                 f"ppo.minibatches ({self.ppo.minibatches}) must divide the {dealt} worlds of a "
                 f"cluster ({self.worlds} worlds / {K} clusters)"
             )
+
+
+def _check_multiple(name: str, value: int, other: str, factor: int) -> None:
+    if value % factor:
+        raise ValueError(
+            f"method.{name} ({value}) must be a multiple of {other} ({factor}): "
+            f"try --method.{name} {max(1, value // factor) * factor}"
+        )
 
 
 def config_class(env: str, algorithm: str = "morlax") -> type[Config]:

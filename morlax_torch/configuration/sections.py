@@ -141,8 +141,8 @@ class HyperMORLOptions(MethodOptions):
     """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
 
 
-class HyperSACOptions(MethodOptions):
-    """Options of hyper-sac."""
+class OffPolicyOptions(MethodOptions):
+    """Options of the algorithms that learn from a replay."""
 
     updates: Count = 32
     """Gradient steps per iteration."""
@@ -154,18 +154,68 @@ class HyperSACOptions(MethodOptions):
     """Transitions to store before the first gradient step."""
     learning_rate: float = Field(default=7e-4, gt=0, le=1)
     """Learning rate of Adam."""
-    decay_fraction: float = Field(default=0.3, ge=0, le=1)
-    """Share of the run, at its end, over which the learning rate decays linearly to zero."""
     discount: float = Field(default=0.99, ge=0, le=1)
     """Discount factor gamma, per control step."""
-    steps: Annotated[int, Field(ge=1, le=1000)] = 3
-    """Rewards of a target before the value of the state that follows."""
     target_rate: float = Field(default=0.01, gt=0, le=1)
     """Step of the target critics towards the critics, per gradient step."""
+
+    @property
+    def rounds(self) -> int:
+        """Times that an iteration calls `OffPolicy._improve`."""
+        return self.updates
+
+
+class HyperSACOptions(OffPolicyOptions):
+    """Options of hyper-sac."""
+
+    decay_fraction: float = Field(default=0.3, ge=0, le=1)
+    """Share of the run, at its end, over which the learning rate decays linearly to zero."""
+    steps: Annotated[int, Field(ge=1, le=1000)] = 3
+    """Rewards of a target before the value of the state that follows."""
     entropy: float = Field(default=-0.5, ge=-100, le=100)
     """Entropy per action that the temperature aims at."""
     temperature: float = Field(default=0.02, gt=0, le=100)
     """Initial weight of the entropy, in units of scaled rewards."""
+
+
+class PDMORLOptions(OffPolicyOptions):
+    """Options of PD-MORL."""
+
+    updates: Count = 200
+    """Gradient steps of the critics per iteration; must be a multiple of method.delay."""
+    batch: Count = 256
+    """Samples of a gradient step; must be a multiple of method.relabels + 1."""
+    start: int = Field(default=5_000, gt=0, lt=2**40)
+    """Transitions to store, with uniformly random actions, before the first gradient step."""
+    learning_rate: float = Field(default=3e-4, gt=0, le=1)
+    """Learning rate of Adam."""
+    discount: float = Field(default=0.995, ge=0, le=1)
+    """Discount factor gamma, per control step."""
+    target_rate: float = Field(default=0.005, gt=0, le=1)
+    """Step of the target networks towards the networks, per gradient step of the actor."""
+    delay: Count = 2
+    """Gradient steps of the critics per gradient step of the actor."""
+    relabels: NonNegativeInt = 3
+    """Samples with a random trade-off per sample with the trade-off that acted."""
+    exploration: float = Field(default=0.1, ge=0, le=1)
+    """Standard deviation of the noise on actions in (-1, 1) that explore."""
+    smoothing: float = Field(default=0.2, ge=0, le=1)
+    """Standard deviation of the noise on actions in (-1, 1) that targets value."""
+    clip: float = Field(default=0.5, ge=0, le=1)
+    """Largest noise of method.smoothing."""
+    warmup: float = Field(default=0.4, ge=0, le=1)
+    """Share of max_env_steps or max_seconds for which only the key trade-offs, the corners and the
+    balanced one, are trained, without angles in the losses."""
+    refresh: int = Field(default=20_000, gt=0, lt=2**40)
+    """Environment steps between evaluations of the key trade-offs."""
+    critic_angle: NonNegativeFloat = 1.0
+    """Weight of the angle in the critics' loss, per degree."""
+    actor_angle: NonNegativeFloat = 10.0
+    """Weight of the angle in the actor's loss, in units of weighted returns per degree."""
+
+    @property
+    def rounds(self) -> int:
+        return self.updates // self.delay
 
 
 class PGMORLOptions(MethodOptions):
@@ -188,6 +238,7 @@ class PGMORLOptions(MethodOptions):
 
 OPTIONS: dict[str, type[MethodOptions]] = {
     "hyper-sac": HyperSACOptions,
+    "pd-morl": PDMORLOptions,
     "hyper-morl": HyperMORLOptions,
     "pg-morl": PGMORLOptions,
 }
@@ -202,6 +253,12 @@ REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
     "hyper-sac": {
         "network.type": "dual",
         "sampling.mode": "sparse",
+        "ppo.critic": "vector",
+    },
+    "pd-morl": {
+        "network.type": "conditioned",
+        "sampling.mode": "sparse",
+        "sampling.corners": 0,
         "ppo.critic": "vector",
     },
     "pg-morl": {

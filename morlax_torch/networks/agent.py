@@ -12,7 +12,7 @@ from ..configuration.tradeoffs import even_tradeoffs
 from ..envs.worlds.mirror import Mirror, Reflection
 from .conditioned import Conditioned
 from .family import Family
-from .gaussian import TanhNormal, limited, spread_of
+from .gaussian import TanhNormal, limited, sample, spread_of
 from .generated import Independent, InOrder
 from .hypernetwork import Hypernetwork
 from .mlp import check_network, mlp
@@ -37,6 +37,15 @@ class Actors(NamedTuple):
         """Map *normalized* observations (K, B, O) to action distributions."""
         output = self.family.run(self.parameters, observation)
         return TanhNormal(output if self.max_std is None else limited(output, self.max_std))
+
+    def explore(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """Sample actions before the tanh (K, B, A), with their log-probabilities (K, B).
+
+        Args:
+            observation: raw, (K, B, O).
+            noise: standard normal, (K, B, A).
+        """
+        return sample(self.distribution(observation).output, noise)
 
     def act(self, observation: Tensor) -> Tensor:
         """Map raw observations (K, B, O) to deterministic actions (K, B, A) in (-1, 1)."""
@@ -127,7 +136,7 @@ class Agent(nn.Module):
         else:
             check_network("actor", actor, actor_inputs, 2 * action_size)
         if config.off_policy:
-            critic = Twins(whole + action_size, sizes.critic, num_values, generator)
+            critic = Twins(critic_inputs + action_size, sizes.critic, num_values, generator)
         elif critic is None:
             critic = mlp(critic_inputs, sizes.critic, num_values, generator)
         else:
@@ -139,7 +148,7 @@ class Agent(nn.Module):
             outputs = Reflection.joined([acted, spread])
             inputs = [seen.first(observation_size), none(conditions)]
             actor = Symmetric(actor, Reflection.joined(inputs), outputs)
-            inputs = [seen, acted] if config.off_policy else [seen, none(conditions)]
+            inputs = [seen, *([acted] if config.off_policy else []), none(conditions)]
             values = none(2 * num_values if config.off_policy else num_values)
             critic = Symmetric(critic, Reflection.joined(inputs), values)
 

@@ -38,6 +38,18 @@ class Twins(nn.Module):
         return torch.cat([network(x) for network in self.networks], -1)
 
 
+def smaller(values: Tensor, weights: Tensor) -> Tensor:
+    """Return the values (..., m) of the twin whose weighted sum is the smaller one.
+
+    Args:
+        values: of the twins (..., 2m), first by twin.
+        weights: (..., m)
+    """
+    one, other = values.chunk(2, -1)
+    less = (one * weights).sum(-1, True) < (other * weights).sum(-1, True)
+    return torch.where(less, one, other)
+
+
 def _normalized(network: nn.Sequential) -> nn.Sequential:
     """Return the network with a normalization before each activation."""
     layers: list[nn.Module] = []

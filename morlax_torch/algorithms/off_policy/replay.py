@@ -20,6 +20,7 @@ class Transitions(NamedTuple):
     reward: Tensor  # (S, m) discounted sum over the stretch
     following: Tensor  # (S, O + P) raw, after the stretch and before any reset
     discount: Tensor  # (S, 1) of the value of `following`: 0 if the episode terminated there
+    tradeoff: Tensor  # (S, m) that acted
 
 
 class Replay:
@@ -29,13 +30,14 @@ class Replay:
 
     Args:
         capacity: R, the number of steps of all worlds that it holds.
+        clusters: K, of which each has a trade-off.
         env: the worlds.
 
     Raises:
         MorlaxError: it would take more than MOST of the device's memory.
     """
 
-    def __init__(self, capacity: int, env: Worlds):
+    def __init__(self, capacity: int, clusters: int, env: Worlds):
         _check_memory(capacity * env.num_worlds, env)
 
         def zeros(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -46,6 +48,7 @@ class Replay:
         self._observation, self._following = zeros(features), zeros(features)
         self._action, self._reward = zeros(env.action_size), zeros(len(env.objectives))
         self._terminated, self._over = zeros(dtype=torch.bool), zeros(dtype=torch.bool)
+        self._tradeoff = self._reward.new_zeros(capacity, clusters, self._reward.shape[-1])
         self._stored = torch.zeros((), dtype=torch.int64, device=env.device)  # steps so far
 
     def state(self) -> list[Tensor]:
@@ -58,13 +61,14 @@ class Replay:
             self._terminated,
             self._over,
             self._stored,
+            self._tradeoff,
         ]
 
     def clear(self) -> None:
         self._stored.zero_()
 
-    def add(self, rollout: Rollout) -> None:
-        """Store the T steps of a rollout in place of the oldest ones."""
+    def add(self, rollout: Rollout, tradeoffs: Tensor) -> None:
+        """Store the T steps of a rollout with trade-offs (K, m) in place of the oldest ones."""
         steps = len(rollout.reward)
         rows = (self._stored + torch.arange(steps, device=self._stored.device)) % self.capacity
         pairs = (
@@ -77,6 +81,7 @@ class Replay:
         )
         for mine, given in pairs:
             mine.index_copy_(0, rows, given.flatten(1, 2))
+        self._tradeoff.index_copy_(0, rows, tradeoffs.expand(steps, -1, -1))
         self._stored += steps
 
     def sample(
@@ -121,6 +126,7 @@ class Replay:
             reward,
             self._following[last, world],
             torch.where(ended, 0.0, factor)[:, None],
+            self._tradeoff[first, world // (self.num_worlds // self._tradeoff.shape[1])],
         )
 
 

@@ -1,0 +1,174 @@
+"""PD-MORL: one conditioned policy, whose values are turned towards its trade-off."""
+
+import copy
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import smooth_l1_loss
+
+from ...configuration.config import Config
+from ...configuration.sections import PDMORLOptions
+from ...configuration.tradeoffs import even_tradeoffs, sample_cells
+from ...envs import Worlds
+from ...evaluation.evaluator import Evaluator
+from ...evaluation.making import evaluation_worlds
+from ...gpu.optimizer import ClippedAdam
+from ...networks.family import Family
+from ...networks.gaussian import TanhNormal
+from ...networks.twins import smaller
+from ..rollout import Explore
+from .interpolator import Interpolator, angle
+from .learner import OffPolicy
+from .replay import Transitions
+
+MAX_NORM = 100.0  # of gradients
+KEY_NOISE = 0.05  # standard deviation and limit, on the weights of key trade-offs
+LIMIT = 1 - 1e-6  # of actions, whose atanh must be finite
+MEASURING = 1  # seed of the episodes of key trade-offs; 0 is that of evaluations
+
+
+class PDMORL(OffPolicy):
+    """Trains one actor and one pair of twin critics that take the trade-off as an input.
+
+    (Basaklar, Gumussoy and Ogras, 2023, "PD-MORL: Preference-Driven Multi-Objective Reinforcement
+    Learning Algorithm".) TD3 (Fujimoto et al., 2018) for vector rewards. Each of the K clusters
+    explores a part of the simplex. Transitions are learned from with the trade-off that acted and
+    with others, and losses include the angle between values and the direction that an interpolator
+    gives for the trade-off. docs/algorithms.md says what differs.
+
+    It needs `network.type: conditioned`, and takes the arguments of `OffPolicy`.
+    """
+
+    losses = ("policy_loss", "value_loss", "angle")
+
+    def __init__(self, env: Worlds, config: Config, **others: Any):
+        super().__init__(env, config, **others)
+        assert isinstance(config.method, PDMORLOptions)
+        self.options = config.method
+        self._families = families = self.agent.actor, self.agent.critic
+        self.targets = tuple(copy.deepcopy(own).requires_grad_(False) for own in families)
+        rate, group = self.options.learning_rate, self.group
+        self.optimizers = tuple(
+            ClippedAdam([*own.parameters()], rate, MAX_NORM, group=group) for own in families
+        )
+        K, m = self.tradeoffs.shape
+        self._centers = even_tradeoffs(K, m).to(env.device)
+        self._random = torch.zeros((), dtype=torch.bool, device=env.device)  # for graphs
+        self.interpolator = Interpolator(m, env.device)
+        keys, seeds = self.interpolator.keys, config.evaluation.seeds
+        self._keys = keys.to(env.device)[torch.arange(K) % len(keys)]  # of clusters, at first
+        worlds = evaluation_worlds(config, len(keys), seeds, MEASURING)
+        self._evaluator = Evaluator(self.agent, worlds, keys, seed=MEASURING, seeds=seeds)
+
+    def compile(self) -> None:
+        super().compile()
+        self._evaluator.compile()
+
+    def iterate(self, done: float = 0.0) -> None:
+        before = self.env_steps
+        self._random.fill_(before < self.options.start * self.group.size)
+        super().iterate(done)
+        if before // self.options.refresh != self.env_steps // self.options.refresh:
+            returns = torch.from_numpy(self._evaluator.evaluate().returns)
+            self.interpolator.observe(self.group.first(returns))
+
+    def _warming_up(self) -> Tensor:
+        return self._done < self.options.warmup
+
+    def _choose(self) -> Explore:
+        sample_cells(self.tradeoffs, self._centers, self.generator)
+        noise = torch.empty_like(self._keys).normal_(generator=self.generator)
+        near = (self._keys + (KEY_NOISE * noise).clamp(-KEY_NOISE, KEY_NOISE)).abs()
+        near = near / near.sum(-1, keepdim=True)
+        self.tradeoffs.copy_(torch.where(self._warming_up(), near, self.tradeoffs))
+        actors = self.agent.actors(self.tradeoffs)
+
+        def explore(observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+            action = actors.act(observation) + self.options.exploration * noise
+            uniform = torch.erf(noise / math.sqrt(2))
+            action = torch.where(self._random, uniform, action).clamp(-LIMIT, LIMIT)
+            return action.atanh(), torch.zeros_like(action[..., 0])
+
+        return explore
+
+    def _improve(self) -> None:
+        """Take `delay` gradient steps of the critics, then one of the actor."""
+        options, value_loss = self.options, torch.zeros_like(self._done)
+        by_actor, by_critic = self.optimizers
+        for _ in range(options.delay):
+            rows = self.replay.sample(options.batch, 1, options.discount, self.generator)
+            tradeoffs = self._relabeled(rows.tradeoff)
+            seen = self._normalized(rows.observation)
+            loss = self._critic_loss(rows, seen, tradeoffs)
+            by_critic.step(loss)
+            value_loss += loss.detach() / options.delay
+        policy_loss, degrees = self._actor_loss(seen, tradeoffs)
+        by_actor.step(policy_loss)
+        with torch.no_grad():
+            targets: list[Tensor] = [x for target in self.targets for x in target.parameters()]
+            own: list[Tensor] = [x for part in self._families for x in part.parameters()]
+            torch._foreach_lerp_(targets, own, options.target_rate)
+            losses = policy_loss, value_loss, degrees
+            self._sums += torch.stack([loss.detach() for loss in losses])
+
+    def _normalized(self, observation: Tensor) -> Tensor:
+        """Return rows (S, 1, O + P): each row has a trade-off."""
+        return self.agent.observation_normalizer(observation)[:, None]
+
+    def _relabeled(self, tradeoffs: Tensor) -> Tensor:
+        """Return trade-offs (S, m): a share of those that acted, and random ones."""
+        drawn = torch.empty_like(tradeoffs).normal_(generator=self.generator).abs()
+        drawn = drawn / drawn.sum(-1, keepdim=True)
+        kept = len(tradeoffs) // (self.options.relabels + 1)
+        drawn = torch.cat([tradeoffs[:kept], drawn[kept:]])
+        return torch.where(self._warming_up(), tradeoffs, drawn)
+
+    def _act(self, actor: Family, seen: Tensor, tradeoffs: Tensor) -> Tensor:
+        """Return deterministic actions (S, 1, A)."""
+        seen = seen[..., : self.agent.observation_size]
+        return TanhNormal(actor.run(actor(tradeoffs), seen)).mode
+
+    def _value(self, critic: Family, seen: Tensor, action: Tensor, tradeoffs: Tensor) -> Tensor:
+        """Return the values (S, 1, 2m) of twins."""
+        return critic.run(critic(tradeoffs), torch.cat([seen, action], -1))
+
+    def _angle(self, twins: Tensor, tradeoffs: Tensor) -> Tensor:
+        """Return the mean angle () in degrees between values (S, 1, n, m) and their directions."""
+        return angle(twins, self.interpolator(tradeoffs)[:, None, None]).mean()
+
+    def _guided(self, weight: float) -> Tensor:
+        """Return the weight () of the angle."""
+        return weight * (~self._warming_up()).float()
+
+    def _critic_loss(self, rows: Transitions, seen: Tensor, tradeoffs: Tensor) -> Tensor:
+        options, (actor, critic) = self.options, self.targets
+        with torch.no_grad():
+            following = self._normalized(rows.following)
+            action = self._act(actor, following, tradeoffs)
+            noise = options.smoothing * torch.empty_like(action).normal_(generator=self.generator)
+            action = (action + noise.clamp(-options.clip, options.clip)).clamp(-1.0, 1.0)
+            found = self._value(critic, following, action, tradeoffs)
+            future = smaller(found, tradeoffs[:, None]).squeeze(1)
+            wanted = (rows.reward + rows.discount * future)[:, None, None]
+        found = self._value(self.agent.critic, seen, rows.action[:, None], tradeoffs)
+        twins = found.unflatten(-1, (2, -1))
+        error = smooth_l1_loss(twins, wanted.expand_as(twins))
+        return 2 * (error + self._guided(options.critic_angle) * self._angle(twins, tradeoffs))
+
+    def _actor_loss(self, seen: Tensor, tradeoffs: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the loss (), and the angle () in degrees that it holds."""
+        action = self._act(self.agent.actor, seen, tradeoffs)
+        twins = self._value(self.agent.critic, seen, action, tradeoffs)
+        value = twins.unflatten(-1, (2, -1))[..., :1, :]
+        degrees = self._angle(value, tradeoffs)
+        utility = (value * tradeoffs[:, None, None]).sum(-1).mean()
+        return self._guided(self.options.actor_angle) * degrees - utility, degrees
+
+    def _tensors(self) -> dict[str, list[Tensor]]:
+        return {
+            "target": [x for target in self.targets for x in target.parameters()],
+            "interpolator": self.interpolator.state(),
+            **super()._tensors(),
+        }
