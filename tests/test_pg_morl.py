@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError, Policy, config_for, load
+from morlax_torch.algorithms.base import make_agent
 from morlax_torch.algorithms.pg_morl import learner as pg_morl
 from morlax_torch.algorithms.pg_morl import population, prediction, selection
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
-from morlax_torch.algorithms.trainer import make_agent
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto

@@ -11,7 +11,7 @@ from tiny import learner, tiny
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
-from morlax_torch.algorithms.trainer import make_agent
+from morlax_torch.algorithms.base import make_agent
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 

@@ -1,7 +1,6 @@
-"""What learners from a replay share: exploring, storing, the schedule of updates, state."""
+"""What learners from a replay share: storing what they explore, and the schedule of updates."""
 
 from abc import abstractmethod
-from functools import partial
 from typing import Any, ClassVar
 
 import torch
@@ -10,19 +9,16 @@ from torch import Tensor, nn
 from ...configuration.config import Config
 from ...configuration.sections import OffPolicyOptions
 from ...envs import MorlaxError, Worlds
-from ...envs.devices import restore_generator, seed_of
-from ...gpu.graph import Graph
 from ...gpu.group import ALONE, Group
 from ...gpu.optimizer import ClippedAdam
 from ...gpu.resources import one_thread
-from ..learner import Learner
+from ..base import BaseLearner, make_agent
 from ..metrics import read
-from ..rollout import Episodes, Explore, Rollout, collect
-from ..trainer import make_agent
+from ..rollout import Explore, Rollout, collect
 from .replay import Replay
 
 
-class OffPolicy(Learner):
+class OffPolicy(BaseLearner):
     """Explores T steps with K trade-offs, stores them, and improves the agent from the replay.
 
     It needs sparse sampling, and uses no option of `ppo`. On CUDA, a resumed run starts with an
@@ -57,41 +53,21 @@ class OffPolicy(Learner):
             raise MorlaxError(
                 f"algorithm {config.algorithm} makes its own critics: leave out `critic`."
             )
-        if env.num_worlds != config.worlds:
-            raise MorlaxError(
-                f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
-            )
         if not env.shows_endings:
             raise MorlaxError(
                 f"algorithm {config.algorithm} learns from the last observation of each episode, "
                 "which these worlds do not show: choose another algorithm."
             )
-        self.env, self.config, self.group = env, config, group
-        self.agent = make_agent(env, config, actor=actor)
-        group.share(self.agent)
-        self.iteration = self.env_steps = 0
-        self.steps_per_iteration = config.worlds * config.horizon * group.size
+        super().__init__(env, config, make_agent(env, config, actor=actor), group)
         device, m = env.device, len(env.objectives)
-        if device.type == "cuda":
-            torch.set_float32_matmul_precision("high")  # TF32
-        self.generator = torch.Generator(device).manual_seed(seed_of(config.seed, group.rank))
-        self.tradeoffs = torch.full((config.num_clusters, m), 1 / m, device=device)
-        self.rollout = Rollout.empty(config.horizon, config.num_clusters, env)
         capacity = max(options.replay // env.num_worlds, config.horizon)
         self.replay = Replay(capacity, config.num_clusters, env)
         self._keeps_replay = env.resumable and device.type == "cpu"  # in checkpoints
         self._held = 0  # environment steps stored since the replay was empty
         self._start, self._rounds = options.start, options.rounds
-        env.reset()
-        self.observation = env.critic_observation().clone()  # (N, O + P)
-        self._done = torch.zeros((), device=device)
-        self._episodes = Episodes(config.worlds, m, device)
         self._sums = torch.zeros(len(self.losses), device=device)
         self._rewards = torch.zeros(m + 1, device=device)
-        self._updates = self._iterations = 0  # that these are sums over
-        generators = [self.generator, env.generator]
-        self.explore = Graph(self._explore, device, generators, partial(self._explore, 1))
-        self.learn = Graph(self._learn, device, [self.generator], partial(self._learn, 1))
+        self._updates = 0  # that losses are sums over
 
     @abstractmethod
     def _choose(self) -> Explore:
@@ -103,41 +79,20 @@ class OffPolicy(Learner):
 
     @property
     def per_process(self) -> tuple[str, ...]:
-        return "generator", "environment", "observation", "episodes", "replay"
+        return *super().per_process, "replay"
 
-    def compile(self) -> None:
-        if self.env.device.type != "cuda":
-            return
-        state = self.state_dict()
+    def _record(self) -> None:
         self._explore(1)  # so that there is something to learn from
-        self.learn.record()
-        if self.env.recordable:
-            self.explore.record()
-        self.load_state_dict(state)
-        self._restart_metrics()
+        super()._record()
 
-    def iterate(self, done: float = 0.0) -> None:
-        if self.env.interrupted:
-            self.env.reset()
-            self._start_here()
-        self._done.fill_(done)
-        self.explore()
+    def _learn_from_it(self) -> None:
         self._held += self.config.worlds * self.config.horizon
         if self._held >= self._start:
-            self.learn()
+            super()._learn_from_it()
             self._updates += self._rounds
-        self._iterations += 1
-        self.iteration += 1
-        self.env_steps += self.steps_per_iteration
-
-    def _start_here(self) -> None:
-        """Explore from what the worlds show now, with no episode under way."""
-        self.observation.copy_(self.env.critic_observation())
-        self._episodes.running.zero_()
 
     @torch.no_grad()
     def _explore(self, steps: int | None = None) -> None:
-        """Collect a rollout, or only its first `steps`, and store it."""
         rollout = self.rollout.first(steps or self.config.horizon)
         with one_thread(self.env.device):
             explore = self._choose()
@@ -187,32 +142,17 @@ class OffPolicy(Learner):
         tensors = self._tensors().items()
         return {
             **{name: [value.detach().clone() for value in values] for name, values in tensors},
-            "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
-            "generator": self.generator.get_state(),
-            "environment": self.env.state_dict() if self.env.resumable else {},
-            "observation": self.observation.clone(),
-            "episodes": self._episodes.running.clone(),
+            **super().state_dict(),
             "held": self._held,
-            "iteration": self.iteration,
-            "env_steps": self.env_steps,
         }
 
     @torch.no_grad()
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.agent.load_state_dict(state["agent"])
         for name, values in self._tensors().items():
             for mine, stored in zip(values, state[name], strict=False):
                 mine.copy_(stored)
-        restore_generator(self.generator, state["generator"])
-        if self.env.resumable:
-            self.env.load_state_dict(state["environment"])
-            self.observation.copy_(state["observation"])
-            self._episodes.running.copy_(state["episodes"])
-        else:
-            self._start_here()
+        super().load_state_dict(state)
         self._held = state["held"]
         if not (self._keeps_replay and state["replay"]):
             self.replay.clear()
             self._held = 0
-        self._iterations, self.iteration = 0, state["iteration"]
-        self.env_steps = state["env_steps"]

@@ -19,7 +19,8 @@ from ...evaluation.making import evaluation_worlds
 from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
 from ...networks.generated import Independent, InOrder
-from ..trainer import Trainer, make_agent
+from ..base import make_agent
+from ..trainer import Trainer
 from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict
 from .selection import select

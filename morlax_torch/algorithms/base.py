@@ -1,0 +1,157 @@
+"""What all learners share: worlds, the order of an iteration, recorded graphs, state."""
+
+from abc import abstractmethod
+from functools import partial
+from typing import Any
+
+import torch
+from torch import nn
+
+from ..configuration.config import Config
+from ..envs import MorlaxError, Worlds
+from ..envs.devices import restore_generator, seed_of
+from ..gpu.graph import Graph
+from ..gpu.group import Group
+from ..networks.agent import Agent
+from .learner import Learner
+from .rollout import Episodes, Rollout
+
+
+def make_agent(
+    env: Worlds, config: Config, in_order: int = 0, **networks: nn.Module | None
+) -> Agent:
+    """Return a new agent for the worlds, on their device; `Agent` explains the arguments."""
+    return Agent(
+        config,
+        env.observation_size,
+        env.action_size,
+        len(env.objectives),
+        torch.Generator().manual_seed(config.seed),
+        privileged_size=env.privileged_size,
+        mirror=env.mirror() if config.network.symmetric else None,
+        in_order=in_order,
+        **networks,
+    ).to(env.device)
+
+
+class BaseLearner(Learner):
+    """Explores T steps with K trade-offs, then learns; each is recorded as a CUDA graph.
+
+    One generator draws everything; all state lives in tensors updated in place.
+
+    `trained` is the agent that explores and learns; `agent`, the one that is evaluated, is the same
+    unless a method keeps another.
+
+    Arguments and errors are those of `MORLAX`, but for the agent, which replaces its networks.
+    """
+
+    def __init__(self, env: Worlds, config: Config, agent: Agent, group: Group):
+        if env.num_worlds != config.worlds:
+            raise MorlaxError(
+                f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
+            )
+        self.env, self.config, self.group = env, config, group
+        group.share(agent)  # a user's networks may start differently in every process
+        self.agent = self.trained = agent
+        self.iteration = self.env_steps = 0
+        self.steps_per_iteration = config.worlds * config.horizon * group.size
+        device, m = env.device, len(env.objectives)
+        if device.type == "cuda":
+            torch.set_float32_matmul_precision("high")  # TF32
+        self.generator = torch.Generator(device).manual_seed(seed_of(config.seed, group.rank))
+        self.tradeoffs = torch.full((config.num_clusters, m), 1 / m, device=device)
+        self.rollout = Rollout.empty(config.horizon, config.num_clusters, env)
+        env.reset()
+        self.observation = env.critic_observation().clone()  # (N, O + P)
+        self._done = torch.zeros((), device=device)  # of `iterate`, readable by graphs
+        self._episodes = Episodes(config.worlds, m, device)
+        self._iterations = 0  # that metrics are sums over
+        generators = [self.generator, env.generator]
+        self.explore = Graph(self._explore, device, generators, partial(self._explore, 1))
+        self.learn = Graph(self._learn, device, [self.generator], partial(self._learn, 1))
+
+    @abstractmethod
+    def _explore(self, steps: int | None = None) -> None:
+        """Collect a rollout, or only its first `steps`. Runs inside a recorded graph."""
+
+    @abstractmethod
+    def _learn(self, rounds: int | None = None) -> None:
+        """Learn from what was explored, so many times (None: as often as the config says).
+
+        Runs inside a recorded graph.
+        """
+
+    @abstractmethod
+    def _restart_metrics(self) -> None:
+        """Set the sums behind `metrics` to zero."""
+
+    @property
+    def per_process(self) -> tuple[str, ...]:
+        return "generator", "environment", "observation", "episodes"
+
+    def compile(self) -> None:
+        """Compile kernels and record the graphs; all state is unchanged.
+
+        Worlds that cannot be recorded are explored eagerly.
+        """
+        if self.env.device.type != "cuda":
+            return
+        state, tradeoffs = self.state_dict(), self.tradeoffs.clone()
+        self._record()
+        if self.env.recordable:
+            self.explore.record()
+        self.load_state_dict(state)
+        self.tradeoffs.copy_(tradeoffs)
+        self._restart_metrics()
+
+    def _record(self) -> None:
+        # before exploring, while other processes still compile the simulator's kernels
+        self.learn.record()
+
+    def iterate(self, done: float = 0.0) -> None:
+        if self.env.interrupted:
+            self.env.reset()
+            self._start_here()
+        self._done.fill_(done)
+        self.explore()
+        self._learn_from_it()
+        self._iterations += 1
+        self.iteration += 1
+        self.env_steps += self.steps_per_iteration
+
+    def _learn_from_it(self) -> None:
+        self.learn()
+
+    def _start_here(self) -> None:
+        """Explore from what the worlds show now, with no episode under way."""
+        self.observation.copy_(self.env.critic_observation())
+        self._episodes.running.zero_()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Copy everything that future iterations depend on.
+
+        Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
+        """
+        return {
+            "agent": {name: value.clone() for name, value in self.trained.state_dict().items()},
+            "generator": self.generator.get_state(),
+            "environment": self.env.state_dict() if self.env.resumable else {},
+            "observation": self.observation.clone(),
+            "episodes": self._episodes.running.clone(),
+            "iteration": self.iteration,
+            "env_steps": self.env_steps,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.trained.load_state_dict(state["agent"])
+        restore_generator(self.generator, state["generator"])
+        if self.env.resumable:
+            self.env.load_state_dict(state["environment"])
+            self.observation.copy_(state["observation"])
+            if "episodes" in state:  # checkpoints of version 0.1 lack it
+                self._episodes.running.copy_(state["episodes"])
+        else:
+            self._start_here()
+        self._iterations, self.iteration = 0, state["iteration"]
+        # before several processes could train, every iteration had as many
+        self.env_steps = state.get("env_steps", self.iteration * self.steps_per_iteration)
