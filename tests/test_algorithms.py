@@ -105,6 +105,10 @@ def test_it_finds_the_front(algorithm, device):
         changes |= {"method.generation": 10, "method.warmup": 20, "method.bins": 30}
     if algorithm == "hyper-sac":
         changes |= {"method.learning_rate": 2e-3}
+    if algorithm == "pd-morl":  # the angle that it adds to losses moves the optimum
+        changes |= {"method.critic_angle": 1e-3, "method.actor_angle": 1e-3}
+        changes |= {"method.learning_rate": 6e-3, "method.target_rate": 0.05}
+        changes |= {"method.updates": 32, "method.warmup": 0.2}
     learner = trained(small(algorithm, iterations, device=device, **changes), iterations)
     front = make_evaluator(learner).evaluate()
     tradeoffs = torch.as_tensor(front.tradeoffs)
@@ -115,7 +119,8 @@ def test_it_finds_the_front(algorithm, device):
     regret = ((best_returns(tradeoffs) - returns) * tradeoffs).sum(1)
     assert regret.max() < 0.02
     if algorithm != "pg-morl":  # which has a policy of much the same utility
-        assert_close(returns, best_returns(tradeoffs), rtol=0, atol=0.1)
+        far = 0.2 if algorithm == "pd-morl" else 0.1  # few of its samples are near corners
+        assert_close(returns, best_returns(tradeoffs), rtol=0, atol=far)
 
 
 @pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)

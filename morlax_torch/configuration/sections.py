@@ -146,8 +146,6 @@ class OffPolicyOptions(MethodOptions):
 
     updates: Count = 32
     """Gradient steps per iteration."""
-    batch: Count = 1024
-    """Transitions of a gradient step; must be a multiple of sampling.clusters."""
     replay: int = Field(default=500_000, gt=0, lt=2**40)
     """Number of transitions to keep, of all worlds of a process."""
     start: int = Field(default=5_000, gt=0, lt=2**40)
@@ -156,8 +154,6 @@ class OffPolicyOptions(MethodOptions):
     """Learning rate of Adam."""
     discount: float = Field(default=0.99, ge=0, le=1)
     """Discount factor gamma, per control step."""
-    target_rate: float = Field(default=0.01, gt=0, le=1)
-    """Step of the target critics towards the critics, per gradient step."""
 
     @property
     def rounds(self) -> int:
@@ -168,6 +164,10 @@ class OffPolicyOptions(MethodOptions):
 class HyperSACOptions(OffPolicyOptions):
     """Options of hyper-sac."""
 
+    batch: Count = 1024
+    """Transitions of a gradient step; must be a multiple of sampling.clusters."""
+    target_rate: float = Field(default=0.01, gt=0, le=1)
+    """Step of the target critics towards the critics, per gradient step."""
     decay_fraction: float = Field(default=0.3, ge=0, le=1)
     """Share of the run, at its end, over which the learning rate decays linearly to zero."""
     steps: Annotated[int, Field(ge=1, le=1000)] = 3
@@ -188,9 +188,7 @@ class PDMORLOptions(OffPolicyOptions):
     start: int = Field(default=5_000, gt=0, lt=2**40)
     """Transitions to store, with uniformly random actions, before the first gradient step."""
     learning_rate: float = Field(default=3e-4, gt=0, le=1)
-    """Learning rate of Adam."""
     discount: float = Field(default=0.995, ge=0, le=1)
-    """Discount factor gamma, per control step."""
     target_rate: float = Field(default=0.005, gt=0, le=1)
     """Step of the target networks towards the networks, per gradient step of the actor."""
     delay: Count = 2
