@@ -14,6 +14,7 @@ from morlax_torch.algorithms.off_policy.replay import Replay
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
+from morlax_torch.runs.contents import check_state
 from morlax_torch.runs.training import make_worlds
 
 N, T, DISCOUNT, STEPS = 4, 3, 0.9, 3
@@ -253,3 +254,21 @@ def test_own_critics_and_worlds_that_hide_endings_are_refused(algorithm, monkeyp
     monkeypatch.setattr(type(worlds), "shows_endings", False)
     with pytest.raises(MorlaxError, match="last observation of each episode"):
         make_learner(worlds, config)
+
+
+def test_targets_start_as_networks_that_another_run_replaced():
+    learner = trained(small("hyper-sac", 10, **{"method.start": 10**9}), 0)  # nothing is learned
+    torch.nn.init.normal_(learner.agent.critic.weight)  # as start_from does
+    iterate(learner, 1)
+    assert torch.equal(learner.targets[0].weight, learner.agent.critic.weight)
+
+
+def test_a_checkpoint_with_a_replay_continues_where_none_is_kept(monkeypatch):
+    config = small("hyper-sac", 10)
+    stored = trained(config, 4).state_dict()
+    learner = trained(config, 0)
+    monkeypatch.setattr(learner, "_keeps_replay", False)  # as on a GPU
+    check_state(stored, learner.state_dict())
+    learner.load_state_dict(stored)
+    assert learner._held == 0 and learner.iteration == 4
+    assert "replay" not in learner.per_process

@@ -1,6 +1,5 @@
 """Soft actor-critic for a hypernetwork of policies, which learn from each other's transitions."""
 
-import copy
 import math
 from typing import Any
 
@@ -36,13 +35,13 @@ class HyperSAC(OffPolicy):
     """
 
     losses = ("policy_loss", "value_loss", "entropy", "action_std")
+    followed = ("critic",)
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
         assert isinstance(config.method, HyperSACOptions)
         self.options = config.method
         device, m = env.device, len(env.objectives)
-        self.target = copy.deepcopy(self.agent.critic).requires_grad_(False)
         start = torch.tensor(math.log(self.options.temperature), device=device)
         self.log_temperature = nn.Parameter(start)
         rate, group = self.options.learning_rate, self.group
@@ -91,7 +90,7 @@ class HyperSAC(OffPolicy):
     def _improve(self) -> None:
         """Take a gradient step of critics, actors and temperature."""
         agent, options, K = self.agent, self.options, len(self.tradeoffs)
-        actor, critic, tempering = self.optimizers
+        (target,), (actor, critic, tempering) = self.targets, self.optimizers
         scale, temperature = self._scale(), self.log_temperature.detach().exp()
         draw(self.config, self._drawn, self.generator, self._done)
         weights = self._drawn * scale
@@ -109,7 +108,7 @@ class HyperSAC(OffPolicy):
 
         with torch.no_grad():
             action, log_prob = acted(actors(following).output)
-            found = self.target.run(self.target(self._drawn), torch.cat([following, action], -1))
+            found = target.run(target(self._drawn), torch.cat([following, action], -1))
             future = smaller(found, weights) - temperature * log_prob
             wanted = rows.reward / scale + rows.discount * future
         valued = agent.critic.run(critics, torch.cat([seen, rows.action], -1))
@@ -127,13 +126,9 @@ class HyperSAC(OffPolicy):
         with torch.no_grad():
             entropy = -log_prob.mean()
             surplus = entropy - options.entropy * self.env.action_size
-            torch._foreach_lerp_(
-                list(self.target.parameters()),
-                list(agent.critic.parameters()),
-                options.target_rate,
-            )
             losses = policy_loss, value_loss, entropy, policy.std.mean()
             self._sums += torch.stack([loss.detach() for loss in losses])
+        self._follow(options.target_rate)
         tempering.step(self.log_temperature.exp() * surplus)
 
     def _other_metrics(self) -> dict[str, Tensor]:
@@ -141,7 +136,6 @@ class HyperSAC(OffPolicy):
 
     def _tensors(self) -> dict[str, list[Tensor]]:
         return {
-            "target": list(self.target.parameters()),
             "temperature": [self.log_temperature.detach()],
             "scale": [self._squares, self._seen],
             "gains": [self._gains],

@@ -1,5 +1,6 @@
 """What learners from a replay share: storing what they explore, and the schedule of updates."""
 
+import copy
 from abc import abstractmethod
 from typing import Any, ClassVar
 
@@ -36,6 +37,7 @@ class OffPolicy(BaseLearner):
     """
 
     losses: ClassVar[tuple[str, ...]]  # names of the metrics that `_improve` sums
+    followed: ClassVar[tuple[str, ...]]  # families of the agent that have targets
     optimizers: tuple[ClippedAdam, ...]
 
     def __init__(
@@ -60,6 +62,8 @@ class OffPolicy(BaseLearner):
             )
         super().__init__(env, config, make_agent(env, config, actor=actor), group)
         device, m = env.device, len(env.objectives)
+        families = [getattr(self.agent, name) for name in self.followed]
+        self.targets = [copy.deepcopy(family).requires_grad_(False) for family in families]
         capacity = max(options.replay // env.num_worlds, config.horizon)
         self.replay = Replay(capacity, config.num_clusters, env)
         self._keeps_replay = env.resumable and device.type == "cpu"  # in checkpoints
@@ -79,13 +83,15 @@ class OffPolicy(BaseLearner):
 
     @property
     def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, "replay"
+        return *super().per_process, *(["replay"] if self._keeps_replay else [])
 
     def _record(self) -> None:
         self._explore(1)  # so that there is something to learn from
         super()._record()
 
     def _learn_from_it(self) -> None:
+        if self.iteration == 0:
+            self._follow(1.0)  # start_from may have replaced the networks
         self._held += self.config.worlds * self.config.horizon
         if self._held >= self._start:
             super()._learn_from_it()
@@ -131,11 +137,19 @@ class OffPolicy(BaseLearner):
         for value in (*sums, *(optimizer.norms for optimizer in self.optimizers)):
             value.zero_()
 
+    @torch.no_grad()
+    def _follow(self, rate: float) -> None:
+        """Take a step of the target networks towards the networks, in place."""
+        targets = [x for target in self.targets for x in target.parameters()]
+        own = [x for name in self.followed for x in getattr(self.agent, name).parameters()]
+        torch._foreach_lerp_(targets, own, rate)
+
     def _tensors(self) -> dict[str, list[Tensor]]:
         """Return the tensors of the state, without those of agent and worlds, by name."""
         return {
+            "target": [x for target in self.targets for x in target.parameters()],
             "optimizers": [x for optimizer in self.optimizers for x in optimizer.state()],
-            "replay": self.replay.state() if self._keeps_replay else [],
+            **({"replay": self.replay.state()} if self._keeps_replay else {}),
         }
 
     def state_dict(self) -> dict[str, Any]:
@@ -148,11 +162,12 @@ class OffPolicy(BaseLearner):
 
     @torch.no_grad()
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        for name, values in self._tensors().items():
-            for mine, stored in zip(values, state[name], strict=False):
+        own = self._tensors()
+        for name in own.keys() & state.keys():
+            for mine, stored in zip(own[name], state[name], strict=True):
                 mine.copy_(stored)
         super().load_state_dict(state)
         self._held = state["held"]
-        if not (self._keeps_replay and state["replay"]):
+        if not (self._keeps_replay and "replay" in state):
             self.replay.clear()
             self._held = 0

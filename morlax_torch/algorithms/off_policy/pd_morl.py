@@ -1,6 +1,5 @@
 """PD-MORL: one conditioned policy, whose values are turned towards its trade-off."""
 
-import copy
 import math
 from typing import Any
 
@@ -42,13 +41,13 @@ class PDMORL(OffPolicy):
     """
 
     losses = ("policy_loss", "value_loss", "angle")
+    followed = ("actor", "critic")
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
         assert isinstance(config.method, PDMORLOptions)
         self.options = config.method
-        self._families = families = self.agent.actor, self.agent.critic
-        self.targets = tuple(copy.deepcopy(own).requires_grad_(False) for own in families)
+        families = self.agent.actor, self.agent.critic
         rate, group = self.options.learning_rate, self.group
         self.optimizers = tuple(
             ClippedAdam([*own.parameters()], rate, MAX_NORM, group=group) for own in families
@@ -106,12 +105,9 @@ class PDMORL(OffPolicy):
             value_loss += loss.detach() / options.delay
         policy_loss, degrees = self._actor_loss(seen, tradeoffs)
         by_actor.step(policy_loss)
-        with torch.no_grad():
-            targets: list[Tensor] = [x for target in self.targets for x in target.parameters()]
-            own: list[Tensor] = [x for part in self._families for x in part.parameters()]
-            torch._foreach_lerp_(targets, own, options.target_rate)
-            losses = policy_loss, value_loss, degrees
-            self._sums += torch.stack([loss.detach() for loss in losses])
+        self._follow(options.target_rate)
+        losses = policy_loss, value_loss, degrees
+        self._sums += torch.stack([loss.detach() for loss in losses])
 
     def _normalized(self, observation: Tensor) -> Tensor:
         """Return rows (S, 1, O + P): each row has a trade-off."""
@@ -168,7 +164,6 @@ class PDMORL(OffPolicy):
 
     def _tensors(self) -> dict[str, list[Tensor]]:
         return {
-            "target": [x for target in self.targets for x in target.parameters()],
             "interpolator": self.interpolator.state(),
             **super()._tensors(),
         }
