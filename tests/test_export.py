@@ -237,7 +237,7 @@ def test_a_shipped_policy_is_exported_into_the_working_directory(saved, format, 
 MISTAKES = {
     "nowhere": "nowhere does not exist",
     "policy.pt --tradeoff -1,2": "must be finite, not negative",
-    "policy.pt --format torchscript --output policy.pt/where.ts": "cannot make policy.pt: File exists",
+    "policy.pt --format torchscript --output policy.pt/a.ts": "cannot make policy.pt: File exists",
 }
 
 
