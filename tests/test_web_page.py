@@ -409,6 +409,7 @@ def test_an_unknown_robot_is_named(visit):
 def test_a_second_visit_needs_no_network(visit):
     page = visit("?run=cheetah3")
     runs(page)
+    page.click("#pause")  # without a graphics card, drawing takes all the time
     page.wait_for_function(
         "caches.open('morlax').then((c) => c.keys()).then((keys) => keys.length > 15)"
     )
