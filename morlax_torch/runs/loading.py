@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from ..algorithms.learner import Learner
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
-from ..files import AnyPath, is_file, is_folder
+from ..files import AnyPath, exists, is_file, is_folder
 from ..networks.agent import Agent
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
@@ -36,7 +36,8 @@ def find_run(run: AnyPath) -> Path:
         return checkpoint.folder_of(path)
     shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
     found = shipped.get(str(path))
-    if is_folder(path) and (found is None or is_folder(path / "checkpoints")):
+    is_run = exists(path / "config.yaml") or exists(path / "checkpoints")
+    if is_folder(path) and (found is None or is_run):
         return path
     if found is not None:
         return found
