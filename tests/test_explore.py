@@ -365,13 +365,14 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
     view.press("keep")
     view.tab.get_by_role("button", name="@fast").wait_for()
     view.tab.click("#talk")
-    assert view.text("caption") == "calm\nrun 40 %, jump 60 %"
+    caption = "calm\nrun 40 %, jump 60 %"
+    view.until(lambda: view.text("caption") == caption, "the talk does not begin")
     assert view.tab.is_hidden("#panel")
     view.tab.keyboard.press("ArrowRight")
-    assert view.text("caption").startswith("fast")
+    view.until(lambda: view.text("caption").startswith("fast"), "there is no next stop")
     for _ in range(2):
         view.tab.keyboard.press("ArrowLeft")
-    assert view.text("caption").startswith("calm")
+    view.until(lambda: view.text("caption").startswith("calm"), "there is no former stop")
     view.tab.keyboard.press("Escape")
     view.until(lambda: view.tab.is_visible("#panel"), "the talk does not end")
     view.until(lambda: view.tradeoff() == (0.4, 0.6), "the talk has not steered")

@@ -146,12 +146,13 @@ function present(engine) {
   $("loading").hidden = true;
 }
 
-/** Keep all files that this visit needed, for visits without a network. */
+/** Have the service worker keep all files that this visit needed, for visits without a network. */
 async function keepFiles() {
   await navigator.serviceWorker.register("sw.js");
+  const { active } = await navigator.serviceWorker.ready;
   const used = performance.getEntriesByType("resource").map(({ name }) => name);
   const ours = used.filter((address) => address.startsWith(location.origin));
-  await (await caches.open("morlax")).addAll([...new Set(["./", ...ours])]);
+  active.postMessage([...new Set([location.pathname, ...ours])]);
 }
 
 /** Put robot and trade-off into the address, so that it can be shared. */
