@@ -312,7 +312,7 @@ def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
     for name in ("push", "camera", "pace", "theme", "reset"):
         page.click(f"#{name}")
     page.wait_for_function("document.getElementById('clock').textContent === '0.0 s'")
-    expect(page.locator("#pace")).to_have_text("0.5×")
+    expect(page.locator("#pace")).to_contain_text("0.5")
     page.click("#pause")
     runs(page)
     page.select_option("#run", label="Tumbler")
