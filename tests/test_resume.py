@@ -20,6 +20,7 @@ CASES: dict[str, dict[str, Any]] = {
     "hopper": {"ppo.decay_fraction": 0.5, "max_env_steps": 224},
     "ant": {"task.reset_noise": 0.01},
     "humanoid": {"task.stagger": True},
+    "design/hopper": {"sampling.designs": 8, "task.episode_length": 20},
     "bruce": {"task.draw_commands": True, "task.noise": 1.0, "task.randomize": True},
     f"{small.__file__}:Blind": {},
 }

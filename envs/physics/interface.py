@@ -47,6 +47,18 @@ class Physics(ABC):
         """
 
     @abstractmethod
+    def keep(self, models: list[mujoco.MjModel]) -> None:
+        """Keep models that differ from `model` in numbers only, for `choose`.
+
+        Raises:
+            MorlaxError: the simulator cannot vary a field in which they differ between worlds.
+        """
+
+    @abstractmethod
+    def choose(self, rows: Tensor) -> None:
+        """Give each world the kept model of its row (N,); worlds keep their state."""
+
+    @abstractmethod
     def overflow(self) -> Tensor:
         """Return (N,) int32, non-zero where contacts or constraints overflowed their buffers."""
 

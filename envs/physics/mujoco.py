@@ -48,6 +48,10 @@ class PythonBatch:
         """Return the array `name` of MjModel of all worlds, (N, ...)."""
         return np.stack([getattr(model, name) for model in self._models])
 
+    def set_models(self, models: list[mujoco.MjModel]) -> None:
+        """Run each world on a model of its own."""
+        self._models = models
+
     def set_const(self) -> None:
         """Put what was written into the models and update the constants that follow."""
         for world, (model, data) in enumerate(zip(self._models, self._datas, strict=True)):
@@ -124,6 +128,7 @@ class MujocoPhysics(Physics):
         self.sensors = torch.zeros(num_worlds, model.nsensordata, dtype=torch.float64)
         self._readings = self._batch.bind("sensordata") if model.nsensordata else None
         self._no_overflow = torch.zeros(num_worlds, dtype=torch.int32)
+        self._kept: list[mujoco.MjModel] = []
 
     def step(self) -> None:
         self._batch.step(nstep=self.substeps)
@@ -132,6 +137,14 @@ class MujocoPhysics(Physics):
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
         vary(self._batch, fields)
+
+    def keep(self, models: list[mujoco.MjModel]) -> None:
+        for model in models:
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self._kept = models
+
+    def choose(self, rows: Tensor) -> None:
+        self._batch.set_models([self._kept[row] for row in rows.tolist()])
 
     def overflow(self) -> Tensor:
         return self._no_overflow  # C MuJoCo grows its buffers as needed

@@ -14,7 +14,7 @@ from torch import Tensor
 from ..errors import MorlaxError
 from . import compiling
 from .interface import Physics
-from .mujoco import cannot_vary, varying
+from .mujoco import MODEL_FIELDS, cannot_vary, varying
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
 
@@ -23,6 +23,7 @@ _LIMITS = sum(getattr(OverflowType, name, 0) for name in ("ITERATIONS", "LS_ITER
 _CONSTRAINTS = OverflowType.NEFC | OverflowType.NJMAX_NNZ
 # For these constraints MuJoCo Warp computes accelerations from the previous step's velocities.
 _ANCHORED = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+_SLEEP = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0)  # since MuJoCo 3.4
 
 
 class WarpPhysics(Physics):
@@ -72,6 +73,7 @@ class WarpPhysics(Physics):
         if np.isin(model.eq_type, _ANCHORED).any():
             self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
         self._overflow = wp.to_torch(data.overflow)
+        self._kept: list[tuple[Tensor, Tensor]] = []  # (D, ...) of all models, (N, ...) of worlds
         self._launched = False
         self._replay: wp.Graph | None = None
 
@@ -119,6 +121,32 @@ class WarpPhysics(Physics):
                 own = wp.array(values, dtype=shared.dtype, device=shared.device)
                 setattr(self._model, name, own)
         wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
+
+    def keep(self, models: list[mujoco.MjModel]) -> None:
+        shapes = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
+        self._kept = []
+        for name in filter(MODEL_FIELDS.__contains__, shapes):
+            values = np.stack([getattr(model, name) for model in models])
+            unused = name == "dof_length" and not self.model.opt.enableflags & _SLEEP
+            if unused or (values == getattr(self.model, name)).all():
+                continue
+            if shapes[name][:1] != ("*",):
+                raise MorlaxError(
+                    f"{self.name} cannot vary {name!r} between worlds, but designs differ in it: "
+                    "change other numbers of the body."
+                )
+            shared = getattr(self._model, name)
+            rows = wp.array(values, dtype=shared.dtype, device=shared.device)
+            shape = (self.num_worlds, *shared.shape[1:])
+            own = wp.empty(shape, dtype=shared.dtype, device=shared.device)
+            setattr(self._model, name, own)
+            self._kept.append((wp.to_torch(rows), wp.to_torch(own)))
+        wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
+        self.choose(torch.zeros(self.num_worlds, dtype=torch.int64, device=self.device))
+
+    def choose(self, rows: Tensor) -> None:
+        for kept, own in self._kept:
+            torch.index_select(kept, 0, rows, out=own)
 
     def overflow(self) -> Tensor:
         return self._overflow & ~int(_LIMITS)

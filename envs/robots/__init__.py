@@ -19,6 +19,11 @@ PGMORL = {
     "pgmorl/swimmer": "pgmorl:Swimmer",
     "pgmorl/walker2d": "pgmorl:Walker2d",
 }
+DESIGNED = {
+    "design/ant": "designed:DesignedAnt",
+    "design/cheetah": "designed:DesignedCheetah",
+    "design/hopper": "designed:DesignedHopper",
+}
 TASKS = {
     "ant": "ant:Ant",
     "bruce": "bruce:Bruce",
@@ -27,6 +32,7 @@ TASKS = {
     "hopper": "planar:Hopper",
     "humanoid": "humanoid:Humanoid",
     "walker": "planar:Walker",
+    **DESIGNED,
     **PGMORL,
     **MO_GYMNASIUM,
 }

@@ -1,7 +1,9 @@
 """Base class of MuJoCo tasks: stepping, episode ends, automatic resets and rewards."""
 
+import itertools
 import sys
 from abc import abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,13 +15,15 @@ from torch import Tensor
 from ..devices import Draws, restore_generator
 from ..errors import MorlaxError
 from ..physics.interface import Physics
-from . import checks, episodes, randomization
+from . import checks, designs, episodes, randomization
+from .designs import Bank
 from .episodes import Starts, around
 from .interface import TimeStep
 from .options import TaskOptions
 from .randomization import Delay, Noise, Pushes
 from .robot import Part, Robot
 
+STARTS_OF_BODY = 16  # noisy initial states of each body, where bodies differ
 OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have
 
 
@@ -43,6 +47,7 @@ class Environment(Robot):
     # Reward terms that the paper's evaluation adds to each return, on top of any step's reward.
     paper_reset_terms: ClassVar[dict[str, float]] = {}
     physics: Physics
+    bodies: Tensor | None = None  # (N,) int64 rows of the adopted bank
 
     def __init__(
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
@@ -96,7 +101,11 @@ class Environment(Robot):
         Raises:
             MorlaxError: a reset could not restore the model's state.
         """
-        model = cls.model_for(options)
+        return cls.prepared(cls.model_for(options), options)
+
+    @classmethod
+    def prepared(cls, model: mujoco.MjModel, options: Any) -> mujoco.MjModel:
+        """Return a compiled model with the solver's options, or raise as `compile_model`."""
         if options.solver_iterations is not None:
             model.opt.iterations = options.solver_iterations
         checks.model(cls, model)
@@ -128,13 +137,22 @@ class Environment(Robot):
         Raises:
             MorlaxError: no MJCF is named, or MuJoCo cannot load it.
         """
+        return cls._loaded(mujoco.MjModel.from_xml_path)
+
+    @classmethod
+    def load_spec(cls) -> mujoco.MjSpec:
+        """Read this robot's MJCF, for `shape`; raises as `load_model`."""
+        return cls._loaded(mujoco.MjSpec.from_file)
+
+    @classmethod
+    def _loaded(cls, read: Callable[[str], Any]) -> Any:
         owner = next((base for base in cls.__mro__ if "model_file" in vars(base)), None)
         if owner is None:
             raise MorlaxError(f"{cls.__name__} names no MJCF: give it a model_file.")
         python_file = getattr(sys.modules[owner.__module__], "__file__", None) or ""
         path = Path(python_file).parent / cls.model_file
         try:
-            return mujoco.MjModel.from_xml_path(str(path))
+            return read(str(path))
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise MorlaxError(f"MuJoCo cannot load {path} of {cls.__name__}: {reason}") from None
@@ -142,7 +160,23 @@ class Environment(Robot):
     @classmethod
     def model_for(cls, options: Any) -> mujoco.MjModel:
         """Return the model of this robot under `options`, of the class `Options`."""
+        if cls.designs:
+            return designs.compiled(cls, options.design)
+        if options.design:
+            raise MorlaxError(
+                f"{cls.__name__} declares no design parameters, so leave out task.design "
+                f"({', '.join(options.design)})."
+            )
         return cls.load_model()
+
+    @classmethod
+    def shape(cls, spec: mujoco.MjSpec, design: dict[str, float]) -> None:
+        """Give the robot of an MJCF the body of a design, in place, if there are `designs`.
+
+        Raise its first body by as much as its legs become longer, so that it does not start in the
+        floor. Numbers may change, but nothing may be added or removed.
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def initial_qpos(self) -> np.ndarray:
@@ -208,6 +242,40 @@ class Environment(Robot):
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self.draws.share(episodes, number)
         self._vary()
+
+    def adopt(self, bank: Bank) -> None:
+        """Have the bodies of a bank, of which all worlds get the first; see `embody`.
+
+        Raises:
+            MorlaxError: `task.randomization` already varies the models, or the simulator cannot
+                vary what the bodies differ in.
+        """
+        if self._model:
+            raise MorlaxError(
+                "task.randomization cannot change friction, mass, strength or other fields of "
+                "worlds whose bodies differ: leave it out, or set sampling.designs to 0."
+            )
+        physics, noise = self.physics, self.options.reset_noise
+        physics.keep(bank.models)
+        self.bodies = torch.zeros(self.num_worlds, dtype=torch.int64, device=self.device)
+        several = (
+            around(start, noise, model, self._seed, STARTS_OF_BODY)
+            for start, model in zip(bank.starts, bank.models, strict=True)
+        )
+        number = len(bank.models)
+        self.starts = Starts(itertools.chain(*several), physics, self.bodies, number)
+        physics.choose(self.bodies)
+        self.reset()
+
+    def embody(self, rows: Tensor, fresh: Tensor) -> None:
+        """Give worlds the bodies of rows (N,) of the bank, and restart the `fresh` ones, (N,) bool.
+
+        Every world whose body changes must be fresh.
+        """
+        assert self.bodies is not None, "adopt a bank first"
+        self.bodies.copy_(rows)
+        self.physics.choose(self.bodies)
+        self._restart(fresh)
 
     def reset(self) -> Tensor:
         everywhere = torch.ones_like(self.age, dtype=torch.bool)
@@ -317,6 +385,8 @@ class Environment(Robot):
             value.copy_(state[name]) if name in state else value.zero_()
         if self._model:
             self.physics.vary({name: value.numpy() for name, value in self._model.items()})
+        if self.bodies is not None:
+            self.physics.choose(self.bodies)
         restore_generator(self.generator, state["generator"])
 
     def _state(self) -> dict[str, Tensor]:
@@ -332,6 +402,7 @@ class Environment(Robot):
             **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
             **{f"model.{name}": value for name, value in self._model.items()},
+            **({} if self.bodies is None else {"bodies": self.bodies}),
             **{
                 name: value
                 for part in (self._noise, self._delay, self._judge)

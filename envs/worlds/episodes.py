@@ -24,47 +24,67 @@ class Start(NamedTuple):
     qpos: NDArray[np.float64]  # (nq,)
     qvel: NDArray[np.float64]  # (nv,)
     ctrl: NDArray[np.float64]  # (nu,)
+    model: mujoco.MjModel | None = None  # of its body; None: that of all worlds
 
 
 class Starts:
     """B initial states with their sensor readings; B = 1 if every episode starts alike.
 
     One forward pass here computes the sensor readings, so that no reset needs one.
+
+    Args:
+        starts: the states; if worlds differ in their bodies, as many of one body after the other.
+        physics: of the N worlds.
+        bodies: (N,) int64, the body of each world.
+        number: of bodies.
     """
 
-    def __init__(self, starts: Iterable[Start], physics: Physics):
+    def __init__(
+        self,
+        starts: Iterable[Start],
+        physics: Physics,
+        bodies: Tensor | None = None,
+        number: int = 1,
+    ):
         data = mujoco.MjData(physics.model)
         rows = []
-        for start in starts:
-            data.qpos[:], data.qvel[:], data.ctrl[:] = start
-            mujoco.mj_forward(physics.model, data)
+        for qpos, qvel, ctrl, model in starts:
+            data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, ctrl
+            mujoco.mj_forward(model or physics.model, data)
             rows.append((data.qpos.copy(), data.qvel.copy(), data.sensordata.copy()))
         columns = (np.stack(column) for column in zip(*rows, strict=True))
         self.states = [torch.from_numpy(column).to(physics.qpos) for column in columns]
         self.rows = torch.zeros(physics.num_worlds, dtype=torch.int64, device=physics.device)
+        self._bodies, self._each = bodies, len(rows) // number
 
     def draw(self, draws: Draws) -> list[Tensor]:
         """Draw a row for each world; returns rows (N,) and qpos, qvel and sensors (B, ...)."""
-        if len(self.states[0]) > 1:
-            draws.integers_(self.rows, 0, len(self.states[0]))
+        if self._each > 1:
+            draws.integers_(self.rows, 0, self._each)
+        if self._bodies is not None:
+            self.rows.remainder_(self._each).add_(self._bodies, alpha=self._each)
         return [self.rows, *self.states]
 
 
 def around(
-    qpos: NDArray[np.float64], noise: float, model: mujoco.MjModel, seed: int
+    qpos: NDArray[np.float64],
+    noise: float,
+    model: mujoco.MjModel,
+    seed: int,
+    number: int = NOISY_STARTS,
 ) -> Iterable[Start]:
-    """Yield one state at rest, with positions (nq,), or with noise NOISY_STARTS states around it.
+    """Yield one state at rest, with positions (nq,), or with noise `number` states around it.
 
     The noise is half the width of uniform noise on positions (m, rad) and the standard deviation of
     normal noise on velocities (m/s, rad/s).
     """
     random = np.random.default_rng(seed)
-    for _ in range(NOISY_STARTS if noise else 1):
+    for _ in range(number if noise else 1):
         moved, qvel = qpos.copy(), np.zeros(model.nv)
         if noise:
             mujoco.mj_integratePos(model, moved, random.uniform(-noise, noise, model.nv), 1)
             qvel = noise * random.standard_normal(model.nv)
-        yield Start(moved, qvel, np.zeros(model.nu))
+        yield Start(moved, qvel, np.zeros(model.nu), model)
 
 
 class Ends(NamedTuple):

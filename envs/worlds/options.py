@@ -175,6 +175,8 @@ class TaskOptions(ObjectiveOptions):
     """Constraint-row buffer of MuJoCo Warp, per world."""
     randomization: Randomization = Randomization()
     """Domain randomization."""
+    design: dict[str, float] = {}
+    """Values of the robot's design parameters, by name (docs/designs.md); others keep defaults."""
     learned: OwnFile | None = None
     """File of a learned reward, which adds the reward term `learned` (docs/preferences.md)."""
 

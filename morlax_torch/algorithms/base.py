@@ -30,6 +30,7 @@ def make_agent(
         privileged_size=env.privileged_size,
         mirror=env.mirror() if config.network.symmetric else None,
         in_order=in_order,
+        designs=env.designs,
         **networks,
     ).to(env.device)
 

@@ -24,7 +24,7 @@ class Batch(NamedTuple):
 @torch.no_grad()
 def make_batch(
     agent: Agent,
-    tradeoffs: Tensor,
+    conditions: Tensor,
     rollout: Rollout,
     config: PPOConfig,
     weights: Tensor,
@@ -33,15 +33,15 @@ def make_batch(
     """Estimate what to learn from a rollout of K clusters; statistics are those of all processes.
 
     The advantage of each objective is weighted by `weights` (K, m). A scalar critic weighs rewards
-    by the trade-offs (K, m) instead.
+    by the trade-offs of the conditions (K, m + d) instead.
 
     Returns:
         A batch by world, (K, G, T, ...) each, and the explained variance per value of the critic,
         (m,) or (1,), 0 where targets do not vary.
     """
-    values = agent.values(tradeoffs)
+    values = agent.values(conditions)
     if config.critic == "scalar":
-        weighted = rollout.reward * tradeoffs[:, None]
+        weighted = rollout.reward * conditions[:, None, : rollout.reward.shape[-1]]
         rollout = rollout._replace(reward=weighted.sum(-1, keepdim=True))
 
     def value_of(observation: Tensor) -> Tensor:  # (T, K, G, O + P) -> (T, K, G, m)
@@ -91,7 +91,7 @@ class Table:
         self._firsts = torch.arange(len(self._rows), device=packed.device)[:, None]
 
     def minibatches(
-        self, tradeoffs: Tensor, number: int, generator: torch.Generator
+        self, conditions: Tensor, number: int, generator: torch.Generator
     ) -> list[tuple[Tensor, Batch]]:
         """Deal the table out to the minibatches of one epoch.
 
@@ -100,7 +100,7 @@ class Table:
         whole clusters are dealt out instead, and a single minibatch has them in their order.
 
         Returns:
-            The trade-offs (K, m) and samples (K, S, ...) of each minibatch.
+            The conditions (K, m + d) and samples (K, S, ...) of each minibatch.
         """
         draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
         order = draws.argsort(1)
@@ -111,7 +111,7 @@ class Table:
             self._rows[self._firsts, order].chunk(number, 1), order.chunk(number, 1), strict=True
         ):
             part = part.transpose(0, 1) if self._dense else part
-            own = tradeoffs[chosen[0]] if self._dense else tradeoffs
+            own = conditions[chosen[0]] if self._dense else conditions
             dealt.append((own, Batch(*part.flatten(1, 2).split(self._widths, -1))))
         return dealt
 
@@ -119,7 +119,7 @@ class Table:
 @torch.no_grad()
 def expected_returns(
     agent: Agent,
-    tradeoffs: Tensor,
+    conditions: Tensor,
     starts: Tensor,
     discount: float,
     episode_length: int,
@@ -129,9 +129,9 @@ def expected_returns(
 
     A discounted value V of T steps with the same reward is (1 - gamma^T) / (1 - gamma) times that
     reward, and the undiscounted return is T times. So V, which the agent's critics estimate at the
-    `starts` (K, S, O + P) of episodes under trade-offs (K, m), is scaled by the ratio of the two.
+    `starts` (K, S, O + P) of episodes under conditions (K, m + d), is scaled by the ratio of both.
     """
-    value = agent.values(tradeoffs)(agent.observation_normalizer(starts))
+    value = agent.values(conditions)(agent.observation_normalizer(starts))
     if normalized:
         value = agent.value_normalizer.inverse(value)
     steps = float(episode_length)

@@ -115,9 +115,9 @@ class PPO:
         drawn = drawn.normal_(generator=generator).split([shape.numel() for shape in shapes])
         noises = [noise.view(shape) for noise, shape in zip(drawn, shapes, strict=True)]
         if self.joint:
-            for (tradeoffs, batch), noise in zip(parts, noises, strict=True):
-                policy_loss, found = self.policy_loss(tradeoffs, batch, noise)
-                value_loss = self.value_loss(tradeoffs, batch)
+            for (conditions, batch), noise in zip(parts, noises, strict=True):
+                policy_loss, found = self.policy_loss(conditions, batch, noise)
+                value_loss = self.value_loss(conditions, batch)
                 self._adapt(found)
                 self.optimizers[0].step(policy_loss + value_loss)
                 policies.append(found)
@@ -125,12 +125,12 @@ class PPO:
         else:
             actor, critic = self.optimizers
             with self._branch:
-                for tradeoffs, batch in parts:
-                    value_loss = self.value_loss(tradeoffs, batch)
+                for conditions, batch in parts:
+                    value_loss = self.value_loss(conditions, batch)
                     critic.step(value_loss)
                     values.append(value_loss.detach())
-            for (tradeoffs, batch), noise in zip(parts, noises, strict=True):
-                policy_loss, found = self.policy_loss(tradeoffs, batch, noise)
+            for (conditions, batch), noise in zip(parts, noises, strict=True):
+                policy_loss, found = self.policy_loss(conditions, batch, noise)
                 self._adapt(found)
                 actor.step(policy_loss)
                 policies.append(found)
@@ -138,9 +138,9 @@ class PPO:
         policy = torch.stack(policies).mean(0)
         return torch.cat([policy[:1], torch.stack(values).mean(0, keepdim=True), policy[1:]])
 
-    def policy_loss(self, tradeoffs: Tensor, batch: Batch, noise: Tensor) -> tuple[Tensor, Tensor]:
+    def policy_loss(self, conditions: Tensor, batch: Batch, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Compute `policy_loss` of the current actors on a minibatch with noise (K, S, A)."""
-        policy = self.agent.policies(tradeoffs)(batch.observation)
+        policy = self.agent.policies(conditions)(batch.observation)
         return policy_loss(
             policy.output,
             batch.action,
@@ -152,9 +152,9 @@ class PPO:
             self.entropy,
         )
 
-    def value_loss(self, tradeoffs: Tensor, batch: Batch) -> Tensor:
+    def value_loss(self, conditions: Tensor, batch: Batch) -> Tensor:
         """Compute the squared error of the current critics, summed over objectives."""
-        value = self.agent.values(tradeoffs)(batch.observation)
+        value = self.agent.values(conditions)(batch.observation)
         error = (value - batch.target).square().sum(-1).mean()
         return self.config.value_coefficient * error
 

@@ -7,11 +7,13 @@ from torch import Tensor, nn
 
 from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
+from ..envs.worlds.environment import Environment
 from ..gpu.group import ALONE, Group
 from ..gpu.resources import one_thread
 from ..scalarizations.registry import make_scalarization
 from .base import BaseLearner, make_agent
 from .batch import Table, expected_returns, make_batch
+from .designs import DesignDraws
 from .metrics import read
 from .ppo import PPO
 from .rollout import collect
@@ -49,6 +51,12 @@ class Trainer(BaseLearner):
         mirror = agent.mirror
         self._reflection = None if mirror is None else mirror.observation.to(env.device)
         self._own_state: dict[str, Tensor] = {}  # of this process, that not every method has
+        self.designs: DesignDraws | None = None
+        if config.sampling.designs:
+            assert isinstance(env, Environment)
+            self.designs = DesignDraws(env, config, config.seed)
+            self._own_state |= self.designs.state
+            self._start_here()
         if self.scalarization.uses_returns:
             starts = self.observation.view(config.num_clusters, -1, self.observation.shape[1])
             self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
@@ -72,12 +80,23 @@ class Trainer(BaseLearner):
         Runs inside a recorded graph.
         """
 
+    @property
+    def conditions(self) -> Tensor:
+        """What the networks of K clusters depend on: trade-offs and perhaps designs (K, m + d)."""
+        if self.designs is None:
+            return self.tradeoffs
+        return torch.cat([self.tradeoffs, self.designs.context], -1)
+
     def _explore(self, steps: int | None = None) -> None:
         self._draw(self.tradeoffs, self.generator)
         with torch.no_grad(), one_thread(self.env.device):
+            if self.designs:
+                fresh = self.designs.draw(self.config.horizon, self.generator)
+                self._episodes.running.masked_fill_(fresh[:, None], 0.0)
+                self.observation.copy_(self.env.critic_observation())
             collect(
                 self.env,
-                self.trained.actors(self.tradeoffs).explore,
+                self.trained.actors(self.conditions).explore,
                 self.observation,
                 self.rollout.first(steps or self.config.horizon),
                 self.generator,
@@ -89,7 +108,7 @@ class Trainer(BaseLearner):
             return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
         ppo, length = self.config.ppo, self.env.episode_length
         returns = expected_returns(
-            self.trained, self.tradeoffs, self._starts, ppo.discount, length, ppo.normalize_values
+            self.trained, self.conditions, self._starts, ppo.discount, length, ppo.normalize_values
         )
         self.scalarization.observe(self.tradeoffs, returns, self.group)
         weights = self.scalarization.weights(self.tradeoffs, returns)
@@ -103,12 +122,12 @@ class Trainer(BaseLearner):
             decay = ((1 - self._done) / config.decay_fraction).clamp(max=1.0)
             self.ppo.decay(decay)
         batch, explained = make_batch(
-            self.trained, self.tradeoffs, self.rollout, config, self._weights(), self.group
+            self.trained, self.conditions, self.rollout, config, self._weights(), self.group
         )
         losses = torch.zeros(len(PPO.metrics), device=self.env.device)
         table = Table(batch)
         for _ in range(rounds or config.epochs):
-            parts = table.minibatches(self.tradeoffs, config.minibatches, self.generator)
+            parts = table.minibatches(self.conditions, config.minibatches, self.generator)
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.

@@ -22,6 +22,7 @@ from ..files import exists
 from ..phases import phase
 from .files import algorithm_of, merged, nested, over_task_values, renamed, task_values
 from .sections import (
+    DESIGNING,
     OPTIONS,
     REQUIRED,
     EvaluationConfig,
@@ -182,6 +183,11 @@ class Config(Section):
                 )
         if self.network.type == "independent" and "network.type" not in required:
             raise ValueError("network.type independent needs algorithm independent or pg-morl")
+        if self.sampling.designs and self.algorithm not in DESIGNING:
+            raise ValueError(
+                f"algorithm {self.algorithm} cannot train with many bodies: set sampling.designs "
+                f"to 0, or use {' or '.join(DESIGNING)}"
+            )
         if isinstance(self.method, HyperMORLOptions | PDMORLOptions) and not self.ends:
             raise ValueError(
                 "method.warmup needs max_env_steps or max_seconds: it is a share of them"

@@ -25,6 +25,9 @@ class SamplingConfig(Section):
     """Number of clusters whose trade-off is a corner: 0 or one per objective (None: the latter)."""
     alpha: float = Field(default=1.0, ge=1e-3, le=1e6)
     """Concentration of the Dirichlet distribution; 1 is uniform on the simplex."""
+    designs: Annotated[int, Field(ge=0, le=100_000)] = 0
+    """Number of bodies to train with, of robots with design parameters; each cluster has one for an
+    episode's length (0: the one body of task.design)."""
     focus: tuple[NonNegativeFloat, ...] | None = None
     """Trade-off that training starts with (None: all at once): draws spread from it, linearly in
     time, until they cover the simplex."""
@@ -123,10 +126,13 @@ class EvaluationConfig(Section):
     seeds: int = Field(default=1, ge=1, le=100_000)
     """Episodes per trade-off, to average over; for tasks with random starts, models or commands.
     There, as many others choose the best checkpoint."""
+    designs: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Number of bodies to evaluate with, if sampling.designs is not 0: that of task.design, and
+    others that training may not have seen. Indicators are means over them."""
 
     def measures_like(self, other: Self) -> bool:
         """Return whether hypervolumes can be compared with those of another config."""
-        mine, theirs = ((e.protocol, e.tradeoffs, e.seeds) for e in (self, other))
+        mine, theirs = ((e.protocol, e.tradeoffs, e.seeds, e.designs) for e in (self, other))
         return mine == theirs
 
 
@@ -240,6 +246,7 @@ OPTIONS: dict[str, type[MethodOptions]] = {
     "hyper-morl": HyperMORLOptions,
     "pg-morl": PGMORLOptions,
 }
+DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
     "amor": {"network.type": "conditioned"},
     "hyper-morl": {"network.type": "single", "sampling.mode": "sparse", "sampling.corners": 0},

@@ -44,7 +44,7 @@ class Evaluator:
     Args:
         agent: the policies, read anew at each evaluation.
         env: K * seeds * sets worlds without automatic reset, or this process's share of them.
-        tradeoffs: (K, m).
+        tradeoffs: (K, m), or conditions (K, m + d) if bodies differ, which the worlds have already.
         protocol: how returns are counted.
         seed: selects draws that training never sees.
         seeds: episodes per trade-off and set, to average over.
@@ -79,7 +79,7 @@ class Evaluator:
         self.tradeoffs = tradeoffs.to(env.device)
         self._seed = EVALUATION_SEEDS + seed
         self._observation = env.reset().clone()
-        self._returns = torch.zeros_like(self.tradeoffs)
+        self._returns = torch.zeros(len(tradeoffs), len(env.objectives), device=env.device)
         self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
         self._fallen = torch.zeros_like(self._alive)
         self._blown_up = torch.zeros_like(self._alive)
@@ -174,7 +174,7 @@ class Evaluator:
         lengths, falls, blowups, _ = rows[:, -4:].T.copy()
         front = Front(
             self.env.objectives,
-            self._points.copy(),
+            self._points[:, :m].copy(),
             returns,
             lengths.astype(np.int32),
             self.reference_point,

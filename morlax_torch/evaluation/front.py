@@ -1,7 +1,7 @@
 """A front: the returns of many trade-offs, and its indicators."""
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -95,6 +95,18 @@ class Front(NamedTuple):
             blowups=None if self.blowups is None else mean(self.blowups),
         )
 
+    def parts(self, number: int) -> list[Self]:
+        """Split into so many fronts, of as many trade-offs each."""
+        columns = {
+            name: np.split(values, number)
+            for name, values in self._asdict().items()
+            if isinstance(values, np.ndarray) and name != "reference_point"
+        }
+        return [
+            self._replace(**{name: pieces[index] for name, pieces in columns.items()})
+            for index in range(number)
+        ]
+
     def save(self, path: AnyPath) -> None:
         """Write an .npz with one array per field, and `non_dominated`.
 
@@ -151,6 +163,13 @@ class Front(NamedTuple):
                 raise ValueError(f"{name} must not be negative")
         if K == 0 or not (self.tradeoffs.sum(1) > 0).all():
             raise ValueError("there must be trade-offs, each with a weight above zero")
+
+
+def mean_indicators(fronts: Sequence[Front]) -> dict[str, float]:
+    """Return the mean of each indicator over fronts, such as those of several bodies."""
+    found = [front.indicators() for front in fronts]
+    # numbers of policies stay whole
+    return {name: type(one)(np.mean([x[name] for x in found])) for name, one in found[0].items()}
 
 
 def hypervolume_in(names: Iterable[str]) -> str:

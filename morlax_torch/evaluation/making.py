@@ -1,14 +1,21 @@
 """Make the evaluator of a config's task, in training and after it."""
 
+import numpy as np
+import torch
+from torch import Tensor
+
 from ..configuration.config import Config
 from ..configuration.sections import Protocol
 from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import EVALUATION_SEEDS
+from ..envs.worlds.designs import Space, compile_bank
+from ..envs.worlds.environment import Environment
 from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
-from .evaluator import Evaluator
+from .evaluator import Evaluator, share
 
+HELD_OUT = 2**62  # seed of the designs to evaluate with, which no training has
 DRAWN_TRADEOFFS = 1024  # of the paper's tables, and of D3PO's
 
 
@@ -31,13 +38,15 @@ def make_evaluator(
     seed: int = 0,
     sets: int = 1,
     group: Group = ALONE,
+    bodies: int = 1,
 ) -> Evaluator:
     """Make the evaluator of an agent, with the same worlds for every training seed.
 
     Trade-offs are an even grid for two objectives; the corners and fixed random draws for more;
     random draws with the protocols of published tables. None: `usual_tradeoffs`. `seeds` are
     episodes per trade-off and set. `protocol` and `seeds` are those of the config if they are None.
-    For the other arguments see `Evaluator`.
+    With several `bodies`, that of the agent's context comes first, and fronts hold all trade-offs
+    of one body after the other. For the other arguments see `Evaluator`.
 
     Raises:
         MorlaxError: a number is out of range, nothing in the task is random although `seeds` > 1,
@@ -50,8 +59,37 @@ def make_evaluator(
     points = evaluation_tradeoffs(tradeoffs, num_objectives)  # refuses too few
     if protocol != "latched":
         points = dirichlet_tradeoffs(tradeoffs, num_objectives)
-    env = evaluation_worlds(config, tradeoffs, seeds, seed, sets, group)
+    env = evaluation_worlds(config, tradeoffs * bodies, seeds, seed, sets, group)
+    if bodies > 1:
+        assert isinstance(env, Environment)
+        points = points.repeat(bodies, 1)
+        rows = torch.arange(bodies).repeat_interleave(tradeoffs)
+        contexts = embody(
+            env, held_out(env, bodies), share(rows[:, None], seeds * sets, group)[:, 0]
+        )
+        points = torch.cat([points, contexts[rows]], -1)
     return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)
+
+
+def held_out(env: Environment, number: int) -> np.ndarray:
+    """Return designs (number, d): first the one of the worlds, then others, spread evenly."""
+    space = Space(env.designs)
+    own = space.vector(env.options.design)
+    return np.concatenate([own[None], space.spread(number - 1, HELD_OUT)])
+
+
+def embody(env: Environment, designs: np.ndarray, rows: Tensor) -> Tensor:
+    """Give the worlds the bodies of designs (D, d) by row (N,); returns all contexts (D, d).
+
+    Raises:
+        MorlaxError: a design makes no body.
+    """
+    bank = compile_bank(env, designs)
+    if bank.left_out:
+        raise MorlaxError(f"{bank.left_out} of {len(designs)} designs make no body.")
+    env.adopt(bank)
+    env.embody(rows.to(env.device), torch.ones_like(env.age, dtype=torch.bool))
+    return torch.from_numpy(Space(env.designs).scaled(designs)).float()
 
 
 def evaluation_worlds(

@@ -31,9 +31,12 @@ class FamilyPolicy(nn.Module):
     def __init__(self, policy: Policy):
         super().__init__()
         self.normalizer, self.actor = policy.agent.observation_normalizer, policy.agent.actor
+        self.context: Tensor
+        self.register_buffer("context", policy.agent.context)
 
     def forward(self, observation: Tensor, tradeoff: Tensor) -> Tensor:
-        parameters = {name: value[0] for name, value in self.actor(tradeoff[None]).items()}
+        condition = torch.cat([tradeoff, self.context]) if len(self.context) else tradeoff
+        parameters = {name: value[0] for name, value in self.actor(condition[None]).items()}
         normalizer = normalizer_for(self.actor, self.normalizer, tradeoff)
         return TanhNormal(self.actor.run_one(parameters, normalizer(observation))).mode
 

@@ -1,7 +1,8 @@
 """Actor and critic families, with their normalizers."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple, Self
 
 import torch
@@ -9,6 +10,8 @@ from torch import Tensor, nn
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs
+from ..envs import MorlaxError
+from ..envs.worlds.designs import Parameter, Space
 from ..envs.worlds.mirror import Mirror, Reflection
 from .conditioned import Conditioned
 from .family import Family
@@ -95,11 +98,13 @@ class Agent(nn.Module):
             takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to the values.
         mirror: of the robot, for `network.symmetric`; None: a checkpoint will tell.
+        designs: parameters of the robot's body. With `sampling.designs`, the body is the context of
+            the networks (see `family`), by default that of `task.design`.
         in_order: have so many independent networks, and give the k-th of as many trade-offs the
             k-th one, instead of the one for that trade-off.
 
     Raises:
-        MorlaxError: an actor or critic has the wrong sizes.
+        MorlaxError: an actor or critic has the wrong sizes, or there are no design parameters.
     """
 
     def __init__(
@@ -115,17 +120,22 @@ class Agent(nn.Module):
         critic: nn.Module | None = None,
         mirror: Mirror | None = None,
         in_order: int = 0,
+        designs: Mapping[str, Parameter] = MappingProxyType({}),
     ):
         super().__init__()
         self.num_networks = num_networks = in_order or config.num_networks
         num_values, sizes = config.num_values(num_objectives), config.network
         self.observation_size, self.privileged_size = observation_size, privileged_size
         self.action_size, self._max_std = action_size, sizes.max_std
-        self.mirror = mirror
+        self.mirror, self.num_objectives = mirror, num_objectives
+        self.designs = dict(designs)
+        self.context: Tensor  # (d,)
+        self.register_buffer("context", _context(self.designs, config), persistent=False)
+        context_size = len(self.context)
         given = {"actor": actor, "critic": critic}
         self._own = [name for name, network in given.items() if network is not None]
         whole = observation_size + privileged_size
-        conditions = num_objectives if sizes.type == "conditioned" else 0
+        conditions = num_objectives + context_size if sizes.type == "conditioned" else 0
         actor_inputs, critic_inputs = observation_size + conditions, whole + conditions
         if actor is None:
             actor = mlp(actor_inputs, sizes.actor, 2 * action_size, generator)
@@ -158,6 +168,7 @@ class Agent(nn.Module):
                 num_objectives,
                 sizes.hidden,
                 sizes.features,
+                context_size=context_size,
                 scale=sizes.scale,
                 features=features,
                 generator=generator,
@@ -166,7 +177,7 @@ class Agent(nn.Module):
         self.actor: Hypernetwork | Conditioned | InOrder
         self.critic: Hypernetwork | Conditioned | InOrder
         if sizes.type == "conditioned":
-            self.actor, self.critic = Conditioned(actor), Conditioned(critic)
+            self.actor, self.critic = (Conditioned(p, num_objectives) for p in (actor, critic))
         elif in_order:
             self.actor, self.critic = (InOrder(part, num_networks) for part in (actor, critic))
         elif sizes.type == "independent":
@@ -188,13 +199,23 @@ class Agent(nn.Module):
             for name, family in families.items()
         }
 
+    def conditions(self, tradeoffs: Tensor) -> Tensor:
+        """Return trade-offs (..., m) with the agent's context, (..., m + d).
+
+        What has a context of its own already, (..., m + d), stays as it is.
+        """
+        if tradeoffs.shape[-1] > self.num_objectives or not len(self.context):
+            return tradeoffs
+        context = self.context.expand(*tradeoffs.shape[:-1], -1)
+        return torch.cat([tradeoffs, context.to(tradeoffs)], -1)
+
     def actors(self, tradeoffs: Tensor) -> Actors:
-        """Generate the actors of K trade-offs (K, m)."""
+        """Generate the actors of K trade-offs (K, m) or conditions (K, m + d)."""
         normalizer = normalizer_for(self.actor, self.observation_normalizer, tradeoffs)
-        return Actors(self.actor(tradeoffs), self.actor, normalizer, self._max_std)
+        return Actors(self.actor(self.conditions(tradeoffs)), self.actor, normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
-        """Generate the actors of K trade-offs (K, m).
+        """Generate the actors of K trade-offs (K, m) or conditions (K, m + d).
 
         Returns:
             A function from *normalized* features (K, B, O + P) to action distributions.
@@ -203,16 +224,30 @@ class Agent(nn.Module):
         return lambda normalized: actors.of_normalized(normalized[..., :size])
 
     def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
-        """Generate the critics of K trade-offs (K, m).
+        """Generate the critics of K trade-offs (K, m) or conditions (K, m + d).
 
         Returns:
             A function from *normalized* features (K, B, O + P) to values (K, B, m), in the units of
             `value_normalizer`.
         """
-        parameters = self.critic(tradeoffs)
+        parameters = self.critic(self.conditions(tradeoffs))
         return lambda normalized: self.critic.run(parameters, normalized)
 
     def specialize(self, tradeoff: Tensor) -> SpecializedPolicy:
         """Return the policy of one trade-off (m,) as a plain module with its own parameters."""
         normalizer = normalizer_for(self.actor, self.observation_normalizer, tradeoff)
-        return SpecializedPolicy(copy.deepcopy(normalizer), self.actor.specialize(tradeoff))
+        actor = self.actor.specialize(self.conditions(tradeoff))
+        return SpecializedPolicy(copy.deepcopy(normalizer), actor)
+
+
+def _context(designs: Mapping[str, Parameter], config: Config) -> Tensor:
+    """Return the context (d,) of the body that the config's task names; empty without designs."""
+    if not config.sampling.designs:
+        return torch.zeros(0)
+    if not designs:
+        raise MorlaxError(
+            f"sampling.designs is {config.sampling.designs}, but {config.env} declares no design "
+            "parameters: set it to 0, or declare some (docs/designs.md)."
+        )
+    space = Space(designs)
+    return torch.from_numpy(space.scaled(space.vector(config.task.design))).float()

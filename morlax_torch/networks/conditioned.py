@@ -1,4 +1,4 @@
-"""A network that takes the trade-off as an input."""
+"""A network that takes the condition, a trade-off and perhaps a context, as an input."""
 
 import copy
 
@@ -16,55 +16,60 @@ class Conditioned(nn.Module):
     (AMOR: Alegre et al., 2025. A hypernetwork instead generates the network's parameters.)
 
     Args:
-        network: maps rows (B, inputs + m) to (B, outputs); its last m inputs are the trade-off. It
-            is copied, not changed.
+        network: maps rows (B, inputs + m + d) to (B, outputs); its last m + d inputs are the
+            condition. It is copied, not changed.
+        num_objectives: m, if conditions have a context (see `family`).
     """
 
-    def __init__(self, network: nn.Module):
+    def __init__(self, network: nn.Module, num_objectives: int | None = None):
         super().__init__()
+        self._num_objectives = num_objectives
         self.network = copy.deepcopy(network)
         self.shapes = {name: value.shape for name, value in network.named_parameters()}
         self._mlp = mlp_sizes(network)
 
-    def forward(self, tradeoffs: Tensor) -> dict[str, Tensor]:
-        """Return the parameters of K networks: {"tradeoff": (K, m)}, scaled to sum to one.
+    def forward(self, conditions: Tensor) -> dict[str, Tensor]:
+        """Return the parameters of K networks: {"condition": (K, m + d)}.
+
+        Their trade-offs are scaled to sum to one.
 
         Raises:
             MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
         """
-        return {"tradeoff": on_simplex(tradeoffs)}
+        return {"condition": on_simplex(conditions, self._num_objectives)}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
-        """Run the network under K trade-offs, each on its own inputs (K, B, ...)."""
+        """Run the network under K conditions, each on its own inputs (K, B, ...)."""
         (x,) = inputs
-        rows = _beside(x, parameters["tradeoff"][:, None]).flatten(0, 1)
+        rows = _beside(x, parameters["condition"][:, None]).flatten(0, 1)
         return fused.mlp(rows, self._mlp, self.network).unflatten(0, x.shape[:2])
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
-        """Run the network under one trade-off, {"tradeoff": (m,)}, on its inputs (B, ...)."""
+        """Run the network under one {"condition": (m + d,)} on its inputs (B, ...)."""
         (x,) = inputs
-        return self.network(_beside(x, parameters["tradeoff"]))
+        return self.network(_beside(x, parameters["condition"]))
 
-    def specialize(self, tradeoff: Tensor) -> nn.Module:
-        """Return the network of one trade-off (m,), with parameters of its own."""
-        return _Fixed(copy.deepcopy(self.network).to(tradeoff.device), on_simplex(tradeoff[None]))
+    def specialize(self, condition: Tensor) -> nn.Module:
+        """Return the network of one condition (m + d,), with parameters of its own."""
+        network = copy.deepcopy(self.network).to(condition.device)
+        return _Fixed(network, on_simplex(condition[None], self._num_objectives))
 
 
 class _Fixed(nn.Module):
-    """The network under one trade-off (1, m)."""
+    """The network under one condition (1, m + d)."""
 
-    tradeoff: Tensor
+    condition: Tensor
 
-    def __init__(self, network: nn.Module, tradeoff: Tensor):
+    def __init__(self, network: nn.Module, condition: Tensor):
         super().__init__()
         self.network = network
-        self.register_buffer("tradeoff", tradeoff.clone())
+        self.register_buffer("condition", condition.clone())
 
     def forward(self, x: Tensor) -> Tensor:
-        return self.network(_beside(x, self.tradeoff))
+        return self.network(_beside(x, self.condition))
 
 
-def _beside(x: Tensor, tradeoff: Tensor) -> Tensor:
-    """Return x (..., inputs) with the trade-off (..., m) in every row, (..., inputs + m)."""
+def _beside(x: Tensor, condition: Tensor) -> Tensor:
+    """Return x (..., inputs) with the condition (..., c) in every row, (..., inputs + c)."""
     # not `expand`: traced, it would fix the number of rows
-    return torch.cat([x, torch.zeros_like(x[..., :1]) + tradeoff], -1)
+    return torch.cat([x, torch.zeros_like(x[..., :1]) + condition], -1)

@@ -1,4 +1,8 @@
-"""The interface of a family of networks: one network per trade-off."""
+"""The interface of a family of networks: one network per condition.
+
+A condition is a trade-off of m weights and, in families of robots whose bodies differ, d numbers of
+context, which describe the body.
+"""
 
 from typing import Protocol
 
@@ -9,7 +13,7 @@ from ..envs import MorlaxError
 
 
 class Family(Protocol):
-    """A network for every trade-off: `Hypernetwork`, `Conditioned` or `Independent`.
+    """A network for every condition: `Hypernetwork`, `Conditioned` or `Independent`.
 
     `run` may choose a fused kernel, which changes no result.
     """
@@ -17,8 +21,8 @@ class Family(Protocol):
     shapes: dict[str, torch.Size]
     """Parameters of the network that a user may have made, by name."""
 
-    def __call__(self, tradeoffs: Tensor) -> dict[str, Tensor]:
-        """Map trade-offs (K, m) to parameters by name, (K, ...) each."""
+    def __call__(self, conditions: Tensor) -> dict[str, Tensor]:
+        """Map conditions (K, m + d) to parameters by name, (K, ...) each."""
         ...
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
@@ -29,21 +33,24 @@ class Family(Protocol):
         """Run one network, with parameters (...) each, on its inputs (B, ...)."""
         ...
 
-    def specialize(self, tradeoff: Tensor) -> nn.Module:
-        """Return the plain network of one trade-off (m,)."""
+    def specialize(self, condition: Tensor) -> nn.Module:
+        """Return the plain network of one condition (m + d,)."""
         ...
 
 
-def on_simplex(tradeoffs: Tensor) -> Tensor:
-    """Scale trade-offs (K, m) to sum to one.
+def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
+    """Scale the trade-offs of conditions (K, m + d) to sum to one (None: d is 0).
 
     Raises:
         MorlaxError: a trade-off is not finite or sums to zero. Recorded and exported graphs cannot
             look at numbers, so there it gives numbers that are not finite.
     """
-    if not (_is_recorded() or (tradeoffs.isfinite() & (tradeoffs.sum(-1, True) > 0)).all()):
+    m = num_objectives
+    if m is not None and m < conditions.shape[-1]:
+        return torch.cat([on_simplex(conditions[..., :m]), conditions[..., m:]], -1)
+    if not (_is_recorded() or (conditions.isfinite() & (conditions.sum(-1, True) > 0)).all()):
         raise MorlaxError("a trade-off must be finite, and its weights must not sum to zero.")
-    return tradeoffs / tradeoffs.sum(-1, keepdim=True)
+    return conditions / conditions.sum(-1, keepdim=True)
 
 
 def _is_recorded() -> bool:

@@ -16,7 +16,7 @@ from .mlp import mlp_sizes
 class Generated(nn.Module, ABC):
     """Runs copies of a target module, each with its own parameters.
 
-    A subclass maps trade-offs (K, m) to rows of P parameters (`flat`). Any target that
+    A subclass maps conditions (K, m + d) to rows of P parameters (`flat`). Any target that
     `torch.vmap` can batch works (nn.LSTM does not; a loop over nn.GRUCell does). Its buffers are
     copied once and shared by the whole family.
 
@@ -36,16 +36,18 @@ class Generated(nn.Module, ABC):
             self.register_buffer(f"target_buffer_{index}", buffer.clone())
 
     @abstractmethod
-    def flat(self, tradeoffs: Tensor) -> Tensor:
-        """Map trade-offs (K, m) to parameters (K, P), in the order of `shapes`."""
+    def flat(self, conditions: Tensor) -> Tensor:
+        """Map conditions (K, m + d) to parameters (K, P), in the order of `shapes`."""
 
-    def forward(self, tradeoffs: Tensor) -> dict[str, Tensor]:
-        """Map trade-offs (K, m), scaled to sum to one, to parameters: name -> (K, *shape).
+    def forward(self, conditions: Tensor) -> dict[str, Tensor]:
+        """Map conditions (K, m + d) to parameters: name -> (K, *shape).
+
+        Their trade-offs are scaled to sum to one.
 
         Raises:
             MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
         """
-        return self.split(self.flat(tradeoffs))
+        return self.split(self.flat(conditions))
 
     def split(self, flat: Tensor) -> dict[str, Tensor]:
         """Return the parameters (..., *shape) that rows (..., P) consist of, by name."""
@@ -68,11 +70,11 @@ class Generated(nn.Module, ABC):
         """Run one network, with parameters of the target's own shapes, on the target's inputs."""
         return functional_call(self._target[0], {**parameters, **self._buffers_of_family()}, inputs)
 
-    def specialize(self, tradeoff: Tensor) -> nn.Module:
-        """Return a plain copy of the target with the parameters of one trade-off (m,)."""
-        network = copy.deepcopy(self._target[0]).to(tradeoff.device)
+    def specialize(self, condition: Tensor) -> nn.Module:
+        """Return a plain copy of the target with the parameters of one condition (m + d,)."""
+        network = copy.deepcopy(self._target[0]).to(condition.device)
         with torch.no_grad():
-            generated = self(tradeoff[None])
+            generated = self(condition[None])
             for name, parameter in network.named_parameters():
                 parameter.copy_(generated[name][0])
             for name, buffer in self._buffers_of_family().items():
@@ -92,8 +94,8 @@ class InOrder(Generated):
         start = torch.cat([p.detach().flatten() for p in target.parameters()])
         self.rows = nn.Parameter(start.repeat(number, 1))  # (R, P)
 
-    def flat(self, tradeoffs: Tensor) -> Tensor:
-        assert len(tradeoffs) == len(self.rows), "one trade-off per network"
+    def flat(self, conditions: Tensor) -> Tensor:
+        assert len(conditions) == len(self.rows), "one trade-off per network"
         return self.rows
 
 
@@ -117,8 +119,8 @@ class Independent(InOrder):
         self.register_buffer("keys", keys.clone())  # (R, m)
         self.register_buffer("offsets", keys.square().sum(-1) / -2)  # (R,)
 
-    def flat(self, tradeoffs: Tensor) -> Tensor:
-        return self.rows.index_select(0, self.chosen(tradeoffs))
+    def flat(self, conditions: Tensor) -> Tensor:
+        return self.rows.index_select(0, self.chosen(conditions))
 
     def chosen(self, tradeoffs: Tensor) -> Tensor:
         """Return the index (...) of the network of each trade-off (..., m)."""

@@ -14,8 +14,9 @@ from .mlp import mlp, mlp_sizes
 class Hypernetwork(Generated):
     """One network for every trade-off w, with parameters H(w) = M f(w) + b.
 
-    f is an MLP from the simplex to F features. b starts as the parameters of `target` and M at
-    zero, so that every trade-off starts from the same sensible network.
+    f is an MLP from the simplex to F features, with a context c from both: H(w, c) = M f(w, c) + b.
+    b starts as the parameters of `target` and M at zero, so that every trade-off starts from the
+    same sensible network.
     (MORLAX, "Policy representation"; HYPER-MORL introduced the affine form.)
 
         family = Hypernetwork(nn.Linear(3, 2), num_objectives=2)
@@ -27,6 +28,7 @@ class Hypernetwork(Generated):
         num_objectives: m, the length of a trade-off.
         hidden_sizes: hidden layers of f.
         num_features: F.
+        context_size: d, the length of a context (see `family`).
         scale: M starts uniform in [-scale, scale].
         features: an f to share with another hypernetwork, instead of a new one.
         generator: draws the initial f and M.
@@ -39,23 +41,27 @@ class Hypernetwork(Generated):
         hidden_sizes: Sequence[int] = (128, 128),
         num_features: int = 16,
         *,
+        context_size: int = 0,
         scale: float = 0.0,
         features: nn.Module | None = None,
         generator: torch.Generator | None = None,
     ):
         super().__init__(target)
-        self.features = features or mlp(num_objectives, hidden_sizes, num_features, generator)
+        inputs = num_objectives + context_size
+        self.features = features or mlp(inputs, hidden_sizes, num_features, generator)
+        self._num_objectives = num_objectives
         self._features_mlp = mlp_sizes(self.features)
         weight = torch.empty(sum(self.sizes), num_features)
         self.weight = nn.Parameter(nn.init.uniform_(weight, -scale, scale, generator))  # M
         self.bias = nn.Parameter(torch.cat([p.detach().flatten() for p in target.parameters()]))
 
-    def flat(self, tradeoffs: Tensor) -> Tensor:
-        features = fused.mlp(on_simplex(tradeoffs), self._features_mlp, self.features)  # (K, F)
+    def flat(self, conditions: Tensor) -> Tensor:
+        inputs = on_simplex(conditions, self._num_objectives)
+        features = fused.mlp(inputs, self._features_mlp, self.features)  # (K, F)
         return fused.affine(features, self.weight, self.bias)
 
     @torch.no_grad()
-    def collapse(self, tradeoff: Tensor) -> None:
-        """Make every trade-off's network that of one (m,), in place: b = H(w), M = 0."""
-        self.bias.copy_(self.flat(tradeoff[None])[0])
+    def collapse(self, condition: Tensor) -> None:
+        """Make every network that of one condition (m + d,), in place: b = H(w), M = 0."""
+        self.bias.copy_(self.flat(condition[None])[0])
         self.weight.zero_()

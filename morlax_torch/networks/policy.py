@@ -1,6 +1,7 @@
 """A trained family of policies, as other programs use it."""
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -11,6 +12,7 @@ from ..configuration.config import Config
 from ..configuration.tradeoffs import checked_tradeoff, one_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import shortened
+from ..envs.worlds.designs import Space
 from .agent import Agent, SpecializedPolicy
 
 
@@ -43,6 +45,25 @@ class Policy(nn.Module):
                 "one per observation, or one for all."
             )
         return self.agent.actors(tradeoff).act(observation[:, None])[:, 0]
+
+    def for_design(self, design: Mapping[str, float]) -> "Policy":
+        """Return the policies of another body: that with these design parameters, by name.
+
+        Parameters that are not named have their defaults. The result's config names the design, so
+        that it is evaluated, shown and exported with that body.
+
+        Raises:
+            MorlaxError: these policies are of one body, or a parameter is unknown or out of range.
+        """
+        if not len(self.agent.context):
+            raise MorlaxError("these policies were trained with one body, so they know no others.")
+        space = Space(self.agent.designs)
+        context = torch.from_numpy(space.scaled(space.vector(design)))
+        agent = copy.deepcopy(self.agent)
+        agent.context.copy_(context)
+        task = self.config.task.model_copy(update={"design": dict(design)})
+        config = self.config.model_copy(update={"task": task})
+        return Policy(agent, config, self.objectives)
 
     def reward_weights(self, tradeoff: Tensor | Sequence[float]) -> dict[str, float]:
         """Return the weight of every reward term that the policy of a trade-off (m,) learned from.

@@ -15,6 +15,7 @@ from pydantic import (
 from torch import Tensor
 
 from ..envs.errors import shortened
+from ..envs.worlds.designs import Parameter
 from ..envs.worlds.options import check_objectives
 from .progress import Progress
 
@@ -52,6 +53,7 @@ class Task(BaseModel):
     observation_size: Size
     action_size: Size
     privileged_size: Annotated[int, Field(ge=0, le=2**24)] = 0
+    designs: dict[str, Parameter] = {}
 
 
 class Contents(BaseModel):

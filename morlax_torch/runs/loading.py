@@ -102,6 +102,7 @@ def load(
         len(task.objectives),
         privileged_size=task.privileged_size,
         actor=actor,
+        designs=task.designs,
     )
     own = dict(contents.own_networks)
     own_critic = own.pop("critic", None)
@@ -137,6 +138,7 @@ def save(policy: Policy, path: AnyPath) -> None:
             "observation_size": policy.agent.observation_size,
             "action_size": policy.agent.action_size,
             "privileged_size": policy.agent.privileged_size,
+            "designs": policy.agent.designs,
         },
         "own_networks": own,
         "policy": {name: value for name, value in state.items() if name.startswith(POLICY)},
@@ -147,6 +149,7 @@ def save(policy: Policy, path: AnyPath) -> None:
 def start_from(run: str, learner: Learner) -> None:
     """Copy another run's actor and observation normalizer into `learner`, in place.
 
+    The learner may have designs although the run has one body: all bodies start with its policies.
     The learner may have objectives that the run lacks. The policy of a trade-off is then the run's
     policy for the weights of the run's own objectives, each plus an even share of the weights of
     the others, and the critic starts anew. With the same objectives, a critic of the same size is
@@ -172,7 +175,8 @@ def start_from(run: str, learner: Learner) -> None:
             f"{learner.config.algorithm} lacks."
         )
     columns = [objectives.index(name) for name in known]
-    state[FIRST_LAYER] = _widened(state[FIRST_LAYER], len(objectives), columns)
+    contexts = len(agent.context)
+    state[FIRST_LAYER] = _widened(state[FIRST_LAYER], len(objectives), columns, contexts)
     mine = agent.state_dict()
     kept = [name for name in mine if name.startswith(POLICY)]
     for name in kept:
@@ -193,12 +197,14 @@ def _fits(state: Mapping[str, Tensor], name: str, mine: Mapping[str, Tensor]) ->
     return name in state and state[name].shape == mine[name].shape
 
 
-def _widened(weight: Tensor, m: int, columns: list[int]) -> Tensor:
-    """Return the weights (hidden, m) of m trade-off inputs, of which `columns` are known.
+def _widened(weight: Tensor, m: int, columns: list[int], contexts: int) -> Tensor:
+    """Return the weights (hidden, m + d) of m trade-off inputs, of which `columns` are known.
 
     The others get the mean, because the first layer then maps their corners to the same features
-    as the even trade-off of the known objectives.
+    as the even trade-off of the known objectives. The d inputs of `contexts` get zeros, unless
+    their weights are known too.
     """
+    weight, known = weight.split([len(columns), weight.shape[1] - len(columns)], 1)
     wide = weight.mean(1, keepdim=True).repeat(1, m)
     wide[:, torch.tensor(columns)] = weight
-    return wide
+    return torch.cat([wide, known if known.shape[1] else wide.new_zeros(len(wide), contexts)], 1)

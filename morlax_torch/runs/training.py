@@ -12,7 +12,7 @@ from ..envs import MorlaxError, Worlds
 from ..envs.devices import seed_of
 from ..evaluation import making
 from ..evaluation.evaluator import SETS, Evaluator
-from ..evaluation.front import Front
+from ..evaluation.front import Front, mean_indicators
 from ..phases import phase
 from ..torchrun import launch
 from . import checkpoint
@@ -114,7 +114,9 @@ def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: 
     contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
 
     def work() -> Evaluation:
-        front, *others = fronts
+        number = bodies(learner.config)
+        front = fronts[0].parts(number)[0]
+        indicators = [mean_indicators(each.parts(number)) for each in fronts]
         if run:
             mark = checkpoint.fingerprint(contents["learner"]["agent"])
             front = front._replace(fingerprint=mark)
@@ -126,8 +128,8 @@ def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: 
             now.steps_per_second,
             now.blowups,
             front,
-            front.indicators(),
-            selection=others[0].indicators() if others else None,
+            indicators[0],
+            selection=indicators[1] if len(fronts) > 1 else None,
         )
         best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
         evaluation = evaluation._replace(best=best)
@@ -153,7 +155,15 @@ def make_evaluator(learner: Learner) -> Evaluator:
     """
     config, m = learner.config, len(learner.env.objectives)
     sets = SETS if config.task.for_evaluation().varies else 1
-    return making.make_evaluator(learner.agent, config, m, sets=sets, group=learner.group)
+    number = bodies(config)
+    return making.make_evaluator(
+        learner.agent, config, m, sets=sets, group=learner.group, bodies=number
+    )
+
+
+def bodies(config: Config) -> int:
+    """Return how many bodies evaluations while training have."""
+    return config.evaluation.designs if config.sampling.designs else 1
 
 
 def _iterate(

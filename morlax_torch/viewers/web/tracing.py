@@ -29,8 +29,8 @@ RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep
 class PagePhysics(Physics):
     """One world whose tensors are float32, as in training, while MuJoCo computes in float64.
 
-    Browsers run every operation in float32, but not all of them in float64. `vary` is ignored,
-    because the page shows the robot of the MJCF.
+    Browsers run every operation in float32, but not all of them in float64. `vary` and
+    `choose` are ignored, because the page shows the robot of the MJCF.
     """
 
     name = "C MuJoCo"
@@ -55,6 +55,12 @@ class PagePhysics(Physics):
             getattr(self, name)[0] = torch.from_numpy(getattr(self._data, field))
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
+        pass
+
+    def keep(self, models: list[mujoco.MjModel]) -> None:
+        pass
+
+    def choose(self, rows: Tensor) -> None:
         pass
 
     def overflow(self) -> Tensor:

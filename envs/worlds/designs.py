@@ -1,0 +1,151 @@
+"""Designs: numbers that the body of a robot depends on, and the bodies compiled from them."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+import torch
+from mujoco import MjModel, MjSpec
+
+from ..errors import MorlaxError, unknown
+
+DEPTH = 1e-3  # m that a body may penetrate more than the default body does at the start
+
+
+class Parameter(NamedTuple):
+    """A number of a robot's body, such as the length of a link."""
+
+    default: float
+    low: float
+    high: float
+    unit: str = "m"
+
+
+class Space:
+    """The designs (d,) that a robot's parameters span, by name, each from `low` to `high`.
+
+    Raises:
+        MorlaxError: a parameter has no finite bounds around its default.
+    """
+
+    def __init__(self, parameters: Mapping[str, Parameter]):
+        self.parameters = {name: Parameter(*each) for name, each in parameters.items()}
+        for name, (default, low, high, _) in self.parameters.items():
+            if not (-np.inf < low < high < np.inf and low <= default <= high):
+                raise MorlaxError(
+                    f"the design parameter {name!r} goes from {low:g} to {high:g}, with the "
+                    f"default {default:g}: it needs finite bounds, and a default between them."
+                )
+        columns = np.array([each[:3] for each in self.parameters.values()]).reshape(-1, 3).T
+        self.default, self._low, self._high = columns
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def vector(self, values: Mapping[str, float]) -> np.ndarray:
+        """Return the design (d,) with these values by name, and defaults for the others.
+
+        Raises:
+            MorlaxError: a name is unknown, or a value is out of its range.
+        """
+        design = self.default.copy()
+        names = list(self.parameters)
+        for name, value in values.items():
+            if name not in names:
+                raise unknown("design parameter", name, names)
+            _, low, high, unit = self.parameters[name]
+            if not low <= value <= high:
+                raise MorlaxError(
+                    f"the design parameter {name!r} is {value:g} {unit}: it must be from {low:g} "
+                    f"to {high:g} {unit}."
+                )
+            design[names.index(name)] = value
+        return design
+
+    def named(self, design: np.ndarray) -> dict[str, float]:
+        """Return the values of a design (d,) by name."""
+        return dict(zip(self.parameters, design.tolist(), strict=True))
+
+    def scaled(self, designs: np.ndarray) -> np.ndarray:
+        """Map designs (..., d) to numbers in [-1, 1], as networks see them."""
+        return 2 * (designs - self._low) / (self._high - self._low) - 1
+
+    def spread(self, number: int, seed: int) -> np.ndarray:
+        """Return designs (number, d) that cover the space evenly: a scrambled Sobol sequence."""
+        engine = torch.quasirandom.SobolEngine(len(self), scramble=True, seed=seed % 2**63)
+        return self._low + (self._high - self._low) * engine.draw(number).double().numpy()
+
+
+class Bank(NamedTuple):
+    """Bodies of D designs, to share out among worlds."""
+
+    designs: np.ndarray  # (D, d)
+    models: list[MjModel]
+    starts: list[np.ndarray]  # positions (nq,) that episodes start from
+    left_out: int  # designs that did not compile, or would start in the floor or in themselves
+
+
+def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
+    """Return the model of a robot, an `Environment`, with these values of its design parameters.
+
+    Raises:
+        MorlaxError: a parameter is unknown or out of its range, or they make no body.
+    """
+    space = Space(task.designs)
+    design = space.named(space.vector(values))
+    try:
+        return _compiled(task, task.load_spec(), design)
+    except ValueError as error:
+        raise MorlaxError(f"{task.__name__}: {design} makes no body: {_line(error)}") from None
+
+
+def compile_bank(env: Any, designs: np.ndarray) -> Bank:
+    """Compile the bodies of designs (D, d) of the robot in the worlds `env`, an `Environment`.
+
+    A body starts as that of `env`, higher or lower by as much as its `qpos0` is.
+
+    Raises:
+        MorlaxError: none of the designs makes a body.
+    """
+    task, base, spec = type(env), env.physics.model, env.load_spec()
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):  # to draw them takes longer than all else
+        spec.delete(texture)
+    space, start = Space(task.designs), env.initial_qpos()
+    deepest = _depth(base, start) + DEPTH
+    rows, models, starts, reason = [], [], [], "they start in the floor or in themselves"
+    for row, design in enumerate(designs):
+        try:
+            model = task.prepared(_compiled(task, spec, space.named(design)), env.options)
+        except ValueError as error:
+            reason = _line(error)
+            continue
+        own = start + model.qpos0 - base.qpos0
+        if _depth(model, own) <= deepest:
+            rows.append(row)
+            models.append(model)
+            starts.append(own)
+    if not models:
+        number = len(designs)
+        raise MorlaxError(f"{task.__name__}: none of {number} designs makes a body: {reason}.")
+    return Bank(designs[rows], models, starts, len(designs) - len(models))
+
+
+def _compiled(task: Any, spec: MjSpec, design: dict[str, float]) -> MjModel:
+    own = spec.copy()
+    task.shape(own, design)
+    return own.compile()
+
+
+def _depth(model: MjModel, qpos: np.ndarray) -> float:
+    """Return how far (m) the deepest contact penetrates at positions (nq,)."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    return -float(data.contact.dist.min(initial=0.0))
+
+
+def _line(error: ValueError) -> str:
+    return " ".join(str(error).split()).rstrip(".")

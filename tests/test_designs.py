@@ -1,0 +1,328 @@
+"""Bodies that differ: each world's is that of its design, and one family of policies knows all."""
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import torch
+
+import morlax_torch
+from morlax_torch import MORLAX, MorlaxError, envs
+from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
+from morlax_torch.envs.robots.designed import DesignedHopper
+from morlax_torch.envs.worlds.designs import Parameter, Space, compile_bank
+from morlax_torch.evaluation.making import held_out, make_evaluator
+from morlax_torch.networks.hypernetwork import Hypernetwork
+from morlax_torch.runs.session import Session
+from morlax_torch.train import train
+
+TASKS = ("design/hopper", "design/cheetah", "design/ant")
+DRAWN = ("tex", "mat", "names", "bvh", "name_")  # beginnings of fields for pictures and names
+SMALL = {
+    "device": "cpu",
+    "worlds": 16,
+    "horizon": 5,
+    "max_env_steps": 480,
+    "sampling.clusters": 4,
+    "sampling.designs": 8,
+    "ppo.minibatches": 1,
+    "evaluation.tradeoffs": 5,
+    "evaluation.designs": 3,
+}
+
+
+def small(task: str = "design/hopper", **changes):
+    return morlax_torch.config_for(task, **{**SMALL, **changes})
+
+
+def bank_of(env, number: int = 12):
+    return compile_bank(env, Space(env.designs).spread(number, seed=3))
+
+
+def fresh(task: str, design: np.ndarray, number: int = 1, **others):
+    """Make worlds that are compiled with a design alone."""
+    named = Space(envs.get(task).designs).named(design)
+    return envs.make(task, number, "cpu", design=named, **others)
+
+
+# Bodies
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_default_body_is_that_of_the_usual_robot(task):
+    usual = envs.make({"design/cheetah": "cheetah3"}.get(task, task[7:]), 1, "cpu", "mujoco")
+    model, other = (env.physics.model for env in (envs.make(task, 1, "cpu", "mujoco"), usual))
+    for name in MODEL_FIELDS:
+        if not name.startswith("opt."):
+            np.testing.assert_allclose(getattr(model, name), getattr(other, name), atol=1e-12)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_bank_holds_what_a_compiler_makes_of_each_design(task):
+    env = envs.make(task, 1, "cpu", "mujoco")
+    bank = bank_of(env)
+    assert len(bank.models) + bank.left_out == 12 and bank.left_out < 3
+    for design, model in zip(bank.designs, bank.models, strict=True):
+        exact = fresh(task, design, backend="mujoco").physics.model
+        for name in MODEL_FIELDS:
+            if not name.startswith(("opt.", *DRAWN)):
+                assert np.array_equal(getattr(model, name), getattr(exact, name)), name
+        assert model.stat.meaninertia == exact.stat.meaninertia
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_world_on_warp_has_the_numbers_of_its_design(task):
+    env = envs.make(task, 3, "cpu", "warp")
+    bank = bank_of(env)
+    env.adopt(bank)
+    rows = torch.tensor([5, 0, 5])
+    env.embody(rows, torch.ones(3, dtype=torch.bool))
+    mine = env.physics._model
+    for world, row in enumerate(rows.tolist()):
+        exact = mjw.put_model(bank.models[row])
+        for name, value in vars(exact).items():
+            if hasattr(value, "numpy") and name != "dof_length":  # of robots that sleep
+                own = getattr(mine, name).numpy()
+                alone = value.numpy()
+                own = own[world : world + 1] if len(own) == 3 and len(alone) == 1 else own
+                assert np.array_equal(own, alone), name
+
+
+@pytest.mark.parametrize("backend", ["mujoco", "warp"])
+@pytest.mark.parametrize("task", TASKS)
+def test_a_world_moves_as_one_that_is_compiled_alone(task, backend):
+    env = envs.make(task, 3, "cpu", backend, deterministic=backend == "warp")
+    bank = bank_of(env)
+    env.adopt(bank)
+    env.embody(torch.tensor([1, 7, 4]), torch.ones(3, dtype=torch.bool))
+    random = torch.Generator().manual_seed(0)
+    actions = torch.rand(200, 1, env.action_size, generator=random) * 2 - 1
+    one = {"backend": backend, "deterministic": backend == "warp"}
+    alone = [fresh(task, bank.designs[row], **one) for row in (1, 7, 4)]
+    for action in actions:
+        step = env.step(action.expand(3, -1))
+        steps = [each.step(action) for each in alone]
+        for world, other in enumerate(steps):
+            for name in ("observation", "reward"):
+                found, expected = getattr(step, name)[world], getattr(other, name)[0]
+                torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-6)
+            assert step.terminated[world] == other.terminated[0]
+
+
+def test_a_longer_leg_starts_as_far_above_the_floor():
+    feet = []
+    for length in (0.2, 0.33, 0.5):
+        env = envs.make_robot("design/hopper", design={"thigh": length})
+        data = mujoco.MjData(env.physics.model)
+        data.qpos[:] = env.initial_qpos()
+        mujoco.mj_forward(env.physics.model, data)
+        feet.append(data.geom("foot").xpos[2])
+    assert feet == pytest.approx([feet[1]] * 3, abs=1e-9)
+
+
+class Stump(DesignedHopper):
+    """Some of its designs do not compile, some start in the floor."""
+
+    designs = {"thigh": Parameter(0.33, -0.3, 3.0)}
+
+    @classmethod
+    def shape(cls, spec, design):
+        geom = spec.geom("thigh")
+        geom.fromto, spec.body("calf").pos[2] = [0, 0, 0, 0, 0, -design["thigh"]], -design["thigh"]
+        if design["thigh"] < 0:
+            geom.size[0] = -1
+
+
+def test_designs_without_a_body_are_left_out_and_counted(monkeypatch):
+    env = envs.make("design/hopper", 1, "cpu", "mujoco")
+    monkeypatch.setattr(env, "__class__", Stump)
+    bank = compile_bank(env, np.array([[-0.1], [0.3], [2.0], [0.35]]))
+    assert bank.designs.ravel().tolist() == [0.3, 0.35] and bank.left_out == 2
+    with pytest.raises(MorlaxError, match=r"Stump: none of 1 designs makes a body: .*size"):
+        compile_bank(env, np.array([[-0.1]]))
+    with pytest.raises(MorlaxError, match="start in the floor or in themselves"):
+        compile_bank(env, np.array([[2.0]]))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "sentence"),
+    [
+        (Parameter(0.3, 0.1, float("inf")), "goes from 0.1 to inf, with the default 0.3"),
+        (Parameter(0.3, 0.5, 0.9), "needs finite bounds, and a default between them"),
+    ],
+)
+def test_a_parameter_needs_bounds(parameter, sentence):
+    with pytest.raises(MorlaxError, match=sentence):
+        Space({"shin": parameter})
+
+
+@pytest.mark.parametrize(
+    ("task", "design", "sentence"),
+    [
+        ("design/hopper", {"thigh": 0.6}, "'thigh' is 0.6 m: it must be from 0.2 to 0.5 m"),
+        ("design/hopper", {"shin": 0.3}, "unknown design parameter 'shin'"),
+        ("hopper", {"thigh": 0.3}, "Hopper declares no design parameters"),
+    ],
+)
+def test_a_wrong_design_is_one_sentence(task, design, sentence):
+    with pytest.raises(MorlaxError, match=sentence):
+        envs.make(task, 1, "cpu", design=design)
+
+
+def test_what_warp_shares_between_worlds_is_named():
+    env = envs.make("design/hopper", 1, "cpu", "warp")
+    bank = bank_of(env, 2)
+    bank.models[1].geom_condim[1] = 1
+    with pytest.raises(MorlaxError, match="MuJoCo Warp cannot vary 'geom_condim' between worlds"):
+        env.adopt(bank)
+
+
+def test_bodies_and_randomized_models_exclude_each_other():
+    env = envs.make("design/hopper", 2, "cpu", "mujoco", randomization={"mass": (0.9, 1.1)})
+    with pytest.raises(MorlaxError, match=r"task\.randomization cannot change"):
+        env.adopt(bank_of(env, 2))
+
+
+def test_noisy_starts_are_those_of_the_own_body():
+    env = envs.make("design/ant", 64, "cpu", "mujoco", reset_noise=0.01)
+    bank = bank_of(env, 4)
+    env.adopt(bank)
+    rows = torch.arange(64) % 4
+    env.embody(rows, torch.ones(64, dtype=torch.bool))
+    heights = env.physics.qpos[:, 2].numpy()
+    for row, start in enumerate(bank.starts):
+        own = heights[rows == row]
+        assert np.ptp(own) > 0 and np.abs(own - start[2]).max() <= 0.01
+
+
+# Networks
+
+
+def test_a_context_is_an_input_beside_the_trade_off():
+    family = Hypernetwork(torch.nn.Linear(3, 2), 2, context_size=1, scale=0.5)
+    w, c = torch.tensor([[3.0, 1.0]]), torch.tensor([[-0.5]])
+    features = family.features(torch.tensor([[0.75, 0.25, -0.5]]))
+    expected = features @ family.weight.T + family.bias
+    torch.testing.assert_close(family.flat(torch.cat([w, c], -1)), expected)
+
+
+@pytest.mark.parametrize("kind", ["dual", "single", "conditioned"])
+def test_policies_of_another_body_are_those_of_its_condition(kind):
+    algorithm = {"algorithm": "amor"} if kind == "conditioned" else {"network.type": kind}
+    config = small(**algorithm, **{"network.scale": 0.1})
+    learner = MORLAX(config.make_worlds(16, 0), config)
+    policy = morlax_torch.Policy(learner.agent, config, learner.env.objectives)
+    seen = torch.randn(3, learner.env.observation_size)
+    design = {"thigh": 0.45, "calf": 0.22}
+    scaled = [2 * (0.45 - 0.2) / 0.3 - 1, 2 * (0.22 - 0.2) / 0.3 - 1]
+    condition = torch.tensor([[0.7, 0.3, *scaled]])
+    expected = learner.agent.actors(condition).act(seen[None])[0]
+    other = policy.for_design(design)
+    torch.testing.assert_close(other(seen, [0.7, 0.3]), expected)
+    torch.testing.assert_close(other.specialize([0.7, 0.3])(seen), expected)
+    assert (policy(seen, [0.7, 0.3]) - expected).abs().max() > 1e-3
+    assert other.config.task.design == design
+
+
+# Training
+
+
+def test_clusters_keep_a_body_for_an_episode_and_then_change():
+    config = small(**{"task.episode_length": 20})
+    learner = MORLAX(config.make_worlds(16, 0), config)
+    rows, ages = [], []
+    for _ in range(12):
+        learner.explore()
+        assert learner.designs is not None
+        rows.append(learner.designs.rows.clone())
+        worlds = learner.env.bodies
+        assert torch.equal(worlds, rows[-1].repeat_interleave(4))
+        ages.append(learner.env.age.view(4, 4).clone())
+    # four clusters change one after the other, each after 20 steps: every fourth rollout of 5
+    changes = torch.stack(rows[1:]) != torch.stack(rows[:-1])
+    for cluster in range(4):
+        (times,) = changes[:, cluster].nonzero(as_tuple=True)
+        assert len(times) > 0 and len(set((times % 4).tolist())) == 1
+    assert torch.stack(ages).max() <= 20
+
+
+def test_a_family_without_designs_trains_as_the_usual_robot_bit_for_bit():
+    changes = {name: value for name, value in SMALL.items() if "designs" not in name}
+    states = []
+    for task in ("hopper", "design/hopper"):
+        config = morlax_torch.config_for(task, **changes, **{"sampling.designs": 0})
+        learner = MORLAX(config.make_worlds(16, 0), config)
+        for _ in range(3):
+            learner.iterate()
+        states.append(learner.agent.state_dict())
+    assert states[0].keys() == states[1].keys()
+    for name, value in states[0].items():
+        assert torch.equal(value, states[1][name]), name
+
+
+def test_evaluations_of_many_bodies_are_those_of_each_alone():
+    config = small(**{"task.design": {"calf": 0.25}})
+    learner = MORLAX(config.make_worlds(16, 0), config)
+    learner.iterate()
+    agent, m = learner.agent, 2
+    together = make_evaluator(agent, config, m, bodies=3).evaluate().parts(3)
+    own = make_evaluator(agent, config, m).evaluate()
+    np.testing.assert_allclose(together[0].returns, own.returns, rtol=1e-4)
+    assert np.array_equal(together[0].tradeoffs, own.tradeoffs)
+    policy = morlax_torch.Policy(agent, config, learner.env.objectives)
+    space = Space(agent.designs)
+    for front, design in zip(together[1:], held_out(learner.env, 3)[1:], strict=True):
+        other = policy.for_design(space.named(design))
+        alone = make_evaluator(other.agent, other.config, m).evaluate()
+        np.testing.assert_allclose(front.returns, alone.returns, rtol=1e-3)
+    assert np.ptp([front.returns.sum() for front in together]) > 0
+
+
+def test_a_run_with_designs_is_loaded_and_saved(tmp_path):
+    policy = morlax_torch.load(train(small(), output=tmp_path / "run").folder)
+    assert policy.agent.designs["thigh"] == Parameter(0.33, 0.2, 0.5)
+    copy = tmp_path / "copy.pt"
+    morlax_torch.save(policy.for_design({"thigh": 0.4}), copy)
+    seen = torch.randn(2, policy.agent.observation_size)
+    expected = policy.for_design({"thigh": 0.4})(seen, [0.5, 0.5])
+    torch.testing.assert_close(morlax_torch.load(copy)(seen, [0.5, 0.5]), expected)
+
+
+def test_every_body_starts_with_the_policies_of_a_run_with_one(tmp_path):
+    one = train(small(**{"sampling.designs": 0}), output=tmp_path / "one")
+    config = small(start_from=str(one.folder))
+    many = Session.of(config, written=False).learner.agent
+    policy = morlax_torch.load(one.folder / "checkpoints/best.pt")
+    seen = torch.randn(1, 4, policy.agent.observation_size)
+    for context in ([-1.0, 1.0], [0.3, 0.2]):
+        found = many.actors(torch.tensor([[0.2, 0.8, *context]])).act(seen)
+        torch.testing.assert_close(found[0], policy(seen[0], [0.2, 0.8]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"algorithm": "hyper-sac"}, "algorithm hyper-sac cannot train with many bodies"),
+        ({"env": "hopper"}, "hopper declares no design parameters"),
+    ],
+)
+def test_what_cannot_have_designs_says_so(changes, sentence):
+    task = changes.pop("env", "design/hopper")
+    with pytest.raises(MorlaxError, match=sentence):
+        config = small(task, **changes)
+        MORLAX(config.make_worlds(16, 0), config)
+
+
+def test_policies_of_one_body_know_no_others():
+    policy = morlax_torch.load("hopper")
+    with pytest.raises(MorlaxError, match="were trained with one body"):
+        policy.for_design({"thigh": 0.4})
+
+
+def test_designs_are_scaled_and_named():
+    space = Space({"a": Parameter(1.0, 0.0, 4.0), "b": Parameter(2.0, 1.0, 3.0, "kg")})
+    assert space.scaled(space.vector({})).tolist() == [-0.5, 0.0]
+    assert space.named(space.vector({"a": 4})) == {"a": 4.0, "b": 2.0}
+    spread = space.spread(256, 0)
+    assert np.allclose(spread.mean(0), [2, 2], atol=0.05)
+    assert (spread.min(0) >= [0, 1]).all() and (spread.max(0) <= [4, 3]).all()
