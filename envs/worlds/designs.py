@@ -83,7 +83,11 @@ class Bank(NamedTuple):
     designs: np.ndarray  # (D, d)
     models: list[MjModel]
     starts: list[np.ndarray]  # positions (nq,) that episodes start from
-    left_out: int  # designs that did not compile, or would start in the floor or in themselves
+    kept: np.ndarray  # (given,) bool, of the given designs: whether they compile and start freely
+
+    @property
+    def left_out(self) -> int:
+        return int((~self.kept).sum())
 
 
 def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
@@ -98,6 +102,15 @@ def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
         return _compiled(task, task.load_spec(), design)
     except ValueError as error:
         raise MorlaxError(f"{task.__name__}: {design} makes no body: {_line(error)}") from None
+
+
+def mjcf(task: Any, values: Mapping[str, float]) -> str:
+    """Return the MJCF of a robot with these design parameters; raises as `compiled`."""
+    compiled(task, values)
+    space, spec = Space(task.designs), task.load_spec()
+    task.shape(spec, space.named(space.vector(values)))
+    spec.compile()
+    return spec.to_xml()
 
 
 def compile_bank(env: Any, designs: np.ndarray) -> Bank:
@@ -115,7 +128,8 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
         spec.delete(texture)
     space, start = Space(task.designs), env.initial_qpos()
     deepest = _depth(base, start) + DEPTH
-    rows, models, starts, reason = [], [], [], "they start in the floor or in themselves"
+    models, starts, reason = [], [], "they start in the floor or in themselves"
+    kept = np.zeros(len(designs), dtype=bool)
     for row, design in enumerate(designs):
         try:
             model = task.prepared(_compiled(task, spec, space.named(design)), env.options)
@@ -124,13 +138,13 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
             continue
         own = start + model.qpos0 - base.qpos0
         if _depth(model, own) <= deepest:
-            rows.append(row)
+            kept[row] = True
             models.append(model)
             starts.append(own)
     if not models:
         number = len(designs)
         raise MorlaxError(f"{task.__name__}: none of {number} designs makes a body: {reason}.")
-    return Bank(designs[rows], models, starts, len(designs) - len(models))
+    return Bank(designs[kept], models, starts, kept)
 
 
 def _compiled(task: Any, spec: MjSpec, design: dict[str, float]) -> MjModel:

@@ -1,8 +1,7 @@
 """Choose a trade-off by what its policy must reach."""
 
-import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +11,7 @@ from ..envs import MorlaxError
 from ..files import write_file
 from ..terminal import cli
 from ..terminal.live import Live
+from ..terminal.required import AtLeast, AtMost, limits
 from ..terminal.startup import program
 from ..terminal.task_arguments import Device, RunName, Trust, call
 
@@ -23,12 +23,8 @@ def command(arguments: Sequence[str]) -> None:
     def main(
         run: RunName,
         maximize: Annotated[str, tyro.conf.arg(metavar="NAME")],
-        at_least: Annotated[
-            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="run=2000")
-        ] = (),
-        at_most: Annotated[
-            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="power=60")
-        ] = (),
+        at_least: AtLeast = (),
+        at_most: AtMost = (),
         constrain: Annotated[
             tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="'run >= 2000'")
         ] = (),
@@ -61,18 +57,7 @@ def command(arguments: Sequence[str]) -> None:
             card: Write a decision card: the requirement, the choice, its returns under pushes and
                 with other friction, masses and motors, a film strip, and commands.
         """
-        above = [text for text in constrain if "<=" not in text]
-        below = [text for text in constrain if "<=" in text]
-        least = _strictest(
-            [_required(text, "=", "--at-least run=2000") for text in at_least]
-            + [_required(text, ">=", "--constrain 'run >= 2000'") for text in above],
-            max,
-        )
-        most = _strictest(
-            [_required(text, "=", "--at-most power=60") for text in at_most]
-            + [_required(text, "<=", "--constrain 'power <= 60'") for text in below],
-            min,
-        )
+        least, most = limits(at_least, at_most, constrain)
         with Live():
             from ..evaluation.requirements import Requirements, shown
             from ..runs import bookmarks
@@ -175,25 +160,6 @@ def _show(choice: "Choice", required: "Requirements") -> None:
             f"cost of the requirements: {choice.cost:.4g} of "
             f"{required.names.all[required.maximized]}, which reaches {best:.5g} without them"
         )
-
-
-def _required(text: str, sign: str, example: str) -> tuple[str, float]:
-    name, found, level = text.partition(sign)
-    try:
-        if not found or not name.strip() or not math.isfinite(float(level)):
-            raise ValueError
-        return name.strip(), float(level)
-    except ValueError:
-        raise MorlaxError(f"{text!r} is not a requirement: write for example {example}.") from None
-
-
-def _strictest(
-    levels: Sequence[tuple[str, float]], strictest: Callable[[float, float], float]
-) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for name, level in levels:
-        found[name] = strictest(level, found.get(name, level))
-    return found
 
 
 def main() -> None:

@@ -138,7 +138,7 @@ def save(policy: Policy, path: AnyPath) -> None:
             "observation_size": policy.agent.observation_size,
             "action_size": policy.agent.action_size,
             "privileged_size": policy.agent.privileged_size,
-            "designs": policy.agent.designs,
+            "designs": {name: list(each) for name, each in policy.agent.designs.items()},
         },
         "own_networks": own,
         "policy": {name: value for name, value in state.items() if name.startswith(POLICY)},

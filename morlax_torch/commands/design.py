@@ -1,0 +1,167 @@
+"""Find the body of a robot, and the trade-off, that serve best."""
+
+import csv
+import io
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from ..envs import MorlaxError
+from ..files import make_folder, write_file
+from ..terminal import cli
+from ..terminal.live import Live
+from ..terminal.required import AtLeast, AtMost, limits
+from ..terminal.startup import program
+from ..terminal.task_arguments import Device, RunName, Trust, call
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..tuning.designs import Designer, Simulated
+
+
+def command(arguments: Sequence[str]) -> None:
+    def main(
+        run: RunName,
+        maximize: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+        at_least: AtLeast = (),
+        at_most: AtMost = (),
+        bodies: int = 256,
+        tradeoffs: int = 16,
+        rounds: int = 8,
+        population: int = 128,
+        seed: int = 0,
+        output: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
+        device: Device = None,
+        trust: Trust = False,
+    ) -> None:
+        """Search over bodies and trade-offs of a run that was trained with many bodies.
+
+        Simulates bodies spread evenly over the design space, each under the same trade-offs, then
+        improves their common front by NSGA-II. Writes that front as a table (designs.csv), and one
+        body as MJCF (body.xml) and as a checkpoint (body.pt) that every command accepts as a run:
+        the body of the policy that keeps the requirements and has most of --maximize, or the body
+        whose own front has the largest hypervolume.
+
+        Args:
+            maximize: The objective or quantity to maximize.
+            at_least: Least value of an objective or quantity, once per requirement.
+            at_most: Largest value of an objective or quantity, once per requirement.
+            bodies: Number of bodies to begin with, the default one among them.
+            tradeoffs: Number of trade-offs of each.
+            rounds: Generations of NSGA-II (0: none).
+            population: Policies of a generation.
+            seed: Random seed of the search, and of the worlds if the task is random.
+            output: Folder to write to (None: "designs" in the run's folder, or here for a shipped
+                one).
+        """
+        least, most = limits(at_least, at_most)
+        if maximize is None and (least or most):
+            raise MorlaxError("name what to maximize under these requirements: --maximize NAME.")
+        for name, number in (("bodies", bodies), ("population", population)):
+            if number < 2:
+                raise MorlaxError(f"--{name} is {number}: it must be at least 2.")
+        if rounds < 0:
+            raise MorlaxError(f"--rounds is {rounds}: it must be 0 or more.")
+        with Live():
+            from ..envs import resolve_device
+            from ..runs.loading import load, own_folder
+            from ..tuning.designs import Designer
+
+            policy = load(run, resolve_device(device), trust=trust)
+            designer = Designer(policy, seed)
+            folder = output or (own_folder(run) or Path()) / "designs"
+            make_folder(folder)
+            grid = designer.grid(bodies, tradeoffs, seed)
+            every = grid.joined(designer.refine(grid, rounds, population, seed))
+            best, volume = designer.best_body(grid, tradeoffs)
+            chosen = None
+            if maximize is not None:
+                chosen = designer.choose(every, least, most, maximize)
+                best = every.designs[chosen]
+        _show(designer, grid, every, tradeoffs, volume)
+        if chosen is None:
+            cli.console.print(f"body with the largest hypervolume: {_named(designer, best)}")
+        else:
+            weights = ",".join(f"{weight:.5g}" for weight in every.tradeoffs[chosen])
+            cli.console.print(f"body: {_named(designer, best)}")
+            cli.console.print(f"trade-off: {weights} ({_values(designer, every.values[chosen])})")
+        _write(designer, every, best, folder)
+        cli.console.print(f"written: {folder}/designs.csv, body.xml, body.pt", soft_wrap=True)
+        body = shlex.quote(str(folder / "body.pt")) + (" --trust" if trust else "")
+        cli.print_command("to see the robot", f"{program('explore')} {body}")
+
+    call(main, arguments, program("design"))
+
+
+def _show(
+    designer: "Designer", grid: "Simulated", every: "Simulated", tradeoffs: int, best: float
+) -> None:
+    """Print the fronts of one body and of all, and the most of each objective."""
+    import numpy as np
+    from rich.table import Table  # takes a while to import
+
+    from ..evaluation import pareto
+
+    without = int(np.isnan(grid.returns).any(1).sum()) // tradeoffs
+    missing = f"; {without} bodies could not start" if without else ""
+    cli.console.print(f"{len(every.values):,} policies were simulated{missing}")
+    table = Table(box=None)
+    for column in ("front", "hypervolume", "policies", "bodies"):
+        table.add_column(column, justify="left" if column == "front" else "right")
+    parts = {"default body": grid.rows(np.arange(tradeoffs)), "bodies spread evenly": grid}
+    if len(every.values) > len(grid.values):
+        parts["and refined"] = every
+    for name, part in parts.items():
+        on_front = part.rows(pareto.non_dominated(part.returns))
+        number = len(np.unique(on_front.designs, axis=0))
+        volume = designer.hypervolume(part)
+        table.add_row(name, f"{volume:.4e}", str(len(on_front.values)), str(number))
+        if name == "default body":
+            table.add_row("best other body", f"{best:.4e}", "", "1")
+    cli.console.print(table)
+    for index, name in enumerate(designer.policy.objectives):
+        row = int(np.nanargmax(every.returns[:, index]))
+        text = f"most {name}: {_values(designer, every.values[row])}; "
+        cli.console.print(text + _named(designer, every.designs[row]))
+
+
+def _named(designer: "Designer", design: "np.ndarray") -> str:
+    parameters = designer.space.parameters.items()
+    return ", ".join(
+        f"{name} {value:.3g} {each.unit}"
+        for (name, each), value in zip(parameters, design, strict=True)
+    )
+
+
+def _values(designer: "Designer", values: "np.ndarray") -> str:
+    names = (*designer.policy.objectives, *designer.quantities)
+    return ", ".join(f"{name} {value:.4g}" for name, value in zip(names, values, strict=True))
+
+
+def _write(designer: "Designer", every: "Simulated", best: "np.ndarray", folder: Path) -> None:
+    """Write the front of all bodies as a table, and the best body."""
+    from ..envs import get
+    from ..envs.worlds.designs import mjcf
+    from ..evaluation import pareto
+    from ..runs.loading import save
+
+    names = [f"weight of {name}" for name in designer.policy.objectives]
+    values = (*designer.policy.objectives, *designer.quantities)
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow([*designer.space.parameters, *names, *values])
+    front = every.rows(pareto.non_dominated(every.returns))
+    for row in zip(*front, strict=True):
+        writer.writerow([f"{number:.6g}" for part in row for number in part])
+    design = designer.space.named(best)
+    write_file(folder / "designs.csv", table.getvalue())
+    write_file(folder / "body.xml", mjcf(get(designer.policy.config.env), design))
+    save(designer.policy.for_design(design).cpu(), folder / "body.pt")
+
+
+def main() -> None:
+    cli.run(command)
