@@ -209,6 +209,12 @@ class Agent(nn.Module):
         context = self.context.expand(*tradeoffs.shape[:-1], -1)
         return torch.cat([tradeoffs, context.to(tradeoffs)], -1)
 
+    def with_context(self, context: Tensor) -> Self:
+        """Return an agent with another context (d,), and otherwise the same parameters."""
+        other = copy.copy(self)
+        other._buffers = {**self._buffers, "context": context.to(self.context)}
+        return other
+
     def actors(self, tradeoffs: Tensor) -> Actors:
         """Generate the actors of K trade-offs (K, m) or conditions (K, m + d)."""
         normalizer = normalizer_for(self.actor, self.observation_normalizer, tradeoffs)

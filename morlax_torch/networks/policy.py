@@ -1,6 +1,5 @@
 """A trained family of policies, as other programs use it."""
 
-import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -49,8 +48,8 @@ class Policy(nn.Module):
     def for_design(self, design: Mapping[str, float]) -> "Policy":
         """Return the policies of another body: that with these design parameters, by name.
 
-        Parameters that are not named have their defaults. The result's config names the design, so
-        that it is evaluated, shown and exported with that body.
+        Parameters that are not named have their defaults. The result shares the networks; its
+        config names the design, so that it is evaluated, shown and exported with that body.
 
         Raises:
             MorlaxError: these policies are of one body, or a parameter is unknown or out of range.
@@ -58,9 +57,7 @@ class Policy(nn.Module):
         if not len(self.agent.context):
             raise MorlaxError("these policies were trained with one body, so they know no others.")
         space = Space(self.agent.designs)
-        context = torch.from_numpy(space.scaled(space.vector(design)))
-        agent = copy.deepcopy(self.agent)
-        agent.context.copy_(context)
+        agent = self.agent.with_context(torch.from_numpy(space.scaled(space.vector(design))))
         task = self.config.task.model_copy(update={"design": dict(design)})
         config = self.config.model_copy(update={"task": task})
         return Policy(agent, config, self.objectives)

@@ -112,14 +112,15 @@ class Designer:
         Returns what was simulated.
         """
         objectives, m = self.policy.objectives, len(self.policy.objectives)
-        float_ = optuna.distributions.FloatDistribution
+        number = optuna.distributions.FloatDistribution
         ranges: dict[str, optuna.distributions.BaseDistribution] = {
-            name: float_(each.low, each.high) for name, each in self.space.parameters.items()
+            name: number(each.low, each.high) for name, each in self.space.parameters.items()
         }
-        ranges |= {f"weight of {name}": float_(0.0, 1.0) for name in objectives}
+        ranges |= {f"weight of {name}": number(0.0, 1.0) for name in objectives}
         sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
         with quiet():
-            study = optuna.create_study(directions=["maximize"] * m, sampler=sampler)
+            maximize = optuna.study.StudyDirection.MAXIMIZE
+            study = optuna.create_study(directions=[maximize] * m, sampler=sampler)
             for row in best_first(known.returns)[:population]:
                 numbers = [*known.designs[row], *known.tradeoffs[row]]
                 study.enqueue_trial(dict(zip(ranges, map(float, numbers), strict=True)))

@@ -33,6 +33,7 @@ def described(behavior: Behavior) -> dict[str, Any]:
         "pushed": behavior.axes,
         "command": {"limits": env.command_limits} if env.command_limits else None,
         "velocities": is_told_velocity(env),
+        "design": _parameters(behavior),
         "front": None if front is None else front_map(front, env.dt, env.lower_is_better),
         **about,
     }
@@ -51,6 +52,14 @@ def told(behavior: Behavior) -> dict[str, Any]:
         "velocity": _finite(behavior.velocity()),
         "power": _finite([behavior.power()])[0],
     }
+
+
+def _parameters(session: Session) -> dict[str, Any] | None:
+    """Describe the design parameters of a robot whose body can change."""
+    if not session.design:
+        return None
+    parameters = session.player.policy.agent.designs.items()
+    return {f"{name} ({each.unit})": [each.low, each.high] for name, each in parameters}
 
 
 def _finite(values: list[float]) -> list[float]:

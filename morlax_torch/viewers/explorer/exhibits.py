@@ -5,11 +5,14 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from ...envs import MorlaxError
+from ...evaluation.front import Front
+from ...networks.policy import Policy
 from ...runs.bookmarks import bookmark, bookmarks
 from ...runs.loading import own_folder
 from . import library, messages
 from .asking import Asking
 from .behavior import Behavior
+from .bodies import Bodies
 from .comparisons import Comparisons, PolicyComparisons
 from .lineup import Lineup
 from .messages import Request
@@ -89,6 +92,8 @@ class RunExhibit:
             "checkpoints": list(self._choice.files),
             "selected": self._lineup.selected,
             "command": list(self._lineup.steered.player.command),
+            "design": self._lineup.steered.design,
+            "measured": self._bodies is None or not self._bodies.changed,
             "choosing": self._thresholds.state() if self._thresholds else None,
             "asking": self._asked(),
             "bookmarks": self._bookmarks,
@@ -104,6 +109,9 @@ class RunExhibit:
             case messages.Tell(index=index) if index < len(steered.player.command):
                 for session in self._sessions():
                     session.tell(index, request.value)
+            case messages.Reshape(index=index) if self._bodies and index < len(steered.design):
+                self._asking = self._source = self._thresholds = None
+                self._bodies.reshape(self._lineup.sessions, index, request.value)
             case messages.Select(robot=robot) if robot < len(self._lineup.sessions):
                 self._lineup.selected = robot
             case messages.Open(run=run, checkpoint=checkpoint) if run in self._runs():
@@ -136,10 +144,24 @@ class RunExhibit:
         self._asking: Asking | None = None
         self._source: PolicyComparisons | None = None
         self._rounds = 0
+        self._bodies = Bodies(self._put, self._measured) if session.design else None
+        self._choose_from(session)
+
+    def _choose_from(self, session: Session) -> None:
+        """Offer thresholds to a robot's front, if it has one."""
         self._thresholds = None
         if session.front is not None:
             policy, lower = session.player.policy, session.player.env.lower_is_better
             self._thresholds = Thresholds(policy, session.front, self._put, self._steer, lower)
+
+    def _measured(self, policy: Policy, front: Front) -> bool:
+        """Show the front of a body, unless the robots have another one by now."""
+        if self._lineup.steered.player.policy is not policy:
+            return False
+        for session in self._lineup.sessions:
+            session.measured(front)
+        self._choose_from(self._lineup.steered)
+        return True
 
     def _alike(self, session: Session) -> Session:
         """Give a robot of another checkpoint what the present one has."""
@@ -169,8 +191,10 @@ class RunExhibit:
                 self._lineup.remove()
             case "free" if self._thresholds is not None:
                 self._thresholds.stop()
+            case "measure" if self._bodies is not None:
+                self._bodies.measure(self._lineup.steered)
             case "export":
-                self._saving.export(self._lineup.steered.tradeoff)
+                self._saving.export(self._lineup.steered.tradeoff, self._lineup.steered.reshaped)
             case "card" if self._thresholds is not None:
                 self._saving.card(self._thresholds.options())
             case "find" | "again":

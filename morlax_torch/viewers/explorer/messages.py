@@ -28,6 +28,14 @@ class Tell(Message):
     value: float
 
 
+class Reshape(Message):
+    """Set one design parameter of all robots' body; it is clamped to its range."""
+
+    act: Literal["reshape"]
+    index: NonNegativeInt
+    value: float
+
+
 class Pause(Message):
     act: Literal["pause"]
     on: bool
@@ -45,7 +53,7 @@ class Press(Message):
 
     act: Literal["press"]
     name: (
-        Literal["reset", "push", "add", "remove", "free", "export", "card"]
+        Literal["reset", "push", "add", "remove", "free", "export", "card", "measure"]
         | Literal["find", "skip", "use", "again", "leave"]
     )
 
@@ -96,7 +104,18 @@ class Bookmark(Message):
 
 
 Request = (
-    Steer | Tell | Pause | Pace | Press | Select | Open | Require | Maximize | Answer | Bookmark
+    Steer
+    | Tell
+    | Reshape
+    | Pause
+    | Pace
+    | Press
+    | Select
+    | Open
+    | Require
+    | Maximize
+    | Answer
+    | Bookmark
 )
 _READER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="act")])
 

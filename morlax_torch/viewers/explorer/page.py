@@ -45,6 +45,7 @@ class Page:
         self._failure: str | None = None  # why the robots paused by themselves
         self._robot: object = None  # that browsers know
         self._about, self._model = "", b""  # messages about it
+        self._drawn: object = None  # its model, which a new body replaces
         self._state: dict[str, Any] = {}  # that they know
         self._server = Server(files(), host, port, self._hear, self._greet)
         self.address = self._server.address
@@ -78,7 +79,8 @@ class Page:
 
     def _draw(self) -> None:
         """Send where the robots are; before that, which robots these are."""
-        if self._robot is not self._exhibit.behaviors[0].robot:
+        first = self._exhibit.behaviors[0]
+        if self._robot is not first.robot or self._drawn is not first.model:
             self._show()
         frame = frame_bytes(self._exhibit.behaviors)
         if frame is not None:
@@ -90,8 +92,10 @@ class Page:
         if self._robot is not first.robot:
             self._robot = first.robot
             self._about = json.dumps({"type": "run", "about": described(first)})
-            self._model = model_bytes(first.model)
             self._server.send(self._about)
+            self._drawn = None
+        if self._drawn is not first.model:
+            self._drawn, self._model = first.model, model_bytes(first.model)
             self._server.send(self._model)
         state = self._described()
         if to is not None:

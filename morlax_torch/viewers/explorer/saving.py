@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from ...evaluation.requirements import shown
-from ...runs.loading import find_checkpoint, own_folder
+from ...networks.policy import Policy
+from ...runs.loading import find_checkpoint, own_folder, save
 from .library import Choice
 from .requests import Put
 from .session import Weights
 
 CARD = "decision.html"
+BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
 class Saving:
@@ -39,21 +41,25 @@ class Saving:
         """Describe for a page what is written, or how it ended."""
         return {"busy": self._busy, "text": self._text}
 
-    def export(self, tradeoff: Weights) -> None:
-        """Write a trade-off's policy, as `morlax export` does."""
-        self._start("Exporting the policy…", "export", "--tradeoff", shown(tradeoff))
+    def export(self, tradeoff: Weights, body: Policy | None = None) -> None:
+        """Write a trade-off's policy, as `morlax export` does; first, that of another body."""
+        run = self._run
+        if body is not None:
+            run = str(self._folder / BODY)
+            save(body, run)
+        self._start("Exporting the policy…", run, "export", "--tradeoff", shown(tradeoff))
 
     def card(self, required: Sequence[str]) -> None:
         """Write a decision card, given options of `morlax choose` that say what is required."""
         doing = "Trying the policy under other conditions…"
-        self._start(doing, "choose", *required, "--card", str(self._folder / CARD))
+        self._start(doing, self._run, "choose", *required, "--card", str(self._folder / CARD))
 
-    def _start(self, doing: str, command: str, *arguments: str) -> None:
+    def _start(self, doing: str, run: str, command: str, *arguments: str) -> None:
         if self._busy:
             return
         self._busy, self._text = True, doing
         # the checkpoint's code, if it names any, runs in this process already
-        words = [sys.executable, "-m", f"morlax_torch.{command}", self._run, *arguments, "--trust"]
+        words = [sys.executable, "-m", f"morlax_torch.{command}", run, *arguments, "--trust"]
         threading.Thread(target=self._execute, args=[words], daemon=True).start()
 
     def _execute(self, words: list[str]) -> None:

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 
 from ...envs import MorlaxError
+from ...envs.worlds.designs import Space
 from ...envs.worlds.randomization import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
@@ -43,13 +44,14 @@ class Session(Behavior):
     """
 
     def __init__(self, policy: Policy, front: Front | None, seed: int = 0):
-        self.objectives, self.front = policy.objectives, front
+        self.objectives, self.front, self._seed = policy.objectives, front, seed
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.player = player = Player(policy, self.tradeoff, seed)
         super().__init__(player.model, player.data, player.env.dt)
         self.last_episode: Episode | None = None
         self.axes = horizontal(self.model)
         self._acting_on = self.tradeoff
+        self._opened = self._looks = policy
         self._directions = np.random.default_rng(seed)
 
     @classmethod
@@ -65,13 +67,42 @@ class Session(Behavior):
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off, command and pace."""
         other = type(self)(self.player.policy, self.front)
+        other._opened, other._looks = self._opened, self._looks
         other.tradeoff, other.paused, other.pace = self.tradeoff, self.paused, self.pace
         other.player.command = list(self.player.command)
         return other
 
     @property
     def robot(self) -> object:
-        return self.player.policy
+        return self._looks
+
+    @property
+    def design(self) -> list[float]:
+        """The body's design parameters (d,)."""
+        policy = self.player.policy
+        if not len(policy.agent.context):
+            return []
+        return Space(policy.agent.designs).vector(policy.config.task.design).tolist()
+
+    @property
+    def reshaped(self) -> Policy | None:
+        """The policy, if its body is not that of the checkpoint."""
+        policy = self.player.policy
+        return None if policy.config.task == self._opened.config.task else policy
+
+    def reshape(self, policy: Policy) -> None:
+        """Go on with the body of another policy of this family, in a new episode.
+
+        Its front is unknown until `measured`.
+        """
+        player = Player(policy, self.tradeoff, self._seed)
+        player.command = self.player.command
+        self.player, self.model, self.data, self.front = player, player.model, player.data, None
+        self._acting_on, self.steps = self.tradeoff, 0
+
+    def measured(self, front: Front | None) -> None:
+        """Show the front of the body from now on."""
+        self.front, self._looks = front, self.player.policy
 
     @property
     def seconds(self) -> float:

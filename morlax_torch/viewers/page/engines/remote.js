@@ -86,6 +86,13 @@ export class Remote {
     this.#send({ act: "tell", index, value });
   }
 
+  /** Set one design parameter of all robots' body. */
+  reshape(index, value) {
+    this.state.design[index] = value;
+    this.state.measured = false;
+    this.#send({ act: "reshape", index, value });
+  }
+
   pause(on) {
     this.state.paused = on;
     this.#send({ act: "pause", on });
@@ -159,12 +166,15 @@ export class Remote {
 
   #receive(buffer) {
     const [kind] = new Int32Array(buffer, 0, 1);
-    if (kind === MODEL) this.next.model = arraysOf(buffer, 4);
+    if (kind === MODEL && this.next) this.next.model = arraysOf(buffer, 4);
+    else if (kind === MODEL) this.changed = arraysOf(buffer, 4); // another body of the same robot
     const known = this.next ?? this;
     if (kind !== FRAME || !known.model) return;
     const now = performance.now();
     this.interval = Math.min(Math.max(now - this.arrived, 10), 100);
     this.arrived = now;
+    if (this.changed && !this.next) Object.assign(this, { model: this.changed, scene: {} });
+    this.changed = null;
     const poses = posesOf(new Float32Array(buffer, 4), known.model.nbody);
     known.poses = poses;
     if (this.next) {

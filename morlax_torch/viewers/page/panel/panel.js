@@ -38,6 +38,7 @@ export class Panel {
     for (const section of sections) section.hidden = this.names.length === 0;
     $("choosing-section").hidden = !this.front || this.names.length === 0;
     this.#showCommand(about.command);
+    this.#showDesign(about.design);
     this.#showKinds(about);
     if (!this.names.length) return;
     const choose = (weights) => {
@@ -64,6 +65,8 @@ export class Panel {
     const { steered, robots, selected, asking, choosing } = engine;
     this.weights.show(steered.tradeoff);
     this.command?.show(engine.command);
+    this.design?.show(engine.state.design);
+    $("front-section").classList.toggle("stale", this.design !== undefined && !engine.state.measured);
     const key = JSON.stringify([robots.map((r) => r.tradeoff), selected, asking, choosing?.levels]);
     if (key === this.shown || !this.front) return;
     this.shown = key;
@@ -105,6 +108,18 @@ export class Panel {
     });
     this.command = new Sliders(rows, (index, value) => this.engine.tell(index, value));
     $("command").replaceChildren(...this.command.elements);
+  }
+
+  #showDesign(parameters) {
+    $("design-section").hidden = !parameters;
+    if (!parameters) return;
+    const { engine } = this;
+    const rows = Object.entries(parameters).map(([name, limits]) => {
+      return { name, limits, color: "var(--ink)", format: (value) => value.toPrecision(3) };
+    });
+    const move = (index, value) => engine.reshape(index, value);
+    this.design = new Sliders(rows, move, () => engine.press("measure"));
+    $("design").replaceChildren(...this.design.elements);
   }
 
   #showKinds(about) {
