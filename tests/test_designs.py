@@ -235,7 +235,7 @@ def test_clusters_keep_a_body_for_an_episode_and_then_change():
         learner.explore()
         assert learner.designs is not None
         rows.append(learner.designs.rows.clone())
-        worlds = learner.env.bodies
+        worlds = learner.env.embodied
         assert torch.equal(worlds, rows[-1].repeat_interleave(4))
         ages.append(learner.env.age.view(4, 4).clone())
     # four clusters change one after the other, each after 20 steps: every fourth rollout of 5

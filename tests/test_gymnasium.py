@@ -373,4 +373,4 @@ def test_an_unknown_option_is_also_a_type_error_in_python_s_words(make):
     with pytest.raises(TypeError, match="got an unexpected keyword argument 'frameskip'") as error:
         make(HOPPER, frameskip=2)
     assert isinstance(error.value, MorlaxError)
-    assert "unknown option 'frameskip'. Known: episode_length" in str(error.value)
+    assert "unknown option 'frameskip'. Known: design, episode_length" in str(error.value)

@@ -47,7 +47,7 @@ class Environment(Robot):
     # Reward terms that the paper's evaluation adds to each return, on top of any step's reward.
     paper_reset_terms: ClassVar[dict[str, float]] = {}
     physics: Physics
-    bodies: Tensor | None = None  # (N,) int64 rows of the adopted bank
+    embodied: Tensor | None = None  # (N,) int64 rows of the adopted bank
 
     def __init__(
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
@@ -257,14 +257,14 @@ class Environment(Robot):
             )
         physics, noise = self.physics, self.options.reset_noise
         physics.keep(bank.models)
-        self.bodies = torch.zeros(self.num_worlds, dtype=torch.int64, device=self.device)
+        self.embodied = torch.zeros(self.num_worlds, dtype=torch.int64, device=self.device)
         several = (
             around(start, noise, model, self._seed, STARTS_OF_BODY)
             for start, model in zip(bank.starts, bank.models, strict=True)
         )
         number = len(bank.models)
-        self.starts = Starts(itertools.chain(*several), physics, self.bodies, number)
-        physics.choose(self.bodies)
+        self.starts = Starts(itertools.chain(*several), physics, self.embodied, number)
+        physics.choose(self.embodied)
         self.reset()
 
     def embody(self, rows: Tensor, fresh: Tensor) -> None:
@@ -272,9 +272,9 @@ class Environment(Robot):
 
         Every world whose body changes must be fresh.
         """
-        assert self.bodies is not None, "adopt a bank first"
-        self.bodies.copy_(rows)
-        self.physics.choose(self.bodies)
+        assert self.embodied is not None, "adopt a bank first"
+        self.embodied.copy_(rows)
+        self.physics.choose(self.embodied)
         self._restart(fresh)
 
     def reset(self) -> Tensor:
@@ -385,8 +385,8 @@ class Environment(Robot):
             value.copy_(state[name]) if name in state else value.zero_()
         if self._model:
             self.physics.vary({name: value.numpy() for name, value in self._model.items()})
-        if self.bodies is not None:
-            self.physics.choose(self.bodies)
+        if self.embodied is not None:
+            self.physics.choose(self.embodied)
         restore_generator(self.generator, state["generator"])
 
     def _state(self) -> dict[str, Tensor]:
@@ -402,7 +402,7 @@ class Environment(Robot):
             **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
             **{f"model.{name}": value for name, value in self._model.items()},
-            **({} if self.bodies is None else {"bodies": self.bodies}),
+            **({} if self.embodied is None else {"embodied": self.embodied}),
             **{
                 name: value
                 for part in (self._noise, self._delay, self._judge)
