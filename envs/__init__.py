@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .making import make, make_robot
     from .physics.interface import Physics
     from .registry import get, names, register
+    from .worlds.designs import DesignParameter
     from .worlds.environment import Environment
     from .worlds.gymnasium import from_gymnasium
     from .worlds.interface import TimeStep, Worlds
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__ = handed_on(
     __name__,
     {
+        "DesignParameter": "worlds.designs",
         "Environment": "worlds.environment",
         "Part": "worlds.robot",
         "Physics": "physics.interface",
@@ -47,6 +49,7 @@ __getattr__, __dir__ = handed_on(
 )
 
 __all__ = [
+    "DesignParameter",
     "Environment",
     "MorlaxError",
     "ObjectiveOptions",

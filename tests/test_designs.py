@@ -1,5 +1,9 @@
 """Bodies that differ: each world's is that of its design, and one family of policies knows all."""
 
+import csv
+import re
+from pathlib import Path
+
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
@@ -8,14 +12,18 @@ import torch
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, envs
+from morlax_torch.commands import design as searching
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
 from morlax_torch.envs.robots.designed import DesignedHopper
-from morlax_torch.envs.worlds.designs import Parameter, Space, compile_bank
+from morlax_torch.envs.worlds.designs import DesignParameter, Space, compile_bank
+from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.making import held_out, make_evaluator
 from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.runs.session import Session
 from morlax_torch.train import train
+from morlax_torch.tuning.designs import Designer
 
+PAGES = Path(__file__).parent.parent / "docs"
 TASKS = ("design/hopper", "design/cheetah", "design/ant")
 DRAWN = ("tex", "mat", "names", "bvh", "name_")  # beginnings of fields for pictures and names
 SMALL = {
@@ -123,7 +131,7 @@ def test_a_longer_leg_starts_as_far_above_the_floor():
 class Stump(DesignedHopper):
     """Some of its designs do not compile, some start in the floor."""
 
-    designs = {"thigh": Parameter(0.33, -0.3, 3.0)}
+    designs = {"thigh": DesignParameter(0.33, -0.3, 3.0)}
 
     @classmethod
     def shape(cls, spec, design):
@@ -147,8 +155,8 @@ def test_designs_without_a_body_are_left_out_and_counted(monkeypatch):
 @pytest.mark.parametrize(
     ("parameter", "sentence"),
     [
-        (Parameter(0.3, 0.1, float("inf")), "goes from 0.1 to inf, with the default 0.3"),
-        (Parameter(0.3, 0.5, 0.9), "needs finite bounds, and a default between them"),
+        (DesignParameter(0.3, 0.1, float("inf")), "goes from 0.1 to inf, with the default 0.3"),
+        (DesignParameter(0.3, 0.5, 0.9), "needs finite bounds, and a default between them"),
     ],
 )
 def test_a_parameter_needs_bounds(parameter, sentence):
@@ -280,7 +288,7 @@ def test_evaluations_of_many_bodies_are_those_of_each_alone():
 
 def test_a_run_with_designs_is_loaded_and_saved(tmp_path):
     policy = morlax_torch.load(train(small(), output=tmp_path / "run").folder)
-    assert policy.agent.designs["thigh"] == Parameter(0.33, 0.2, 0.5)
+    assert policy.agent.designs["thigh"] == DesignParameter(0.33, 0.2, 0.5)
     copy = tmp_path / "copy.pt"
     morlax_torch.save(policy.for_design({"thigh": 0.4}), copy)
     seen = torch.randn(2, policy.agent.observation_size)
@@ -320,9 +328,101 @@ def test_policies_of_one_body_know_no_others():
 
 
 def test_designs_are_scaled_and_named():
-    space = Space({"a": Parameter(1.0, 0.0, 4.0), "b": Parameter(2.0, 1.0, 3.0, "kg")})
+    space = Space({"a": DesignParameter(1.0, 0.0, 4.0), "b": DesignParameter(2.0, 1.0, 3.0, "kg")})
     assert space.scaled(space.vector({})).tolist() == [-0.5, 0.0]
     assert space.named(space.vector({"a": 4})) == {"a": 4.0, "b": 2.0}
     spread = space.spread(256, 0)
     assert np.allclose(spread.mean(0), [2, 2], atol=0.05)
     assert (spread.min(0) >= [0, 1]).all() and (spread.max(0) <= [4, 3]).all()
+
+
+# Search
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    config = small(**{"task.episode_length": 60, "network.scale": 0.3})
+    return train(config, output=tmp_path_factory.mktemp("designs") / "run").folder
+
+
+def test_a_pair_is_simulated_as_its_body_alone_is_evaluated(run):
+    policy = morlax_torch.load(run)
+    designer = Designer(policy)
+    designs = designer.space.spread(3, 0)
+    tradeoffs = np.array([[0.9, 0.1], [0.2, 0.8], [0.5, 0.5]])
+    found = designer.simulate(designs, tradeoffs)
+    for design, tradeoff, returns in zip(designs, tradeoffs, found.returns, strict=True):
+        other = policy.for_design(designer.space.named(design))
+        env = other.config.make_worlds(1, 0, evaluating=True)
+        points = torch.tensor(tradeoff[None], dtype=torch.float32)
+        alone = Evaluator(other.agent, env, points).evaluate()
+        assert returns == pytest.approx(alone.returns[0], rel=1e-3)
+
+
+def test_refining_looks_where_the_front_is(run):
+    designer = Designer(morlax_torch.load(run))
+    grid = designer.grid(6, 4, seed=0)
+    assert grid.designs[:4].tolist() == [designer.space.default.tolist()] * 4
+    found = designer.refine(grid, rounds=3, population=12, seed=0)
+    assert len(found.designs) == 36
+    every = grid.joined(found)
+    assert designer.hypervolume(every) > designer.hypervolume(grid)
+    for name, each in zip(designer.space.parameters, every.designs.T, strict=True):
+        _, low, high, _ = designer.space.parameters[name]
+        assert low <= each.min() and each.max() <= high
+    assert every.tradeoffs.sum(1) == pytest.approx(1)
+    best, volume = designer.best_body(grid, 4)
+    volumes = [designer.hypervolume(grid.rows(np.arange(i, i + 4))) for i in range(0, 24, 4)]
+    assert volume == max(volumes)
+    assert best.tolist() == grid.designs[4 * int(np.argmax(volumes))].tolist()
+
+
+def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
+    options = ["--bodies", "6", "--tradeoffs", "4", "--rounds", "1", "--population", "8"]
+    words = [str(run), *options, "--output", str(tmp_path / "found"), "--device", "cpu"]
+    searching.command([*words, "--maximize", "jump", "--at-least", "run=1"])
+    text = capsys.readouterr().out
+    assert "32 policies were simulated" in text and "most jump: " in text
+    rows = list(csv.DictReader((tmp_path / "found" / "designs.csv").read_text().splitlines()))
+    best = max(rows, key=lambda row: float(row["jump"]))
+    policy = morlax_torch.load(tmp_path / "found" / "body.pt")
+    own = policy.config.task.design
+    assert own["thigh"] == pytest.approx(float(best["thigh"]), rel=1e-5)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "found" / "body.xml"))
+    exact = envs.make_robot("design/hopper", design=own).physics.model
+    for name in ("geom_size", "geom_pos", "body_pos", "body_mass", "jnt_range"):
+        np.testing.assert_allclose(getattr(model, name), getattr(exact, name), atol=1e-5)
+    searching.command(words)
+    assert "body with the largest hypervolume: thigh" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--at-least", "run=1"], "name what to maximize"),
+        (["--bodies", "1"], "--bodies is 1: it must be at least 2"),
+        (["--rounds", "-1"], "--rounds is -1: it must be 0 or more"),
+    ],
+)
+def test_a_wrong_search_is_one_sentence(run, words, sentence, refused):
+    assert sentence in refused(searching, str(run), *words)
+
+
+def test_a_run_with_one_body_cannot_be_searched(refused):
+    assert "were trained with one body" in refused(searching, "hopper")
+
+
+def test_a_robot_of_ones_own_declares_designs_in_ten_lines(tmp_path):
+    pages = [(PAGES / f"{name}.md").read_text() for name in ("your-own-robot", "designs")]
+    blocks = [block for page in pages for block in re.findall(r"```\w+\n(.*?)```", page, re.S)]
+    task = "\n".join(block for block in blocks if block.startswith("# crawler.py"))
+    (tmp_path / "crawler.py").write_text(task)
+    (tmp_path / "crawler.xml").write_text(next(b for b in blocks if b.startswith("<!-- crawler")))
+    name = f"{tmp_path / 'crawler.py'}:LongArm"
+    envs.trust(name)
+    usual = envs.make_robot(name).physics.model
+    longer = envs.make_robot(name, design={"upper": 0.4}).physics.model
+    size, other = (model.geom("upper").size[1] for model in (usual, longer))
+    assert other == pytest.approx(size * 0.4 / 0.27)
+    train(small(name), output=tmp_path / "run")
+    assert len(morlax_torch.load(tmp_path / "run").agent.context) == 2

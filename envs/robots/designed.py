@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 
-from ..worlds.designs import Parameter
+from ..worlds.designs import DesignParameter
 from .ant import Ant
 from .cheetah import Cheetah3
 from .planar import Hopper
@@ -28,7 +28,7 @@ class DesignedHopper(Hopper):
     Its foot starts as far above the floor as the usual hopper's.
     """
 
-    designs = {"thigh": Parameter(0.33, 0.2, 0.5), "calf": Parameter(0.32, 0.2, 0.5)}
+    designs = {"thigh": DesignParameter(0.33, 0.2, 0.5), "calf": DesignParameter(0.32, 0.2, 0.5)}
 
     @classmethod
     def shape(cls, spec: mujoco.MjSpec, design: dict[str, float]) -> None:
@@ -45,12 +45,12 @@ class DesignedCheetah(Cheetah3):
     """
 
     designs = {
-        "back_thigh": Parameter(0.297, 0.18, 0.42),
-        "back_shin": Parameter(0.313, 0.19, 0.44),
-        "back_foot": Parameter(0.188, 0.11, 0.26),
-        "front_thigh": Parameter(0.278, 0.17, 0.39),
-        "front_shin": Parameter(0.222, 0.13, 0.31),
-        "front_foot": Parameter(0.14, 0.08, 0.2),
+        "back_thigh": DesignParameter(0.297, 0.18, 0.42),
+        "back_shin": DesignParameter(0.313, 0.19, 0.44),
+        "back_foot": DesignParameter(0.188, 0.11, 0.26),
+        "front_thigh": DesignParameter(0.278, 0.17, 0.39),
+        "front_shin": DesignParameter(0.222, 0.13, 0.31),
+        "front_foot": DesignParameter(0.14, 0.08, 0.2),
     }
     depths = {"back": (0.25, 0.14, 0.188), "front": (0.24, 0.18, 0.128)}  # m that links reach down
 
@@ -72,9 +72,9 @@ class DesignedAnt(Ant):
     """The ant with upper and lower legs of other lengths, and another mass of its torso."""
 
     designs = {
-        "upper_leg": Parameter(0.283, 0.15, 0.4),
-        "lower_leg": Parameter(0.566, 0.3, 0.8),
-        "torso_mass": Parameter(0.327, 0.2, 1.0, "kg"),
+        "upper_leg": DesignParameter(0.283, 0.15, 0.4),
+        "lower_leg": DesignParameter(0.566, 0.3, 0.8),
+        "torso_mass": DesignParameter(0.327, 0.2, 1.0, "kg"),
     }
 
     @classmethod

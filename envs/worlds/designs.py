@@ -13,7 +13,7 @@ from ..errors import MorlaxError, unknown
 DEPTH = 1e-3  # m that a body may penetrate more than the default body does at the start
 
 
-class Parameter(NamedTuple):
+class DesignParameter(NamedTuple):
     """A number of a robot's body, such as the length of a link."""
 
     default: float
@@ -29,8 +29,8 @@ class Space:
         MorlaxError: a parameter has no finite bounds around its default.
     """
 
-    def __init__(self, parameters: Mapping[str, Parameter]):
-        self.parameters = {name: Parameter(*each) for name, each in parameters.items()}
+    def __init__(self, parameters: Mapping[str, DesignParameter]):
+        self.parameters = {name: DesignParameter(*each) for name, each in parameters.items()}
         for name, (default, low, high, _) in self.parameters.items():
             if not (-np.inf < low < high < np.inf and low <= default <= high):
                 raise MorlaxError(

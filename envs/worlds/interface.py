@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, unknown
-from .designs import Parameter
+from .designs import DesignParameter
 from .mirror import Mirror
 from .options import ObjectiveOptions
 
@@ -53,7 +53,7 @@ class Worlds(ABC):
     objectives: tuple[str, ...]
     reference_point: tuple[float, ...]
     quantities: tuple[str, ...] = ()  # with units, that evaluations measure beside returns
-    designs: ClassVar[dict[str, Parameter]] = {}  # parameters of the robot's body, by name
+    designs: ClassVar[dict[str, DesignParameter]] = {}  # parameters of the robot's body, by name
     lower_is_better: tuple[str, ...] = ()  # those of the quantities that policies should keep low
     generator: torch.Generator  # of every random draw while stepping
     blowups: Tensor  # () int64: how often a world left sane bounds

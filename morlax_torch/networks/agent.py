@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError
-from ..envs.worlds.designs import Parameter, Space
+from ..envs.worlds.designs import DesignParameter, Space
 from ..envs.worlds.mirror import Mirror, Reflection
 from .conditioned import Conditioned
 from .family import Family
@@ -120,7 +120,7 @@ class Agent(nn.Module):
         critic: nn.Module | None = None,
         mirror: Mirror | None = None,
         in_order: int = 0,
-        designs: Mapping[str, Parameter] = MappingProxyType({}),
+        designs: Mapping[str, DesignParameter] = MappingProxyType({}),
     ):
         super().__init__()
         self.num_networks = num_networks = in_order or config.num_networks
@@ -246,7 +246,7 @@ class Agent(nn.Module):
         return SpecializedPolicy(copy.deepcopy(normalizer), actor)
 
 
-def _context(designs: Mapping[str, Parameter], config: Config) -> Tensor:
+def _context(designs: Mapping[str, DesignParameter], config: Config) -> Tensor:
     """Return the context (d,) of the body that the config's task names; empty without designs."""
     if not config.sampling.designs:
         return torch.zeros(0)

@@ -15,7 +15,7 @@ from pydantic import (
 from torch import Tensor
 
 from ..envs.errors import shortened
-from ..envs.worlds.designs import Parameter
+from ..envs.worlds.designs import DesignParameter
 from ..envs.worlds.options import check_objectives
 from .progress import Progress
 
@@ -53,7 +53,7 @@ class Task(BaseModel):
     observation_size: Size
     action_size: Size
     privileged_size: Annotated[int, Field(ge=0, le=2**24)] = 0
-    designs: dict[str, Parameter] = {}
+    designs: dict[str, DesignParameter] = {}
 
 
 class Contents(BaseModel):
@@ -65,7 +65,7 @@ class Contents(BaseModel):
     config: dict[str, Any]
     environment: Task
     own_networks: dict[str, dict[str, list[NonNegativeInt]]] = {}
-    """Parameter shapes of user-made networks: network -> parameter -> shape."""
+    """DesignParameter shapes of user-made networks: network -> parameter -> shape."""
     progress: Progress = Progress()
     learner: Annotated[dict[str, Any], AfterValidator(_with_agent)] | None = None
     """`Learner.state_dict()`, with the agent's tensors by name as "agent"."""
