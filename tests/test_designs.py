@@ -413,16 +413,19 @@ def test_a_run_with_one_body_cannot_be_searched(refused):
 
 
 def test_a_robot_of_ones_own_declares_designs_in_ten_lines(tmp_path):
-    pages = [(PAGES / f"{name}.md").read_text() for name in ("your-own-robot", "designs")]
-    blocks = [block for page in pages for block in re.findall(r"```\w+\n(.*?)```", page, re.S)]
-    task = "\n".join(block for block in blocks if block.startswith("# crawler.py"))
-    (tmp_path / "crawler.py").write_text(task)
-    (tmp_path / "crawler.xml").write_text(next(b for b in blocks if b.startswith("<!-- crawler")))
-    name = f"{tmp_path / 'crawler.py'}:LongArm"
+    page = (PAGES / "designs.md").read_text()
+    (block,) = re.findall(r"```python\n(# long_legs\.py.*?)```", page, re.S)
+    (tmp_path / "long_legs.py").write_text(block)
+    name = f"{tmp_path / 'long_legs.py'}:LongLegs"
     envs.trust(name)
-    usual = envs.make_robot(name).physics.model
-    longer = envs.make_robot(name, design={"upper": 0.4}).physics.model
-    size, other = (model.geom("upper").size[1] for model in (usual, longer))
-    assert other == pytest.approx(size * 0.4 / 0.27)
+    feet = []
+    for length in (0.3, 0.45, 0.6):
+        env = envs.make_robot(name, design={"thigh": length})
+        assert env.physics.model.geom("left_thigh").size[1] == pytest.approx(length / 2)
+        data = mujoco.MjData(env.physics.model)
+        data.qpos[:] = env.initial_qpos()
+        mujoco.mj_forward(env.physics.model, data)
+        feet.append(data.geom("left_foot").xpos[2])
+    assert feet == pytest.approx([feet[0]] * 3)
     train(small(name), output=tmp_path / "run")
-    assert len(morlax_torch.load(tmp_path / "run").agent.context) == 2
+    assert len(morlax_torch.load(tmp_path / "run").agent.context) == 1

@@ -37,6 +37,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "morlax export go1": "needs mjlab; test_mjlab_play.py exports it",
     "morlax play": "needs the export of a task of mjlab; test_mjlab_play.py has one",
     "python -m pytest": "starts the tests",
+    "morlax design": "needs a run with designs; test_designs.py searches one",
     "morlax explore": "a server; .ci/smoke.py starts it",
     "runs/go1": "needs mjlab; test_mjlab.py trains",
     "mjlab:": "needs older simulators; test_mjlab.py trains",
@@ -94,8 +95,8 @@ def words(line: str) -> list[str]:
 @pytest.fixture
 def workplace(tmp_path, monkeypatch, make_run) -> Path:
     """Return a folder with a run, and the files and configs that pages name."""
-    page = (ROOT / "docs" / "your-own-robot.md").read_text()
-    page += (ROOT / "docs" / "scalarizations.md").read_text()
+    names = "your-own-robot", "scalarizations", "designs"
+    page = "".join((ROOT / "docs" / f"{name}.md").read_text() for name in names)
     for text, name in re.findall(r"```\w+\n((?:# |<!-- )([\w.]+\.\w+)\b.*?)```", page, re.DOTALL):
         (tmp_path / name).write_text(text)
     (tmp_path / "configs").symlink_to(ROOT / "configs")
