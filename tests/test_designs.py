@@ -388,6 +388,7 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
     policy = morlax_torch.load(tmp_path / "found" / "body.pt")
     own = policy.config.task.design
     assert own["thigh"] == pytest.approx(float(best["thigh"]), rel=1e-5)
+    assert set(searching.FILES) == {file.name for file in (tmp_path / "found").iterdir()}
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "found" / "body.xml"))
     exact = envs.make_robot("design/hopper", design=own).physics.model
     for name in ("geom_size", "geom_pos", "body_pos", "body_mass", "jnt_range"):

@@ -17,6 +17,8 @@ from ..terminal.required import AtLeast, AtMost, limits
 from ..terminal.startup import program
 from ..terminal.task_arguments import Device, RunName, Trust, call
 
+FILES = "designs.csv", "designs.png", "designs.pdf", "body.xml", "body.pt"
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -41,7 +43,7 @@ def command(arguments: Sequence[str]) -> None:
         """Search over bodies and trade-offs of a run that was trained with many bodies.
 
         Simulates bodies spread evenly over the design space, each under the same trade-offs, then
-        improves their common front by NSGA-II. Writes that front as a table (designs.csv), and one
+        improves their common front by NSGA-II. Writes that front as a table and a figure, and one
         body as MJCF (body.xml) and as a checkpoint (body.pt) that every command accepts as a run:
         the body of the policy that keeps the requirements and has most of --maximize, or the body
         whose own front has the largest hypervolume.
@@ -66,6 +68,8 @@ def command(arguments: Sequence[str]) -> None:
                 raise MorlaxError(f"--{name} is {number}: it must be at least 2.")
         if rounds < 0:
             raise MorlaxError(f"--rounds is {rounds}: it must be 0 or more.")
+        import numpy as np  # takes a while, like torch
+
         with Live():
             from ..envs import resolve_device
             from ..runs.loading import load, own_folder
@@ -89,8 +93,8 @@ def command(arguments: Sequence[str]) -> None:
             weights = ",".join(f"{weight:.5g}" for weight in every.tradeoffs[chosen])
             cli.console.print(f"body: {_named(designer, best)}")
             cli.console.print(f"trade-off: {weights} ({_values(designer, every.values[chosen])})")
-        _write(designer, every, best, folder)
-        cli.console.print(f"written: {folder}/designs.csv, body.xml, body.pt", soft_wrap=True)
+        _write(designer, every, best, folder, grid.rows(np.arange(tradeoffs)).returns)
+        cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)
         body = shlex.quote(str(folder / "body.pt")) + (" --trust" if trust else "")
         cli.print_command("to see the robot", f"{program('explore')} {body}")
 
@@ -142,11 +146,19 @@ def _values(designer: "Designer", values: "np.ndarray") -> str:
     return ", ".join(f"{name} {value:.4g}" for name, value in zip(names, values, strict=True))
 
 
-def _write(designer: "Designer", every: "Simulated", best: "np.ndarray", folder: Path) -> None:
-    """Write the front of all bodies as a table, and the best body."""
+def _write(
+    designer: "Designer",
+    every: "Simulated",
+    best: "np.ndarray",
+    folder: Path,
+    usual: "np.ndarray",
+) -> None:
+    """Write the front of all bodies as a table and a figure, and the best body."""
     from ..envs import get
     from ..envs.worlds.designs import mjcf
     from ..evaluation import pareto
+    from ..evaluation.figures import designs_figure
+    from ..evaluation.figures import save as save_figure
     from ..runs.loading import save
 
     names = [f"weight of {name}" for name in designer.policy.objectives]
@@ -157,6 +169,12 @@ def _write(designer: "Designer", every: "Simulated", best: "np.ndarray", folder:
     front = every.rows(pareto.non_dominated(every.returns))
     for row in zip(*front, strict=True):
         writer.writerow([f"{number:.6g}" for part in row for number in part])
+    parameters = [f"{name} ({own.unit})" for name, own in designer.space.parameters.items()]
+    usual = pareto.front(usual)
+    figure = designs_figure(
+        designer.policy.objectives, front.returns, front.designs, parameters, usual
+    )
+    save_figure(figure, folder / "designs")
     design = designer.space.named(best)
     write_file(folder / "designs.csv", table.getvalue())
     write_file(folder / "body.xml", mjcf(get(designer.policy.config.env), design))

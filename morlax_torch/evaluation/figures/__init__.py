@@ -3,6 +3,7 @@
 `save` writes it to files, `pixels` renders it to an array.
 """
 
+from .designs import designs_figure
 from .front import front_figure, fronts_figure, parallel_figure, shown_lines, spaces_figure
 from .hypervolume import hypervolume_figure
 from .quantities import quantities_figure
@@ -11,6 +12,7 @@ from .style import STYLES, pixels, save
 
 __all__ = [
     "STYLES",
+    "designs_figure",
     "front_figure",
     "fronts_figure",
     "hypervolume_figure",
