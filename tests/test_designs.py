@@ -152,6 +152,22 @@ def test_designs_without_a_body_are_left_out_and_counted(monkeypatch):
         compile_bank(env, np.array([[2.0]]))
 
 
+class Headless(DesignedHopper):
+    @classmethod
+    def shape(cls, spec, design):
+        if design["thigh"] > 0.33:
+            spec.delete(spec.geom("nose"))
+
+
+def test_a_design_keeps_the_parts_of_the_robot(monkeypatch):
+    env = envs.make("design/hopper", 1, "cpu", "mujoco")
+    monkeypatch.setattr(env, "__class__", Headless)
+    with pytest.raises(
+        MorlaxError, match=r"Headless\.shape changes ngeom of the model from 7 to 6"
+    ):
+        bank_of(env)
+
+
 @pytest.mark.parametrize(
     ("parameter", "sentence"),
     [

@@ -10,6 +10,7 @@ from mujoco import MjModel, MjSpec
 
 from ..errors import MorlaxError, unknown
 
+SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "neq", "nsensordata"
 DEPTH = 1e-3  # m that a body may penetrate more than the default body does at the start
 
 
@@ -119,7 +120,7 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
     A body starts as that of `env`, higher or lower by as much as its `qpos0` is.
 
     Raises:
-        MorlaxError: none of the designs makes a body.
+        MorlaxError: none of the designs makes a body, or one has other parts than the robot.
     """
     task, base, spec = type(env), env.physics.model, env.load_spec()
     for material in spec.materials:
@@ -136,6 +137,12 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
         except ValueError as error:
             reason = _line(error)
             continue
+        for size in SIZES:
+            if getattr(model, size) != getattr(base, size):
+                raise MorlaxError(
+                    f"{task.__name__}.shape changes {size} of the model from {getattr(base, size)} "
+                    f"to {getattr(model, size)}: it may change numbers, but not add or remove parts."
+                )
         own = start + model.qpos0 - base.qpos0
         if _depth(model, own) <= deepest:
             kept[row] = True

@@ -21,7 +21,7 @@ class DesignDraws:
 
     def __init__(self, env: Environment, config: Config, seed: int):
         space, K = Space(env.designs), config.num_clusters
-        self.env, self.each = env, config.worlds // K
+        self.env, self._each = env, config.worlds // K
         self.bank = compile_bank(env, space.spread(config.sampling.designs, seed))
         contexts = torch.from_numpy(space.scaled(self.bank.designs)).float()
         self._contexts = contexts.to(env.device)  # (D, d)
@@ -42,6 +42,6 @@ class DesignDraws:
         drawn = torch.empty_like(self.rows).random_(0, len(self._contexts), generator=generator)
         self.rows.copy_(torch.where(due, drawn, self.rows))
         self.left.add_(torch.where(due, self.env.episode_length, 0)).sub_(steps)
-        worlds = due.repeat_interleave(self.each)
-        self.env.embody(self.rows.repeat_interleave(self.each), worlds)
-        return worlds
+        bodies, fresh = (x[:, None].expand(-1, self._each).flatten() for x in (self.rows, due))
+        self.env.embody(bodies, fresh)
+        return fresh
