@@ -141,7 +141,7 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
             if getattr(model, size) != getattr(base, size):
                 raise MorlaxError(
                     f"{task.__name__}.shape changes {size} of the model from {getattr(base, size)} "
-                    f"to {getattr(model, size)}: it may change numbers, but not add or remove parts."
+                    f"to {getattr(model, size)}: it may change numbers, not add or remove parts."
                 )
         own = start + model.qpos0 - base.qpos0
         if _depth(model, own) <= deepest:
