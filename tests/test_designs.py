@@ -4,6 +4,7 @@ import csv
 import re
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
@@ -13,6 +14,7 @@ import torch
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, envs
 from morlax_torch.commands import design as searching
+from morlax_torch.commands import record
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
 from morlax_torch.envs.robots.designed import DesignedHopper
 from morlax_torch.envs.worlds.designs import DesignParameter, Space, compile_bank
@@ -22,6 +24,7 @@ from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.runs.session import Session
 from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer
+from morlax_torch.viewers.filming.film import Film
 
 PAGES = Path(__file__).parent.parent / "docs"
 TASKS = ("design/hopper", "design/cheetah", "design/ant")
@@ -457,3 +460,26 @@ def test_a_robot_of_ones_own_declares_designs_in_ten_lines(tmp_path):
     assert feet == pytest.approx([feet[0]] * 3)
     train(small(name), output=tmp_path / "run")
     assert len(morlax_torch.load(tmp_path / "run").agent.context) == 1
+
+
+# Films
+
+
+def test_a_film_shows_bodies_side_by_side(run, tmp_path, opengl):
+    words = [str(run), "--width", "64", "--height", "64", "--seconds", "0.1"]
+    bodies = ["--body", "thigh=0.2,calf=0.2", "--body", "thigh=0.5"]
+    record.command([*words, *bodies, "--pictures", "2", "--output", str(tmp_path / "s.png")])
+    strip = plt.imread(tmp_path / "s.png")
+    film = Film(morlax_torch.load(run), [(0.5, 0.5)], 64, 64, bodies=[{"thigh": 0.2}, {}])
+    frame = next(film.frames(0.1))
+    assert frame.shape[1] > 2 * 64  # two panels
+    left, right = frame[:, :64], frame[:, -64:]
+    assert not np.array_equal(left, right)
+    assert [take.label().split("\n")[0] for take in film._takes] == ["thigh 0.2 m", "run 0.50"]
+    assert strip.shape[0] > 2 * 64
+
+
+def test_a_body_that_is_no_list_of_numbers_is_one_sentence(run, refused):
+    for text in ("thigh", "thigh=long"):
+        assert f"'{text}' does not name numbers" in refused(record, str(run), "--body", text)
+    assert "were trained with one body" in refused(record, "hopper", "--body", "thigh=0.4")

@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..files import write_file
 from ..terminal import cli
 from ..terminal.live import Live
-from ..terminal.required import AtLeast, AtMost, limits
+from ..terminal.named_numbers import AtLeast, AtMost, limits
 from ..terminal.startup import program
 from ..terminal.task_arguments import Device, RunName, Trust, call
 

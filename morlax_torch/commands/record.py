@@ -8,6 +8,7 @@ import tyro
 
 from ..terminal import cli
 from ..terminal.live import Live
+from ..terminal.named_numbers import numbers
 from ..terminal.startup import program
 from ..terminal.task_arguments import RunName, Trust, call
 
@@ -17,6 +18,9 @@ def command(arguments: Sequence[str]) -> None:
         run: RunName,
         tradeoff: Annotated[
             tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="0.8,0.2")
+        ] = (),
+        body: Annotated[
+            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="thigh=0.4,calf=0.3")
         ] = (),
         output: Path | None = None,
         seconds: float = 5.0,
@@ -36,6 +40,9 @@ def command(arguments: Sequence[str]) -> None:
         Args:
             tradeoff: Weight of each objective, or @NAME of a bookmark, once per panel; weights need
                 not sum to one (None: each objective alone, and the balanced trade-off).
+            body: Design parameters of a body, once per body, of a run that was trained with many;
+                each is shown under every trade-off (None: the run's own body, or with bodies, the
+                balanced trade-off).
             output: Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip
                 (None: film.mp4 in the run's folder, or NAME.mp4 in the working directory
                 for a shipped policy).
@@ -59,8 +66,9 @@ def command(arguments: Sequence[str]) -> None:
             place = output or (folder / "film.mp4" if folder else shipped)
             tradeoffs = [tradeoff_of(text, run, policy.objectives) for text in tradeoff]
             front = load_front(run) if sweep else None
+            bodies = [numbers(text, "--body thigh=0.4,calf=0.3") for text in body]
             sizes = width, height, pictures
-            record(policy, place, tradeoffs, seconds, speed, *sizes, seed, front)
+            record(policy, place, tradeoffs, seconds, speed, *sizes, seed, front, bodies)
         cli.console.print(f"written: {place}")
 
     call(main, arguments, program("record"))

@@ -1,7 +1,8 @@
 """A robot under several trade-offs side by side, as video frames or as a film strip."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import NamedTuple
 
 import mujoco
@@ -26,6 +27,8 @@ LINGER = 1.0  # seconds that a film continues after every robot has failed
 class Film:
     """One robot under each of P trade-offs, all from the same start and seen from one distance.
 
+    With `bodies`, by design parameters, there is a panel for each trade-off of each body.
+
     A robot that fails is frozen and dimmed, with the returns of its episode. A film ends a second
     after the last robot has failed. The episode length is ignored: robots continue for the whole
     film. `record` describes the arguments.
@@ -41,9 +44,11 @@ class Film:
         width: int = 480,
         height: int = 360,
         seed: int = 0,
+        bodies: Sequence[Mapping[str, float]] = (),
     ):
         check_size(width, height)
-        players = [Player(policy, tradeoff, seed) for tradeoff in tradeoffs]
+        policies, shown = [policy.for_design(body) for body in bodies] or [policy], list(tradeoffs)
+        players = [Player(each, tradeoff, seed) for each in policies for tradeoff in shown]
         self._takes = [Take(player, width, height) for player in players]
         self._size = width, height
         self.dt = self._takes[0].player.env.dt
@@ -100,8 +105,9 @@ class Film:
             rows.append(take.poses(steps, pictures))
         poses = [pose for row in rows for pose in row]
         cameras = cameras_for(model, self._size[0] / self._size[1], [pose.data for pose in poses])
-        with Scene(model, *self._size) as scene:
-            shown = [pose.drawn(scene, camera) for pose, camera in zip(poses, cameras, strict=True)]
+        with self._scenes() as scenes:
+            ordered = [scene for scene, row in zip(scenes, rows, strict=True) for _ in row]
+            shown = [pose.drawn(*how) for pose, *how in zip(poses, ordered, cameras, strict=True)]
         together = [shown[i : i + pictures] for i in range(0, len(shown), pictures)]
         return panels.strip(together, [take.label() for take in self._takes])
 
@@ -109,16 +115,28 @@ class Film:
         """Render every robot after each number of control steps in `moments`, of a new episode."""
         for take in self._takes:
             take.reset()
-        with Scene(self._takes[0].player.model, *self._size) as scene:
+        with self._scenes() as scenes:
             for step in moments:
                 for take in self._takes:
                     take.move_to(step)
                 farthest = max(take.distance for take in self._takes)
-                yield [take.picture(scene, farthest) for take in self._takes]
+                pairs = zip(self._takes, scenes, strict=True)
+                yield [take.picture(scene, farthest) for take, scene in pairs]
                 last = max(take.player.steps for take in self._takes)
                 over = all(take.failed for take in self._takes)
                 if over and (step - last) * self.dt >= LINGER:
                     return
+
+    @contextmanager
+    def _scenes(self) -> Iterator[list[Scene]]:
+        """Open the scene of each robot; robots of one body share theirs."""
+        with ExitStack() as stack:
+            found: dict[Policy, Scene] = {}
+            for player in (take.player for take in self._takes):
+                if player.policy not in found:
+                    scene = Scene(player.model, *self._size)
+                    found[player.policy] = stack.enter_context(scene)
+            yield [found[take.player.policy] for take in self._takes]
 
 
 class _Pose(NamedTuple):
@@ -198,9 +216,18 @@ class Take:
 
     def captioned(self, picture: Image.Image) -> Image.Image:
         clock = f"{self.player.steps * self.player.env.dt:.2f} s"
-        return panels.captioned(
-            picture, self._table(), f"failed after {clock}" if self.failed else clock
-        )
+        clock = f"failed after {clock}" if self.failed else clock
+        return panels.captioned(picture, self._table(), ", ".join([*self._body(), clock]))
+
+    def _body(self) -> list[str]:
+        """Return the design parameters that are not the default, such as "thigh 0.4 m"."""
+        policy = self.player.policy
+        design, parameters = policy.config.task.design, policy.agent.designs
+        return [
+            f"{name.replace('_', ' ')} {value:.3g} {parameters[name].unit}"
+            for name, value in design.items()
+            if value != parameters[name].default
+        ]
 
     def _table(self) -> list[panels.Row]:
         return [
@@ -212,7 +239,7 @@ class Take:
         """Return a line for each weight, or "only NAME" if there is one."""
         weights = self.weights()
         alone = [f"only {name}" for name, share in weights if share == "1.00"]
-        return "".join(alone) or "\n".join(map(" ".join, weights))
+        return "\n".join([*self._body(), "".join(alone) or "\n".join(map(" ".join, weights))])
 
     def weights(self) -> list[tuple[str, str]]:
         shares = self.player.tradeoff / self.player.tradeoff.sum()

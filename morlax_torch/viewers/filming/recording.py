@@ -1,6 +1,6 @@
 """Write films and film strips: H.264 for browsers and slides, animated GIF, or PNG."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -30,6 +30,7 @@ def record(
     pictures: int = 8,
     seed: int = 0,
     sweep: Front | None = None,
+    bodies: Sequence[Mapping[str, float]] = (),
 ) -> None:
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
 
@@ -43,6 +44,8 @@ def record(
         height: of a panel, in pixels.
         pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
         seed: random seed of the world.
+        bodies: design parameters of each body to show, by name, each with every trade-off (empty:
+            the body of the policy). Then the default is the balanced trade-off.
         sweep: film one robot instead, whose trade-off moves along this front of the policy.
 
     Raises:
@@ -50,11 +53,14 @@ def record(
     """
     if output.suffix.lower() not in (*ENDINGS, ".png"):
         raise MorlaxError(f"{output} must end in .mp4 or .gif (a film) or in .png (a film strip).")
-    if sweep is not None and (tradeoffs or output.suffix.lower() == ".png"):
-        raise MorlaxError("a sweep is a film (.mp4 or .gif) of all trade-offs: name none of them.")
+    if sweep is not None and (tradeoffs or bodies or output.suffix.lower() == ".png"):
+        raise MorlaxError(
+            "a sweep is a film (.mp4 or .gif) of all trade-offs of one body: name none of them."
+        )
     if sweep is None:
-        shown = tradeoffs or typical_tradeoffs(len(policy.objectives)).tolist()
-        film = Film(policy, shown, width, height, seed)
+        m = len(policy.objectives)
+        shown = tradeoffs or ([[1 / m] * m] if bodies else typical_tradeoffs(m).tolist())
+        film = Film(policy, shown, width, height, seed, bodies)
     else:
         film = Sweep(policy, sweep, width, height, seed)
     if output.suffix.lower() == ".png":

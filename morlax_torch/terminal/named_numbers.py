@@ -1,4 +1,4 @@
-"""Requirements on the command line: --at-least run=2000 --at-most power=60."""
+"""Numbers by name on the command line, such as requirements: --at-least run=2000."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -35,14 +35,25 @@ def limits(
     return least, most
 
 
-def _required(text: str, sign: str, example: str) -> tuple[str, float]:
+def numbers(text: str, example: str) -> dict[str, float]:
+    """Read numbers by name, such as "thigh=0.4,calf=0.3".
+
+    Raises:
+        MorlaxError: the text is something else; the sentence shows the example.
+    """
+    return dict(_required(part, "=", example, "does not name numbers") for part in text.split(","))
+
+
+def _required(
+    text: str, sign: str, example: str, problem: str = "is not a requirement"
+) -> tuple[str, float]:
     name, found, level = text.partition(sign)
     try:
         if not found or not name.strip() or not math.isfinite(float(level)):
             raise ValueError
         return name.strip(), float(level)
     except ValueError:
-        raise MorlaxError(f"{text!r} is not a requirement: write for example {example}.") from None
+        raise MorlaxError(f"{text!r} {problem}: write for example {example}.") from None
 
 
 def _strictest(
