@@ -38,6 +38,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "morlax play": "needs the export of a task of mjlab; test_mjlab_play.py has one",
     "python -m pytest": "starts the tests",
     "morlax design": "needs a run with designs; test_designs.py searches one",
+    "--body thigh": "needs a run with designs; test_designs.py films one",
     "morlax explore": "a server; .ci/smoke.py starts it",
     "runs/go1": "needs mjlab; test_mjlab.py trains",
     "mjlab:": "needs older simulators; test_mjlab.py trains",
