@@ -4,6 +4,7 @@ import csv
 import re
 from pathlib import Path
 
+import designs as comparing
 import matplotlib.pyplot as plt
 import mujoco
 import mujoco_warp as mjw
@@ -460,6 +461,18 @@ def test_a_robot_of_ones_own_declares_designs_in_ten_lines(tmp_path):
     assert feet == pytest.approx([feet[0]] * 3)
     train(small(name), output=tmp_path / "run")
     assert len(morlax_torch.load(tmp_path / "run").agent.context) == 1
+
+
+@pytest.mark.slow
+def test_a_family_is_compared_with_specialists(run, tmp_path):
+    comparing.main(str(run), bodies=2, seconds=0.5, device="cpu", output=tmp_path / "rows.csv")
+    rows = list(csv.DictReader((tmp_path / "rows.csv").read_text().splitlines()))
+    policy = morlax_torch.load(run)
+    for row in rows:
+        design = {"thigh": float(row["thigh"]), "calf": float(row["calf"])}
+        own = morlax_torch.evaluate(policy.for_design(design), device="cpu")
+        assert float(row["family"]) == pytest.approx(own.hypervolume)
+        assert float(row["specialist"]) > 0
 
 
 # Films
