@@ -173,7 +173,7 @@ export class Remote {
     const now = performance.now();
     this.interval = Math.min(Math.max(now - this.arrived, 10), 100);
     this.arrived = now;
-    if (this.changed && !this.next) Object.assign(this, { model: this.changed, scene: {} });
+    if (this.changed && !this.next) Object.assign(this, { model: this.changed, scene: { reshaped: true } });
     this.changed = null;
     const poses = posesOf(new Float32Array(buffer, 4), known.model.nbody);
     known.poses = poses;
@@ -188,7 +188,9 @@ export class Remote {
   /** Go on with another run, all parts of which have come. */
   #begin() {
     if (this.next.state.robots?.length !== this.next.poses.length) return;
-    Object.assign(this, this.next, { next: null, scene: {} });
+    const { about } = this.next;
+    const reshaped = Boolean(about.design) && about.title === this.about?.title; // the front follows
+    Object.assign(this, this.next, { next: null, scene: { reshaped } });
     this.#join();
     if (this.ready) this.listener.renew();
     else this.listener.ready();

@@ -56,7 +56,7 @@ export class Stage {
   show(engine) {
     for (const robot of this.robots ?? []) robot.dispose();
     const { model, about, robots, scene } = engine;
-    const same = this.model === model || this.engine?.isRecorded;
+    const same = this.model === model || this.engine?.isRecorded || scene.reshaped;
     const many = robots.length > 1;
     Object.assign(this, { engine, model, source: scene });
     this.scene = new THREE.Scene();
