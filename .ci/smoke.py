@@ -20,15 +20,20 @@ LINES = {
     "evaluate": ("run", "--device", "cpu"),
     "figures": ("run", "--output", "paper"),
     "choose": ("run", "--maximize", "energy"),
+    "design": ("bodies", "--bodies", "4", "--tradeoffs", "2", "--rounds", "1", "--population", "4"),
     "teach": ("cheetah", "lesson", "--objective", "tall", "--judge", "height", "--clips", "20"),
     "record": ("run", "--output", "strip.png", "--seconds", "0.1", "--pictures", "2"),
     "export": ("run", "--tradeoff", "0.7,0.3"),
     "pack": ("run", "small", "--device", "cpu"),
 }
+BODIES = (
+    *("--env", "design/hopper", *TINY, "--sampling.designs", "4", "--evaluation.designs", "2"),
+    *("--max-env-steps", "64", "--output", "bodies"),
+)
 WRITTEN = {
     *("run/front.npz", "tuning/best.yaml", "run/report.html", "strip.png", "run/policy.onnx"),
     *("small/front.npz", "paper/front.pdf", "paper/indicators.tex"),
-    "lesson/learned.pt",
+    *("lesson/learned.pt", "bodies/designs/body.xml"),
 }
 
 
@@ -37,7 +42,7 @@ def main() -> None:
     assert {*LINES, "explore", "play"} == set(COMMANDS), "a command is not tried"
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        for name, arguments in LINES.items():
+        for name, arguments in [("train", BODIES), *LINES.items()]:
             subprocess.run([sys.executable, "-m", "morlax_torch", name, *arguments], check=True)
         for path in WRITTEN:
             assert Path(path).is_file(), f"{path} is missing"
