@@ -17,7 +17,7 @@ import morlax_torch
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.envs import resolve_device
-from morlax_torch.envs.worlds.designs import Space
+from morlax_torch.envs.worlds.designs import DesignSpace
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.terminal import cli
@@ -49,7 +49,7 @@ def main(
     """
     place = resolve_device(device)
     policy = morlax_torch.load(run, place)
-    space = Space(policy.agent.designs)
+    space = DesignSpace(policy.agent.designs)
     usual = evaluate(policy, device=str(place)).hypervolume
     console.print(f"body of the run: {usual:.4e}")
     rows = []

@@ -18,7 +18,7 @@ from morlax_torch.commands import design as searching
 from morlax_torch.commands import record
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
 from morlax_torch.envs.robots.designed import DesignedHopper
-from morlax_torch.envs.worlds.designs import DesignParameter, Space, compile_bank
+from morlax_torch.envs.worlds.designs import DesignParameter, DesignSpace, compile_bank
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.making import held_out, make_evaluator
 from morlax_torch.networks.hypernetwork import Hypernetwork
@@ -48,12 +48,12 @@ def small(task: str = "design/hopper", **changes):
 
 
 def bank_of(env, number: int = 12):
-    return compile_bank(env, Space(env.designs).spread(number, seed=3))
+    return compile_bank(env, DesignSpace(env.designs).spread(number, seed=3))
 
 
 def fresh(task: str, design: np.ndarray, number: int = 1, **others):
     """Make worlds that are compiled with a design alone."""
-    named = Space(envs.get(task).designs).named(design)
+    named = DesignSpace(envs.get(task).designs).named(design)
     return envs.make(task, number, "cpu", design=named, **others)
 
 
@@ -73,7 +73,7 @@ def test_the_default_body_is_that_of_the_usual_robot(task):
 def test_a_bank_holds_what_a_compiler_makes_of_each_design(task):
     env = envs.make(task, 1, "cpu", "mujoco")
     bank = bank_of(env)
-    assert len(bank.models) + bank.left_out == 12 and bank.left_out < 3
+    assert len(bank.models) == bank.kept.sum() > 9
     for design, model in zip(bank.designs, bank.models, strict=True):
         exact = fresh(task, design, backend="mujoco").physics.model
         for name in MODEL_FIELDS:
@@ -149,7 +149,8 @@ def test_designs_without_a_body_are_left_out_and_counted(monkeypatch):
     env = envs.make("design/hopper", 1, "cpu", "mujoco")
     monkeypatch.setattr(env, "__class__", Stump)
     bank = compile_bank(env, np.array([[-0.1], [0.3], [2.0], [0.35]]))
-    assert bank.designs.ravel().tolist() == [0.3, 0.35] and bank.left_out == 2
+    assert bank.designs.ravel().tolist() == [0.3, 0.35]
+    assert bank.kept.tolist() == [False, True, False, True]
     with pytest.raises(MorlaxError, match=r"Stump: none of 1 designs makes a body: .*size"):
         compile_bank(env, np.array([[-0.1]]))
     with pytest.raises(MorlaxError, match="start in the floor or in themselves"):
@@ -179,7 +180,7 @@ def test_a_design_keeps_the_parts_of_the_robot(monkeypatch):
 )
 def test_a_parameter_needs_bounds(parameter, sentence):
     with pytest.raises(MorlaxError, match=sentence):
-        Space({"shin": parameter})
+        DesignSpace({"shin": parameter})
 
 
 @pytest.mark.parametrize(
@@ -276,13 +277,14 @@ def test_the_conditions_of_a_cluster_are_its_tradeoff_and_its_body():
     config = small()
     learner = MORLAX(config.make_worlds(16, 0), config)
     learner.explore()
-    space = Space(learner.env.designs)
+    space = DesignSpace(learner.env.designs)
     for cluster, condition in enumerate(learner.conditions):
         geom = learner.designs.bank.models[int(learner.env.embodied[4 * cluster])].geom
         design = {"thigh": 2 * geom("thigh").size[1], "calf": 2 * geom("calf").size[1]}
         expected = space.scaled(space.vector(design))
         assert condition[2:].numpy() == pytest.approx(expected, abs=1e-5)
         assert torch.equal(condition[:2], learner.tradeoffs[cluster])
+    assert learner.metrics()["bodies"] == 8
 
 
 def test_a_family_without_designs_trains_as_the_usual_robot_bit_for_bit():
@@ -309,7 +311,7 @@ def test_evaluations_of_many_bodies_are_those_of_each_alone():
     np.testing.assert_allclose(together[0].returns, own.returns, rtol=1e-4)
     assert np.array_equal(together[0].tradeoffs, own.tradeoffs)
     policy = morlax_torch.Policy(agent, config, learner.env.objectives)
-    space = Space(agent.designs)
+    space = DesignSpace(agent.designs)
     for front, design in zip(together[1:], held_out(learner.env, 3)[1:], strict=True):
         other = policy.for_design(space.named(design))
         alone = make_evaluator(other.agent, other.config, m).evaluate()
@@ -359,7 +361,9 @@ def test_policies_of_one_body_know_no_others():
 
 
 def test_designs_are_scaled_and_named():
-    space = Space({"a": DesignParameter(1.0, 0.0, 4.0), "b": DesignParameter(2.0, 1.0, 3.0, "kg")})
+    space = DesignSpace(
+        {"a": DesignParameter(1.0, 0.0, 4.0), "b": DesignParameter(2.0, 1.0, 3.0, "kg")}
+    )
     assert space.scaled(space.vector({})).tolist() == [-0.5, 0.0]
     assert space.named(space.vector({"a": 4})) == {"a": 4.0, "b": 2.0}
     spread = space.spread(256, 0)

@@ -1,10 +1,11 @@
 """Sliders for the body of a robot: the page shows it at once, and its front soon."""
 
 from collections.abc import Iterator
+from queue import Queue
 from typing import Any
 
 import pytest
-from browsing import View, chromium, exploring
+from browsing import PATIENCE, View, chromium, exploring
 
 import morlax_torch
 from morlax_torch.runs.evaluating import evaluate
@@ -34,8 +35,8 @@ def folder(tmp_path_factory) -> str:
 
 
 def test_a_slider_changes_the_body_and_then_the_front(folder):
-    waiting: list[Any] = []
-    exhibit = RunExhibit(choose(folder, None), waiting.append)
+    waiting = Queue[Any]()
+    exhibit = RunExhibit(choose(folder, None), waiting.put)
     session = exhibit.behaviors[0]
     robot, model = session.robot, session.model
     assert exhibit.state()["design"] == [0.33, 0.32] and exhibit.state()["measured"]
@@ -48,9 +49,7 @@ def test_a_slider_changes_the_body_and_then_the_front(folder):
     exhibit.react(messages.Press(act="press", name="add"))
     assert len({id(each.player.policy) for each in exhibit.behaviors}) == 1
     exhibit.react(messages.Press(act="press", name="measure"))
-    while not waiting:
-        pass
-    waiting.pop()()
+    waiting.get(timeout=PATIENCE)()
     policy = morlax_torch.load(folder).for_design(design)
     expected = evaluate(policy, 33, device="cpu").returns
     for session in exhibit.behaviors:
@@ -60,15 +59,13 @@ def test_a_slider_changes_the_body_and_then_the_front(folder):
 
 
 def test_a_front_of_a_former_body_is_not_shown(folder):
-    waiting: list[Any] = []
-    exhibit = RunExhibit(choose(folder, None), waiting.append)
+    waiting = Queue[Any]()
+    exhibit = RunExhibit(choose(folder, None), waiting.put)
     for value in (0.4, 0.45):
         exhibit.react(messages.Reshape(act="reshape", index=0, value=value))
         if value == 0.4:
             exhibit.react(messages.Press(act="press", name="measure"))
-    while not waiting:
-        pass
-    waiting.pop()()
+    waiting.get(timeout=PATIENCE)()
     assert exhibit.behaviors[0].front is None and not exhibit.state()["measured"]
 
 

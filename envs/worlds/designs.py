@@ -23,7 +23,7 @@ class DesignParameter(NamedTuple):
     unit: str = "m"
 
 
-class Space:
+class DesignSpace:
     """The designs (d,) that a robot's parameters span, by name, each from `low` to `high`.
 
     Raises:
@@ -86,10 +86,6 @@ class Bank(NamedTuple):
     starts: list[np.ndarray]  # positions (nq,) that episodes start from
     kept: np.ndarray  # (given,) bool, of the given designs: whether they compile and start freely
 
-    @property
-    def left_out(self) -> int:
-        return int((~self.kept).sum())
-
 
 def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
     """Return the model of a robot, an `Environment`, with these values of its design parameters.
@@ -97,7 +93,7 @@ def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
     Raises:
         MorlaxError: a parameter is unknown or out of its range, or they make no body.
     """
-    space = Space(task.designs)
+    space = DesignSpace(task.designs)
     design = space.named(space.vector(values))
     try:
         return _compiled(task, task.load_spec(), design)
@@ -108,7 +104,7 @@ def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
 def mjcf(task: Any, values: Mapping[str, float]) -> str:
     """Return the MJCF of a robot with these design parameters; raises as `compiled`."""
     compiled(task, values)
-    space, spec = Space(task.designs), task.load_spec()
+    space, spec = DesignSpace(task.designs), task.load_spec()
     task.shape(spec, space.named(space.vector(values)))
     spec.compile()
     return spec.to_xml()
@@ -127,7 +123,7 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
         material.textures = [""] * len(material.textures)
     for texture in list(spec.textures):  # to draw them takes longer than all else
         spec.delete(texture)
-    space, start = Space(task.designs), env.initial_qpos()
+    space, start = DesignSpace(task.designs), env.initial_qpos()
     deepest = _depth(base, start) + DEPTH
     models, starts, reason = [], [], "they start in the floor or in themselves"
     kept = np.zeros(len(designs), dtype=bool)

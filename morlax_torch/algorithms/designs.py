@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from ..configuration.config import Config
-from ..envs.worlds.designs import Space, compile_bank
+from ..envs.worlds.designs import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
 
 
@@ -20,7 +20,7 @@ class DesignDraws:
     """
 
     def __init__(self, env: Environment, config: Config, seed: int):
-        space, K = Space(env.designs), config.num_clusters
+        space, K = DesignSpace(env.designs), config.num_clusters
         self.env, self._each = env, config.worlds // K
         self.bank = compile_bank(env, space.spread(config.sampling.designs, seed))
         contexts = torch.from_numpy(space.scaled(self.bank.designs)).float()

@@ -156,6 +156,8 @@ class Trainer(BaseLearner):
             **self.scalarization.metrics(self.env.objectives),
         }
         found = read(parts, self.env, self._episodes, self.group)
+        if self.designs:
+            found["bodies"] = len(self.designs.bank.models)
         self._restart_metrics()
         return found
 

@@ -9,7 +9,7 @@ from ..configuration.sections import Protocol
 from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import EVALUATION_SEEDS
-from ..envs.worlds.designs import Space, compile_bank
+from ..envs.worlds.designs import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
 from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
@@ -64,32 +64,36 @@ def make_evaluator(
         assert isinstance(env, Environment)
         points = points.repeat(bodies, 1)
         rows = torch.arange(bodies).repeat_interleave(tradeoffs)
-        contexts = embody(
-            env, held_out(env, bodies), share(rows[:, None], seeds * sets, group)[:, 0]
-        )
+        designs, own = held_out(env, bodies), share(rows[:, None], seeds * sets, group)[:, 0]
+        if not embody(env, designs, own).all():
+            raise MorlaxError(f"not all of {bodies} designs to evaluate with make a body.")
+        contexts = torch.from_numpy(DesignSpace(env.designs).scaled(designs)).float()
         points = torch.cat([points, contexts[rows]], -1)
     return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)
 
 
 def held_out(env: Environment, number: int) -> np.ndarray:
     """Return designs (number, d): first the one of the worlds, then others, spread evenly."""
-    space = Space(env.designs)
+    space = DesignSpace(env.designs)
     own = space.vector(env.options.design)
     return np.concatenate([own[None], space.spread(number - 1, HELD_OUT)])
 
 
-def embody(env: Environment, designs: np.ndarray, rows: Tensor) -> Tensor:
-    """Give the worlds the bodies of designs (D, d) by row (N,); returns all contexts (D, d).
+def embody(env: Environment, designs: np.ndarray, rows: Tensor) -> np.ndarray:
+    """Give the worlds the bodies of designs (D, d) by row (N,), in new episodes.
+
+    Returns:
+        Which designs make a body, (D,) bool. Worlds of another one get any body.
 
     Raises:
-        MorlaxError: a design makes no body.
+        MorlaxError: none of the designs makes a body.
     """
     bank = compile_bank(env, designs)
-    if bank.left_out:
-        raise MorlaxError(f"{bank.left_out} of {len(designs)} designs make no body.")
     env.adopt(bank)
-    env.embody(rows.to(env.device), torch.ones_like(env.age, dtype=torch.bool))
-    return torch.from_numpy(Space(env.designs).scaled(designs)).float()
+    places = torch.from_numpy((bank.kept.cumsum() - 1).clip(min=0)).to(env.device)  # in the bank
+    everywhere = torch.ones_like(env.age, dtype=torch.bool)
+    env.embody(places[rows.to(env.device)], everywhere)
+    return bank.kept
 
 
 def evaluation_worlds(

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError
-from ..envs.worlds.designs import DesignParameter, Space
+from ..envs.worlds.designs import DesignParameter, DesignSpace
 from ..envs.worlds.mirror import Mirror, Reflection
 from .conditioned import Conditioned
 from .family import Family
@@ -255,5 +255,5 @@ def _context(designs: Mapping[str, DesignParameter], config: Config) -> Tensor:
             f"sampling.designs is {config.sampling.designs}, but {config.env} declares no design "
             "parameters: set it to 0, or declare some (docs/designs.md)."
         )
-    space = Space(designs)
+    space = DesignSpace(designs)
     return torch.from_numpy(space.scaled(space.vector(config.task.design))).float()

@@ -11,7 +11,7 @@ from ..configuration.config import Config
 from ..configuration.tradeoffs import checked_tradeoff, one_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..envs.worlds.designs import Space
+from ..envs.worlds.designs import DesignSpace
 from .agent import Agent, SpecializedPolicy
 
 
@@ -56,7 +56,7 @@ class Policy(nn.Module):
         """
         if not len(self.agent.context):
             raise MorlaxError("these policies were trained with one body, so they know no others.")
-        space = Space(self.agent.designs)
+        space = DesignSpace(self.agent.designs)
         agent = self.agent.with_context(torch.from_numpy(space.scaled(space.vector(design))))
         task = self.config.task.model_copy(update={"design": dict(design)})
         config = self.config.model_copy(update={"task": task})

@@ -8,11 +8,11 @@ import torch
 
 from ..configuration.tradeoffs import evaluation_tradeoffs
 from ..envs import MorlaxError
-from ..envs.worlds.designs import Space, compile_bank
+from ..envs.worlds.designs import DesignSpace
 from ..envs.worlds.environment import Environment
 from ..evaluation import pareto
 from ..evaluation.evaluator import Evaluator
-from ..evaluation.making import evaluation_worlds
+from ..evaluation.making import embody, evaluation_worlds
 from ..evaluation.names import Names
 from ..evaluation.requirements import Requirements
 from ..networks.policy import Policy
@@ -59,7 +59,7 @@ class Designer:
                 "task with design parameters (docs/designs.md)."
             )
         place = policy.agent.context.device
-        self.policy, self.space, self._seed = policy, Space(policy.agent.designs), seed
+        self.policy, self.space, self._seed = policy, DesignSpace(policy.agent.designs), seed
         self._config = policy.config.model_copy(update={"device": str(place), "backend": None})
         self._batch = BATCH[place.type]
         self.quantities: tuple[str, ...] = ()
@@ -79,11 +79,8 @@ class Designer:
         env = evaluation_worlds(config, len(designs), seeds, self._seed)
         assert isinstance(env, Environment)
         different, rows = np.unique(designs, axis=0, return_inverse=True)
-        bank = compile_bank(env, different)
-        env.adopt(bank)
-        place = (bank.kept.cumsum() - 1).clip(min=0)[rows.reshape(-1)]
-        worlds = torch.from_numpy(place)[:, None].repeat(seeds, 1)[:, 0]
-        env.embody(worlds.to(env.device), torch.ones_like(env.age, dtype=torch.bool))
+        rows = rows.reshape(-1)  # numpy 2.0 gives it another shape
+        kept = embody(env, different, torch.from_numpy(rows).repeat(seeds))
         conditions = np.concatenate([tradeoffs, self.space.scaled(designs)], 1)
         evaluator = Evaluator(
             self.policy.agent,
@@ -96,7 +93,7 @@ class Designer:
         evaluator.compile()
         self.quantities, self.reference_point = env.quantities, evaluator.reference_point
         values = evaluator.evaluate().values.astype(float)
-        values[~bank.kept[rows.reshape(-1)]] = np.nan
+        values[~kept[rows]] = np.nan
         return values
 
     def grid(self, bodies: int, tradeoffs: int, seed: int) -> Simulated:

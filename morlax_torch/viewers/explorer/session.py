@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from ...envs import MorlaxError
-from ...envs.worlds.designs import Space
+from ...envs.worlds.designs import DesignSpace
 from ...envs.worlds.randomization import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
@@ -82,7 +82,7 @@ class Session(Behavior):
         policy = self.player.policy
         if not len(policy.agent.context):
             return []
-        return Space(policy.agent.designs).vector(policy.config.task.design).tolist()
+        return DesignSpace(policy.agent.designs).vector(policy.config.task.design).tolist()
 
     @property
     def reshaped(self) -> Policy | None:
