@@ -15,6 +15,7 @@ from morlax_torch.playing.deployment import open_export
 from morlax_torch.playing.disturbances import Disturbances
 from morlax_torch.playing.episodes import policy_of, run, summary
 from morlax_torch.playing.robot import Robot
+from morlax_torch.record import record
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
@@ -51,6 +52,12 @@ def test_every_step_equals_one_of_mjlab(exported, name):
         groups, *_ = env.step(torch.tensor(config.task.action_scale * expected[None]).float())
         seen = groups["actor"]
     assert robot.velocity()[0] > 0.4  # it walks: the comparison is not one of two heaps
+
+
+def test_it_can_be_filmed(tmp_path):
+    file = tmp_path / "strip.png"
+    record(load("g1"), file, tradeoffs=[(1, 0, 0, 0)], seconds=0.1, width=64, height=64, pictures=2)
+    assert file.stat().st_size > 1000
 
 
 def test_gains_limits_and_order_are_those_of_the_robot(exported):

@@ -1,5 +1,6 @@
 """A packed run is small, gives the same actions, and cannot be resumed."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from morlax_torch import MorlaxError
 from morlax_torch.evaluation.front import Front
 from morlax_torch.pack import pack
 from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
+from morlax_torch.runs.fronts import load_front
 from morlax_torch.runs.run import Run
 from morlax_torch.train import train
 
@@ -39,6 +41,20 @@ def test_a_packed_run_gives_the_same_actions_and_has_a_front(run, packed):
     assert front.returns.shape == (4, 2)
     assert np.isfinite(front.hypervolume)
     assert tradeoff_of("@high", packed, found.objectives) == (0.3, 0.7)
+
+
+def test_the_front_of_a_run_is_kept_or_evaluated_if_it_has_none(run, packed, tmp_path):
+    front = load_front(run)
+    np.testing.assert_array_equal(load_front(packed).returns, front.returns)
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "front.npz"
+    front._replace(returns=front.returns + 1.0).save(file)  # would be lost by a new evaluation
+    kept = pack(tmp_path / "run", tmp_path / "kept", "cpu")
+    np.testing.assert_array_equal(kept.returns, front.returns + 1.0)
+    file.unlink()
+    evaluated = pack(tmp_path / "run", tmp_path / "evaluated", "cpu")
+    np.testing.assert_array_equal(evaluated.returns, front.returns)
+    assert load_front(tmp_path / "evaluated").checkpoint == "best.pt"
 
 
 def test_a_packed_run_omits_the_training_state(run, packed):

@@ -33,7 +33,8 @@ def command(arguments: Sequence[str]) -> None:
             places: Run folders (their best checkpoints), checkpoints or shipped policies; without
                 --web one of them, and then a new folder.
             web: New folder for a web page; needs the extra onnx, and once the internet.
-            device: Device that evaluates the front: cuda, cpu, ... (None: CUDA if there is a GPU).
+            device: Device that evaluates a run without a front: cuda, cpu, ... (None: CUDA if there
+                is a GPU).
             trust: Let the runs import the Python files and modules that they name.
         """
         runs = places if web else places[:1]

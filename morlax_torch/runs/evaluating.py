@@ -1,4 +1,4 @@
-"""Evaluate the policies of a run, or pack them with their front."""
+"""Evaluate the policies of a run, and pack them with their front."""
 
 from pathlib import Path
 
@@ -10,10 +10,11 @@ from ..evaluation.making import make_evaluator
 from ..files import AnyPath, making, read
 from ..networks.policy import Policy
 from . import bookmarks
-from .checkpoint import fingerprint
+from .checkpoint import fingerprint, front_path
+from .fronts import load_front
 from .hardware import read_machines, write_machines
 from .history import read_rows
-from .loading import find_run, load, save
+from .loading import find_checkpoint, find_run, load, save
 from .references import copy_reward
 
 
@@ -54,12 +55,26 @@ def evaluate(
     return evaluator.evaluate()._replace(fingerprint=mark)
 
 
+def front_of(run: str | Path, policy: Policy, device: str | None = None) -> Front:
+    """Load the front of a run's policies, or evaluate `policy`, which is of them, if it has none.
+
+    Raises:
+        MorlaxError: see `load_front`.
+    """
+    path = find_checkpoint(run)
+    if front_path(path).is_file():
+        front = load_front(run)
+        if front.checkpoint == path.name:
+            return front
+    return evaluate(policy, device=device)._replace(checkpoint=path.name)
+
+
 def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
     """Write the policies of a run's best checkpoint, their front, config and training curve.
 
     The folder, new or empty, gets the shape of a run, so every command accepts it, but training
-    cannot continue from it, because critic and optimizers are missing. Returns the front, evaluated
-    anew on `device` as in training.
+    cannot continue from it, because critic and optimizers are missing. Returns the front, which
+    `device` evaluates if the run has none.
 
     Raises:
         MorlaxError: there is no such run, or `output` is in use or cannot be written.
@@ -70,9 +85,9 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
     read_rows(source / "metrics.csv")  # refuses a damaged file
     with making(output) as draft:
         (draft / "checkpoints").mkdir()
-        front = evaluate(policy, device=device)
+        front = front_of(run, policy, device)._replace(checkpoint="best.pt")
         save(policy.cpu(), draft / "checkpoints" / "best.pt")
-        front._replace(checkpoint="best.pt").save(draft / "front.npz")
+        front.save(draft / "front.npz")
         copy_reward(policy.config, draft)
         if (source / bookmarks.FILE).is_file():
             (draft / bookmarks.FILE).write_bytes(read(source / bookmarks.FILE, "bookmarks"))

@@ -222,7 +222,8 @@ class Take:
     def _body(self) -> list[str]:
         """Return the design parameters that are not the default, such as "thigh 0.4 m"."""
         policy = self.player.policy
-        design, parameters = policy.config.task.design, policy.agent.designs
+        parameters = policy.agent.designs
+        design = policy.config.task.design if parameters else {}
         return [
             f"{name.replace('_', ' ')} {value:.3g} {parameters[name].unit}"
             for name, value in design.items()

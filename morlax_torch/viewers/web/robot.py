@@ -12,15 +12,12 @@ from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
 from ...envs.worlds.randomization import horizontal
-from ...evaluation.front import Front
 from ...exports.exporting import export
 from ...networks.policy import Policy
 from ...phases import phase
 from ...runs.bookmarks import bookmarks
-from ...runs.checkpoint import front_path
-from ...runs.evaluating import evaluate
-from ...runs.fronts import load_front
-from ...runs.loading import find_checkpoint, load
+from ...runs.evaluating import front_of
+from ...runs.loading import load
 from ..camera import followed_body
 from ..explaining import explain, is_told_velocity
 from ..front_map import front_map
@@ -58,6 +55,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     for name, data in model.assets.items():
         (folder / name).write_bytes(data)
     front = front_of(run, policy, device)
+    policy.cpu()
     about = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
     drawn = {"front": front_map(front, env.dt, env.lower_is_better), "bookmarks": bookmarks(run)}
     everything = {**about, **_described(env, traced, model), **drawn}
@@ -85,18 +83,6 @@ def build(policy: Policy) -> tuple[Environment, WebModel]:
     model, described = compiled(lambda: task.compile_model(options), task.__name__)
     physics = PagePhysics(model, task.substeps)
     return task(physics, options, 0, auto_reset=False), described
-
-
-def front_of(run: str, policy: Policy, device: str | None) -> Front:
-    """Load the front of a run's policies, or evaluate them if it has none."""
-    path = find_checkpoint(run)
-    if front_path(path).is_file():
-        front = load_front(run)
-        if front.checkpoint == path.name:
-            return front
-    front = evaluate(policy, device=device)
-    policy.cpu()
-    return front._replace(checkpoint=path.name)
 
 
 def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
