@@ -463,6 +463,16 @@ def test_the_command_limits_a_quantity(option, powered, monkeypatch, capsys):
     assert ["cost of the requirements: 0.4 of speed (m/s), which reaches 1.5 without them"] in lines
 
 
+def test_without_a_gpu_a_task_that_needs_one_is_not_simulated(monkeypatch, capsys):
+    monkeypatch.setattr(envs.get("cheetah"), "needs_gpu", True)
+    command(["cheetah", "--maximize", "energy", "--at-least", "run=1000", "--device", "cpu"])
+    printed = capsys.readouterr().out
+    assert "evaluated" in printed and "simulated" not in printed
+    chosen = parse_tradeoff(printed.split("trade-off: ")[1].split()[0], ("run", "energy"))
+    expected = choose(Front.load(find_run("cheetah") / "front.npz"), {"run": 1000}, "energy")
+    assert chosen == pytest.approx(expected.tradeoff, abs=1e-4)
+
+
 def test_a_decision_card_counts_quantities(measured):
     limits = {"power (W)": 60.0}
     choice = choose(measured, {"save": 10.0}, "run", at_most=limits)

@@ -35,6 +35,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "train_hydra.py": "test_documents.py does",
     "morlax export runs/cheetah": "test_documents.py and test_export.py do",
     "morlax export go1": "needs mjlab; test_mjlab_play.py exports it",
+    "morlax choose g1": "needs mjlab; test_mjlab.py chooses",
     "morlax play": "needs the export of a task of mjlab; test_mjlab_play.py has one",
     "python -m pytest": "starts the tests",
     "morlax design": "needs a run with designs; test_designs.py searches one",

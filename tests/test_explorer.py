@@ -12,6 +12,7 @@ import pytest
 from morlax_torch import MorlaxError, load
 from morlax_torch.choose import choose
 from morlax_torch.envs.worlds.randomization import horizontal
+from morlax_torch.runs import choosing
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.viewers.explaining import explain, is_told_velocity
 from morlax_torch.viewers.explorer import library
@@ -212,17 +213,13 @@ def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypat
     values = np.stack([np.linspace(1, 2, len(front.returns)), np.linspace(0, 60, 4)], 1)
     front = front._replace(quantities=values, quantity_names=("speed (m/s)", "power (W)"))
 
-    class Evaluated:
-        """A `Chooser` that does not simulate."""
+    def evaluated(policy, front):
+        """Have a quantity that this front lacks, as a run of an earlier version."""
+        more = np.hstack([values, np.full((4, 1), np.nan)])
+        names = *front.quantity_names, "gap (m)"
+        return choosing.Evaluated(front._replace(quantities=more, quantity_names=names))
 
-        def __init__(self, policy, front):
-            self.front = front._replace(quantities=np.hstack([values, np.full((4, 1), np.nan)]))
-            self.front = self.front._replace(quantity_names=(*front.quantity_names, "gap (m)"))
-
-        def choose(self, least, maximize, most):
-            return choose(self.front, least, maximize, at_most=most)
-
-    monkeypatch.setattr(thresholds_module, "Chooser", Evaluated)
+    monkeypatch.setattr(thresholds_module, "chooser", evaluated)
     requests, found = Requests(pytest.fail), []
     thresholds = Thresholds(None, front, requests.put, found.append, ["power (W)"])
     thresholds.maximize(2)

@@ -17,6 +17,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import Front, MorlaxError, Policy, config_for, envs, evaluate, load, train
+from morlax_torch.choose import choose
 from morlax_torch.envs.worlds.mjlab import quantities, worlds
 from morlax_torch.envs.worlds.mjlab.mirror import mirror_of
 from morlax_torch.envs.worlds.mjlab.step import MaskedStep
@@ -431,6 +432,16 @@ def test_worlds_that_can_be_recorded_train_and_are_evaluated(tmp_path):
     policy = load(tmp_path / "run")
     assert policy(torch.zeros(1, 48), (0.3, 0.3, 0.4)).shape == (1, 12)
     torch.set_rng_state(before)
+
+
+def test_without_a_gpu_the_best_of_the_front_is_chosen():
+    front = load_front("g1")
+    choice = choose("g1", {}, "speed (m/s)", at_most={"power": 35.0}, margin=0.0, device="cpu")
+    assert choice.simulated == 0
+    speed, power = front.quantities[:, [1, 3]].T
+    best = np.where(power <= 35.0, speed, 0.0).argmax()
+    assert choice.tradeoff == pytest.approx(front.tradeoffs[best], abs=1e-4)
+    assert choice.quantities["speed (m/s)"] == pytest.approx(speed[best])
 
 
 def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch, tmp_path):

@@ -38,6 +38,7 @@ class Worlds(ABC):
     Options: ClassVar[type[ObjectiveOptions]]
     resumable: ClassVar[bool] = False  # `state_dict` holds everything that the future depends on
     recordable: bool = False  # on CUDA, `step` can be recorded in a CUDA graph
+    needs_gpu: ClassVar[bool] = False  # many worlds on a CPU take hours
     shows_endings: ClassVar[bool] = True  # `final_observation` is what an episode ended with
     may_recover: ClassVar[bool] = True  # without `auto_reset`, a failed world goes on
     simulator: str  # name of the simulator

@@ -41,7 +41,7 @@ def command(arguments: Sequence[str]) -> None:
         A value is the return of an objective, counted as in training's evaluations, or a quantity
         that they measure, such as "power (W)"; "power" is enough. The command simulates trade-offs
         of the run's front and others between them, and prints the best that keeps every requirement
-        in simulation.
+        in simulation. For a robot of mjlab on a CPU, it simulates nothing: the best of the front.
 
         Args:
             maximize: The objective or quantity to maximize.
@@ -83,7 +83,8 @@ def command(arguments: Sequence[str]) -> None:
             required = Requirements.of(choice.names, least, most, maximize)
         _show(choice, required)
         weights = shown(choice.tradeoff)
-        cli.console.print(f"trade-off: {weights} (best of {choice.simulated} that were simulated)")
+        how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
+        cli.console.print(f"trade-off: {weights} (best of {how})")
         if bookmark is not None:
             file = bookmarks.bookmark(run, bookmark, choice.tradeoff)
             cli.console.print(f"written: {file}", soft_wrap=True)
@@ -140,19 +141,20 @@ def _card(
 
 
 def _show(choice: "Choice", required: "Requirements") -> None:
-    """Print promised and simulated values, margins and the cost."""
+    """Print promised and simulated, or evaluated values, margins and the cost."""
     from rich.table import Table  # takes a while to import
 
     table = Table(box=None)
-    for column in ("value", "promised", "simulated", "required", "margin"):
+    kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
+    for column in ("value", *kinds, "required", "margin"):
         table.add_column(column, justify="left" if column == "value" else "right")
     for index in required.used:
         name = required.names.all[index]
         promised = f"{choice.promised[name]:.5g}" if name in choice.promised else ""
+        told = [promised, f"{choice.values[index]:.5g}"][-len(kinds) :]
         limits = [limit.shown() for limit in required.limits if limit.index == index]
         margin = [f"{choice.margins[name]:+.4g}"] if limits else []
-        cells = f"{choice.values[index]:.5g}", " and ".join(limits), *margin
-        table.add_row(name, promised, *cells)
+        table.add_row(name, *told, " and ".join(limits), *margin)
     cli.console.print(table)
     if required.limits:
         best = choice.values[required.maximized] + choice.cost

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from ..configuration.tradeoffs import even_tradeoffs
-from ..envs import resolve_device
+from ..envs import get, resolve_device
 from ..evaluation.candidates import Candidates, rounded
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
@@ -51,7 +52,8 @@ def choose(
 
     Args:
         run: a run's folder, a checkpoint file, a shipped name, or a policy, which is moved to the
-            device. Of a `Front`, evaluated trade-offs are returned, and nothing is simulated.
+            device. Of a `Front`, evaluated trade-offs are returned, and nothing is simulated; so,
+            too, of a run on a CPU whose task needs a GPU.
         constraints: least value by name.
         maximize: name of a value.
         at_most: largest value by name.
@@ -67,17 +69,52 @@ def choose(
             or no policy keeps the requirements.
     """
     if isinstance(run, Front):
-        required = Requirements.of(
-            Names(run.objectives, run.quantity_names), constraints, at_most, maximize
-        )
-        return _of_evaluated(run, required, margin or 0.0)
+        return Evaluated(run).choose(constraints, maximize, at_most, margin)
     place = resolve_device(device)
     front = None if isinstance(run, Policy) else load_front(run)
     policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    return Chooser(policy, front, seeds, seed).choose(constraints, maximize, at_most, margin)
+    return chooser(policy, front, seeds, seed).choose(constraints, maximize, at_most, margin)
 
 
-class Chooser:
+def chooser(
+    policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
+) -> "Evaluated | Simulated":
+    """Return what chooses: only of a front if the task needs a GPU and the policy is on a CPU."""
+    on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
+    if front is not None and on_cpu and get(policy.config.env).needs_gpu:
+        varies = policy.config.task.for_evaluation().varies
+        return Evaluated(front, RANDOM_MARGIN if varies else 0.0)
+    return Simulated(policy, front, seeds, seed)
+
+
+class Evaluated(NamedTuple):
+    """Chooses among the evaluated trade-offs of a front."""
+
+    front: Front
+    margin: float = 0.0  # unless told otherwise
+
+    def choose(
+        self,
+        constraints: Mapping[str, float],
+        maximize: str,
+        at_most: Mapping[str, float] = NOTHING,
+        margin: float | None = None,
+    ) -> Choice:
+        front = self.front
+        names = Names(front.objectives, front.quantity_names)
+        required = Requirements.of(names, constraints, at_most, maximize)
+        finite = required.finite(front.values)
+        if not finite.any():
+            raise required.missed(front.tradeoffs, front.values, "evaluated")
+        tradeoffs, values = front.tradeoffs[finite], front.values[finite]
+        required = required.with_margin(self.margin if margin is None else margin, values)
+        best, most = required.best(values), float(values[:, required.maximized].max())
+        if best is None:
+            raise required.missed(tradeoffs, values, "evaluated")
+        return required.choice(tradeoffs[best], values[best], values[best], most, 0)
+
+
+class Simulated:
     """Chooses trade-offs of a policy by simulation on its device.
 
     It starts from an evaluated front; without one, or if the front lacks a required quantity, it
@@ -182,15 +219,3 @@ class Chooser:
         filled = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))  # repeats them
         evaluator.retarget(torch.from_numpy(filled).float())
         return evaluator.evaluate().values[: len(tradeoffs)]
-
-
-def _of_evaluated(front: Front, required: Requirements, margin: float) -> Choice:
-    finite = required.finite(front.values)
-    if not finite.any():
-        raise required.missed(front.tradeoffs, front.values, "evaluated")
-    tradeoffs, values = front.tradeoffs[finite], front.values[finite]
-    required = required.with_margin(margin, values)
-    best, most = required.best(values), float(values[:, required.maximized].max())
-    if best is None:
-        raise required.missed(tradeoffs, values, "evaluated")
-    return required.choice(tradeoffs[best], values[best], values[best], most, 0)

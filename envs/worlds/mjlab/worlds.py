@@ -54,6 +54,7 @@ class MjlabWorlds(ForeignWorlds):
     Options: ClassVar[type[MjlabOptions]]
     options: MjlabOptions
     simulator = "mjlab"
+    needs_gpu = True
 
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)

@@ -9,7 +9,7 @@ from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
 from ...networks.policy import Policy
-from ...runs.choosing import Chooser
+from ...runs.choosing import Evaluated, Simulated, chooser
 from .requests import Put
 from .session import Weights
 
@@ -47,7 +47,7 @@ class Thresholds:
         self._policy, self._front, self._put, self._steer = policy, front, put, steer
         self._lower = lower_is_better
         self.names = *front.objectives, *front.quantity_names
-        self._chooser: Chooser | None = None
+        self._chooser: Evaluated | Simulated | None = None
         self._wanted: Wanted | None = None  # by the user; None: no thresholds
         self.searching = False
         self.levels: dict[int, float] = {}  # required values by index
@@ -116,7 +116,7 @@ class Thresholds:
         found: Choice | Exception
         try:
             if self._chooser is None:
-                self._chooser = Chooser(self._policy, self._front)
+                self._chooser = chooser(self._policy, self._front)
             found = self._chooser.choose(*wanted)
         except Exception as error:  # raised again where it can be shown
             found = error
