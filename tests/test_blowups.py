@@ -197,7 +197,7 @@ def test_the_terminal_names_blow_ups(slider, tmp_path, capsys):
     learner = MORLAX(envs.make("slider", 8, "cpu"), config_for("slider", **SMALL))
     front = Front(("go", "save"), np.eye(2), np.ones((2, 2)), np.ones(2), np.zeros(2))
     indicators = {"hypervolume": 1.0, "cardinality": 1, "blowup_rate": 0.25}
-    evaluation = Evaluation(0, 8, 1.5, 20.25, 900.0, 3, front, indicators)
+    evaluation = Evaluation(0, 8, 1.5, 20.25, 9000.0, 3, front, indicators)
     display = Display(learner, tmp_path, Progress())
     display.evaluated(evaluation)
     display.evaluated(evaluation)

@@ -12,8 +12,10 @@ import sys
 import termios
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import BaseModel
 from rich.console import Console
@@ -22,9 +24,12 @@ from tiny import tiny
 from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.configuration.config import config_class
-from morlax_torch.configuration.sections import OPTIONS
+from morlax_torch.configuration.sections import OPTIONS, SamplingConfig
+from morlax_torch.evaluation.front import Front
 from morlax_torch.phases import phase, within
+from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.terminal import arguments, live, tune_arguments
+from morlax_torch.terminal.display import Display
 from morlax_torch.terminal.task_arguments import text_of
 from morlax_torch.train import train
 
@@ -142,6 +147,22 @@ def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, ca
     assert run.limit_reached(tiny(max_env_steps=None, max_seconds=1e-9)) == "max-seconds"
     (run.folder / "metrics.csv").write_text("".join(before.decode().splitlines(True)[:-1]))
     assert run.limit_reached(tiny()) is None  # the last evaluation is missing
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "speed", "hints"), [("morlax", 300.0, 1), ("morlax", 3e4, 0), ("amor", 300.0, 0)]
+)
+def test_slow_worlds_get_a_hint_to_an_algorithm_of_few_steps(
+    algorithm, speed, hints, tmp_path, capsys
+):
+    config = SimpleNamespace(algorithm=algorithm, scalarization="linear", sampling=SamplingConfig())
+    display = Display(SimpleNamespace(config=config), tmp_path, Progress())
+    front = Front(("go", "save"), np.eye(2), np.ones((2, 2)), np.ones(2), np.zeros(2))
+    for steps in (0.0, speed, speed):
+        indicators = {"hypervolume": 1.0, "cardinality": 1}
+        display.evaluated(Evaluation(0, 8, 1.5, 20.0, steps, 0, front, indicators))
+    printed = capsys.readouterr().out
+    assert printed.count("--algorithm hyper-sac") == hints
 
 
 def test_a_pipe_gets_lines_between_evaluations(tmp_path, monkeypatch, capsys):

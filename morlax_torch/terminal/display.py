@@ -13,6 +13,8 @@ from .cli import console, print_command
 from .live import Live, described
 from .startup import program
 
+SLOW = 1000.0  # steps/s: hyper-sac learns from about as many on two CPU cores
+
 
 class Display:
     """A line per evaluation, and in between a moving bar; on a file or pipe a line at times.
@@ -25,6 +27,7 @@ class Display:
         self._learner, self._folder, self._progress = learner, folder, progress
         self._live = Live(describe=self._described)
         self._named = False  # the columns
+        self._hinted = False
 
     def __enter__(self) -> Self:
         config, env = self._learner.config, self._learner.env
@@ -83,6 +86,19 @@ class Display:
             found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
         if found:
             console.print(f"{'':8}  blow-ups: {', '.join(found)}")
+        self._hint(row["steps_per_second"])
+
+    def _hint(self, speed: float) -> None:
+        """Name the algorithm that needs fewer steps where steps take long."""
+        config = self._learner.config
+        other = config.algorithm != "morlax" or config.scalarization != "linear"
+        if self._hinted or other or config.sampling.designs or not 0 < speed < SLOW:
+            return
+        self._hinted = True
+        console.print(
+            f"at {speed:.0f} steps/s, --algorithm hyper-sac may find a front sooner, because it "
+            "needs fewer steps (docs/algorithms.md#hyper-sac)"
+        )
 
     def finished(self, interrupted: bool) -> None:
         progress = self._progress
