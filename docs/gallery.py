@@ -116,7 +116,9 @@ def seeds(task: str) -> list[History]:
 def shrink(path: Path) -> None:
     """Reduce a picture to 256 colors, which takes less than half the bytes."""
     with Image.open(path) as picture:
-        few = picture.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        few = picture.convert("RGB").quantize(
+            256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
+        )
     few.save(path, optimize=True)
 
 
@@ -131,7 +133,6 @@ def main() -> None:
         figures.save(figure, DOCS / "gallery" / f"{name}-front", ("png",))
         strip = DOCS / "gallery" / f"{name}-strip.png"
         record(policy, strip, seconds=3.0, width=240, height=180, pictures=7)
-        shrink(strip)
         on_cpu = policy.config.device == "cpu"
         text += TASK.format(
             name=name,
@@ -142,6 +143,8 @@ def main() -> None:
             command=command(policy.config),
         )
     (DOCS / "gallery.md").write_text(text)
+    for picture in (*DOCS.glob("gallery/*.png"), *DOCS.glob("figures/*.png")):
+        shrink(picture)
 
 
 if __name__ == "__main__":

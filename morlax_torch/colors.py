@@ -13,14 +13,8 @@ def of_objectives(m: int) -> list[str]:
     return [PALETTE[i % len(PALETTE)] for i in range(m)]
 
 
-def mix(weights: ArrayLike) -> str:
-    """Return the color of a trade-off (m,): the objectives' colors, mixed by weight."""
-    red, green, blue = np.round(mixed(weights) * 255).astype(int)
-    return f"#{red:02x}{green:02x}{blue:02x}"
-
-
 def mixed(weights: ArrayLike) -> NDArray[np.float64]:
-    """Return the colors (..., 3) in [0, 1] of trade-offs (..., m), mixed as in `mix`."""
+    """Return the colors (..., 3) in [0, 1] of trade-offs (..., m): the objectives', by weight."""
     weights = np.asarray(weights)
     shares = weights / weights.sum(-1, keepdims=True)
     colors = of_objectives(shares.shape[-1])
