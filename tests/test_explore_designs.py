@@ -8,9 +8,10 @@ import pytest
 from browsing import PATIENCE, View, chromium, exploring
 
 import morlax_torch
+from morlax_torch import Front, Policy
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.train import train
-from morlax_torch.viewers.explorer import messages
+from morlax_torch.viewers.explorer import bodies, messages
 from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
 
@@ -67,6 +68,23 @@ def test_a_front_of_a_former_body_is_not_shown(folder):
             exhibit.react(messages.Press(act="press", name="measure"))
     waiting.get(timeout=PATIENCE)()
     assert exhibit.behaviors[0].front is None and not exhibit.state()["measured"]
+
+
+def test_of_many_bodies_the_first_and_the_last_are_evaluated(folder, monkeypatch):
+    waiting, evaluated = Queue[Any](), []
+
+    def counted(policy: Policy, *others: Any, **named: Any) -> Front:
+        evaluated.append(policy.config.task.design["thigh"])
+        return evaluate(policy, *others, **named)
+
+    monkeypatch.setattr(bodies, "evaluate", counted)
+    exhibit = RunExhibit(choose(folder, None), waiting.put)
+    for value in (0.4, 0.42, 0.44, 0.46):
+        exhibit.react(messages.Reshape(act="reshape", index=0, value=value))
+        exhibit.react(messages.Press(act="press", name="measure"))
+    while not exhibit.state()["measured"]:
+        waiting.get(timeout=PATIENCE)()
+    assert evaluated == [0.4, 0.46] and exhibit.behaviors[0].front is not None
 
 
 def test_robots_with_one_body_have_no_sliders_for_it():

@@ -25,6 +25,8 @@ class Bodies:
     def __init__(self, put: Put, tell: Callable[[Policy, Front], bool]):
         self._put, self._tell = put, tell
         self.changed = False  # since the front that the page shows
+        self._measuring = False
+        self._next: Session | None = None  # whose body to evaluate after the present one
 
     def reshape(self, sessions: Sequence[Session], index: int, value: float) -> None:
         """Set one design parameter of all robots; it is clamped to its range.
@@ -42,23 +44,29 @@ class Bodies:
         self.changed = True
 
     def measure(self, session: Session) -> None:
-        """Evaluate the front of a robot's body in another thread."""
+        """Evaluate the front of a robot's body in another thread, one body after the other."""
+        if self._measuring:
+            self._next = session
+            return
+        self._measuring = True
         policy = session.player.policy
 
         def work() -> None:
+            found: Front | MorlaxError
             try:
-                front = evaluate(policy, TRADEOFFS, device="cpu")
-            except MorlaxError as error:
-                reason = error
-                self._put(lambda: _fail(reason))
-            else:
-                self._put(lambda: self._end(policy, front._replace(checkpoint="this body")))
+                found = evaluate(policy, TRADEOFFS, device="cpu")
+            except MorlaxError as error:  # raised again where it can be shown
+                found = error
+            self._put(lambda: self._end(policy, found))
 
         threading.Thread(target=work, daemon=True).start()
 
-    def _end(self, policy: Policy, front: Front) -> None:
-        self.changed = not self._tell(policy, front)
-
-
-def _fail(error: MorlaxError) -> None:
-    raise error
+    def _end(self, policy: Policy, found: Front | MorlaxError) -> None:
+        self._measuring = False
+        if isinstance(found, Front):
+            self.changed = not self._tell(policy, found._replace(checkpoint="this body"))
+        waiting, self._next = self._next, None
+        if waiting is not None and self.changed:
+            self.measure(waiting)
+        if isinstance(found, MorlaxError):
+            raise found
