@@ -200,6 +200,7 @@ def test_a_pipe_gets_the_phase_now_and_then(monkeypatch, capsys):
 def test_a_command_shows_its_phases(tmp_path, monkeypatch):
     config = tiny(**{"task.episode_length": 10})
     run, told = train(config, output=tmp_path / "run"), []
+    (run.folder / "front.npz").unlink()  # so that `pack` evaluates
     monkeypatch.setattr(live.Live, "show", lambda _, *phase: told.append(phase))
     command(["pack", str(run.folder), str(tmp_path / "small"), "--device", "cpu"])
     evaluating = "evaluating 4 trade-offs"
