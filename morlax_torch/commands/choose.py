@@ -41,7 +41,8 @@ def command(arguments: Sequence[str]) -> None:
         A value is the return of an objective, counted as in training's evaluations, or a quantity
         that they measure, such as "power (W)"; "power" is enough. The command simulates trade-offs
         of the run's front and others between them, and prints the best that keeps every requirement
-        in simulation. For a robot of mjlab on a CPU, it simulates nothing: the best of the front.
+        in simulation. For a robot of mjlab on a CPU, it simulates nothing and takes the front's
+        best.
 
         Args:
             maximize: The objective or quantity to maximize.
