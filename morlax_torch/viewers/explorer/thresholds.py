@@ -1,5 +1,6 @@
 """Choose a trade-off by what its policy must reach, while the robots go on."""
 
+import copy
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -44,7 +45,8 @@ class Thresholds:
         steer: Callable[[Weights], None],
         lower_is_better: Sequence[str] = (),
     ):
-        self._policy, self._front, self._put, self._steer = policy, front, put, steer
+        self._policy = copy.deepcopy(policy)  # vmap swaps parameters: not for two threads
+        self._front, self._put, self._steer = front, put, steer
         self._lower = lower_is_better
         self.names = *front.objectives, *front.quantity_names
         self._chooser: Evaluated | Simulated | None = None
