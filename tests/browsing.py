@@ -138,10 +138,15 @@ class View:
         return self.tab.locator("#names span").all_inner_texts()
 
     def until(self, happened: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not happened():
-            assert time.monotonic() < deadline, what
-            self.tab.wait_for_timeout(50)
+        until(self.tab, happened, what)
+
+
+def until(page: Any, happened: Callable[[], bool], what: str) -> None:
+    """Wait until `happened` returns true, for PATIENCE seconds at most."""
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline, what
+        page.wait_for_timeout(50)
 
 
 @contextmanager

@@ -161,6 +161,7 @@ def test_only_what_the_page_offers_is_accepted(address):
         client.send("pace", value=value)
         client.send("tell", index=FORWARD, value=value)
         client.send("tell", index=value, value=0.1)
+        client.send("nudge", index=FORWARD, change=value)
         client.send("pause", on=value if value is not True else 1)
         client.send("select", robot=value)
         client.send("require", index=value, level=None)
@@ -200,6 +201,11 @@ def test_only_what_the_page_offers_is_accepted(address):
         other.until(lambda e=expected: other.state["command"][FORWARD] == e, "not clamped")
     client.send("tell", index=FORWARD, value=0.1)
     other.until(lambda: other.state["command"][FORWARD] == 0.1, "no effect")
+    for _ in range(8):  # keys count, however late the answer is
+        client.send("nudge", index=FORWARD, change=-0.01)
+    other.until(lambda: other.state["command"][FORWARD] == pytest.approx(0.02), "a key is lost")
+    client.send("nudge", index=FORWARD, change=1e9)
+    other.until(lambda: other.state["command"][FORWARD] == high, "not clamped")
     client.close()
     other.close()
 

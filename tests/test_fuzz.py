@@ -329,14 +329,14 @@ NAMES = st.sampled_from(
 )
 ACTS = st.sampled_from(
     [
-        *("steer", "tell", "pause", "pace", "press", "select", "open", "require", "maximize"),
-        *("answer", "bookmark", "x", ""),
+        *("steer", "tell", "nudge", "pause", "pace", "press", "select", "open", "require"),
+        *("maximize", "answer", "bookmark", "x", ""),
     ]
 )
 FIELDS = st.sampled_from(
     [
         *("weights", "index", "value", "on", "name", "robot", "run", "checkpoint", "level"),
-        *("preferred", "act", "x"),
+        *("change", "preferred", "act", "x"),
     ]
 )
 VALUES = st.one_of(

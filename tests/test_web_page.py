@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 import web_robots
-from browsing import COARSE, PATIENCE, chromium
+from browsing import COARSE, PATIENCE, chromium, until
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
@@ -416,7 +416,8 @@ def test_an_unknown_robot_is_named(visit):
 def test_a_second_visit_needs_no_network(visit):
     page = visit("?run=cheetah3")
     runs(page)
-    page.wait_for_function(KEPT)
+    # `wait_for_function` takes a promise for true
+    until(page, lambda: page.evaluate(KEPT), "the page's files are not kept")
     page.context.set_offline(True)
     page.reload()
     runs(page)

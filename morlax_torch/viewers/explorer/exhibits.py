@@ -109,6 +109,9 @@ class RunExhibit:
             case messages.Tell(index=index) if index < len(steered.player.command):
                 for session in self._sessions():
                     session.tell(index, request.value)
+            case messages.Nudge(index=index) if index < len(steered.player.command):
+                for session in self._sessions():
+                    session.tell(index, session.player.command[index] + request.change)
             case messages.Reshape(index=index) if self._bodies and index < len(steered.design):
                 self._asking = self._source = self._thresholds = None
                 self._bodies.reshape(self._lineup.sessions, index, request.value)

@@ -28,6 +28,14 @@ class Tell(Message):
     value: float
 
 
+class Nudge(Message):
+    """Change one number of the command of all robots; it is clamped to its limits."""
+
+    act: Literal["nudge"]
+    index: NonNegativeInt
+    change: float
+
+
 class Reshape(Message):
     """Set one design parameter of all robots' body; it is clamped to its range."""
 
@@ -106,6 +114,7 @@ class Bookmark(Message):
 Request = (
     Steer
     | Tell
+    | Nudge
     | Reshape
     | Pause
     | Pace

@@ -42,8 +42,15 @@ export class Local {
     this.steered.tradeoff = weights;
   }
 
+  /** Set one number of the command; it is clamped to the task's limits. */
   tell(index, value) {
-    for (const robot of this.robots) robot.command[index] = value;
+    const [low, high] = Object.values(this.about.command.limits)[index];
+    for (const robot of this.robots) robot.command[index] = Math.min(Math.max(value, low), high);
+  }
+
+  /** Change one number of the command. */
+  nudge(index, change) {
+    this.tell(index, this.command[index] + change);
   }
 
   pause(on) {

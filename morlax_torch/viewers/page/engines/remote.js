@@ -86,6 +86,11 @@ export class Remote {
     this.#send({ act: "tell", index, value });
   }
 
+  /** Change one number of the command; a sum formed here would miss keys that the server has not answered. */
+  nudge(index, change) {
+    this.#send({ act: "nudge", index, change });
+  }
+
   /** Set one design parameter of all robots' body. */
   reshape(index, value) {
     this.state.design[index] = value;

@@ -10,9 +10,9 @@ const DEAD = 0.1; // of a stick's way, where it counts as released
 export function press(engine, key) {
   const [index, way] = KEYS[key.toLowerCase()] ?? [];
   const ranges = limits(engine);
-  if (key.toLowerCase() === STOP) ranges.forEach((range, i) => engine.tell(i, within(range, 0)));
+  if (key.toLowerCase() === STOP) ranges.forEach((_, i) => engine.tell(i, 0));
   else if (!ranges[index]) return false;
-  else engine.tell(index, within(ranges[index], engine.command[index] + way * NOTCH * reach(ranges[index])));
+  else engine.nudge(index, way * NOTCH * reach(ranges[index]));
   return ranges.length > 0;
 }
 
@@ -27,10 +27,9 @@ export function drive(engine) {
     const place = Math.abs(way) < DEAD ? 0 : way;
     if (Math.abs(place - (felt[i] ?? 0)) < 0.02) return;
     felt[i] = place;
-    engine.tell(i, within([low, high], place > 0 ? place * high : -place * low));
+    engine.tell(i, place > 0 ? place * high : -place * low);
   });
 }
 
 const limits = ({ about }) => Object.values(about.command?.limits ?? {});
-const within = ([low, high], value) => Math.min(Math.max(value, low), high);
 const reach = ([low, high]) => high - low;
