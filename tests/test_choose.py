@@ -471,6 +471,8 @@ def test_without_a_gpu_a_task_that_needs_one_is_not_simulated(monkeypatch, capsy
     chosen = parse_tradeoff(printed.split("trade-off: ")[1].split()[0], ("run", "energy"))
     expected = choose(Front.load(find_run("cheetah") / "front.npz"), {"run": 1000}, "energy")
     assert chosen == pytest.approx(expected.tradeoff, abs=1e-4)
+    with pytest.raises(MorlaxError, match="leave it out"):
+        choose("cheetah", {}, "energy", seeds=3, device="cpu")
 
 
 def test_a_decision_card_counts_quantities(measured):

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ..configuration.tradeoffs import even_tradeoffs
-from ..envs import get, resolve_device
+from ..envs import MorlaxError, get, resolve_device
 from ..evaluation.candidates import Candidates, rounded
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
@@ -79,9 +79,18 @@ def choose(
 def chooser(
     policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
 ) -> "Evaluated | Simulated":
-    """Return what chooses: only of a front if the task needs a GPU and the policy is on a CPU."""
+    """Return what chooses: only of a front if the task needs a GPU and the policy is on a CPU.
+
+    Raises:
+        MorlaxError: `seeds` is given, and nothing is simulated.
+    """
     on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
     if front is not None and on_cpu and get(policy.config.env).needs_gpu:
+        if seeds is not None:
+            raise MorlaxError(
+                f"{policy.config.env} is only simulated on a GPU, so seeds has no effect here: "
+                "leave it out."
+            )
         varies = policy.config.task.for_evaluation().varies
         return Evaluated(front, RANDOM_MARGIN if varies else 0.0)
     return Simulated(policy, front, seeds, seed)
