@@ -1,12 +1,11 @@
 """Replay the actors that PD-MORL's authors published, in our ports of PG-MORL's tasks.
 
-If our ports agree with their environments, the actors reach the paper's hypervolumes here. Get them
-first, under `PD-MORL/EvaluationNetworks`:
-
-    git clone https://github.com/tbasaklar/PDMORL-Preference-Driven-Multi-Objective-Reinforcement-Learning-Algorithm
+If our ports agree with their environments, the actors reach the paper's hypervolumes here.
+docs/benchmarks.md says where to get them.
 
 One episode per trade-off of a grid of 1,001, as in their evaluation, `--episodes` times; with the
 noise of their starts, except that velocities are drawn from a normal distribution everywhere.
+Prints a CSV table: hypervolume and the best return of each objective.
 """
 
 import argparse
@@ -58,23 +57,21 @@ def returns(task: str, act: torch.nn.Module, tradeoffs: Tensor, seed: int, noise
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="EvaluationNetworks of the authors' code")
-    parser.add_argument("--episodes", type=int, default=6)
+    parser.add_argument("--episodes", type=int, default=3)
     arguments = parser.parse_args()
     if not arguments.folder.is_dir():
         parser.error(f"there is no folder {arguments.folder}.")
     share = torch.linspace(0, 1, GRID)
     tradeoffs = torch.stack([share, 1 - share], -1)
-    print("task         paper     here: mean, lowest, highest    best returns")
+    print("task,paper,seed,hypervolume,best_0,best_1")
     for task, (name, noise, published) in TASKS.items():
         folder = arguments.folder / f"MO-{name}-v2"
         act = actor(folder / f"MO-{name}-v2_MO_TD3_HER_actor.pkl")
-        found, best = [], torch.zeros(2)
         for seed in range(arguments.episodes):
             reached = returns(f"pgmorl/{task}", act, tradeoffs, seed, noise)
-            best = torch.maximum(best, reached.amax(0))
-            found.append(pareto.hypervolume(reached.numpy(), [0.0, 0.0]))
-        numbers = f"{sum(found) / len(found):.3g}, {min(found):.3g}, {max(found):.3g}"
-        print(f"{task:12} {published:.3g}  {numbers:28}  {best[0]:.0f}, {best[1]:.0f}", flush=True)
+            volume, best = pareto.hypervolume(reached.numpy(), [0.0, 0.0]), reached.amax(0)
+            row = f"{task},{published:.0f},{seed},{volume:.0f},{best[0]:.0f},{best[1]:.0f}"
+            print(row, flush=True)
 
 
 if __name__ == "__main__":

@@ -70,6 +70,17 @@ SLOWER = """async (site) => {
     slowest: share(100, 30),
   };
 }"""
+KEYS = """async (site) => {
+  const { Local } = await import(`${site}engines/local.js`);
+  const { press } = await import(`${site}panel/driving.js`);
+  const about = { command: { limits: { forward: [-0.1, 0.3] } } };
+  const engine = new Local({ about, command: [0] });
+  const after = (keys) => {
+    for (const key of keys) press(engine, key);
+    return engine.command[0];
+  };
+  return ["ww", "wwwwww", "x", "ssssss"].map(after);
+}"""
 HELD = """
   const get = fetch;
   globalThis.fetch = async (address, ...rest) => {
@@ -453,6 +464,10 @@ def test_an_embedded_page_has_a_chooser_if_its_address_names_no_run(visit):
 def test_slow_frames_make_the_drawing_coarser(empty, site):
     shares = empty.evaluate(SLOWER, site)
     assert shares == {"fast": 1, "hidden": 1, "slow": 0.7, "slower": 0.5, "slowest": 0.5}
+
+
+def test_keys_change_the_command_within_its_limits(empty, site):
+    assert empty.evaluate(KEYS, site) == pytest.approx([0.08, 0.3, 0, -0.1])
 
 
 def test_on_a_phone_the_panel_lies_below_the_robot_and_is_large_enough_to_tap(visit):
