@@ -2,7 +2,7 @@
 
     python benchmarks/mjlab_peer.py go1.pt --weighting effort --seconds 300
 
-The file keeps the state of training, so the command goes on where it ended.
+The file keeps the state of training, so the command goes on where it ended, even if it was killed.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from morlax_torch.terminal.cli import console
 
 LOUD = 100.0  # an action scale that bounds no action
 WEIGHTINGS = Path(__file__).with_name("mjlab_weightings.yaml")
-CHUNK = 10  # iterations between looks at the limits
+CHUNK = 10  # iterations between checkpoints
 
 
 class Peer(NamedTuple):
@@ -74,19 +74,22 @@ def main(
     runner = make_runner(task, worlds, str(resolve_device(device)), seed, weights)
     per_iteration = worlds * runner.cfg["num_steps_per_env"]
     done = runner.load(str(file))["env_steps"] if file.exists() else 0
-    start, first = time.perf_counter(), done
-    while done < steps and time.perf_counter() - start < seconds:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(".part")
+    save = importlib.import_module("mjlab.rl").MjlabOnPolicyRunner.save  # not as ONNX, too
+    start, first, passed = time.perf_counter(), done, 0.0
+    while done < steps and passed < seconds:
         number = min(CHUNK, math.ceil((steps - done) / per_iteration))
         with contextlib.redirect_stdout(io.StringIO()):
             runner.learn(number, init_at_random_ep_len=done == first)
         done += number * per_iteration
-    passed = time.perf_counter() - start
-    file.parent.mkdir(parents=True, exist_ok=True)
-    runner.save(str(file), {"env_steps": done})
-    console.print(
-        f"{task}, {weighting}, seed {seed}: {done / 1e6:.1f} M steps, "
-        f"{passed:.0f} s, {(done - first) / passed:,.0f} steps/s"
-    )
+        save(runner, str(part), {"env_steps": done})
+        part.replace(file)
+        passed = time.perf_counter() - start
+        console.print(
+            f"{task}, {weighting}, seed {seed}: {done / 1e6:.1f} M steps, "
+            f"{passed:.0f} s, {(done - first) / passed:,.0f} steps/s"
+        )
 
 
 def load_peer(task: str, file: Path, device: str) -> Peer:

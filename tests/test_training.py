@@ -135,6 +135,13 @@ def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
     assert run.config() == tiny()
 
 
+def test_of_fronts_short_of_the_reference_point_the_last_is_the_best(tmp_path):
+    far = {"task": {"reference_point": [1e9, 1e9]}}
+    rows = metrics(train(tiny(**far), output=tmp_path / "run"))
+    assert [float(row["hypervolume"]) for row in rows] == [0.0, 0.0, 0.0]
+    assert [row["best"] for row in rows] == ["1", "1", "1"]
+
+
 def test_a_few_seconds_of_training_raise_the_hypervolume(tmp_path):
     small = {"device": "cpu", "backend": "mujoco", "max_env_steps": 80_000}
     small["evaluation"] = {"tradeoffs": 8}

@@ -147,9 +147,10 @@ class Evaluator:
             values.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
+        noun = "trade-off" if self.number == 1 else "trade-offs"
         with one_thread(self.env.device):
             for step in range(0, self._horizon, self._stride):
-                phase(f"evaluating {self.number} trade-offs", step / self._horizon)
+                phase(f"evaluating {self.number} {noun}", step / self._horizon)
                 self._steps()
         generator.set_state(state)
         return self._fronts()

@@ -77,10 +77,11 @@ class Progress(BaseModel):
     def improved(self, selection: float, hypervolume: float) -> bool:
         """Store the hypervolumes of an evaluation; returns whether it is the best so far.
 
-        `selection` is that of the episodes that choose a checkpoint.
+        `selection` is that of the episodes that choose a checkpoint. Of equals, such as fronts that
+        do not reach the reference point, the later one is the best: it was trained longer.
         """
         self.hypervolume = hypervolume
-        best = self.best_selection is None or selection > self.best_selection
+        best = self.best_selection is None or selection >= self.best_selection
         if best:
             self.best_selection, self.best_hypervolume = selection, hypervolume
         return best
