@@ -454,7 +454,8 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch, t
     error, speed, share, power, torque, cost = front.quantities.T
     assert front.quantity_names == quantities.NAMES and len(error) == 3
     assert ((error > 0) & (error < 1.5) & (speed > 0) & (speed < 1.5) & (torque < 24)).all()
-    assert share.max() > 0.5 and share.argmin() == power.argmin()  # effort alone stands still
+    effort, tracking = map(policy.objectives.index, ("effort", "tracking"))
+    assert share.max() > 0.5 and share.argmax() == tracking and power.argmin() == effort
     assert (share < 1.2).all()
     weight = 9.81 * 12.7  # of a Go1, about 12.7 kg in mjlab
     np.testing.assert_allclose(cost, power / weight / speed, rtol=0.1)
