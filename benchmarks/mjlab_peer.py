@@ -76,7 +76,8 @@ def main(
     done = runner.load(str(file))["env_steps"] if file.exists() else 0
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_suffix(".part")
-    save = importlib.import_module("mjlab.rl").MjlabOnPolicyRunner.save  # velocity runners' own also exports
+    # without the ONNX file that a velocity runner writes each time
+    save = importlib.import_module("mjlab.rl").MjlabOnPolicyRunner.save
     start, first, passed = time.perf_counter(), done, 0.0
     while done < steps and passed < seconds:
         number = min(CHUNK, math.ceil((steps - done) / per_iteration))
