@@ -25,7 +25,7 @@ def main(
     device: str | None = None,
     output: Path | None = None,
 ) -> None:
-    """Print how the best policies of runs walk, and how many policies others dominate.
+    """Print how the best policies of runs walk, and which fronts dominate others.
 
     Args:
         runs: Folders of runs of one task.
@@ -37,7 +37,7 @@ def main(
         output: CSV file of rows.
     """
     place = resolve_device(device)
-    rows, fronts, counts = [], [], []
+    rows, fronts, verdicts = [], [], []
     for run in runs:
         policy = load(run, place)
         walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
@@ -53,15 +53,19 @@ def main(
         peer = mjlab_peer.load_peer(task, file, str(place))
         walks = walk(peer, config, tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
-        beaten = [dominated(walks.returns[:, :1], front)[0] for front in fronts]
-        counts.append(f"mjlab: {file.stem}: dominated by {sum(beaten)} of {len(runs)} fronts")
+        better = [
+            run.name
+            for run, front in zip(runs, fronts, strict=True)
+            if dominated(walks.returns[:, :1], front)[0]
+        ]
+        verdicts.append(f"mjlab: {file.stem}: dominated by {', '.join(better) or 'no front'}")
     shown = list(rows[0][3])
     table = Table("", "", "trade-off", *shown, title=f"{policy.config.env}, {episodes} episodes")
     for name, label, weights, values in rows:
         numbers = " ".join(f"{weight:.2f}" for weight in weights)
         table.add_row(name, label, numbers, *(values.get(key, "") for key in shown))
     console.print(table)
-    console.print(*counts, sep="\n")
+    console.print(*verdicts, sep="\n")
     if output is not None:
         with output.open("w", newline="") as file:
             writer = csv.writer(file)
