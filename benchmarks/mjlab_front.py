@@ -25,7 +25,7 @@ def main(
     device: str | None = None,
     output: Path | None = None,
 ) -> None:
-    """Print how the best policies of runs walk, and which fronts dominate others.
+    """Print how the best policies of runs walk, and which of their fronts dominate the peers.
 
     Args:
         runs: Folders of runs of one task.
