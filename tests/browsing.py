@@ -110,9 +110,11 @@ class View:
         mouse.move(box["x"] + box["width"] / 3, height)
         mouse.down()
         mouse.move(box["x"] + 10 + (box["width"] - 20) * share, height, steps=4)
-        # a busy page handles moves in its next frame
-        self.tab.evaluate(
-            "new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r)))"
+        # a busy page handles the moves frames later
+        low, high = (float(slider.get_attribute(name)) for name in ("min", "max"))
+        self.until(
+            lambda: abs((self.value(label) - low) / (high - low) - share) < 0.04,
+            "the slider does not follow",
         )
         value = self.value(label)
         mouse.up()

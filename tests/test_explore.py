@@ -144,7 +144,6 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
 
     # drag a slider: the other weights shrink in proportion
     run = view.drag("run", 0.8)
-    assert run == pytest.approx(0.8, abs=0.04)
     view.until(lambda: view.tradeoff()[0] == pytest.approx(run, abs=1e-3), "slider has no effect")
     first, *others = view.tradeoff()
     assert others == pytest.approx([(1 - first) / 2] * 2, abs=2e-3)
