@@ -9,11 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from morlax_torch import MorlaxError, load
-from morlax_torch.choose import choose
+from morlax_torch import MorlaxError, evaluate
 from morlax_torch.envs.worlds.randomization import horizontal
 from morlax_torch.runs import choosing
-from morlax_torch.runs.fronts import load_front
 from morlax_torch.viewers.explaining import explain, is_told_velocity
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer import thresholds as thresholds_module
@@ -178,10 +176,11 @@ def test_the_list_of_policies_says_which_need_mjlab(monkeypatch, found, label):
 
 
 @pytest.mark.slow
-def test_thresholds_are_simulated_while_the_robots_go_on():
-    requests, found = Requests(pytest.fail), []
-    front = load_front("cheetah")
-    thresholds = Thresholds(load("cheetah"), front, requests.put, found.append)
+def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
+    policy = make_policy("cheetah", task={"episode_length": 100})
+    front, requests, found = evaluate(policy, 16), Requests(pytest.fail), []
+    thresholds = Thresholds(policy, front, requests.put, found.append)
+    lowest, middle = np.quantile(front.returns[:, 0], [0, 0.5])
 
     def wait() -> None:
         """Execute what other threads queue, as the page does between two steps."""
@@ -189,12 +188,12 @@ def test_thresholds_are_simulated_while_the_robots_go_on():
             requests.execute(0.01)
 
     began = time.perf_counter()
-    thresholds.require(0, 1500.0)
-    thresholds.require(0, 2000.0)  # while the first is searched for
+    thresholds.require(0, lowest)
+    thresholds.require(0, middle)  # while the first is searched for
     assert time.perf_counter() - began < 1
     assert thresholds.state()["searching"]
     wait()
-    expected = choose("cheetah", {"run": 2000.0}, "run", device="cpu")
+    expected = choosing.chooser(policy, front).choose({"run": middle}, "run")
     assert found == [expected.tradeoff]
     assert thresholds.state()["found"] == expected._asdict()
     thresholds.require(1, 1e9)  # is cut to the front's best

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 import web_robots
-from browsing import COARSE, PATIENCE, chromium, until
+from browsing import COARSE, FEW_FRAMES, PATIENCE, chromium, until
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
@@ -167,7 +167,7 @@ def visit(browser, site):
         page.route(lambda address: not address.startswith(site), lambda route: route.abort())
         page.on("console", lambda m: m.type == "error" and complaints.append(m.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.add_init_script(before)
+        page.add_init_script(f"{FEW_FRAMES}; {before}")
         page.goto(site + query)
         return page
 
