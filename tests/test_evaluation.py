@@ -9,6 +9,7 @@ from same import assert_same
 from tiny import tiny
 
 from morlax_torch import MorlaxError, envs
+from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation import evaluator as module
 from morlax_torch.evaluation.evaluator import Evaluator
@@ -64,12 +65,16 @@ class Scripted:
     def share_draws(self, episodes: torch.Tensor, number: int) -> None:
         assert episodes.tolist() == [0, 0, 0] and number == 2
 
+    def rest(self, which: torch.Tensor) -> None:
+        self.resting = which.clone()
+
     def seen(self) -> torch.Tensor:
         return torch.full((3, 3), float(self.t))
 
     def step(self, action: torch.Tensor) -> TimeStep:
 
         reward, failed = self.REWARD[self.t].expand(3, 2), self.FAILED[:, self.t]
+        reward = torch.where(self.resting[:, None], torch.nan, reward)
         self.t += 1
         truncated = torch.full((3,), self.t >= 4) & ~failed
         seen = self.seen()
@@ -113,6 +118,18 @@ def test_the_paper_s_protocol_masks_only_the_failed_steps(agent):
     front = Evaluator(agent, Scripted(), TRADEOFFS, "paper").evaluate()
     assert front.returns.tolist() == [[115, 1150], [113, 1130], [103, 1030]]
     assert front.falls is not None and front.falls.tolist() == [0, 1, 1]
+
+
+def test_the_paper_s_protocol_goes_on_after_all_have_failed(agent, monkeypatch):
+    class Stumble(Scripted):
+        FAILED = torch.tensor([[False, True, False, False]] * 3)
+
+    monkeypatch.setattr(module, "STEPS_PER_GRAPH", 1)
+    front = Evaluator(agent, Stumble(), TRADEOFFS, "paper").evaluate()
+    assert front.returns.tolist() == [[113, 1130]] * 3
+    latched = Stumble()
+    assert Evaluator(agent, latched, TRADEOFFS).evaluate().returns.tolist() == [[3, 30]] * 3
+    assert latched.t == 2  # nothing follows
 
 
 def test_the_discounted_protocol_ends_with_the_failure_or_its_own_time_limit(agent, monkeypatch):
@@ -193,6 +210,45 @@ def test_returns_equal_those_of_single_worlds_stepped_by_hand(task, length, make
         assert (steps < length) == (task == "hopper")  # every hopper falls
         np.testing.assert_allclose(front.returns[k], returns, rtol=1e-3)
     assert len(np.unique(front.returns, axis=0)) == 3
+
+
+def test_only_worlds_that_rest_do_not_move():
+    env = envs.make("hopper", 4, "cpu", "mujoco", auto_reset=False)
+    resting = torch.tensor([True, False, True, False])
+    for which in (resting, ~resting, torch.zeros_like(resting), torch.ones_like(resting)):
+        env.rest(which)
+        before = env.physics.qpos.clone()
+        env.step(torch.zeros(4, env.action_size))
+        assert (env.physics.qpos != before).any(1).tolist() == (~which).tolist()
+
+
+@pytest.mark.parametrize(
+    ("task", "options"),
+    [("hopper", {}), ("walker", {"randomization": {"mass": (0.5, 2), "action_delay": (0, 3)}})],
+)
+def test_worlds_rest_after_their_episode_which_changes_no_return(task, options, make_agent):
+    found, steps = [], 0
+    for rests in (False, True):
+        env = envs.make(task, 8, "cpu", "mujoco", auto_reset=False, episode_length=200, **options)
+        agent = make_agent(env.observation_size, env.action_size, scale=1.0)
+        agent.actor.bias.data += 0.3  # every robot falls
+        evaluator, step = Evaluator(agent, env, even_tradeoffs(8, 2)), env.step
+        if not rests:
+            env.rest = lambda which: None
+
+        def counted(action, step=step):
+            nonlocal steps
+            steps += 1
+            return step(action)
+
+        env.step = counted
+        found.append([evaluator.evaluate() for _ in range(2)])
+    for front in (*found[0], *found[1]):
+        np.testing.assert_array_equal(front.returns, found[0][0].returns)
+        np.testing.assert_array_equal(front.lengths, found[0][0].lengths)
+    longest = front.lengths.max()
+    assert front.lengths.min() < longest < 190
+    assert 4 * longest <= steps <= 4 * (longest + 4)  # steps go in groups of five
 
 
 @pytest.fixture

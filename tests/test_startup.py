@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from morlax_torch.__main__ import COMMANDS
+from morlax_torch.terminal import startup
 
 HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "websockets", "tensorboard", "onnx"}
 TINY = (
@@ -101,6 +102,31 @@ def test_training_prints_a_line_before_torch_is_imported(module, tmp_path, no_to
 def test_mistakes_are_told_without_torch(tmp_path, no_torch):
     done = python(tmp_path, "-m", "morlax_torch.train", "--env", "chetah", first=no_torch)
     assert "did you mean 'cheetah'?" in done.stderr and done.returncode == 2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells how many threads run")
+@pytest.mark.parametrize(
+    ("given", "expected"), [({}, "2000"), ({"OMP_WAIT_POLICY": "active"}, "None")]
+)
+def test_beside_other_programs_torch_is_imported_with_threads_that_soon_sleep(
+    tmp_path, monkeypatch, given, expected
+):
+    told = "import os; raise SystemExit(os.environ.get('GOMP_SPINCOUNT', 'None'))"
+    (tmp_path / "torch.py").write_text(told)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as other:
+        done = python(tmp_path, "-m", "morlax_torch.evaluate", "cheetah", first=tmp_path, **given)
+        other.kill()
+    assert done.stderr.split()[-1] == expected
+
+
+def test_on_an_idle_machine_threads_wait_actively(monkeypatch):
+    for name in ("OMP_NUM_THREADS", "OMP_WAIT_POLICY", "GOMP_SPINCOUNT"):
+        monkeypatch.delenv(name, raising=False)
+    looks = iter(["0.00 0.00 0.00 3/99 7", "0.00 0.00 0.00 1/99 7"])  # the second finds one thread
+    monkeypatch.setattr(Path, "read_text", lambda path: next(looks))
+    startup.share_busy_cores()
+    assert "GOMP_SPINCOUNT" not in os.environ
 
 
 @pytest.mark.slow

@@ -36,6 +36,10 @@ class Physics(ABC):
     def step(self) -> None:
         """Advance every world by one control step, holding `ctrl`."""
 
+    def rest(self, which: Tensor) -> None:
+        """From now on, worlds of a mask (N,) bool may stay as they are, where that saves time."""
+        assert which.shape == (self.num_worlds,)
+
     @abstractmethod
     def vary(self, fields: dict[str, np.ndarray]) -> None:
         """Give each world its own model, which differs in `fields` (N, ...), by name.

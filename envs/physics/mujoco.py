@@ -28,9 +28,10 @@ class PythonBatch:
         self._bound[name] = np.stack([getattr(data, name) for data in self._datas])
         return self._bound[name]
 
-    def step(self, nstep: int) -> None:
-        """Advance every world by `nstep` time steps."""
-        for world, (model, data) in enumerate(zip(self._models, self._datas, strict=True)):
+    def step(self, ids: NDArray[np.int64] | None, nstep: int) -> None:
+        """Advance the worlds of these indices (None: all) by `nstep` time steps."""
+        for world in range(self._size) if ids is None else ids:
+            model, data = self._models[world], self._datas[world]
             for name, values in self._bound.items():
                 getattr(data, name)[:] = values[world]
             mujoco.mj_step(model, data, nstep)
@@ -129,11 +130,15 @@ class MujocoPhysics(Physics):
         self._readings = self._batch.bind("sensordata") if model.nsensordata else None
         self._no_overflow = torch.zeros(num_worlds, dtype=torch.int32)
         self._kept: list[mujoco.MjModel] = []
+        self._moving: NDArray[np.int64] | None = None  # indices of worlds; None: all
 
     def step(self) -> None:
-        self._batch.step(nstep=self.substeps)
+        self._batch.step(self._moving, nstep=self.substeps)
         if self._readings is not None:
             self.sensors.numpy()[:] = self._readings
+
+    def rest(self, which: Tensor) -> None:
+        self._moving = (~which).numpy().nonzero()[0] if which.any() else None
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
         vary(self._batch, fields)

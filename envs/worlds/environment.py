@@ -291,6 +291,9 @@ class Environment(Robot):
         self._restart(which)
         return self.critic_observation()[:, : self.observation_size]
 
+    def rest(self, which: Tensor) -> None:
+        self.physics.rest(which)
+
     def step(self, action: Tensor) -> TimeStep:
         self.check_action(action)
         self.apply(self._delay(action) if self._delay else action)

@@ -99,6 +99,13 @@ class Worlds(ABC):
             MorlaxError: the action has another shape, type or device.
         """
 
+    def rest(self, which: Tensor) -> None:
+        """From now on, only the worlds outside of a mask (N,) bool need to move.
+
+        Others may stay as they are, where that saves time; their rewards mean nothing.
+        """
+        assert which.shape == (self.num_worlds,)
+
     @abstractmethod
     def critic_observation(self) -> Tensor:
         """Return the current observation followed by the privileged features, (N, O + P)."""

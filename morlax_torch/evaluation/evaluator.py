@@ -141,6 +141,7 @@ class Evaluator:
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
+        self.env.rest(~self._alive)
         self._weight.fill_(1.0)
         sums = self._returns, self._measured
         for values in (self._fallen, self._blown_up, self._lengths, *sums):
@@ -152,8 +153,15 @@ class Evaluator:
             for step in range(0, self._horizon, self._stride):
                 phase(f"evaluating {self.number} {noun}", step / self._horizon)
                 self._steps()
+                if self._all_over():
+                    break
         generator.set_state(state)
         return self._fronts()
+
+    def _all_over(self) -> bool:
+        """Return whether no further step counts; on a GPU, asking would wait for it."""
+        on_cpu = self.env.device.type == "cpu"
+        return on_cpu and self.protocol != "paper" and not self._alive.any()
 
     def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
@@ -215,4 +223,5 @@ class Evaluator:
             self._measured += torch.where((self._alive & ~over)[:, None], sample, 0.0)
         if latched:
             self._alive &= ~over
+            self.env.rest(~self._alive)
         self._observation.copy_(step.observation)

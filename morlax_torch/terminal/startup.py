@@ -14,6 +14,8 @@ from types import TracebackType
 from ..torchrun import FIRST
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
+ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
+LOOKS = 5  # whether others run
 START = 19  # position of a process's start in /proc/PID/stat, after its name in brackets
 
 
@@ -43,6 +45,31 @@ def program(name: str) -> str:
 def collect_garbage_rarely() -> None:
     """Make Python look for reference cycles less often, which takes a third of importing torch."""
     gc.set_threshold(100_000)
+
+
+def share_busy_cores() -> None:
+    """If other programs run, make torch's threads sleep soon when they wait for each other.
+
+    By default, a waiting thread holds its core for milliseconds, which the thread that it waits for
+    may need. On an idle machine that is faster. GNU's OpenMP, which torch has on Linux, reads the
+    variable when torch is imported.
+    """
+    told = {"OMP_WAIT_POLICY", "OMP_NUM_THREADS", "GOMP_SPINCOUNT"} & os.environ.keys()
+    if not told and _others_run():
+        os.environ["GOMP_SPINCOUNT"] = str(ACTIVE_WAITS)
+
+
+def _others_run() -> bool:
+    """Return whether each of some looks at Linux finds a second thread that runs or could."""
+    for _ in range(LOOKS):
+        try:
+            ready = int(Path("/proc/loadavg").read_text().split()[3].partition("/")[0])
+        except (IndexError, OSError, ValueError):
+            return False
+        if ready < 2:
+            return False
+        time.sleep(0.002)
+    return True
 
 
 def announce_training() -> None:
