@@ -65,8 +65,8 @@ class Scripted:
     def share_draws(self, episodes: torch.Tensor, number: int) -> None:
         assert episodes.tolist() == [0, 0, 0] and number == 2
 
-    def rest(self, which: torch.Tensor) -> None:
-        self.resting = which.clone()
+    def move_only(self, which: torch.Tensor) -> None:
+        self.moving = which.clone()
 
     def seen(self) -> torch.Tensor:
         return torch.full((3, 3), float(self.t))
@@ -74,7 +74,7 @@ class Scripted:
     def step(self, action: torch.Tensor) -> TimeStep:
 
         reward, failed = self.REWARD[self.t].expand(3, 2), self.FAILED[:, self.t]
-        reward = torch.where(self.resting[:, None], torch.nan, reward)
+        reward = torch.where(self.moving[:, None], reward, torch.nan)
         self.t += 1
         truncated = torch.full((3,), self.t >= 4) & ~failed
         seen = self.seen()
@@ -212,14 +212,14 @@ def test_returns_equal_those_of_single_worlds_stepped_by_hand(task, length, make
     assert len(np.unique(front.returns, axis=0)) == 3
 
 
-def test_only_worlds_that_rest_do_not_move():
+def test_worlds_rest_unless_they_are_to_move():
     env = envs.make("hopper", 4, "cpu", "mujoco", auto_reset=False)
-    resting = torch.tensor([True, False, True, False])
-    for which in (resting, ~resting, torch.zeros_like(resting), torch.ones_like(resting)):
-        env.rest(which)
+    some = torch.tensor([True, False, True, False])
+    for which in (some, ~some, torch.zeros_like(some), torch.ones_like(some)):
+        env.move_only(which)
         before = env.physics.qpos.clone()
         env.step(torch.zeros(4, env.action_size))
-        assert (env.physics.qpos != before).any(1).tolist() == (~which).tolist()
+        assert (env.physics.qpos != before).any(1).tolist() == which.tolist()
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_worlds_rest_after_their_episode_which_changes_no_return(task, options, 
         agent.actor.bias.data += 0.3  # every robot falls
         evaluator, step = Evaluator(agent, env, even_tradeoffs(8, 2)), env.step
         if not rests:
-            env.rest = lambda which: None
+            env.move_only = lambda which: None
 
         def counted(action, step=step):
             nonlocal steps

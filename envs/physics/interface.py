@@ -36,8 +36,8 @@ class Physics(ABC):
     def step(self) -> None:
         """Advance every world by one control step, holding `ctrl`."""
 
-    def rest(self, which: Tensor) -> None:
-        """From now on, worlds of a mask (N,) bool may stay as they are, where that saves time."""
+    def move_only(self, which: Tensor) -> None:
+        """From now on, worlds outside of a mask (N,) bool may stay as they are, to save time."""
         assert which.shape == (self.num_worlds,)
 
     @abstractmethod

@@ -137,8 +137,8 @@ class MujocoPhysics(Physics):
         if self._readings is not None:
             self.sensors.numpy()[:] = self._readings
 
-    def rest(self, which: Tensor) -> None:
-        self._moving = (~which).numpy().nonzero()[0] if which.any() else None
+    def move_only(self, which: Tensor) -> None:
+        self._moving = None if which.all() else which.numpy().nonzero()[0]
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
         vary(self._batch, fields)

@@ -291,8 +291,8 @@ class Environment(Robot):
         self._restart(which)
         return self.critic_observation()[:, : self.observation_size]
 
-    def rest(self, which: Tensor) -> None:
-        self.physics.rest(which)
+    def move_only(self, which: Tensor) -> None:
+        self.physics.move_only(which)
 
     def step(self, action: Tensor) -> TimeStep:
         self.check_action(action)

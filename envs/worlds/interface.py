@@ -99,10 +99,10 @@ class Worlds(ABC):
             MorlaxError: the action has another shape, type or device.
         """
 
-    def rest(self, which: Tensor) -> None:
-        """From now on, only the worlds outside of a mask (N,) bool need to move.
+    def move_only(self, which: Tensor) -> None:
+        """From now on, step only the worlds of a mask (N,) bool, if that saves time.
 
-        Others may stay as they are, where that saves time; their rewards mean nothing.
+        The others may stay as they are, and their rewards mean nothing.
         """
         assert which.shape == (self.num_worlds,)
 

@@ -141,7 +141,7 @@ class Evaluator:
         self.env.reseed(self._seed)
         self._observation.copy_(self.env.reset())
         self._alive.fill_(True)
-        self.env.rest(~self._alive)
+        self.env.move_only(self._alive)
         self._weight.fill_(1.0)
         sums = self._returns, self._measured
         for values in (self._fallen, self._blown_up, self._lengths, *sums):
@@ -223,5 +223,5 @@ class Evaluator:
             self._measured += torch.where((self._alive & ~over)[:, None], sample, 0.0)
         if latched:
             self._alive &= ~over
-            self.env.rest(~self._alive)
+            self.env.move_only(self._alive)
         self._observation.copy_(step.observation)
