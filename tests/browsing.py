@@ -28,6 +28,12 @@ FLAGS = (
 COARSE = {} if "MORLAX_SCREENSHOTS" in os.environ else {"device_scale_factor": 0.3}
 # a page without a graphics card would spend both cores on drawing
 FEW_FRAMES = "requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 100)"
+RELEASED = """(slider) => {
+  slider.released = new Promise((heard) => {
+    const tell = () => heard(slider.valueAsNumber);
+    addEventListener("pointerup", tell, { capture: true, once: true });
+  });
+}"""
 MOVES = "parseFloat(document.getElementById('clock').textContent) > 0.1"
 
 
@@ -113,15 +119,10 @@ class View:
         mouse.move(box["x"] + box["width"] / 3, height)
         mouse.down()
         mouse.move(box["x"] + 10 + (box["width"] - 20) * share, height, steps=4)
-        # a busy page handles the moves frames later
-        low, high = (float(slider.get_attribute(name)) for name in ("min", "max"))
-        self.until(
-            lambda: abs((self.value(label) - low) / (high - low) - share) < 0.04,
-            "the slider does not follow",
-        )
-        value = self.value(label)
+        # a busy page handles these moves later; none is left when it hears of the release
+        slider.evaluate(RELEASED)
         mouse.up()
-        return value
+        return slider.evaluate("(slider) => slider.released")
 
     def press(self, name: str) -> None:
         self.tab.get_by_role("button", name=name, exact=True).click()
