@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-import warp as wp
 
 from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.algorithms.rollout import Rollout
@@ -36,8 +35,6 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-wp.config.optimization_level = 0  # compiling Warp's kernels takes far longer here than running them
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do their subprocesses
     os.environ.setdefault("OMP_NUM_THREADS", "1")
