@@ -1,10 +1,10 @@
 """Train CAPQL or GPI-LS of morl-baselines on a task of MO-Gymnasium, to compare with.
 
-    python benchmarks/morl_baselines_peers.py --env mo-hopper-2obj-v5 --algorithm capql
+    python benchmarks/morl_baselines_peers.py --env mo-gymnasium/hopper-2obj --algorithm capql
 
 Needs the extra morl-baselines. Its own code trains with its own defaults, on the CPU. Policies are
 evaluated as `morlax train --env mo-gymnasium/hopper-2obj` does with two objectives: an even grid of
-trade-offs, undiscounted returns, hypervolume from the origin.
+trade-offs, undiscounted returns, hypervolume from the reference point of the task.
 """
 
 import contextlib
@@ -18,6 +18,7 @@ import gymnasium
 import numpy as np
 import tyro
 
+from morlax_torch import envs
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.evaluation.pareto import hypervolume
 from morlax_torch.terminal.cli import console
@@ -26,7 +27,7 @@ COLUMNS = "task", "algorithm", "seed", "env_steps", "train_seconds", "hypervolum
 
 
 def main(
-    env: str = "mo-hopper-2obj-v5",
+    env: str = "mo-gymnasium/hopper-2obj",
     algorithm: Literal["capql", "gpi-ls"] = "capql",
     steps: int = 100_000,
     seed: int = 0,
@@ -37,7 +38,7 @@ def main(
     """Train one algorithm and evaluate its policies.
 
     Args:
-        env: Environment of MO-Gymnasium with two objectives.
+        env: Task of MO-Gymnasium with two objectives, as `morlax train` names it.
         algorithm: Algorithm of morl-baselines.
         steps: Environment steps of training.
         seed: Random seed.
@@ -48,16 +49,18 @@ def main(
     import mo_gymnasium  # registers the environments
     from morl_baselines.common.evaluation import policy_evaluation_mo
 
+    name = env.replace("mo-gymnasium/", "mo-") + "-v5"
+    reference = np.array(envs.make(env, 1, "cpu").reference_point)
     start = time.perf_counter()
-    agent = trained(algorithm, env, steps, seed)
+    agent = trained(algorithm, name, reference, steps, seed)
     seconds = time.perf_counter() - start
-    world = mo_gymnasium.make(env)
+    world = mo_gymnasium.make(name)
     world.reset(seed=seed)
     returns = [
         policy_evaluation_mo(agent, world, w.numpy(), rep=episodes)[2]
         for w in even_tradeoffs(tradeoffs, 2)
     ]
-    found = hypervolume(np.array(returns), np.zeros(2))
+    found = hypervolume(np.array(returns), reference)
     row = (env, algorithm, seed, steps, round(seconds, 1), f"{found:.6g}")
     console.print(*row)
     if output is not None:
@@ -67,7 +70,7 @@ def main(
             writer.writerows([COLUMNS, row] if new else [row])
 
 
-def trained(algorithm: str, name: str, steps: int, seed: int) -> Any:
+def trained(algorithm: str, name: str, reference: np.ndarray, steps: int, seed: int) -> Any:
     """Return an agent of morl-baselines after its training."""
     import mo_gymnasium
     from morl_baselines.multi_policy.capql.capql import CAPQL
@@ -77,9 +80,7 @@ def trained(algorithm: str, name: str, steps: int, seed: int) -> Any:
     kind = CAPQL if algorithm == "capql" else GPILSContinuousAction
     agent = kind(env, log=False, seed=seed, device="cpu")
     with contextlib.redirect_stdout(io.StringIO()):
-        agent.train(
-            steps, eval_env=mo_gymnasium.make(name), ref_point=np.zeros(2), checkpoints=False
-        )
+        agent.train(steps, eval_env=mo_gymnasium.make(name), ref_point=reference, checkpoints=False)
     return agent
 
 
