@@ -202,10 +202,14 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     first.tab.fill("#typed", "1, 3, 0")
     phone.until(lambda: phone.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
 
-    # one tab closes in the middle of a drag
+    # a slider stays under the hand while another tab steers; its tab closes in the middle of a drag
     box = first.slider("run").bounding_box()
     first.tab.mouse.move(box["x"] + 10, box["y"] + box["height"] / 2)
     first.tab.mouse.down()
+    first.until(lambda: first.value("run") < 0.1, "the slider does not follow")
+    phone.tab.fill("#typed", "1, 1, 0")
+    first.until(lambda: first.tradeoff() == (0.5, 0.5, 0), "the first tab does not follow")
+    assert first.value("run") < 0.1
     first.tab.close()
     third = visit()
     third.moves()
