@@ -2,11 +2,10 @@
 
 import csv
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
+import mjlab_front
+import mjlab_peer
 import numpy as np
 import pytest
 import torch
@@ -262,29 +261,18 @@ def test_the_wrapper_for_rsl_rl_is_a_vectorized_environment():
         assert step.truncated.all() == (number % 4 == 0) and not step.terminated.any()
 
 
-def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path):
-    benchmarks = Path(__file__).parents[1] / "benchmarks"
+def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys):
     rows, peer, weightings = (tmp_path / name for name in ("rows.csv", "lazy.pt", "given.yaml"))
     weightings.write_text(f"{GO1.partition(':')[2]}: {{lazy: {{electrical_power_cost: -0.1}}}}")
-    given = ("--weighting", "lazy", "--weightings", weightings, "--worlds", "4", "--steps")
-    small = ("--tradeoffs", "4", "--episodes", "2", "--output", rows)
-    calls = [
-        ("mjlab_peer.py", peer, *given, "90"),
-        ("mjlab_peer.py", peer, *given, "150"),
-        ("mjlab_front.py", go1_run, "--peers", peer, *small),
-    ]
-    for script, *arguments in calls:
-        done = subprocess.run(
-            [sys.executable, benchmarks / script, *arguments, "--device", "cpu"],
-            capture_output=True,
-            text=True,
-            env={**os.environ, "COLUMNS": "200"},
-        )
-        assert done.returncode == 0, done.stderr
+    given = {"weighting": "lazy", "weightings": weightings, "worlds": 4, "device": "cpu"}
+    for steps in (90, 150):
+        mjlab_peer.main(peer, **given, steps=steps)
     # the second call goes on after the first: an iteration is 96 steps
     assert torch.load(peer, weights_only=False)["infos"]["env_steps"] == 192
-    assert "best tracking" in done.stdout and "mjlab: lazy" in done.stdout
+    mjlab_front.main((go1_run,), (peer,), 4, 2, device="cpu", output=rows)
+    assert "mjlab: lazy: dominated by" in capsys.readouterr().out
     best, cheapest, lazy = csv.DictReader(rows.read_text().splitlines())
+    assert (best["policy"], cheapest["policy"]) == ("best tracking", "least power")
     assert best["non-dominated"] == cheapest["non-dominated"] in ("1", "2", "3", "4")
     assert lazy["policy"] == lazy["non-dominated"] == ""
 
