@@ -269,7 +269,8 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys
         mjlab_peer.main(peer, **given, steps=steps)
     # the second call goes on after the first: an iteration is 96 steps
     assert torch.load(peer, weights_only=False)["infos"]["env_steps"] == 192
-    mjlab_front.main((go1_run,), (peer,), 4, 2, device="cpu", output=rows)
+    few = {"tradeoffs": 4, "episodes": 2, "device": "cpu"}
+    mjlab_front.main((go1_run,), (peer,), **few, output=rows)
     assert "mjlab: lazy: dominated by" in capsys.readouterr().out
     best, cheapest, lazy = csv.DictReader(rows.read_text().splitlines())
     assert (best["policy"], cheapest["policy"]) == ("best tracking", "least power")
