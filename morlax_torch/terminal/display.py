@@ -13,7 +13,7 @@ from .cli import console, print_command
 from .live import Live, described
 from .startup import program
 
-SLOW = 1000.0  # steps/s; two CPU cores learn from 1,100 to 2,000 by hyper-sac
+SLOW = 1000.0  # steps/s; one CPU core learns from 500 by hyper-sac
 
 
 class Display:
