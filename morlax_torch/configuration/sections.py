@@ -150,7 +150,7 @@ class HyperMORLOptions(MethodOptions):
 class OffPolicyOptions(MethodOptions):
     """Options of the algorithms that learn from a replay."""
 
-    updates: Count = 32
+    updates: Count = 128
     """Gradient steps per iteration."""
     replay: int = Field(default=500_000, gt=0, lt=2**40)
     """Number of transitions to keep, of all worlds of a process."""
