@@ -24,6 +24,18 @@ def test_every_task_has_a_config_for_cpu_and_gpu(env, device):
     assert load_config(config.model_dump(mode="json")) == config
 
 
+def test_an_algorithm_changes_single_tasks_and_a_user_changes_those():
+    swimmer, walker = (
+        config_for(f"pgmorl/{name}", algorithm="hyper-sac") for name in ("swimmer", "walker2d")
+    )
+    assert (swimmer.method.discount, walker.method.discount) == (0.9975, 0.99)
+    assert swimmer.method.updates == walker.method.updates
+    shorter = read(
+        ["--env", "pgmorl/swimmer", "--algorithm", "hyper-sac", "--method.discount", "0.9"]
+    )
+    assert shorter[0].method.discount == 0.9
+
+
 def test_default_objectives_are_those_of_the_paper():
     own = [env for env in TASKS if "/" not in env]
     objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in own}

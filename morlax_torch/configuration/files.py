@@ -22,8 +22,9 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     with the prefix of a library from configs/gymnasium.yaml, configs/mjlab.yaml or
     configs/playground.yaml, and for all other tasks from configs/default.yaml. Worlds that do not
     show how an episode ended get `ppo.truncation: mask`. An algorithm other than MORLAX changes
-    what configs/algorithms/<algorithm>.yaml says. Of a file's section `gpus`, the changes for at
-    most as many GPUs as `torchrun` has started processes apply.
+    what configs/algorithms/<algorithm>.yaml says, for the task itself in the section `tasks`. Of a
+    file's section `gpus`, the changes for at most as many GPUs as `torchrun` has started processes
+    apply.
     """
     task, values = envs.get(env), default_values(device_type)
     for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):
@@ -34,7 +35,8 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
         values = merged(values, {"ppo": {"truncation": "mask"}})
     if _is_packaged(f"algorithms/{algorithm}"):
         changes = _packaged(f"algorithms/{algorithm}", device_type)
-        values = merged(values, {**changes, "algorithm": algorithm})
+        own = changes.pop("tasks", {}).get(env, {})
+        values = merged(merged(values, {**changes, "algorithm": algorithm}), own)
     return {**values, "env": env}
 
 
