@@ -36,13 +36,18 @@ class Trial:
         self.learner = MORLAX(make_worlds(config, config.worlds), config)
         self.run = Run.create(self.learner, folder)
         self.found: list[int] = []
-        iterate = self.learner.iterate
+        self.saved: list[int] = []
+        iterate, save = self.learner.iterate, self.run.save
 
         def observed(done: float) -> None:
             during(self.learner.iteration)
             iterate(done)
 
-        self.learner.iterate = observed
+        def saved(contents: dict[str, Any], *others: Any) -> None:
+            save(contents, *others)
+            self.saved.append(contents["learner"]["iteration"])
+
+        self.learner.iterate, self.run.save = observed, saved
 
     def train(self, **options: Any) -> None:
         evaluator = make_evaluator(self.learner)
@@ -50,10 +55,9 @@ class Trial:
             self.found.append(evaluation.iteration)
 
     def wait_for(self, iteration: int) -> None:
-        """Wait until the checkpoint of an iteration is written, and then its front."""
-        limit, file = time.monotonic() + 60, self.run.checkpoints / "latest.pt"
-        front = checkpoint.front_path(file)
-        while self.latest < iteration or front.stat().st_mtime_ns < file.stat().st_mtime_ns:
+        """Wait until the files of an evaluation are complete."""
+        limit = time.monotonic() + 60
+        while iteration not in self.saved:
             assert time.monotonic() < limit
             time.sleep(0.01)
 
