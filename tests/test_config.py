@@ -36,6 +36,13 @@ def test_an_algorithm_changes_single_tasks_and_a_user_changes_those():
     assert shorter[0].method.discount == 0.9
 
 
+def test_an_algorithm_changes_tasks_that_have_a_config():
+    folder = Path(str(resources.files("morlax_torch.configs")))
+    for file in (folder / "algorithms").glob("*.yaml"):
+        for env in yaml.safe_load(file.read_text()).get("tasks", {}):
+            assert (folder / f"{env.replace(':', '/')}.yaml").is_file(), env
+
+
 def test_default_objectives_are_those_of_the_paper():
     own = [env for env in TASKS if "/" not in env]
     objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in own}

@@ -13,7 +13,7 @@ from .cli import console, print_command
 from .live import Live, described
 from .startup import program
 
-SLOW = 1000.0  # steps/s; one CPU core learns from 500 by hyper-sac
+SLOW = 1000.0  # steps/s; hyper-sac learns from 500 on one CPU core
 
 
 class Display:
