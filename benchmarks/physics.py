@@ -2,16 +2,17 @@
 
     python benchmarks/physics.py --env cheetah --trials iterations=2 block.linesearch_iterative=64
 
-Every trial is measured between two runs of the task's own settings, and printed as their ratio.
+Every trial is measured between two runs of the task's own settings, and printed as the ratio to
+their mean.
 """
 
 import csv
+import os
 from dataclasses import fields
 from pathlib import Path
 
 import torch
 import tyro
-from rich.table import Table
 from throughput import milliseconds
 
 from morlax_torch import config_for
@@ -53,22 +54,19 @@ def main(
         seconds: Approximate duration of each measurement, in seconds.
         output: CSV file to write.
     """
-    place, rows = resolve_device(device), []
-    for task in env:
-        before = steps_per_second(task, worlds, "", place, seconds)
-        for trial in trials:
-            found = steps_per_second(task, worlds, trial, place, seconds)
-            after = steps_per_second(task, worlds, "", place, seconds)
-            rows.append((task, trial, before, found, after, 2 * found / (before + after)))
-            before = after
-    columns = "task", "trial", "steps/s before", "steps/s", "steps/s after", "ratio"
-    table = Table(*columns, title=str(place))
-    for row in rows:
-        table.add_row(*(f"{x:.4g}" if isinstance(x, float) else x for x in row))
-    console.print(table)
-    if output is not None:
-        with output.open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([columns, *rows])
+    place = resolve_device(device)
+    with open(output or os.devnull, "w", newline="", buffering=1) as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["task", "trial", "steps/s before", "steps/s", "steps/s after", "ratio"])
+        for task in env:
+            before = steps_per_second(task, worlds, "", place, seconds)
+            for trial in trials:
+                found = steps_per_second(task, worlds, trial, place, seconds)
+                after = steps_per_second(task, worlds, "", place, seconds)
+                ratio = 2 * found / (before + after)
+                writer.writerow([task, trial, before, found, after, ratio])
+                console.print(f"{task} {trial}: {found:.4g} steps/s, {ratio:.3f} times as fast")
+                before = after
 
 
 def steps_per_second(
