@@ -1,6 +1,7 @@
 """Training works in any Gymnasium environment with vector rewards."""
 
 import csv
+import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -81,6 +82,11 @@ def test_worlds_expose_objectives_spaces_and_limits():
     assert worlds.action_space.shape == (1,)
     assert worlds.reward_space.shape == (2,)
     assert worlds.overflow().tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(("task", "dt"), [("gymnasium:mo-hopper-v5", 0.008), (CAR, math.inf)])
+def test_control_steps_last_as_long_as_the_environment_says(task, dt):
+    assert envs.make(task, 1, "cpu").dt == pytest.approx(dt)
 
 
 def test_observations_are_flattened_and_actions_rescaled(point):

@@ -195,6 +195,26 @@ def test_exploration_is_random_at_first_and_then_noise_around_the_policy(monkeyp
     assert noise.std().item() == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("task", "hold", "share"),
+    [
+        ("cheetah", 0, 0),
+        ("cheetah", 0.01, 0),  # a control step
+        ("cheetah", 0.02, 0.5),
+        ("cheetah", 0.04, 0.75),
+        (TASK, 1, 0),  # whose control steps have no duration
+    ],
+)
+def test_exploration_holds_its_noise_for_a_time(task, hold, share, generator):
+    learner = trained(small("hyper-sac", env=task, **{"method.hold": hold}), 0)
+    explore, seen = learner._choose(), learner.rollout.observation[0]
+    drawn = torch.randn(50, *learner.rollout.action[0].shape, generator=generator)
+    actions = torch.stack([explore(seen, noise)[0] for noise in drawn])
+    equal = (actions[1:] == actions[:-1]).all(-1).float()
+    assert equal.mean().item() == pytest.approx(share, abs=0.05)
+    assert equal[:, 0, 0].std() > 0 or not share  # not all steps of some worlds
+
+
 def test_a_run_without_its_replay_fills_it_before_it_learns():
     config = small("hyper-sac", 20, **{"method.start": 600})
     learner = trained(config, 3)

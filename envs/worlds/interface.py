@@ -1,5 +1,6 @@
 """The interface between a learner and many copies of a task, whatever simulates them."""
 
+import math
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -47,6 +48,7 @@ class Worlds(ABC):
     device: torch.device
     auto_reset: bool
     episode_length: int
+    dt: float = math.inf  # seconds of a control step; infinite: unknown
     observation_size: int
     privileged_size: int = 0  # P, the number of features that only critics see
     action_size: int

@@ -74,7 +74,6 @@ class State(Protocol):
 class Robot(Worlds):
     """N worlds of a robot whose MuJoCo model is known."""
 
-    dt: float  # seconds of a control step
     physics: State
     # Limits of each number of `command` (N, C), such as a velocity, by name. Anyone may write
     # `command` between steps.

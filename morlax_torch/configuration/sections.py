@@ -182,6 +182,9 @@ class HyperSACOptions(OffPolicyOptions):
     """Entropy per action that the temperature aims at."""
     temperature: float = Field(default=0.02, gt=0, le=100)
     """Initial weight of the entropy, in units of scaled rewards."""
+    hold: float = Field(default=0.02, ge=0, le=100)
+    """Mean time in seconds that a world explores with the same noise, where control steps are
+    shorter."""
 
 
 class PDMORLOptions(OffPolicyOptions):

@@ -23,7 +23,6 @@ class MjlabRobot(MjlabWorlds, Robot):
 
     def _open(self, seed: int) -> None:
         super()._open(seed)
-        self.dt = self.env.step_dt
         self.physics = _MjlabState(self.env.sim, self.env.cfg.viewer.distance)
         self.command_limits = {}
         for name, term in self.env.cfg.commands.items():

@@ -67,7 +67,8 @@ class MjlabWorlds(ForeignWorlds):
             self.env = build(self.name, partial(self.config, seed), self.device)
             groups, _ = self.env.reset()
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
-        self._time_step = self.env.step_dt if self.env.cfg.scale_rewards_by_dt else 1.0
+        self.dt = self.env.step_dt
+        self._time_step = self.dt if self.env.cfg.scale_rewards_by_dt else 1.0
         self.actor_group = actor_group(groups, self.name)
         self.action_size = self.env.action_manager.total_action_dim
         self.observation_size = groups[self.actor_group].shape[1]

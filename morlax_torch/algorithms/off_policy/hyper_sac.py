@@ -51,13 +51,16 @@ class HyperSAC(OffPolicy):
             ClippedAdam([self.log_temperature], TEMPERATURE_RATE, math.inf, group=group),
         )
         self._drawn = self.tradeoffs.clone()  # to learn
+        self._noise = torch.zeros_like(self.rollout.action[0])  # that explored last
+        hold = self.options.hold
+        self._repeat = max(0.0, 1 - env.dt / hold) if hold else 0.0  # probability per step
         self._gains = torch.zeros(env.num_worlds, m, device=device)  # discounted, of episodes
         self._squares = torch.zeros(m, device=device)  # their mean square
         self._seen = torch.zeros((), device=device)  # steps that it is a mean of
 
     @property
     def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, "gains"
+        return *super().per_process, "gains", "noise"
 
     def _start_here(self) -> None:
         super()._start_here()
@@ -65,7 +68,16 @@ class HyperSAC(OffPolicy):
 
     def _choose(self) -> Explore:
         draw(self.config, self.tradeoffs, self.generator, self._done)
-        return self.agent.actors(self.tradeoffs).explore
+        actors = self.agent.actors(self.tradeoffs)
+        if not self._repeat:
+            return actors.explore
+
+        def explore(observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+            draws = torch.empty_like(noise[..., :1]).uniform_(generator=self.generator)
+            self._noise.copy_(torch.where(draws < self._repeat, self._noise, noise))
+            return actors.explore(observation, self._noise)
+
+        return explore
 
     def _observe(self, rollout: Rollout) -> None:
         over = (rollout.terminated | rollout.truncated).flatten(1)[..., None]
@@ -139,5 +151,6 @@ class HyperSAC(OffPolicy):
             "temperature": [self.log_temperature.detach()],
             "scale": [self._squares, self._seen],
             "gains": [self._gains],
+            "noise": [self._noise],
             **super()._tensors(),
         }
