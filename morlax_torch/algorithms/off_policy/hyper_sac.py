@@ -29,7 +29,9 @@ class HyperSAC(OffPolicy):
     Each of an iteration's `method.updates` gradient steps draws K new trade-offs and gives each of
     them transitions of all worlds, whichever trade-off acted there: rewards are stored as vectors,
     so every transition teaches every trade-off. Critics predict one soft value per objective, and
-    each sample's target is that of the twin with the smaller weighted value.
+    each sample's target is that of the twin with the smaller weighted value. In short control
+    steps, exploration holds its noise for a random number of them, `method.hold` seconds on average
+    (after FlashSAC, Kim et al., 2026).
 
     It needs `network.type: dual`, and takes the arguments of `OffPolicy`.
     """
