@@ -135,7 +135,8 @@ class GymnasiumWorlds(ForeignWorlds):
         self._box = one.env.action_space
         self.action_size = int(np.prod(self._box.shape))
         self.observation_size = observation_size(self.name, one.space)
-        if isinstance(dt := getattr(one.env.unwrapped, "dt", None), float):  # as in MuJoCo's
+        dt = getattr(one.env.unwrapped, "dt", None)  # MuJoCo's environments have it
+        if isinstance(dt, float) and dt > 0:
             self.dt = dt
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
         self._found = np.zeros((self.num_worlds, self.observation_size))  # as environments give it

@@ -183,7 +183,7 @@ class HyperSACOptions(OffPolicyOptions):
     temperature: float = Field(default=0.02, gt=0, le=100)
     """Initial weight of the entropy, in units of scaled rewards."""
     hold: float = Field(default=0.02, ge=0, le=100)
-    """Mean time in seconds that a world explores with the same noise, where control steps are
+    """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
 
 
