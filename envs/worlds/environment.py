@@ -19,7 +19,9 @@ from . import checks, designs, episodes, randomization
 from .designs import Bank
 from .episodes import Starts, around
 from .interface import TimeStep
-from .options import TaskOptions
+from .mirror import Mirror
+from .mirroring import PAIRS, find_mirror
+from .options import Randomization, TaskOptions
 from .randomization import Delay, Noise, Pushes
 from .robot import Part, Robot
 
@@ -412,6 +414,17 @@ class Environment(Robot):
                 for name, value in (part.state if part else {}).items()
             },
         }
+
+    def mirror(self) -> Mirror:
+        """Return how observations and actions are mirrored, found by an experiment.
+
+        Raises:
+            MorlaxError: left and right of the robot or of its objectives differ.
+        """
+        changes = {"randomization": Randomization(), "stagger": False}
+        options, cpu = self.options.model_copy(update=changes), torch.device("cpu")
+        kind = {"auto_reset": False, "deterministic": False}
+        return find_mirror(self.build(options, 2 * PAIRS, cpu, "mujoco", 0, **kind))
 
     def overflow(self) -> Tensor:
         return self.physics.overflow()

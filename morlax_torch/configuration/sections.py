@@ -60,6 +60,9 @@ class NetworkConfig(Section):
     symmetric: bool = False
     """Answer mirrored observations by mirrored actions, and give them the same value; for robots
     whose left and right are alike, in worlds that know how they look in a mirror."""
+    asymmetry: float = Field(default=0.0, ge=0, le=1)
+    """How far answers may be from symmetric ones with network.symmetric: 0 not at all, 1 as far as
+    without. A robot that starts exactly symmetric needs some, such as 0.3, for its first step."""
     output_scale: float = Field(default=1.0, ge=0, le=100)
     """Factor on the initial weights of the actors' output layer: a small one starts from actions
     close to zero."""

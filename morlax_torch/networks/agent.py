@@ -157,10 +157,10 @@ class Agent(nn.Module):
             spread = acted._replace(sign=torch.ones(action_size))
             outputs = Reflection.joined([acted, spread])
             inputs = [seen.first(observation_size), none(conditions)]
-            actor = Symmetric(actor, Reflection.joined(inputs), outputs)
+            actor = Symmetric(actor, Reflection.joined(inputs), outputs, sizes.asymmetry)
             inputs = [seen, *([acted] if config.off_policy else []), none(conditions)]
             values = none(2 * num_values if config.off_policy else num_values)
-            critic = Symmetric(critic, Reflection.joined(inputs), values)
+            critic = Symmetric(critic, Reflection.joined(inputs), values, sizes.asymmetry)
 
         def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
             return Hypernetwork(

@@ -1,7 +1,6 @@
 """The mirror of a robot of mjlab, found in its model.
 
-Joints and feet are partners if they lie at mirrored places in the model's zero pose. A hinge turns
-around an axial vector: a mirror that flips y turns the axis (x, y, z) into (-x, y, -z).
+Joints and feet are partners if they lie at mirrored places in the model's zero pose.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,10 +10,8 @@ import mujoco
 import numpy as np
 
 from ...errors import MorlaxError
-from ..mirror import Mirror, Reflection
+from ..mirror import FLIP, PARALLEL, Mirror, Reflection, of_joints, partners
 
-FLIP = np.array([1.0, -1.0, 1.0])  # of positions and velocities
-NEAR, PARALLEL = 0.01, 0.99  # meters between partners; cosine of the angle between their axes
 POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROMETER)
 
 
@@ -76,10 +73,8 @@ class _Robot:
         joints = [self.model.joint(f"{self.name}/{name}").id for name in names]
         places = np.array([self.at(self.data.xanchor[joint]) for joint in joints])
         axes = np.array([self.data.xaxis[joint] @ self.frame for joint in joints])
-        apart = np.linalg.norm(places[:, None] * FLIP - places, axis=-1)
-        alike = (axes[:, None] * -FLIP * axes).sum(-1)
-        order = _partners(apart + (abs(alike) < PARALLEL) * NEAR, names)
-        return Reflection.of(order, np.sign([alike[i, k] for i, k in enumerate(order)]).tolist())
+        slides = self.model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE
+        return of_joints(places, axes, slides, names)
 
     def joints(self, params: dict[str, Any]) -> Reflection:
         names = np.array(self.entity.joint_names)
@@ -122,9 +117,8 @@ class _Robot:
     def pairs(self, places: Sequence[tuple[str, str]]) -> tuple[list[int], list[float]]:
         """Return the partners of bodies, geoms or sites, given as (type, name)."""
         found = [self.at(getattr(self.data, kind)(name).xpos) for kind, name in places]
-        points = np.array(found)
-        apart = np.linalg.norm(points[:, None] * FLIP - points, axis=-1)
-        return _partners(apart, [name for _, name in places]), [1.0] * len(places)
+        names = [name for _, name in places]
+        return partners(np.array(found), names), [1.0] * len(places)
 
     def forces(self, params: dict[str, Any]) -> Reflection:
         """Reflect a force in the frame of the world for each foot."""
@@ -135,14 +129,3 @@ class _Robot:
 
 def _vector(signs: Sequence[float] | np.ndarray) -> Reflection:
     return Reflection.of(range(3), list(signs))
-
-
-def _partners(apart: np.ndarray, names: Sequence[str]) -> list[int]:
-    """Return the index of the nearest one for each, if partners choose each other."""
-    order = apart.argmin(1)
-    for i, k in enumerate(order):
-        if order[k] != i or apart[i, k] >= NEAR:
-            raise MorlaxError(
-                f"{names[i]} has no mirrored partner on the robot: set network.symmetric to false."
-            )
-    return order.tolist()
