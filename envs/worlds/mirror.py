@@ -54,7 +54,7 @@ class Reflection(NamedTuple):
 
     def __call__(self, features: Tensor) -> Tensor:
         """Reflect features (..., S)."""
-        return features[..., self.order] * self.sign
+        return features.index_select(-1, self.order) * self.sign
 
     def to(self, device: torch.device) -> Self:
         return self._replace(order=self.order.to(device), sign=self.sign.to(device))

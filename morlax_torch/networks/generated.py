@@ -8,10 +8,11 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
+from ..envs.worlds.mirror import Reflection
 from ..gpu import fused
 from .family import on_simplex
 from .mlp import mlp_sizes
-from .symmetric import Symmetric, reflected
+from .symmetric import Symmetric
 
 
 class Generated(nn.Module, ABC):
@@ -74,15 +75,14 @@ class Generated(nn.Module, ABC):
         """Run K symmetric MLPs on x (K, B, I): each on its rows and their images at once."""
         symmetric, buffers = self._target[0], self._buffers_of_family()
         assert isinstance(symmetric, Symmetric) and self._mlp
-        image = reflected(x, buffers["inputs_order"], buffers["inputs_sign"])
-        rows, run = torch.cat([x, image], 1), partial(functional_call, symmetric.network)
+        inputs = Reflection(buffers["inputs_order"], buffers["inputs_sign"])
+        outputs = Reflection(buffers["outputs_order"], buffers["outputs_sign"])
+        rows, run = torch.cat([x, inputs(x)], 1), partial(functional_call, symmetric.network)
         generated = [parameters[name] for name in self.shapes]
         named = {name.removeprefix("network."): parameters[name] for name in self.shapes}
         found = fused.mlps(rows, self._mlp, generated, partial(vmap(run), named, rows))
-        own, other = found.chunk(2, 1)
-        return symmetric.mixed(
-            own, reflected(other, buffers["outputs_order"], buffers["outputs_sign"])
-        )
+        own, image = found.chunk(2, 1)
+        return symmetric.mixed(own, outputs(image))
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """Run one network, with parameters of the target's own shapes, on the target's inputs."""

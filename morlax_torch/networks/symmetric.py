@@ -35,15 +35,11 @@ class Symmetric(nn.Module):
     outputs_sign: Tensor
 
     def forward(self, x: Tensor) -> Tensor:
-        image = self.network(reflected(x, self.inputs_order, self.inputs_sign))
-        return self.mixed(self.network(x), reflected(image, self.outputs_order, self.outputs_sign))
+        inputs = Reflection(self.inputs_order, self.inputs_sign)
+        outputs = Reflection(self.outputs_order, self.outputs_sign)
+        return self.mixed(self.network(x), outputs(self.network(inputs(x))))
 
     def mixed(self, own: Tensor, mirrored: Tensor) -> Tensor:
         """Return f(x) from g(x) and M'g(Mx)."""
         mine, its = self.shares
         return mine * own + its * mirrored
-
-
-def reflected(x: Tensor, order: Tensor, sign: Tensor) -> Tensor:
-    """Reflect features (..., S), of which the i-th becomes sign[i] times the order[i]-th."""
-    return x.index_select(-1, order) * sign
