@@ -25,7 +25,7 @@ def find_mirror(worlds: Robot) -> Mirror:
     """Return the mirror of a robot, which `network.symmetric` needs.
 
     Args:
-        worlds: 2 * PAIRS worlds of it in C MuJoCo, all alike, without automatic resets.
+        worlds: 2 * PAIRS worlds of the robot in C MuJoCo, all alike, without automatic resets.
 
     Raises:
         MorlaxError: left and right of the robot or of its objectives differ, it has none, or an
@@ -118,7 +118,7 @@ def _matching(own: Tensor, image: Tensor) -> Reflection:
     """Return the reflection of features (n, S) that explains what the images saw, (n, S).
 
     Raises:
-        MorlaxError: there is none.
+        MorlaxError: no reflection does.
     """
     own, image = own.double(), image.double()
     energy, product = own.square().mean(0), image.T @ own / len(own)
