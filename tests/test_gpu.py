@@ -219,7 +219,7 @@ def test_a_learner_trains_on_the_second_gpu():
 
 def tf32_learner(task: str, device: str = "cuda", **ppo: Any) -> MORLAX:
     """Build a learner whose policies and values depend on the trade-off, unlike at the start."""
-    network = {"symmetric": task == "walker", "asymmetry": 0.3}
+    network = {"symmetric": True, "asymmetry": 0.3} if task == "walker" else {}
     config = load_config({"env": task, **SMALL, "network": network, "ppo": {**SMALL["ppo"], **ppo}})
     torch.set_float32_matmul_precision("highest")
     morlax = MORLAX(envs.make(task, config.worlds, device, deterministic=True), config)

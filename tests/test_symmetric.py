@@ -61,10 +61,7 @@ def test_symmetric_policies_can_be_exported(tmp_path, format, tradeoff):
 def test_asymmetry_leads_from_symmetric_networks_to_plain_ones(generator):
     plain = mlp(13, (8,), 8, generator)
     reflections = SEEN, Reflection.joined([ACTED, ACTED._replace(sign=torch.ones(4))])
-    x, tradeoffs = (
-        torch.randn(2, 5, 13, generator=generator),
-        torch.tensor([[1.0, 0.0], [0.2, 0.8]]),
-    )
+    x, tradeoffs = torch.randn(2, 5, 13, generator=generator), torch.eye(2)
 
     def answer(asymmetry: float) -> torch.Tensor:
         family = Hypernetwork(Symmetric(plain, *reflections, asymmetry), 2)
@@ -94,7 +91,7 @@ def test_a_mirror_exchanges_left_and_right_joints_and_motors(task):
             sides = {"_left_joint": "_joint", "_joint": "_left_joint"}
         side = next((side for side in sides if side in name), "")
         assert other == name.replace(side, sides.get(side, ""), 1)
-        if len([each for each in names if each == name]) == 1:
+        if names.count(name) == 1:
             assert factor == (-1.0 if any(part in name for part in FLIPPED) else 1.0)
     joints = [env.physics.model.joint(i).name for i in env.physics.model.actuator_trnid[:, 0]]
     seen = [names.index(f"position.{joint}") for joint in joints]
@@ -115,6 +112,11 @@ def test_a_mirror_exchanges_left_and_right_joints_and_motors(task):
 def test_robots_without_a_mirror_are_refused(task, reason):
     with pytest.raises(MorlaxError, match=reason):
         envs.make(task, 1, "cpu").mirror()
+
+
+def test_asymmetry_without_symmetry_is_refused():
+    with pytest.raises(MorlaxError, match=r"network\.asymmetry needs network\.symmetric"):
+        tiny("walker", **{"network.asymmetry": 0.3})
 
 
 def test_worlds_that_know_no_mirror_are_refused():

@@ -32,7 +32,6 @@ class Generated(nn.Module, ABC):
         self.sizes = [shape.numel() for shape in self.shapes.values()]
         # The tuple hides the target from nn.Module: its own parameters are not used.
         self._target = (copy.deepcopy(target).requires_grad_(False),)
-        self._mirrored = isinstance(target, Symmetric)
         self._mlp = mlp_sizes(target.network if isinstance(target, Symmetric) else target)
         self._names_of_buffers = list(dict(target.named_buffers()))
         for index, buffer in enumerate(target.buffers()):
@@ -66,23 +65,24 @@ class Generated(nn.Module, ABC):
         definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
         if not self._mlp or len(inputs) != 1:
             return definition()
-        if self._mirrored:
-            return self._run_mirrored(parameters, *inputs)
+        if isinstance(self._target[0], Symmetric):
+            return self._run_mirrored(self._target[0], self._mlp, parameters, *inputs)
         generated = [parameters[name] for name in self.shapes]
         return fused.mlps(inputs[0], self._mlp, generated, definition)
 
-    def _run_mirrored(self, parameters: dict[str, Tensor], x: Tensor) -> Tensor:
-        """Run K symmetric MLPs on x (K, B, I): each on its rows and their images at once."""
-        symmetric, buffers = self._target[0], self._buffers_of_family()
-        assert isinstance(symmetric, Symmetric) and self._mlp
+    def _run_mirrored(
+        self, target: Symmetric, sizes: tuple[int, ...], parameters: dict[str, Tensor], x: Tensor
+    ) -> Tensor:
+        """Run K symmetric MLPs, each on its rows of x (K, B, I) and their images at once."""
+        buffers = self._buffers_of_family()
         inputs = Reflection(buffers["inputs_order"], buffers["inputs_sign"])
         outputs = Reflection(buffers["outputs_order"], buffers["outputs_sign"])
-        rows, run = torch.cat([x, inputs(x)], 1), partial(functional_call, symmetric.network)
+        rows, run = torch.cat([x, inputs(x)], 1), partial(functional_call, target.network)
         generated = [parameters[name] for name in self.shapes]
         named = {name.removeprefix("network."): parameters[name] for name in self.shapes}
-        found = fused.mlps(rows, self._mlp, generated, partial(vmap(run), named, rows))
+        found = fused.mlps(rows, sizes, generated, partial(vmap(run), named, rows))
         own, image = found.chunk(2, 1)
-        return symmetric.mixed(own, outputs(image))
+        return target.mixed(own, outputs(image))
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """Run one network, with parameters of the target's own shapes, on the target's inputs."""
