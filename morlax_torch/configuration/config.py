@@ -184,7 +184,9 @@ class Config(Section):
         if self.network.type == "independent" and "network.type" not in required:
             raise ValueError("network.type independent needs algorithm independent or pg-morl")
         if self.network.asymmetry and not self.network.symmetric:
-            raise ValueError("network.asymmetry needs network.symmetric: set both, or neither")
+            raise ValueError(
+                "network.asymmetry needs network.symmetric: set that too, or network.asymmetry to 0"
+            )
         if self.sampling.designs and self.algorithm not in DESIGNING:
             raise ValueError(
                 f"algorithm {self.algorithm} cannot train with many bodies: set sampling.designs "
