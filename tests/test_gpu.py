@@ -4,6 +4,7 @@ import gc
 from typing import Any
 
 import gymnasium
+import mujoco_warp
 import pytest
 import torch
 from tiny import Blind
@@ -19,6 +20,10 @@ from morlax_torch.gpu.graph import Branch, Graph
 pytestmark = [
     pytest.mark.gpu,
     pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device"),
+    pytest.mark.skipif(
+        not hasattr(mujoco_warp.Option, "deterministic"),
+        reason="MuJoCo Warp before 4.0 has no deterministic mode",
+    ),
 ]
 SMALL = {"worlds": 256, "horizon": 8, "ppo": {"minibatches": 4, "epochs": 2}}
 
