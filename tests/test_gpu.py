@@ -224,7 +224,8 @@ def test_a_learner_trains_on_the_second_gpu():
 
 def tf32_learner(task: str, device: str = "cuda", **ppo: Any) -> MORLAX:
     """Build a learner whose policies and values depend on the trade-off, unlike at the start."""
-    config = load_config({"env": task, **SMALL, "ppo": {**SMALL["ppo"], **ppo}})
+    network = {"symmetric": True, "asymmetry": 0.3} if task == "walker" else {}
+    config = load_config({"env": task, **SMALL, "network": network, "ppo": {**SMALL["ppo"], **ppo}})
     torch.set_float32_matmul_precision("highest")
     morlax = MORLAX(envs.make(task, config.worlds, device, deterministic=True), config)
     assert torch.get_float32_matmul_precision() == "high"  # building a learner enables TF32
@@ -252,7 +253,7 @@ def learn_from(
 
 
 @pytest.mark.parametrize("device", ["cuda", pytest.param("cuda:1", marks=two_gpus)])
-@pytest.mark.parametrize("task", ["cheetah", "ant", "humanoid"])
+@pytest.mark.parametrize("task", ["cheetah", "ant", "humanoid", "walker"])
 def test_an_update_with_fused_kernels_is_that_of_torch(task: str, device: str, monkeypatch):
     one_step = {"minibatches": 1, "epochs": 1}
     found = tf32_learner(task, device, **one_step)
