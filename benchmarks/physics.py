@@ -11,6 +11,7 @@ import os
 from dataclasses import fields
 from pathlib import Path
 
+import mujoco_warp
 import torch
 import tyro
 from throughput import milliseconds
@@ -22,6 +23,7 @@ from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.terminal.cli import console
 
+SPEEDS = "steps/s before", "steps/s", "steps/s after", "ratio"
 STEPS = 20  # control steps of a recorded graph
 BUFFERS = "nconmax", "njmax"
 TRIALS = (
@@ -57,14 +59,15 @@ def main(
     place = resolve_device(device)
     with open(output or os.devnull, "w", newline="", buffering=1) as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["task", "trial", "steps/s before", "steps/s", "steps/s after", "ratio"])
+        writer.writerow(["task", "trial", *SPEEDS, "MuJoCo Warp"])
         for task in env:
             before = steps_per_second(task, worlds, "", place, seconds)
             for trial in trials:
                 found = steps_per_second(task, worlds, trial, place, seconds)
                 after = steps_per_second(task, worlds, "", place, seconds)
                 ratio = 2 * found / (before + after)
-                writer.writerow([task, trial, before, found, after, ratio])
+                speeds = before, found, after, ratio
+                writer.writerow([task, trial, *speeds, mujoco_warp.__version__])
                 console.print(f"{task} {trial}: {found:.4g} steps/s, {ratio:.3f} times as fast")
                 before = after
 

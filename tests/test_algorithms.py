@@ -150,6 +150,17 @@ def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
     assert_close(torch.stack(farthest), torch.tensor([0.0, 0.375, 0.75, 0.75]))
 
 
+@pytest.mark.parametrize("algorithm", ["morlax", "hyper-sac"])
+@pytest.mark.parametrize("corners", [0, 2])
+def test_draws_from_cells_spread_beside_the_corners(algorithm, corners):
+    changes = {"sampling.cells": True, "sampling.corners": corners}
+    learner = trained(small(algorithm, 8, **changes), 2)
+    others, rest = learner.tradeoffs.split([CLUSTERS - corners, corners])
+    cells = torch.cdist(others, even_tradeoffs(len(others), 2)).argmin(1)
+    assert torch.equal(cells, torch.arange(len(others)))
+    assert torch.equal(rest, torch.eye(corners, 2))
+
+
 def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork():
     learner = trained(small("hyper-morl", 20, **{"method.warmup": 0.15}), 3)
     assert isinstance(learner, HyperMORL) and learner.warming_up

@@ -100,6 +100,7 @@ USUAL: dict[str, st.SearchStrategy] = {
     "sampling.clusters": st.sampled_from((2, 4, 8)),
     "sampling.corners": st.sampled_from((None, 0, 2)),
     "sampling.alpha": st.floats(1e-3, 1e6),
+    "sampling.cells": st.booleans(),
     "network.type": st.sampled_from(("dual", "single", "conditioned")),
     "network.hidden": LAYERS,
     "network.features": st.integers(1, 16),

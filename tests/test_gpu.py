@@ -25,7 +25,12 @@ pytestmark = [
         reason="MuJoCo Warp before 4.0 has no deterministic mode",
     ),
 ]
-SMALL = {"worlds": 256, "horizon": 8, "ppo": {"minibatches": 4, "epochs": 2}}
+SMALL = {
+    "worlds": 256,
+    "horizon": 8,
+    "sampling": {"cells": True},
+    "ppo": {"minibatches": 4, "epochs": 2},
+}
 
 
 def trainer(

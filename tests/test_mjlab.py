@@ -17,6 +17,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import Front, MorlaxError, Policy, config_for, envs, evaluate, load, train
 from morlax_torch.choose import choose
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import task_values
 from morlax_torch.envs.worlds.mjlab import quantities, worlds
 from morlax_torch.envs.worlds.mjlab.mirror import mirror_of
 from morlax_torch.envs.worlds.mjlab.step import MaskedStep
@@ -144,6 +146,14 @@ def test_tuned_configs_name_terms_of_the_task(robot):
     config, _, _ = read(["--env", f"mjlab:Mjlab-Velocity-Flat-Unitree-{robot}", "--device", "cpu"])
     assert len(config.task.objectives) >= 3
     assert config.task.guide and "tracking" in config.task.objectives
+
+
+@pytest.mark.parametrize("robot", ["Go1", "G1"])
+def test_hyper_sac_has_more_worlds_on_a_gpu_than_on_a_cpu(robot):
+    env = f"mjlab:Mjlab-Velocity-Flat-Unitree-{robot}"
+    gpu, cpu = (load_config(task_values(env, place, "hyper-sac")) for place in ("cuda", "cpu"))
+    assert gpu.worlds >= 1024 and cpu.worlds == 128
+    assert gpu.method.entropy == cpu.method.entropy == 0
 
 
 def test_other_objectives_drop_a_focus_that_weighs_the_tuned_ones():

@@ -13,6 +13,7 @@ from ..envs.devices import restore_generator, seed_of
 from ..gpu.graph import Graph
 from ..gpu.group import Group
 from ..networks.agent import Agent
+from .draws import TradeoffDraws
 from .learner import Learner
 from .rollout import Episodes, Rollout
 
@@ -61,6 +62,7 @@ class BaseLearner(Learner):
             torch.set_float32_matmul_precision("high")  # TF32
         self.generator = torch.Generator(device).manual_seed(seed_of(config.seed, group.rank))
         self.tradeoffs = torch.full((config.num_clusters, m), 1 / m, device=device)
+        self._draws = TradeoffDraws(config, m, device)
         self.rollout = Rollout.empty(config.horizon, config.num_clusters, env)
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)

@@ -7,22 +7,11 @@ from torch import Tensor
 
 from ..configuration.config import Config
 from ..configuration.sections import HyperMORLOptions
-from ..configuration.tradeoffs import even_tradeoffs, sample_cells, sample_tradeoffs
+from ..configuration.tradeoffs import even_tradeoffs, sample_cells
 from ..envs import Worlds
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
 from .trainer import Trainer
-
-
-def draw(config: Config, tradeoffs: Tensor, generator: torch.Generator, done: Tensor) -> None:
-    """Draw trade-offs (K, m) as `config.sampling` says when a share () of training is done."""
-    sampling = config.sampling
-    sample_tradeoffs(tradeoffs, config.num_corners(tradeoffs.shape[1]), sampling.alpha, generator)
-    if sampling.focus is not None:
-        # filled on the device, because a recorded graph cannot copy from the CPU
-        focus = torch.stack([torch.full_like(done, weight) for weight in sampling.focus])
-        away = (done / sampling.widen).clamp(max=1.0)
-        tradeoffs.copy_(torch.lerp(focus / focus.sum(), tradeoffs, away))
 
 
 class MORLAX(Trainer):
@@ -49,7 +38,7 @@ class MORLAX(Trainer):
     """
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
-        draw(self.config, tradeoffs, generator, self._done)
+        self._draws.fill(tradeoffs, generator, self._done)
 
 
 class AMOR(Trainer):
@@ -74,7 +63,7 @@ class AMOR(Trainer):
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
         kept = tradeoffs.clone()
-        draw(self.config, tradeoffs, generator, self._done)
+        self._draws.fill(tradeoffs, generator, self._done)
         if self.config.sampling.mode == "dense":
             tradeoffs.copy_(torch.where(self._ended, tradeoffs, kept))
 

@@ -35,7 +35,7 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
         values = merged(values, {"ppo": {"truncation": "mask"}})
     if _is_packaged(f"algorithms/{algorithm}"):
         changes = _packaged(f"algorithms/{algorithm}", device_type)
-        own = changes.pop("tasks", {}).get(env, {})
+        own = _fitted(changes.pop("tasks", {}).get(env, {}), device_type)
         values = merged(merged(values, {**changes, "algorithm": algorithm}), own)
     return {**values, "env": env}
 

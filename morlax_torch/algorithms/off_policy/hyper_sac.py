@@ -12,7 +12,6 @@ from ...envs import Worlds
 from ...gpu.optimizer import ClippedAdam
 from ...networks.gaussian import TanhNormal
 from ...networks.twins import smaller
-from ..methods import draw
 from ..rollout import Explore, Rollout
 from .learner import OffPolicy
 from .replay import Transitions
@@ -69,7 +68,7 @@ class HyperSAC(OffPolicy):
         self._gains.zero_()
 
     def _choose(self) -> Explore:
-        draw(self.config, self.tradeoffs, self.generator, self._done)
+        self._draws.fill(self.tradeoffs, self.generator, self._done)
         actors = self.agent.actors(self.tradeoffs)
         if not self._repeat:
             return actors.explore
@@ -106,7 +105,7 @@ class HyperSAC(OffPolicy):
         agent, options, K = self.agent, self.options, len(self.tradeoffs)
         (target,), (actor, critic, tempering) = self.targets, self.optimizers
         scale, temperature = self._scale(), self.log_temperature.detach().exp()
-        draw(self.config, self._drawn, self.generator, self._done)
+        self._draws.fill(self._drawn, self.generator, self._done)
         weights = self._drawn * scale
         weights = (weights / weights.sum(-1, keepdim=True))[:, None]  # (K, 1, m)
         drawn = self.replay.sample(options.batch, options.steps, options.discount, self.generator)
