@@ -291,7 +291,8 @@ def test_a_family_without_designs_trains_as_the_usual_robot_bit_for_bit():
     changes = {name: value for name, value in SMALL.items() if "designs" not in name}
     states = []
     for task in ("hopper", "design/hopper"):
-        config = morlax_torch.config_for(task, **changes, **{"sampling.designs": 0})
+        same = {"sampling.designs": 0, "sampling.cells": False}
+        config = morlax_torch.config_for(task, **changes, **same)
         learner = MORLAX(config.make_worlds(16, 0), config)
         for _ in range(3):
             learner.iterate()
