@@ -26,9 +26,9 @@ class SamplingConfig(Section):
     alpha: float = Field(default=1.0, ge=1e-3, le=1e6)
     """Concentration of the Dirichlet distribution; 1 is uniform on the simplex."""
     cells: bool = False
-    """Draw the trade-offs beside the corners from one cell each of an even grid, instead of that
-    distribution: more evenly, and more of them near the corners. For sparse sampling with at least
-    as many of them as objectives."""
+    """Draw the trade-offs beside the corners from one cell each of an even grid, not from that
+    distribution: evenly, but more often near corners. Has no effect with dense sampling, or with
+    fewer of them than objectives."""
     designs: Annotated[int, Field(ge=0, le=100_000)] = 0
     """Number of bodies to train with, of robots with design parameters; each cluster has one for an
     episode's length (0: the one body of task.design)."""
