@@ -23,7 +23,7 @@ from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.terminal.cli import console
 
-SPEEDS = "steps/s before", "steps/s", "steps/s after", "ratio"
+COLUMNS = "task", "trial", "steps/s before", "steps/s", "steps/s after", "ratio", "MuJoCo Warp"
 STEPS = 20  # control steps of a recorded graph
 BUFFERS = "nconmax", "njmax"
 TRIALS = (
@@ -56,18 +56,17 @@ def main(
         seconds: Approximate duration of each measurement, in seconds.
         output: CSV file to write.
     """
-    place = resolve_device(device)
+    place, version = resolve_device(device), mujoco_warp.__version__
     with open(output or os.devnull, "w", newline="", buffering=1) as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["task", "trial", *SPEEDS, "MuJoCo Warp"])
+        writer.writerow(COLUMNS)
         for task in env:
             before = steps_per_second(task, worlds, "", place, seconds)
             for trial in trials:
                 found = steps_per_second(task, worlds, trial, place, seconds)
                 after = steps_per_second(task, worlds, "", place, seconds)
                 ratio = 2 * found / (before + after)
-                speeds = before, found, after, ratio
-                writer.writerow([task, trial, *speeds, mujoco_warp.__version__])
+                writer.writerow([task, trial, before, found, after, ratio, version])
                 console.print(f"{task} {trial}: {found:.4g} steps/s, {ratio:.3f} times as fast")
                 before = after
 

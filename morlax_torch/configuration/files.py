@@ -34,9 +34,8 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})
     if _is_packaged(f"algorithms/{algorithm}"):
-        changes = _packaged(f"algorithms/{algorithm}", device_type)
-        own = _fitted(changes.pop("tasks", {}).get(env, {}), device_type)
-        values = merged(merged(values, {**changes, "algorithm": algorithm}), own)
+        changes = _packaged(f"algorithms/{algorithm}", device_type, env)
+        values = merged(values, {**changes, "algorithm": algorithm})
     return {**values, "env": env}
 
 
@@ -49,9 +48,12 @@ def _is_packaged(name: str) -> bool:
     return (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file()
 
 
-def _packaged(name: str, device_type: str) -> dict[str, Any]:
+def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
+    """Return a packaged file's values for a task: its section `cpu` overrides its `tasks`."""
     text = (resources.files("morlax_torch.configs") / f"{name}.yaml").read_text()
-    return _fitted(yaml.safe_load(text), device_type)
+    values = yaml.safe_load(text)
+    own = values.pop("tasks", {}).get(env, {})
+    return _fitted(merged(values, own), device_type)
 
 
 def file_values(path: Path, device_type: str, **given: str | None) -> dict[str, Any]:
