@@ -41,7 +41,8 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # workers share the cores, and so do th
     torch.set_num_threads(1)
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser: pytest.Parser, pluginmanager: pytest.PytestPluginManager) -> None:
+    pluginmanager.import_plugin("outcomes")  # brings further options
     about = "try random values for this long in each fuzzer, instead of a few of them"
     parser.addoption("--fuzz-minutes", type=float, default=0.0, help=about)
 

@@ -2,8 +2,10 @@
 
 python tests/faults.py                # all of them, one at a time
 python tests/faults.py ppo.py envs/   # those of files whose names contain a word
+python tests/faults.py --fifth 7      # every fifth, from the third on (7 = 5 + 2)
 """
 
+import argparse
 import compileall
 import os
 import shlex
@@ -12,6 +14,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
+from importlib import import_module
 from pathlib import Path
 from py_compile import PycInvalidationMode
 
@@ -19,15 +23,31 @@ import pytest
 import yaml
 
 TESTS = Path(__file__).parent
-OPTIONS = ["-p", "no:xdist", "-p", "no:cacheprovider", "-o", "addopts=", "-x", "-q", "--tb=line"]
+FAULTS = yaml.safe_load((TESTS / "faults.yaml").read_text())
+OPTIONS = ["-p", "no:cacheprovider", "-o", "addopts=", "-x", "-q", "--tb=line", "-m", "not long"]
+# what tests import of other packages, once for all forked processes
+SLOW_IMPORTS = (
+    "gymnasium matplotlib.figure moocore mujoco_warp PIL.Image pydantic rich.live torch tyro"
+)
+
+
+def occurrences(fault: dict[str, str], checkout: Path) -> int:
+    """Return how often the file has the text that the fault replaces, which should be once."""
+    path = checkout / fault["file"]
+    return path.read_text().count(fault["old"]) if path.is_file() else 0
+
+
+def chosen(words: list[str], fifth: int | None) -> list[dict[str, str]]:
+    part = FAULTS if fifth is None else FAULTS[fifth % 5 :: 5]
+    return [f for f in part if not words or any(word in f["file"] for word in words)]
 
 
 def outcome(fault: dict[str, str], checkout: Path) -> str:
     """Inject one fault, run its tests, and take it out again."""
+    if (count := occurrences(fault, checkout)) != 1:
+        return f"STALE: the file has the text {count} times"
     path = checkout / fault["file"]
     text = path.read_text()
-    if text.count(fault["old"]) != 1:
-        return f"STALE: the file has the text {text.count(fault['old'])} times"
     path.write_text(text.replace(fault["old"], fault["new"]))
     child = os.fork()
     if not child:  # with torch and others already imported
@@ -48,45 +68,54 @@ def run(tests: str, checkout: Path) -> None:
     with open(checkout / "output.txt", "w") as output:
         os.dup2(output.fileno(), 1)
         os.dup2(output.fileno(), 2)
-    os._exit(int(pytest.main([*OPTIONS, "-m", "not long", *shlex.split(tests)])))
+    os._exit(int(pytest.main([*OPTIONS, *shlex.split(tests)])))
 
 
-def main(words: list[str]) -> int:
-    faults = yaml.safe_load((TESTS / "faults.yaml").read_text())
-    chosen = [f for f in faults if not words or any(word in f["file"] for word in words)]
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    os.environ.setdefault("TRITON_INTERPRET", "1")
-    # the slow imports of tests, once for all forked processes
-    import gymnasium  # noqa: F401
-    import moocore  # noqa: F401
-    import mujoco_warp  # noqa: F401
-    import torch  # noqa: F401
-    import tyro  # noqa: F401
+def copy_checkout(folder: Path) -> None:
+    listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.check_output(listed, cwd=TESTS.parent, text=True).split("\0")
+    for name in filter(None, names):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if (TESTS.parent / name).is_file():
+            shutil.copy2(TESTS.parent / name, target)
+    # by date, a fault of the same size and second would go unnoticed
+    by_contents = PycInvalidationMode.CHECKED_HASH
+    for part in ("envs", "morlax_torch"):
+        compileall.compile_dir(folder / part, quiet=1, invalidation_mode=by_contents)
 
-    missed = 0
+
+def main() -> int:
+    about = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=about)
+    parser.add_argument("words", nargs="*", help="parts of the names of the files with faults")
+    parser.add_argument("--fifth", type=int, metavar="K", help="inject a fifth, the K-th modulo 5")
+    arguments = parser.parse_args()
+    faults = chosen(arguments.words, arguments.fifth)
+    # those outside the fifth too: a change that makes a fault stale fails at once
+    stale = [f for f in FAULTS if f not in faults and occurrences(f, TESTS.parent) != 1]
+    for fault in stale:
+        print(f"STALE  {fault['file']}: {fault['old']}", flush=True)
+    for name, value in (("OMP_NUM_THREADS", "1"), ("TRITON_INTERPRET", "1")):
+        os.environ.setdefault(name, value)
+    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+    for name in SLOW_IMPORTS.split():
+        import_module(name)
+    found = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
-        names = subprocess.check_output(listed, cwd=TESTS.parent, text=True).split("\0")
-        for name in filter(None, names):
-            target = Path(folder, name)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            if (TESTS.parent / name).is_file():
-                shutil.copy2(TESTS.parent / name, target)
-        # by date, a fault of the same size and second would go unnoticed
-        by_contents = PycInvalidationMode.CHECKED_HASH
-        for part in ("envs", "morlax_torch"):
-            compileall.compile_dir(Path(folder, part), quiet=1, invalidation_mode=by_contents)
-        for fault in chosen:
+        copy_checkout(Path(folder))
+        for fault in faults:
             start = time.perf_counter()
-            found = outcome(fault, Path(folder))
-            missed += found != "caught"
+            result = outcome(fault, Path(folder))
+            found[result] += 1
             seconds = time.perf_counter() - start
-            print(f"{found}  {seconds:.0f} s  {fault['file']}: {fault['old']}", flush=True)
-            if found != "caught":
+            print(f"{result}  {seconds:.0f} s  {fault['file']}: {fault['old']}", flush=True)
+            if result != "caught":
                 print(f"    pytest {fault['tests']}", flush=True)
-    print(f"{len(chosen) - missed} of {len(chosen)} faults are caught")
-    return int(missed > 0)
+    which = "" if arguments.fifth is None else f" (fifth {arguments.fifth % 5} of 0 to 4)"
+    print(f"{found['caught']} of {len(faults)} faults are caught{which}, {len(stale)} others stale")
+    return int(found["caught"] < len(faults) or bool(stale))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -1,0 +1,115 @@
+"""Options of the tests themselves, the record of their runs on a GPU, and the known faults."""
+
+import csv
+import sys
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+
+import faults
+import pytest
+
+RECORD = Path(__file__).parent / "gpu_runs.csv"
+TESTS = """
+import pytest
+
+def test_passes():
+    pass
+
+@pytest.mark.skip("no telescope")
+def test_skipped():
+    pass
+
+def test_chosen(pytestconfig):
+    if pytestconfig.option.keyword == "":
+        pytest.skip("no star")
+"""
+FAILING = """
+import pytest
+
+@pytest.fixture
+def broken():
+    raise OSError
+
+def test_fails():
+    assert False
+
+def test_stops_before_it_begins(broken):
+    pass
+"""
+
+
+@pytest.fixture
+def run(tmp_path, capfd) -> Callable[..., tuple[int, str]]:
+    """Return a function that runs tests with options, and returns the status and the output."""
+    (tmp_path / "pytest.ini").touch()
+
+    def run(*options: str, tests: str = TESTS) -> tuple[int, str]:
+        (tmp_path / "test_own.py").write_text(tests)
+        sys.modules.pop("test_own", None)
+        fixed = ["-p", "no:xdist", "-p", "no:cacheprovider", "-p", "outcomes"]
+        fixed += ["--rootdir", str(tmp_path), "--import-mode", "importlib"]
+        status = pytest.main([*fixed, *options, str(tmp_path)])
+        return int(status), capfd.readouterr().out
+
+    return run
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_another_number_of_skipped_tests_is_a_failure(run):
+    status, output = run("--skips", "2", "-rs")
+    assert status == 0 and "instead of" not in output
+    assert "no telescope" in output and "no star" in output
+    for number in "1", "3":
+        status, output = run("--skips", number)
+        assert status == 1
+        assert f"ERROR: 2 tests were skipped instead of {number}" in output
+    assert run()[0] == 0  # without the option any number is right
+
+
+def test_runs_on_a_gpu_are_appended_to_a_record(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("COMMIT", "1234567")
+    file = tmp_path / "record.csv"
+    assert run("--record-gpu", str(file))[0] == 0
+    assert run("--record-gpu", str(file), tests=FAILING)[0] == 1
+    good, bad = rows(file)
+    date.fromisoformat(good["date"])
+    assert good["commit"] == "1234567" and good["torch"].startswith("2.")
+    outcomes = [[row["passed"], row["failed"], row["skipped"]] for row in (good, bad)]
+    assert outcomes == [["1", "0", "2"], ["0", "2", "0"]]
+
+
+def test_a_run_on_a_gpu_without_a_commit_is_refused_before_its_tests(run, tmp_path, monkeypatch):
+    monkeypatch.delenv("COMMIT", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))  # without git
+    status, _ = run("--record-gpu", str(tmp_path / "record.csv"))
+    assert status == pytest.ExitCode.USAGE_ERROR
+    assert not (tmp_path / "record.csv").exists()
+
+
+def test_the_last_run_on_a_gpu_had_no_failure():
+    recorded = rows(RECORD)
+    assert all(date.fromisoformat(row["date"]) for row in recorded)
+    assert recorded, "run the GPU tests with --record-gpu tests/gpu_runs.csv, see CONTRIBUTING.md"
+    newest = recorded[-1]
+    assert int(newest["failed"]) == 0 < int(newest["passed"])
+    assert newest["card"] not in ("", "none")
+
+
+def test_every_known_fault_can_be_injected():
+    checkout = Path(__file__).parents[1]
+    stale = [f for f in faults.FAULTS if faults.occurrences(f, checkout) != 1]
+    assert not stale
+    assert all(f["old"] != f["new"] for f in faults.FAULTS)
+
+
+def test_five_commits_inject_all_faults():
+    parts = [faults.chosen([], commit) for commit in range(123, 128)]
+    assert sorted(f["old"] for part in parts for f in part) == sorted(
+        f["old"] for f in faults.FAULTS
+    )
+    assert all(abs(5 * len(part) - len(faults.FAULTS)) < 5 for part in parts)
