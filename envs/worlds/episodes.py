@@ -51,14 +51,14 @@ class Starts:
         for qpos, qvel, ctrl, model in starts:
             data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, ctrl
             mujoco.mj_forward(model or physics.model, data)
-            rows.append((data.qpos.copy(), data.qvel.copy(), data.sensordata.copy()))
+            rows.append([x.copy() for x in (data.qpos, data.qvel, data.ctrl, data.sensordata)])
         columns = (np.stack(column) for column in zip(*rows, strict=True))
         self.states = [torch.from_numpy(column).to(physics.qpos) for column in columns]
         self.rows = torch.zeros(physics.num_worlds, dtype=torch.int64, device=physics.device)
         self._bodies, self._each = bodies, len(rows) // number
 
     def draw(self, draws: Draws) -> list[Tensor]:
-        """Draw a row for each world; returns rows (N,) and qpos, qvel and sensors (B, ...)."""
+        """Draw a row for each world; returns rows (N,), and qpos, qvel, ctrl, sensors (B, ...)."""
         if self._each > 1:
             draws.integers_(self.rows, 0, self._each)
         if self._bodies is not None:
@@ -146,11 +146,18 @@ def end(
 def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
     """Put the worlds that are `over` (N,) bool into the states of `Starts.draw`, at age zero."""
     done = over.nonzero().squeeze(-1)
-    rows, qpos, qvel, sensors = starts
+    rows, qpos, qvel, ctrl, sensors = starts
     rows = rows[done]
     physics.qpos[done] = qpos[rows]
     physics.qvel[done] = qvel[rows]
+    physics.ctrl[done] = ctrl[rows]
     physics.act[done] = 0.0
     physics.sensors[done] = sensors[rows]
     physics.warmstart[done] = 0.0
     age[done] = 0
+
+
+def refill(fresh: Tensor, initial: Tensor, values: Tensor) -> None:
+    """Write `initial` (N, ...), or one (...) for all, into `values` where `fresh` (N,) bool."""
+    where = fresh.view(-1, *[1] * (values.ndim - 1))
+    torch.where(where, initial, values, out=values)
