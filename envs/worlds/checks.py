@@ -73,8 +73,8 @@ class Unsaved:
         self._warned.update(new)
         if new:
             warnings.warn(
-                f"{type(self._env).__name__} changes {', '.join(new)}, with one row per world, but "
-                "no checkpoint saves it, so a resumed run will differ: return it from "
+                f"{type(self._env).__name__} changes {', '.join(new)}, with one row per world, "
+                "which no checkpoint saves, so a resumed run will differ: declare such tensors in "
                 "initial_state() (docs/your-own-robot.md).",
                 stacklevel=2,
             )

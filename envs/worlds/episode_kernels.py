@@ -102,7 +102,7 @@ def end(physics, action, observation, failed, length, age, reward, terms, blowup
     ends = Ends(*(torch.empty_like(failed) for _ in Ends._fields))
     # a reduction of torch reads wide rows much faster than one thread per world would
     largest = torch.linalg.vector_norm(observation, torch.inf, dim=-1)
-    before = [physics.qpos, physics.qvel, action.detach().float(), largest, failed]
+    before = [physics.qpos, physics.qvel, action.float(), largest, failed]
     after = [age, reward, terms, *ends, blowups.view(1)]
     limits = [MAX_POSITION, MAX_VELOCITY, length]
     _launch(_end, [*map(wp.from_torch, before), *limits, *map(wp.from_torch, after)])

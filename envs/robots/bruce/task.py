@@ -134,7 +134,7 @@ class Bruce(Environment):
         self._histories.refill(fresh, {"actions": no_action, **self._readings(first.target)})
 
     def apply(self, action: Tensor) -> None:
-        self._action.copy_(action.detach().clamp(-1, 1))
+        self._action.copy_(action.clamp(-1, 1))
         self._filtered.lerp_(self._reach * self._action, self.dt / LAG)
         self.physics.ctrl[:, :16] = self._to_motors(self._default + self._offset)
 
