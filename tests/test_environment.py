@@ -14,6 +14,7 @@ from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.worlds import checks
+from morlax_torch.envs.worlds.episodes import Start, around
 
 BACKENDS = ("mujoco", "warp")
 BUILT_IN = [name for name in envs.names() if "/" not in name]
@@ -360,6 +361,63 @@ def test_sensors_match_the_noisy_initial_state(backend):
             np.testing.assert_allclose(sensors, data.sensordata, rtol=0, atol=SINGLE)
             head = data.body("head").xpos[2]
             assert observation[world, 21].item() == pytest.approx(head, abs=SINGLE)
+
+
+CLOSED = """
+<mujoco>
+  <worldbody>
+    <body pos="0 0 1"><joint name="a" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.2"/>
+      <body pos="0 0 -0.4"><joint name="b" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/>
+        <body pos="0.4 0 0"><joint name="c" axis="0 1 0"/><geom size="0.1" pos="0 0 0.2"/>
+          <site name="end" pos="0 0 0.4"/>
+        </body>
+      </body>
+    </body>
+    <body pos="0.4 0 1"><site name="anchor"/></body>
+    <body pos="0 2 1"><joint name="one" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/></body>
+    <body pos="0 3 1"><joint name="other" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/></body>
+    <body name="held" pos="0 4 1"><freejoint/><geom size="0.1"/></body>
+    <body name="holder" pos="0 4 1.1"><joint name="d" axis="1 0 0"/><geom size="0.1"/></body>
+    <body name="far" mocap="true" pos="0 9 1"/>
+    <body name="pulled" pos="0 8 1"><freejoint/><geom size="0.1"/></body>
+  </worldbody>
+  <equality>
+    <connect site1="end" site2="anchor"/>
+    <joint joint1="one" joint2="other" polycoef="0 2 0 0 0"/>
+    <weld body1="held" body2="holder"/>
+    <weld body1="pulled" body2="far" relpose="0 0 0 1 0 0 0"/>
+  </equality>
+  <actuator>
+    <motor joint="a"/><motor joint="a"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("noise", (0.1, 0.5))
+def test_reset_noise_keeps_loops_closed(noise):
+    model = mujoco.MjModel.from_xml_string(CLOSED)
+    start = Start(model.qpos0, np.zeros(model.nv), np.zeros(model.nu))
+    moved = around(start.qpos, noise, model, 3, 50)
+    data, turns = mujoco.MjData(model), []
+    for qpos, qvel, *_ in moved:
+        data.qpos, data.qvel = qpos, qvel
+        mujoco.mj_forward(model, data)
+        end, anchor, speed = data.site("end"), data.site("anchor"), np.zeros(6)
+        np.testing.assert_allclose(end.xpos, anchor.xpos, atol=1e-6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, end.id, speed, 0)
+        np.testing.assert_allclose(speed[3:], 0, atol=1e-6)
+        one, other = (data.joint(name) for name in ("one", "other"))
+        np.testing.assert_allclose(one.qpos, 2 * other.qpos, atol=1e-6)
+        np.testing.assert_allclose(one.qvel, 2 * other.qvel, atol=1e-6)
+        held, holder = data.body("held"), data.body("holder")
+        apart = holder.xmat.reshape(3, 3).T @ (held.xpos - holder.xpos)
+        np.testing.assert_allclose(apart, [0, 0, -0.1], atol=1e-6)
+        np.testing.assert_allclose(held.xmat, holder.xmat, atol=1e-6)
+        # what starts apart from its target stays there
+        np.testing.assert_allclose(data.body("pulled").xpos, [0, 8, 1], atol=1e-6)
+        turns.append([*data.joint("a").qpos, *other.qpos, *data.joint("d").qpos])
+    assert (np.std(turns, 0) > noise / 8).all()
 
 
 def test_reset_noise_differs_by_episode_and_depends_on_the_seed(backend):
