@@ -199,7 +199,10 @@ EVERYTHING = f"""
     <motor joint="hinge" nsample="4" delay="0.03"/>
     <general joint="hinge" dyntype="filter" dynprm="0.1"/>
   </actuator>
-  <sensor><clock name="time"/><jointpos joint="hinge" nsample="3" delay="0.02"/></sensor>
+  <sensor>
+    <clock name="time"/><jointpos joint="hinge" nsample="3" delay="0.02"/>
+    <framepos name="target" objtype="xbody" objname="target"/>
+  </sensor>
 </mujoco>
 """
 
@@ -301,6 +304,18 @@ def test_state_moves_between_simulators():
             same = of_simulator(target, field).double(), of_simulator(env, field).double()
             torch.testing.assert_close(*same, rtol=1e-6, atol=1e-6)
         env = target
+
+
+def test_tasks_move_mocap_bodies_and_name_other_parts_of_the_state(backend):
+    env = everything(backend)
+    env.physics.part("mocap_pos")[0, 0, 2] = 3.0
+    step = env.step(still(env))
+    assert env.physics.sensor("target")[:, 2].tolist() == [3.0, 1.0]
+    assert step.observation[0, -1] == 3.0
+    assert env.physics.part("time").shape == (2,)
+    assert env.restart(torch.ones(2, dtype=torch.bool))[0, -1] == 1.0
+    with pytest.raises(MorlaxError, match=r"unknown part of the state 'mocap'.* mocap_pos"):
+        env.physics.part("mocap")
 
 
 def test_state_that_no_reset_restores_is_refused(monkeypatch):

@@ -199,7 +199,10 @@ class Environment(Robot):
 
     @abstractmethod
     def terms(self) -> dict[str, Tensor]:
-        """Return the unweighted reward terms (N,) of the last step, by name."""
+        """Return the unweighted reward terms (N,) of the last step, by name.
+
+        `age` does not count this step yet: it is `episode_length - 1` in an episode's last step.
+        """
 
     @abstractmethod
     def failed(self) -> Tensor:
