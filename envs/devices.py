@@ -21,7 +21,7 @@ def resolve_device(device: str | torch.device | None) -> torch.device:
         device = "cuda" if torch.cuda.is_available() else "cpu"
     try:
         found = torch.device(device)
-    except RuntimeError:
+    except (RuntimeError, TypeError):
         raise MorlaxError(f"{device!r} is not a device: use 'cuda', 'cuda:1' or 'cpu'.") from None
     if found.type not in ("cpu", "cuda"):
         raise MorlaxError(f"device {found} is not supported: use 'cuda' or 'cpu'.")

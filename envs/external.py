@@ -10,7 +10,7 @@ from types import ModuleType
 
 from pydantic import ValidationError
 
-from .errors import MorlaxError, line_in, unknown, words
+from .errors import MorlaxError, line_in, shortened, unknown, words
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.gymnasium import GymnasiumWorlds
@@ -64,8 +64,11 @@ def checked(task: type[Worlds]) -> type[Worlds]:
     """Return the class if it is complete.
 
     Raises:
-        MorlaxError: abstract methods or default objectives are missing.
+        MorlaxError: it is no class of worlds, or abstract methods or default objectives are
+            missing.
     """
+    if not inspect.isclass(task) or not issubclass(task, Worlds):
+        raise MorlaxError(f"{shortened(task)} is not a subclass of morlax_torch.envs.Worlds.")
     missing = sorted(getattr(task, "__abstractmethods__", ()))
     if task.resumable and task.state_dict is Worlds.state_dict:
         missing += ["state_dict and load_state_dict (or set resumable = False)"]

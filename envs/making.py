@@ -1,13 +1,14 @@
 """Worlds of a task by name."""
 
+from numbers import Integral
 from typing import Any
 
 import torch
 from pydantic import ValidationError
 
 from .devices import resolve_device
-from .errors import MorlaxError, explained, unknown
-from .naming import MJLAB
+from .errors import MorlaxError, explained, shortened, unknown
+from .naming import MJLAB, check_name
 from .registry import get
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
@@ -51,14 +52,15 @@ def make(
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
     check_seed(seed)
+    _check_integer("num_worlds", num_worlds)
     if not 1 <= num_worlds < MOST_WORLDS:
         raise MorlaxError(f"num_worlds is {num_worlds}: it must be from 1 to {MOST_WORLDS - 1}.")
     return task.build(
         options,
-        num_worlds,
+        int(num_worlds),
         place,
         backend,
-        seed,
+        int(seed),
         auto_reset=auto_reset,
         deterministic=deterministic,
     )
@@ -66,8 +68,14 @@ def make(
 
 def check_seed(seed: int) -> None:
     """Raise MorlaxError unless a random generator can have this seed."""
+    _check_integer("seed", seed)
     if not 0 <= seed < 2**64:
         raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
+
+
+def _check_integer(name: str, value: object) -> None:
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise MorlaxError(f"{name} is {shortened(value)}: it must be an integer.")
 
 
 def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
@@ -76,6 +84,7 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
     Raises:
         MorlaxError: as `make`, or the task has no MuJoCo robot.
     """
+    check_name(name)
     if name.startswith(MJLAB):
         from .worlds.mjlab.robot import robot_of
 

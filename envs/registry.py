@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .errors import MorlaxError, unknown
-from .naming import GYMNASIUM, MJLAB, PLAYGROUND, is_file, offered, trust
+from .naming import GYMNASIUM, MJLAB, PLAYGROUND, check_name, is_file, offered, trust
 from .robots import TASKS
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ def register(name: str, task: "type[Worlds]") -> None:
     """
     from .external import checked
 
+    check_name(name)
     known = _known(name)
     if known is None:
         task = checked(task)
@@ -61,6 +62,7 @@ def get(name: str) -> "type[Worlds]":
     Raises:
         MorlaxError: there is no such task, or it cannot be loaded.
     """
+    check_name(name)
     trust(name)
     for prefix, home in _LIBRARIES.items():
         if name.startswith(prefix):

@@ -18,7 +18,13 @@ from morlax_torch.commands import design as searching
 from morlax_torch.commands import record
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
 from morlax_torch.envs.robots.designed import DesignedHopper
-from morlax_torch.envs.worlds.designs import DesignParameter, DesignSpace, compile_bank
+from morlax_torch.envs.worlds.designs import (
+    DesignParameter,
+    DesignSpace,
+    compile_bank,
+    compiled,
+    mjcf,
+)
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.making import held_out, make_evaluator
 from morlax_torch.networks.hypernetwork import Hypernetwork
@@ -196,6 +202,28 @@ def test_a_wrong_design_is_one_sentence(task, design, sentence):
         envs.make(task, 1, "cpu", design=design)
 
 
+@pytest.mark.parametrize(
+    ("design", "sentence"),
+    [
+        (None, r"a design is numbers by name, such as \{'thigh': 0\.33\}, not None\."),
+        ("thigh", r"a design is numbers by name, such as .*, not 'thigh'\."),
+        ({"thigh": "x"}, r"the design parameter 'thigh' must be a number, not 'x'\."),
+        ({"thigh": "0.3"}, r"the design parameter 'thigh' must be a number, not '0\.3'\."),
+        ({"thigh": None}, r"the design parameter 'thigh' must be a number, not None\."),
+        ({"thigh": True}, r"the design parameter 'thigh' must be a number, not True\."),
+        ({"thigh": np.zeros(3)}, r"the design parameter 'thigh' must be a number, not array"),
+        ({"thigh": float("nan")}, r"'thigh' is nan m: it must be from 0\.2 to 0\.5 m"),
+        ({3: 0.3}, r"unknown design parameter '?3'?"),
+    ],
+)
+def test_a_design_of_other_types_is_one_sentence(design, sentence):
+    hopper = envs.get("design/hopper")
+    for use in (compiled, mjcf):
+        with pytest.raises(MorlaxError, match=sentence):
+            use(hopper, design)
+    assert compiled(hopper, {"thigh": np.float32(0.3), "calf": torch.tensor(0.3)}).nq
+
+
 def test_what_warp_shares_between_worlds_is_named():
     env = envs.make("design/hopper", 1, "cpu", "warp")
     bank = bank_of(env, 2)
@@ -244,6 +272,9 @@ def test_policies_of_another_body_are_those_of_its_condition(kind):
     scaled = [2 * (0.45 - 0.2) / 0.3 - 1, 2 * (0.22 - 0.2) / 0.3 - 1]
     condition = torch.tensor([[0.7, 0.3, *scaled]])
     expected = learner.agent.actors(condition).act(seen[None])[0]
+    for wrong in (None, "thigh", {"thigh": "x"}):
+        with pytest.raises(MorlaxError, match=r"a design is numbers|must be a number, not 'x'"):
+            policy.for_design(wrong)
     other = policy.for_design(design)
     torch.testing.assert_close(other(seen, [0.7, 0.3]), expected)
     torch.testing.assert_close(other.specialize([0.7, 0.3])(seen), expected)

@@ -1,16 +1,20 @@
 """Episodes end, restart and repeat the way a learner requires."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 import torch
+import warp as wp
 from acting import random_actions, still
 from same import assert_same
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
+from morlax_torch.envs.worlds import checks
+from morlax_torch.envs.worlds.episodes import Start, around
 
 BACKENDS = ("mujoco", "warp")
 BUILT_IN = [name for name in envs.names() if "/" not in name]
@@ -166,6 +170,168 @@ def test_reset_restarts_every_world_and_restart_the_selected_ones(backend):
     assert_same(state(env), start)
 
 
+# Every part of MuJoCo's state
+
+MEMBERS = mujoco.mjtState.__members__
+STATES = {  # by its name in MjData
+    {"warmstart": "qacc_warmstart"}.get(name, name): member
+    for member in MEMBERS
+    if member.startswith("mjSTATE_") and int(MEMBERS[member]).bit_count() == 1
+    for name in [member.removeprefix("mjSTATE_").lower()]
+    if name != "plugin"  # refused, see below
+}
+YIELDING = 'springyield="0.05"' if "plastic" in STATES else ""
+EVERYTHING = f"""
+<mujoco>
+  <option timestep="0.01"/>
+  <size nuserdata="2"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="target" mocap="true" pos="0.3 0 1"/>
+    <body name="free" pos="1 0 0.5"><freejoint/><geom size="0.1"/></body>
+    <body pos="0 0 1">
+      <joint name="hinge" axis="0 1 0" stiffness="5" {YIELDING}/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.2"/>
+    </body>
+  </worldbody>
+  <equality><weld body1="free" body2="target" active="false"/></equality>
+  <actuator>
+    <motor joint="hinge" nsample="4" delay="0.03"/>
+    <general joint="hinge" dyntype="filter" dynprm="0.1"/>
+  </actuator>
+  <sensor>
+    <clock name="time"/><jointpos joint="hinge" nsample="3" delay="0.02"/>
+    <framepos name="target" objtype="xbody" objname="target"/>
+  </sensor>
+</mujoco>
+"""
+
+
+class Everything(envs.Environment):
+    """A robot that has every part of MuJoCo's state but plugins'."""
+
+    class Options(envs.TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"go": {"go": 1.0}, "wait": {"wait": 1.0}}
+        episode_length: int = 6
+
+    @classmethod
+    def load_model(cls) -> mujoco.MjModel:
+        return mujoco.MjModel.from_xml_string(EVERYTHING)
+
+    def initial_qpos(self) -> np.ndarray:
+        return self.physics.model.qpos0
+
+    def observe(self) -> Tensor:
+        return torch.cat([self.physics.qpos, self.physics.qvel, self.physics.sensors], -1)
+
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.add_(action)  # so that the control is state too
+
+    def terms(self) -> dict[str, Tensor]:
+        return {"go": self.physics.qvel[:, -1], "wait": self.physics.sensor("time")[:, 0]}
+
+    def failed(self) -> Tensor:
+        return torch.zeros_like(self.age, dtype=torch.bool)
+
+
+def everything(backend: str) -> envs.Environment:
+    options, cpu = Everything.Options(), torch.device("cpu")
+    kind = {"auto_reset": True, "deterministic": False}
+    return Everything.build(options, 2, cpu, backend, 0, **kind)
+
+
+def of_simulator(env: envs.Environment, field: str) -> Tensor:
+    """Return a view (N, ...) of a field of MjData in the simulator itself."""
+    if env.simulator == "C MuJoCo":
+        return torch.from_numpy(env.physics._batch.bind(field))
+    return wp.to_torch(getattr(env.physics._data, field))
+
+
+def disturb(values: Tensor) -> None:
+    values.copy_(values + 1.0 if values.is_floating_point() else ~values)
+
+
+def test_the_robot_has_every_part_of_the_state():
+    model = Everything.load_model()
+    assert all(mujoco.mj_stateSize(model, MEMBERS[member]) for member in STATES.values())
+
+
+@pytest.mark.parametrize("field", STATES)
+def test_an_episode_starts_like_that_of_a_new_world(field, backend):
+    env, new = everything(backend), everything(backend)
+    found, fresh = of_simulator(env, field), of_simulator(new, field)
+    for end in ("restart", "reset", "time"):
+        disturb(found)
+        assert not torch.equal(found[0], fresh[0])
+        if end == "restart":
+            before = found[1].clone()
+            env.restart(torch.tensor([True, False]))
+            assert torch.equal(found[1], before)
+            assert torch.equal(found[0], fresh[0])
+            continue
+        if end == "time":
+            env.age.fill_(env.episode_length - 1)
+            env.step(still(env))
+        else:
+            env.reset()
+        assert torch.equal(found, fresh), end
+
+
+def test_episodes_repeat_themselves_and_resume_exactly(backend):
+    env, other = everything(backend), everything(backend)
+    for field in ("userdata", "xfrc_applied", "qfrc_applied", "mocap_pos", "eq_active"):
+        disturb(of_simulator(env, field))  # which only users change
+    action = torch.tensor([[0.5, 0.2], [-0.3, 0.1]])
+    for _ in range(4):
+        env.step(action)
+    saved = env.state_dict()
+    steps = [env.step(action) for _ in range(14)]
+    other.load_state_dict(saved)
+    for step in steps:
+        assert_same(other.step(action)._asdict(), step._asdict())
+    for first, second in zip(steps[2:8], steps[8:], strict=True):
+        assert torch.equal(first.final_observation, second.final_observation)
+        assert torch.equal(first.reward, second.reward)
+
+
+def test_state_moves_between_simulators():
+    env, other = everything("mujoco"), everything("warp")
+    for field in STATES:
+        disturb(of_simulator(env, field))
+    for target in (other, everything("mujoco")):
+        target.load_state_dict(env.state_dict())
+        for field in STATES:
+            same = of_simulator(target, field).double(), of_simulator(env, field).double()
+            torch.testing.assert_close(*same, rtol=1e-6, atol=1e-6)
+        env = target
+
+
+def test_tasks_move_mocap_bodies_and_name_other_parts_of_the_state(backend):
+    env = everything(backend)
+    env.physics.part("mocap_pos")[0, 0, 2] = 3.0
+    step = env.step(still(env))
+    assert env.physics.sensor("target")[:, 2].tolist() == [3.0, 1.0]
+    assert step.observation[0, -1] == 3.0
+    assert env.physics.part("time").shape == (2,)
+    assert env.restart(torch.ones(2, dtype=torch.bool))[0, -1] == 1.0
+    with pytest.raises(MorlaxError, match=r"unknown part of the state 'mocap'.* mocap_pos"):
+        env.physics.part("mocap")
+
+
+def test_state_that_no_reset_restores_is_refused(monkeypatch):
+    sleepy = EVERYTHING.replace('timestep="0.01"/>', '><flag sleep="enable"/></option>')
+    model = mujoco.MjModel.from_xml_string(sleepy)
+    monkeypatch.setattr(Everything, "load_model", lambda: model)
+    for backend in BACKENDS:
+        with pytest.raises(
+            MorlaxError, match=r"Everything: its model lets bodies sleep, .* remove"
+        ):
+            everything(backend)
+    plugins = SimpleNamespace(npluginstate=2)  # no plugin that comes with MuJoCo has a state
+    with pytest.raises(MorlaxError, match=r"Everything: its model has plugins .* remove"):
+        checks.model(Everything, plugins)
+
+
 # Options
 
 
@@ -210,6 +376,63 @@ def test_sensors_match_the_noisy_initial_state(backend):
             np.testing.assert_allclose(sensors, data.sensordata, rtol=0, atol=SINGLE)
             head = data.body("head").xpos[2]
             assert observation[world, 21].item() == pytest.approx(head, abs=SINGLE)
+
+
+CLOSED = """
+<mujoco>
+  <worldbody>
+    <body pos="0 0 1"><joint name="a" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.2"/>
+      <body pos="0 0 -0.4"><joint name="b" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/>
+        <body pos="0.4 0 0"><joint name="c" axis="0 1 0"/><geom size="0.1" pos="0 0 0.2"/>
+          <site name="end" pos="0 0 0.4"/>
+        </body>
+      </body>
+    </body>
+    <body pos="0.4 0 1"><site name="anchor"/></body>
+    <body pos="0 2 1"><joint name="one" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/></body>
+    <body pos="0 3 1"><joint name="other" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/></body>
+    <body name="held" pos="0 4 1"><freejoint/><geom size="0.1"/></body>
+    <body name="holder" pos="0 4 1.1"><joint name="d" axis="1 0 0"/><geom size="0.1"/></body>
+    <body name="far" mocap="true" pos="0 9 1"/>
+    <body name="pulled" pos="0 8 1"><freejoint/><geom size="0.1"/></body>
+  </worldbody>
+  <equality>
+    <connect site1="end" site2="anchor"/>
+    <joint joint1="one" joint2="other" polycoef="0 2 0 0 0"/>
+    <weld body1="held" body2="holder"/>
+    <weld body1="pulled" body2="far" relpose="0 0 0 1 0 0 0"/>
+  </equality>
+  <actuator>
+    <motor joint="a"/><motor joint="a"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("noise", (0.1, 0.5))
+def test_reset_noise_keeps_loops_closed(noise):
+    model = mujoco.MjModel.from_xml_string(CLOSED)
+    start = Start(model.qpos0, np.zeros(model.nv), np.zeros(model.nu))
+    moved = around(start.qpos, noise, model, 3, 50)
+    data, turns = mujoco.MjData(model), []
+    for qpos, qvel, *_ in moved:
+        data.qpos, data.qvel = qpos, qvel
+        mujoco.mj_forward(model, data)
+        end, anchor, speed = data.site("end"), data.site("anchor"), np.zeros(6)
+        np.testing.assert_allclose(end.xpos, anchor.xpos, atol=1e-6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, end.id, speed, 0)
+        np.testing.assert_allclose(speed[3:], 0, atol=1e-6)
+        one, other = (data.joint(name) for name in ("one", "other"))
+        np.testing.assert_allclose(one.qpos, 2 * other.qpos, atol=1e-6)
+        np.testing.assert_allclose(one.qvel, 2 * other.qvel, atol=1e-6)
+        held, holder = data.body("held"), data.body("holder")
+        apart = holder.xmat.reshape(3, 3).T @ (held.xpos - holder.xpos)
+        np.testing.assert_allclose(apart, [0, 0, -0.1], atol=1e-6)
+        np.testing.assert_allclose(held.xmat, holder.xmat, atol=1e-6)
+        # what starts apart from its target stays there
+        np.testing.assert_allclose(data.body("pulled").xpos, [0, 8, 1], atol=1e-6)
+        turns.append([*data.joint("a").qpos, *other.qpos, *data.joint("d").qpos])
+    assert (np.std(turns, 0) > noise / 8).all()
 
 
 def test_reset_noise_differs_by_episode_and_depends_on_the_seed(backend):

@@ -213,6 +213,15 @@ def test_on_the_cpu_actions_can_be_arrays(dtype):
     assert all(map(torch.equal, found[:4], expected[:4]))
 
 
+def test_actions_with_gradients_are_detached():
+    env, envs_ = gymnasium.make(HOPPER), vector()
+    env.reset(), envs_.reset()
+    action = torch.zeros(4, requires_grad=True)
+    assert env.step(action)[1].shape == (2,)
+    for _ in range(2):
+        assert not any(x.requires_grad for x in envs_.step(action.tanh().expand(3, 4))[:4])
+
+
 @pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
 def test_vector_environments_match_gymnasium_s_sync_vector_env(tradeoff):
     found = vector(WALKER, tradeoff=tradeoff, episode_length=100)

@@ -10,7 +10,7 @@ import pytest
 import torch
 from tiny import tiny
 
-from morlax_torch import Policy, config_for, load
+from morlax_torch import MorlaxError, Policy, config_for, envs, load
 from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.configuration.config import Config
 from morlax_torch.networks.agent import Agent
@@ -82,3 +82,13 @@ def test_a_spawned_process_uses_a_policy_and_a_config(tmp_path):
     torch.testing.assert_close(torch.tensor(actions), policy(observation, WEIGHTS))
     assert seeded == config.model_copy(update={"seed": 1})
     assert Path(seeded.env.rpartition(":")[0]) == tmp_path / "leaping.py"
+
+
+@pytest.mark.parametrize("backend", ("mujoco", "warp"))
+@pytest.mark.parametrize("copied", (copy.copy, copy.deepcopy, pickle.dumps))
+def test_worlds_are_not_copied(copied, backend):
+    env = envs.make("cheetah", 2, "cpu", backend)
+    with pytest.raises(MorlaxError, match=r"worlds cannot be copied or pickled: .*state_dict"):
+        copied(env)
+    with pytest.raises(MorlaxError, match=r"worlds cannot be copied or pickled"):
+        copy.deepcopy({"worlds": env})

@@ -160,7 +160,8 @@ def test_randomization_is_disabled_by_default(backend):
         state = env.state_dict()
         assert torch.equal(state.pop("generator"), untouched)
         assert {name.split(".")[0] for name in state} == {
-            *("qpos", "qvel", "act", "warmstart", "sensors", "age", "blowups", "memory")
+            *("qpos", "qvel", "act", "ctrl", "warmstart", "sensors"),
+            *("time", "age", "blowups", "memory"),
         }
 
 

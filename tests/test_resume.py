@@ -2,13 +2,16 @@
 
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 import tiny as small
 import torch
 from same import assert_same
 from tiny import learner as trainer
-from torch import nn
+from torch import Tensor, nn
 
+from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.history import read_rows
@@ -134,3 +137,157 @@ def test_a_checkpoint_of_version_0_1_is_resumed(tmp_path):
     resumed = trainer(tiny(), 0)
     checkpoint.restore(checkpoint.load(path), path, resumed)
     assert_same(resumed.state_dict(), learner.state_dict())
+
+
+# A task's own tensors
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <body><joint name="arm" damping="0.1"/><geom size="0.1" pos="0.3 0 0"/></body>
+  </worldbody>
+  <actuator><motor joint="arm" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
+class Undeclared(envs.Environment):
+    """An arm that reaches for a goal of each episode, which it keeps without saying so."""
+
+    class Options(envs.TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"near": {"near": 1.0}, "save": {"save": 1.0}}
+        episode_length: int = 5
+
+    def __init__(self, physics, *args):
+        self.goal = torch.zeros(physics.num_worlds, 1)
+        self.scale = torch.ones(physics.num_worlds, 1)  # a constant
+        self.legs = physics.qpos[:, :1]  # a view of state that is saved
+        super().__init__(physics, *args)
+
+    @classmethod
+    def load_model(cls) -> mujoco.MjModel:
+        return mujoco.MjModel.from_xml_string(ARM)
+
+    def initial_qpos(self) -> np.ndarray:
+        return np.zeros(1)
+
+    def begin(self, fresh: Tensor) -> None:
+        drawn = self.draws.uniform_(torch.empty_like(self.goal))
+        self.goal.copy_(torch.where(fresh[:, None], self.goal + drawn, self.goal))
+
+    def observe(self) -> Tensor:
+        return torch.cat([self.legs, self.physics.qvel, self.goal], -1).float()
+
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.copy_(action)
+
+    def terms(self) -> dict[str, Tensor]:
+        return {"near": -(self.legs - self.goal).abs()[:, 0], "save": self.legs[:, 0]}
+
+    def failed(self) -> Tensor:
+        return torch.zeros_like(self.age, dtype=torch.bool)
+
+
+class Declared(Undeclared):
+    """The same with a goal that it declares."""
+
+    def initial_state(self) -> dict[str, Tensor]:
+        return {"goal": self.goal}
+
+
+class Commanded(Undeclared):
+    """The same with a goal that is its command."""
+
+    def __init__(self, physics, *args):
+        self.command = torch.full((physics.num_worlds, 1), 2.0)
+        super().__init__(physics, *args)
+
+    @property
+    def goal(self) -> Tensor:
+        return self.command
+
+    @goal.setter
+    def goal(self, goal: Tensor) -> None:
+        pass
+
+
+def arms(task: type[Undeclared], **kind: bool) -> Undeclared:
+    kind = {"auto_reset": True, "deterministic": False, **kind}
+    return task.build(task.Options(), 3, torch.device("cpu"), "mujoco", 0, **kind)
+
+
+@pytest.mark.parametrize("task", (Declared, Commanded))
+def test_own_tensors_are_reset_and_resume_exactly(task):
+    first = 2.0 if task is Commanded else 0.0
+    env, other = arms(task), arms(task)
+    action = torch.ones(3, 1)
+    for step in range(12):
+        saved = env.state_dict()
+        other.reset()
+        other.load_state_dict(saved)
+        then = env.step(action)
+        assert_same(other.step(action)._asdict(), then._asdict())
+        assert ((env.goal > first) & (env.goal < first + 1)).all(), step  # not of former episodes
+    assert len(env.goal.unique()) == 3
+
+
+def test_undeclared_tensors_are_noticed_once():
+    env = arms(Undeclared)
+    sentence = r"^Undeclared changes goal, .* resumed run will differ: .* initial_state\(\)"
+    with pytest.warns(UserWarning, match=sentence) as warned:
+        env.state_dict()
+        env.step(torch.ones(3, 1))
+        env.state_dict()
+    assert len(warned) == 1
+
+
+def test_tensors_that_are_made_later_or_kept_in_containers_are_noticed():
+    class Later(Declared):
+        def apply(self, action: Tensor) -> None:
+            super().apply(action)
+            self.last, self.more = action, {"former": [action.numpy()][0]}
+
+    env = arms(Later)
+    with pytest.warns(UserWarning, match=r"Later changes last, more\['former'\], with one row"):
+        for value in (1.0, 2.0):
+            env.step(torch.full((3, 1), value))
+            env.state_dict()
+
+
+@pytest.mark.parametrize("values", ({"goal": torch.zeros(2, 1)}, {"goal": 3.0}))
+def test_own_tensors_of_another_shape_are_one_sentence(values, monkeypatch):
+    monkeypatch.setattr(Declared, "initial_state", lambda _: values)
+    with pytest.raises(MorlaxError, match=r"Declared\.initial_state\(\)\['goal'\] has shape"):
+        arms(Declared)
+
+
+ROBOTS = [name for name in envs.names() if issubclass(envs.get(name), envs.Environment)]
+
+
+@pytest.mark.parametrize("task", ROBOTS)
+def test_shipped_tasks_keep_nothing_unsaved(task):
+    env = envs.make(task, 3, "cpu", "mujoco", episode_length=2)
+    for _ in range(3):
+        env.state_dict()
+        env.step(torch.rand(3, env.action_size))
+
+
+def test_worlds_that_an_older_version_saved_are_restored():
+    """It knew no simulated time, and only BRUCE's own tensors, by plain names."""
+    env, other = (envs.make("bruce", 2, "cpu", "mujoco") for _ in range(2))
+    for _ in range(3):
+        env.step(torch.rand(2, env.action_size))
+    saved = {name.removeprefix("state."): value for name, value in env.state_dict().items()}
+    del saved["time"], saved["ctrl"]
+    other.load_state_dict({**saved, "starts": torch.zeros(2)})
+    action = torch.rand(2, env.action_size)
+    assert_same(env.step(action)._asdict(), other.step(action)._asdict())
+
+    env, other = arms(Declared), arms(Declared)
+    saved = env.state_dict()
+    del saved["state.goal"]
+    with pytest.warns(
+        UserWarning, match=r"^the saved worlds lack goal of the task, which is reset"
+    ):
+        other.load_state_dict(saved)
+    assert (other.goal == 0).all()

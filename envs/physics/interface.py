@@ -1,14 +1,31 @@
 """The interface of a simulator."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 
 import mujoco
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import unknown
+
+_ODD = {"WARMSTART": "qacc_warmstart", "PLUGIN": "plugin_state"}
+STATE = {  # the parts of MuJoCo's state, by the name of their array in MjData
+    _ODD.get(word, word.lower()): part
+    for member, part in mujoco.mjtState.__members__.items()
+    if (word := member.removeprefix("mjSTATE_")) != member and int(part).bit_count() == 1
+}
+MAIN = "qpos", "qvel", "act", "ctrl", "qacc_warmstart"  # those that `Physics` has by name
+
+
+def initial_parts(model: mujoco.MjModel) -> dict[str, NDArray[np.float64]]:
+    """Return the parts of MuJoCo's state that a model has beside the MAIN ones, in new MjData."""
+    data, names = mujoco.MjData(model), [name for name in STATE if name not in MAIN]
+    has = [name for name in names if mujoco.mj_stateSize(model, STATE[name])]
+    return {name: np.array(getattr(data, name), float) for name in has}
 
 
 class Physics(ABC):
@@ -30,7 +47,9 @@ class Physics(ABC):
     ctrl: Tensor  # (N, nu)
     warmstart: Tensor  # (N, nv) initial guess of the constraint solver
     sensors: Tensor  # (N, nsensordata)
-    leftovers: tuple[Tensor, ...] = ()  # (N, ...) other values that the next step reads
+    # Everything else that future steps read, such as `time` and `mocap_pos`, by its name in MjData:
+    # (N, ...) each, and what an episode starts with, (...).
+    parts: dict[str, tuple[Tensor, Tensor]] = {}
 
     @abstractmethod
     def step(self) -> None:
@@ -79,6 +98,25 @@ class Physics(ABC):
         if name not in self._readings_of:
             raise unknown("sensor", name, self._readings_of)
         return self._readings_of[name]
+
+    def part(self, name: str) -> Tensor:
+        """Return a view (N, ...) of another part of MuJoCo's state, such as "mocap_pos".
+
+        An episode starts with its value in new MjData.
+
+        Raises:
+            MorlaxError: the model has no such part.
+        """
+        if name not in self.parts:
+            raise unknown("part of the state", name, self.parts)
+        return self.parts[name][0]
+
+    def _view_parts(self, view: Callable[[str], Tensor]) -> None:
+        """Set `parts`; `view` returns the simulator's array of a name."""
+        self.parts = {
+            name: (values := view(name), torch.from_numpy(initial).to(values))
+            for name, initial in initial_parts(self.model).items()
+        }
 
     @cached_property
     def _readings_of(self) -> dict[str, Tensor]:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import MorlaxError
-from .interface import Physics
+from .interface import STATE, Physics
+
+_ALL = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class PythonBatch:
@@ -20,21 +22,29 @@ class PythonBatch:
         self._model, self._size = model, nsim
         self._datas = [mujoco.MjData(model) for _ in range(nsim)]
         self._models = [model] * nsim
+        self.state = np.zeros((nsim, mujoco.mj_stateSize(model, _ALL)))
+        for data, row in zip(self._datas, self.state, strict=True):
+            mujoco.mj_getState(model, data, row, _ALL)
         self._bound: dict[str, NDArray[Any]] = {}
         self._expanded: dict[str, NDArray[Any]] = {}
 
     def bind(self, name: str) -> NDArray[Any]:
         """Return the array `name` of MjData for all worlds, (N, ...), kept up to date."""
-        self._bound[name] = np.stack([getattr(data, name) for data in self._datas])
-        return self._bound[name]
+        now = np.stack([getattr(data, name) for data in self._datas])
+        if name not in STATE:
+            self._bound[name] = now
+            return now
+        size = mujoco.mj_stateSize(self._model, STATE[name])
+        start = mujoco.mj_stateSize(self._model, int(STATE[name]) - 1)  # of the parts before it
+        return self.state[:, start : start + size].reshape(now.shape)
 
     def step(self, ids: NDArray[np.int64] | None, nstep: int) -> None:
         """Advance the worlds of these indices (None: all) by `nstep` time steps."""
         for world in range(self._size) if ids is None else ids:
             model, data = self._models[world], self._datas[world]
-            for name, values in self._bound.items():
-                getattr(data, name)[:] = values[world]
+            mujoco.mj_setState(model, data, self.state[world], _ALL)
             mujoco.mj_step(model, data, nstep)
+            mujoco.mj_getState(model, data, self.state[world], _ALL)
             for name, values in self._bound.items():
                 values[world] = getattr(data, name)
 
@@ -128,6 +138,7 @@ class MujocoPhysics(Physics):
         # MuJoCo's sensor readings are read-only, but a reset has to write them
         self.sensors = torch.zeros(num_worlds, model.nsensordata, dtype=torch.float64)
         self._readings = self._batch.bind("sensordata") if model.nsensordata else None
+        self._view_parts(lambda name: torch.from_numpy(self._batch.bind(name)))
         self._no_overflow = torch.zeros(num_worlds, dtype=torch.int32)
         self._kept: list[mujoco.MjModel] = []
         self._moving: NDArray[np.int64] | None = None  # indices of worlds; None: all

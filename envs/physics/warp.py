@@ -70,8 +70,10 @@ class WarpPhysics(Physics):
         self.act = wp.to_torch(data.act)
         self.warmstart = wp.to_torch(data.qacc_warmstart)
         self.sensors = wp.to_torch(data.sensordata)
+        self._view_parts(lambda name: wp.to_torch(getattr(data, name)))
         if np.isin(model.eq_type, _ANCHORED).any():
-            self.leftovers = (wp.to_torch(data.cvel), wp.to_torch(data.cdof_dot))
+            for i, values in enumerate(map(wp.to_torch, (data.cvel, data.cdof_dot))):
+                self.parts[f"leftover.{i}"] = values, torch.zeros_like(values[0])
         self._overflow = wp.to_torch(data.overflow)
         self._kept: list[tuple[Tensor, Tensor]] = []  # (D, ...) of all models, (N, ...) of worlds
         self._launched = False

@@ -3,23 +3,30 @@
 `env` is an `Environment` that is being built.
 """
 
+import warnings
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import mujoco
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..errors import MorlaxError
 
 
 def model(task: type, compiled: mujoco.MjModel) -> None:
     """Refuse models with state that a reset does not restore."""
-    for name, kind in (("nhistory", "delayed actuators or sensors"), ("npluginstate", "plugins")):
-        if getattr(compiled, name):
-            raise MorlaxError(
-                f"{task.__name__}: its model has {kind}, whose state morlax_torch cannot reset: "
-                "remove them from the MJCF."
-            )
+    if compiled.npluginstate:
+        raise MorlaxError(
+            f"{task.__name__}: its model has plugins with a state, which morlax_torch cannot "
+            "reset: remove them from the MJCF."
+        )
+    if compiled.opt.enableflags & getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0):  # since 3.4
+        raise MorlaxError(
+            f"{task.__name__}: its model lets bodies sleep, which morlax_torch cannot reset: "
+            'remove <flag sleep="enable"/> from the MJCF.'
+        )
 
 
 def start(env: Any) -> np.ndarray:
@@ -28,6 +35,66 @@ def start(env: Any) -> np.ndarray:
     if qpos.shape != (nq,):
         raise _wrong(env, "initial_qpos()", qpos.shape, f"({nq},), one number per qpos")
     return qpos
+
+
+def state(env: Any) -> dict[str, Tensor]:
+    """Return the command and `initial_state()`, if these are tensors (N, ...) on the device."""
+    command, N = getattr(env, "command", None), env.num_worlds
+    tensors = {"command": command} if _shape(command)[:1] == (N,) else {}
+    for name, value in {**tensors, **env.initial_state()}.items():
+        if not isinstance(value, Tensor) or value.shape[:1] != (N,) or value.device != env.device:
+            kind = f"{_shape(value)} on {getattr(value, 'device', 'no device')}"
+            expected = f"({N}, ...) on {env.device}, one row per world"
+            raise _wrong(env, f"initial_state()[{name!r}]", kind, expected)
+        tensors[name] = value
+    return tensors
+
+
+class Unsaved:
+    """Notices tensors of a task that change, although no checkpoint has them.
+
+    Tensors are attributes with one row per world, as they are now and whenever worlds are saved.
+    """
+
+    def __init__(self, env: Any):
+        self._env, self._warned = env, set[str]()
+        self._former = {name: value.clone() for name, value in _attributes(env)}
+
+    def warn(self, saved: Iterable[Tensor]) -> None:
+        """Warn, once of each, of tensors that have changed and share no memory with those saved."""
+        memory = {value.untyped_storage().data_ptr() for value in saved}
+        changed = []
+        for name, value in _attributes(self._env):
+            former = self._former.setdefault(name, value.clone())
+            same = value.shape == former.shape and torch.equal(value, former)
+            if not same and value.untyped_storage().data_ptr() not in memory:
+                changed.append(name)
+        new = [name for name in changed if name not in self._warned]
+        self._warned.update(new)
+        if new:
+            warnings.warn(
+                f"{type(self._env).__name__} changes {', '.join(new)}, with one row per world, "
+                "which no checkpoint saves, so a resumed run will differ: declare such tensors in "
+                "initial_state() (docs/your-own-robot.md).",
+                stacklevel=2,
+            )
+
+
+def _attributes(env: Any) -> Iterator[tuple[str, Tensor]]:
+    """Return the attributes (N, ...), also of dictionaries and lists, with their names."""
+    for name, value in vars(env).items():
+        several = enumerate(value) if isinstance(value, list | tuple) else ()
+        several = value.items() if isinstance(value, dict) else several
+        for key, each in ((f"{name}[{key!r}]", each) for key, each in several):
+            yield from _of_worlds(env, key, each)
+        yield from _of_worlds(env, name, value)
+
+
+def _of_worlds(env: Any, name: str, value: object) -> Iterator[tuple[str, Tensor]]:
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        value = torch.from_numpy(value)
+    if isinstance(value, Tensor) and value.ndim and len(value) == env.num_worlds:
+        yield name, value.detach()
 
 
 def rows(env: Any, method: str, letter: str) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from mujoco import MjModel, MjSpec
 
-from ..errors import MorlaxError, unknown
+from ..errors import MorlaxError, shortened, unknown
 
 SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "neq", "nsensordata"
 DEPTH = 1e-3  # m that a body may penetrate more than the default body does at the start
@@ -48,13 +48,23 @@ class DesignSpace:
         """Return the design (d,) with these values by name, and defaults for the others.
 
         Raises:
-            MorlaxError: a name is unknown, or a value is out of its range.
+            MorlaxError: a name is unknown, a value is out of its range, or these are no numbers by
+                name.
         """
         design = self.default.copy()
         names = list(self.parameters)
+        if not isinstance(values, Mapping):
+            example = {name: each.default for name, each in list(self.parameters.items())[:1]}
+            raise MorlaxError(
+                f"a design is numbers by name, such as {example}, not {shortened(values)}."
+            )
         for name, value in values.items():
             if name not in names:
-                raise unknown("design parameter", name, names)
+                raise unknown("design parameter", str(name), names)
+            if isinstance(value, bool | str) or np.shape(value) or not hasattr(value, "__float__"):
+                raise MorlaxError(
+                    f"the design parameter {name!r} must be a number, not {shortened(value)}."
+                )
             _, low, high, unit = self.parameters[name]
             if not low <= value <= high:
                 raise MorlaxError(

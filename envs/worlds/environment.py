@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +27,6 @@ from .randomization import Delay, Noise, Pushes
 from .robot import Part, Robot
 
 STARTS_OF_BODY = 16  # noisy initial states of each body, where bodies differ
-OPTIONAL = ("act", "leftover.")  # saved state that only some simulators and versions have
 
 
 class Environment(Robot):
@@ -50,6 +50,8 @@ class Environment(Robot):
     paper_reset_terms: ClassVar[dict[str, float]] = {}
     physics: Physics
     embodied: Tensor | None = None  # (N,) int64 rows of the adopted bank
+    # The task's own tensors (N, ...) by name, from `initial_state`; `command` is one of them.
+    state: dict[str, Tensor]
 
     def __init__(
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
@@ -65,6 +67,9 @@ class Environment(Robot):
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
         self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
+        self._unsaved = checks.Unsaved(self)
+        self.state = checks.state(self)
+        self._initial = {name: value.clone() for name, value in self.state.items()}
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
@@ -194,7 +199,10 @@ class Environment(Robot):
 
     @abstractmethod
     def terms(self) -> dict[str, Tensor]:
-        """Return the unweighted reward terms (N,) of the last step, by name."""
+        """Return the unweighted reward terms (N,) of the last step, by name.
+
+        `age` does not count this step yet: it is `episode_length - 1` in an episode's last step.
+        """
 
     @abstractmethod
     def failed(self) -> Tensor:
@@ -202,6 +210,14 @@ class Environment(Robot):
 
     def remember(self) -> dict[str, Tensor]:
         """Return values to compare with in the next step's terms; read them from `memory`."""
+        return {}
+
+    def initial_state(self) -> dict[str, Tensor]:
+        """Return the task's own tensors (N, ...) by name, as episodes start with them.
+
+        Read them from `state`, and change them in place. They are reset before `begin`, saved in
+        checkpoints and restored. `self.command`, if there is one, is among them without this.
+        """
         return {}
 
     def prepare_starts(self, seed: int) -> Starts:
@@ -222,9 +238,10 @@ class Environment(Robot):
         return self.physics.model.nu
 
     def begin(self, fresh: Tensor) -> None:
-        """Reset task state where `fresh` (N,) bool.
+        """Start episodes where `fresh` (N,) bool: draw goals, set activations and so on, in place.
 
-        The physics has been reset before, to rows `starts.rows` of the starts.
+        Everything in `state` has been reset before, and the physics to rows `starts.rows` of the
+        starts.
         """
 
     def advance(self) -> None:
@@ -353,8 +370,10 @@ class Environment(Robot):
     def _restart(self, over: Tensor) -> None:
         starts = self.starts.draw(self.draws)
         episodes.restart(self.physics, over, starts, self.age)
-        for leftover in self.physics.leftovers:
-            leftover.masked_fill_(over[:, None, None], 0.0)
+        for values, initial in self.physics.parts.values():
+            episodes.refill(over, initial, values)
+        for name, values in self.state.items():
+            episodes.refill(over, self._initial[name], values)
         if self._delay:
             self._delay.begin(over)
         self.begin(over)
@@ -367,27 +386,43 @@ class Environment(Robot):
             self._judge.remember(self.observe())
 
     def state_dict(self) -> dict[str, Any]:
-        tensors = {name: value.clone() for name, value in self._state().items()}
+        saved = self._state()
+        self._unsaved.warn(saved.values())
+        tensors = {name: value.clone() for name, value in saved.items()}
+        for name, (values, initial) in self.physics.parts.items():
+            tensors[name] = tensors[name].to(self.physics.qpos)  # in Warp, eq_active is boolean
+            if torch.equal(values, initial.expand_as(values)):
+                del tensors[name]  # few robots change most parts
         return {**tensors, "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state of the same number of worlds, in place.
 
         The state may come from the other simulator or an older version: what it lacks of the
-        physics starts at zero, as after a reset.
+        physics or of the task's own tensors is reset.
 
         Raises:
             MorlaxError: the state was saved under other task options.
         """
-        own = self._state()
-        missing = [name for name in own if name not in state and not name.startswith(OPTIONAL)]
+        saved, parts = self._state(), self.physics.parts
+        plain = {f"state.{name}": state[name] for name in self.state if name in state}
+        state = {**plain, **state}  # up to version 1.0, BRUCE saved its tensors by plain names
+        initial = {f"state.{name}": value for name, value in self._initial.items()}
+        if new := [name for name in self.state if f"state.{name}" not in state]:
+            warnings.warn(
+                f"the saved worlds lack {', '.join(new)} of the task, which is reset instead.",
+                stacklevel=2,
+            )
+        initial |= {"act": self._zero, "ctrl": self._zero}
+        initial |= {name: start for name, (_, start) in parts.items()}
+        missing = [name for name in saved if name not in state and name not in initial]
         if missing:
             raise MorlaxError(
                 f"the saved worlds lack {', '.join(missing)}, which the options of this task "
                 "need: resume with the config of the saved run."
             )
-        for name, value in own.items():
-            value.copy_(state[name]) if name in state else value.zero_()
+        for name, value in saved.items():
+            value.copy_(state[name] if name in state else initial[name])
         if self._model:
             self.physics.vary({name: value.numpy() for name, value in self._model.items()})
         if self.embodied is not None:
@@ -400,11 +435,12 @@ class Environment(Robot):
             "qpos": physics.qpos,
             "qvel": physics.qvel,
             "act": physics.act,
+            "ctrl": physics.ctrl,
             "warmstart": physics.warmstart,
             "sensors": physics.sensors,
+            **{name: values for name, (values, _) in physics.parts.items()},
             "age": self.age,
             "blowups": self.blowups,
-            **{f"leftover.{i}": value for i, value in enumerate(physics.leftovers)},
             **{f"memory.{name}": value for name, value in self.memory.items()},
             **{f"model.{name}": value for name, value in self._model.items()},
             **({} if self.embodied is None else {"embodied": self.embodied}),
@@ -413,6 +449,7 @@ class Environment(Robot):
                 for part in (self._noise, self._delay, self._judge)
                 for name, value in (part.state if part else {}).items()
             },
+            **{f"state.{name}": value for name, value in self.state.items()},
         }
 
     def mirror(self) -> Mirror:

@@ -70,9 +70,11 @@ def _restart(
     chosen: wp.array(dtype=wp.int64),  # (N,) rows of the starts
     start_qpos: wp.array2d(dtype=float),  # (B, nq)
     start_qvel: wp.array2d(dtype=float),  # (B, nv)
+    start_ctrl: wp.array2d(dtype=float),  # (B, nu)
     start_sensors: wp.array2d(dtype=float),  # (B, nsensordata)
     qpos: wp.array2d(dtype=float),  # (N, nq)
     qvel: wp.array2d(dtype=float),  # (N, nv)
+    ctrl: wp.array2d(dtype=float),  # (N, nu)
     act: wp.array2d(dtype=float),  # (N, na)
     warmstart: wp.array2d(dtype=float),  # (N, nv)
     sensors: wp.array2d(dtype=float),  # (N, nsensordata)
@@ -86,6 +88,8 @@ def _restart(
         for i in range(qvel.shape[1]):
             qvel[world, i] = start_qvel[row, i]
             warmstart[world, i] = 0.0
+        for i in range(ctrl.shape[1]):
+            ctrl[world, i] = start_ctrl[row, i]
         for i in range(act.shape[1]):
             act[world, i] = 0.0
         for i in range(sensors.shape[1]):
@@ -98,7 +102,7 @@ def end(physics, action, observation, failed, length, age, reward, terms, blowup
     ends = Ends(*(torch.empty_like(failed) for _ in Ends._fields))
     # a reduction of torch reads wide rows much faster than one thread per world would
     largest = torch.linalg.vector_norm(observation, torch.inf, dim=-1)
-    before = [physics.qpos, physics.qvel, action.detach().float(), largest, failed]
+    before = [physics.qpos, physics.qvel, action.float(), largest, failed]
     after = [age, reward, terms, *ends, blowups.view(1)]
     limits = [MAX_POSITION, MAX_VELOCITY, length]
     _launch(_end, [*map(wp.from_torch, before), *limits, *map(wp.from_torch, after)])
@@ -107,8 +111,8 @@ def end(physics, action, observation, failed, length, age, reward, terms, blowup
 
 def restart(physics, over, starts, age) -> None:
     """`episodes.restart`."""
-    state = [physics.qpos, physics.qvel, physics.act, physics.warmstart, physics.sensors]
-    _launch(_restart, [*map(wp.from_torch, [over, *starts, *state, age])])
+    state = [physics.qpos, physics.qvel, physics.ctrl, physics.act, physics.warmstart]
+    _launch(_restart, [*map(wp.from_torch, [over, *starts, *state, physics.sensors, age])])
 
 
 def _launch(kernel: wp.Kernel, inputs: list) -> None:

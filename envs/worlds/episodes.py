@@ -1,5 +1,6 @@
 """Episodes: the states that they start from, their end and restart, as torch definitions."""
 
+import copy
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -14,6 +15,9 @@ from ..physics.interface import Physics
 from ..replacing import kernel
 
 NOISY_STARTS = 1024
+_EQ = mujoco.mjtEq
+LOOPS = [int(kind) for kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD, _EQ.mjEQ_JOINT, _EQ.mjEQ_TENDON)]
+MOST_CORRECTIONS, CLOSED = 30, 1e-9  # steps of Newton's method, until violations (m, rad) are less
 MAX_POSITION = 1e5  # m, rad
 MAX_VELOCITY = 1e4  # m/s, rad/s
 
@@ -51,14 +55,14 @@ class Starts:
         for qpos, qvel, ctrl, model in starts:
             data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, ctrl
             mujoco.mj_forward(model or physics.model, data)
-            rows.append((data.qpos.copy(), data.qvel.copy(), data.sensordata.copy()))
+            rows.append([x.copy() for x in (data.qpos, data.qvel, data.ctrl, data.sensordata)])
         columns = (np.stack(column) for column in zip(*rows, strict=True))
         self.states = [torch.from_numpy(column).to(physics.qpos) for column in columns]
         self.rows = torch.zeros(physics.num_worlds, dtype=torch.int64, device=physics.device)
         self._bodies, self._each = bodies, len(rows) // number
 
     def draw(self, draws: Draws) -> list[Tensor]:
-        """Draw a row for each world; returns rows (N,) and qpos, qvel and sensors (B, ...)."""
+        """Draw a row for each world; returns rows (N,), and qpos, qvel, ctrl, sensors (B, ...)."""
         if self._each > 1:
             draws.integers_(self.rows, 0, self._each)
         if self._bodies is not None:
@@ -76,15 +80,49 @@ def around(
     """Yield one state at rest, with positions (nq,), or with noise `number` states around it.
 
     The noise is half the width of uniform noise on positions (m, rad) and the standard deviation of
-    normal noise on velocities (m/s, rad/s).
+    normal noise on velocities (m/s, rad/s). It leaves loops as closed as the first state has them.
     """
     random = np.random.default_rng(seed)
+    closed = np.isin(model.eq_type[model.eq_active0.astype(bool)], LOOPS).any()
+    loops = Loops(model, qpos) if noise and closed else None
     for _ in range(number if noise else 1):
         moved, qvel = qpos.copy(), np.zeros(model.nv)
         if noise:
             mujoco.mj_integratePos(model, moved, random.uniform(-noise, noise, model.nv), 1)
             qvel = noise * random.standard_normal(model.nv)
+            if loops:
+                loops.close(moved, qvel)
         yield Start(moved, qvel, np.zeros(model.nu), model)
+
+
+class Loops:
+    """The equality constraints of a model, as positions (nq,) satisfy or violate them."""
+
+    def __init__(self, model: mujoco.MjModel, qpos: NDArray[np.float64]):
+        self._model = model = copy.copy(model)
+        off = mujoco.mjtDisableBit
+        model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        self._data = mujoco.MjData(model)
+        self._offset = self._errors(qpos)[0]
+
+    def close(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:
+        """Move a state to the nearest one that violates constraints as the first did, in place."""
+        for _ in range(MOST_CORRECTIONS):
+            errors, jacobian = self._errors(qpos)
+            errors -= self._offset
+            if np.abs(errors).max() < CLOSED:
+                break
+            change = -np.linalg.lstsq(jacobian, errors)[0]
+            mujoco.mj_integratePos(self._model, qpos, change, 1)
+        qvel -= np.linalg.lstsq(jacobian, jacobian @ qvel)[0]
+
+    def _errors(self, qpos: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the violations (ne,) at positions (nq,), and their derivatives (ne, nv)."""
+        data = self._data
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(self._model, data)
+        return data.efc_pos.copy(), data.efc_J.reshape(-1, self._model.nv).copy()
 
 
 class Ends(NamedTuple):
@@ -146,11 +184,18 @@ def end(
 def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
     """Put the worlds that are `over` (N,) bool into the states of `Starts.draw`, at age zero."""
     done = over.nonzero().squeeze(-1)
-    rows, qpos, qvel, sensors = starts
+    rows, qpos, qvel, ctrl, sensors = starts
     rows = rows[done]
     physics.qpos[done] = qpos[rows]
     physics.qvel[done] = qvel[rows]
+    physics.ctrl[done] = ctrl[rows]
     physics.act[done] = 0.0
     physics.sensors[done] = sensors[rows]
     physics.warmstart[done] = 0.0
     age[done] = 0
+
+
+def refill(fresh: Tensor, initial: Tensor, values: Tensor) -> None:
+    """Write `initial` (N, ...), or one (...) for all, into `values` where `fresh` (N,) bool."""
+    where = fresh.view(-1, *[1] * (values.ndim - 1))
+    torch.where(where, initial, values, out=values)

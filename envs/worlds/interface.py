@@ -2,7 +2,9 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple, Self
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, ClassVar, NamedTuple, NoReturn, Self
 
 import gymnasium
 import numpy as np
@@ -29,11 +31,24 @@ class TimeStep(NamedTuple):
     blown_up: Tensor | None = None  # (N,) bool: terminated outside sane bounds; None: unknown
 
 
+def _without_gradients(step: Callable[..., TimeStep]) -> Callable[..., TimeStep]:
+    """Return `step` without the graph of the actions, which worlds would keep for ever."""
+
+    @wraps(step)
+    def stepped(self: "Worlds", action: Tensor) -> TimeStep:
+        if isinstance(action, Tensor) and action.requires_grad:
+            action = action.detach()
+        with torch.no_grad():
+            return step(self, action)
+
+    return stepped
+
+
 class Worlds(ABC):
     """N worlds of one task with several objectives, stepped together.
 
     `options` combine reward terms into objectives. A world whose episode ends is reset within the
-    same step if `auto_reset`.
+    same step if `auto_reset`. No gradient passes through a step.
     """
 
     Options: ClassVar[type[ObjectiveOptions]]
@@ -61,6 +76,17 @@ class Worlds(ABC):
     generator: torch.Generator  # of every random draw while stepping
     blowups: Tensor  # () int64: how often a world left sane bounds
     _weights: Tensor  # (terms, m)
+
+    def __init_subclass__(cls, **named: Any) -> None:
+        super().__init_subclass__(**named)
+        if "step" in vars(cls):
+            cls.step = _without_gradients(cls.step)
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        raise MorlaxError(
+            "worlds cannot be copied or pickled: make others with envs.make, and give them the "
+            "state of these with load_state_dict(worlds.state_dict())."
+        )
 
     @classmethod
     @abstractmethod

@@ -137,6 +137,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
     def _checked(self, action: ArrayLike) -> torch.Tensor:
         self._check_reset("step")
         size = self.worlds.action_size
+        action = action.detach() if isinstance(action, torch.Tensor) else action
         try:
             numbers = np.asarray(action, dtype=np.float32)
         except (TypeError, ValueError):  # a tensor on the GPU, ragged rows, strings

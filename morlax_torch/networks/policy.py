@@ -58,7 +58,8 @@ class Policy(nn.Module):
             raise MorlaxError("these policies were trained with one body, so they know no others.")
         space = DesignSpace(self.agent.designs)
         agent = self.agent.with_context(torch.from_numpy(space.scaled(space.vector(design))))
-        task = self.config.task.model_copy(update={"design": dict(design)})
+        plain = {name: float(value) for name, value in design.items()}
+        task = self.config.task.model_copy(update={"design": plain})
         config = self.config.model_copy(update={"task": task})
         return Policy(agent, config, self.objectives)
 

@@ -81,8 +81,9 @@ class Bruce(Environment):
         self._reach = like.new_tensor(reach)
         self._fastest = like.new_tensor(FASTEST)
         self._closeness, self._swinging_arms = Closeness(WIDTHS, like), SwingingArms(like)
-        self._action = like.new_zeros(len(like), 18)  # of this control step, until it is pushed
-        self._filtered = like.new_zeros(len(like), 18)
+        # The action of this control step, until it is pushed, and the filtered one. They share
+        # memory, because nothing needs to save the former.
+        self._action, self._filtered = like.new_zeros(2, len(like), 18)
         # Filtered offset from the default pose in rad, and shift of the velocity in m/s.
         self._offset, self._shift = self._filtered.split([16, 2], -1)
         self._anchor = Anchor(like)
@@ -126,7 +127,6 @@ class Bruce(Environment):
     def begin(self, fresh: Tensor) -> None:
         first, here = self._first.at(self.starts.rows), fresh[:, None]
         torch.where(here, first.command, self.command, out=self.command)
-        self._filtered.masked_fill_(here, 0.0)
         self._anchor.begin(fresh, first.anchor)
         self.reference.begin(fresh, first.command, first.leg, first.points)
         torch.where(here, first.rates, self._rates, out=self._rates)
@@ -134,7 +134,7 @@ class Bruce(Environment):
         self._histories.refill(fresh, {"actions": no_action, **self._readings(first.target)})
 
     def apply(self, action: Tensor) -> None:
-        self._action.copy_(action.detach().clamp(-1, 1))
+        self._action.copy_(action.clamp(-1, 1))
         self._filtered.lerp_(self._reach * self._action, self.dt / LAG)
         self.physics.ctrl[:, :16] = self._to_motors(self._default + self._offset)
 
@@ -264,14 +264,11 @@ class Bruce(Environment):
     def failed(self) -> Tensor:
         return self.physics.qpos[:, 2] < FALLEN
 
-    def _state(self) -> dict[str, Tensor]:
+    def initial_state(self) -> dict[str, Tensor]:
         return {
-            **super()._state(),
-            "command": self.command,
             "offset": self._offset,
             "shift": self._shift,
             "rates": self._rates,
-            "starts": self.starts.rows,
             **self._histories.state(),
             **self._anchor.state(),
             **self.reference.state(),
