@@ -5,12 +5,14 @@ import torch
 from tiny import Blind, learner, tiny
 
 from morlax_torch import MorlaxError, Policy, envs, load, save
+from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.envs import Worlds
 from morlax_torch.envs.worlds.mirror import Mirror, Reflection
 from morlax_torch.exports.exporting import export
 from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.networks.mlp import mlp
 from morlax_torch.networks.symmetric import Symmetric
+from morlax_torch.runs.training import make_worlds
 
 SEEN = Reflection.of([1, 0, 2, 4, 3, 5, 6, 7, 9, 8, 10, 11, 12], [1, 1, -1, -1, -1, 1] * 2 + [1])
 ACTED = Reflection.of([0, 2, 1, 3], [-1.0, 1.0, 1.0, 1.0])
@@ -49,6 +51,25 @@ def test_mirrored_observations_give_mirrored_actions_and_equal_values(tmp_path, 
     save(policy, tmp_path / "policy.pt")
     loaded, x = load(tmp_path / "policy.pt"), raw[0, :, :size]
     torch.testing.assert_close(loaded(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
+
+
+@pytest.mark.parametrize("algorithm", LEARNERS)
+def test_every_algorithm_trains_symmetric_policies(algorithm, generator):
+    own = {
+        "hyper-sac": {"method.start": 32, "method.batch": 8, "method.updates": 2},
+        "pd-morl": {"method.start": 32, "method.batch": 8, "method.updates": 2},
+        "pg-morl": {"method.warmup": 1, "method.generation": 1},
+    }
+    changes = {"network.symmetric": True, "task.reset_noise": 0.3, **own.get(algorithm, {})}
+    config = tiny("mirrored", algorithm=algorithm, **changes)
+    learner = make_learner(make_worlds(config, config.worlds), config)
+    for iteration in range(3):
+        learner.iterate(iteration / 3)
+    policy = Policy(learner.agent, config, learner.env.objectives)
+    size = learner.env.observation_size
+    x, seen = torch.randn(16, size, generator=generator), SEEN.first(size)
+    assert learner.agent.observation_normalizer.mean.any()
+    torch.testing.assert_close(policy(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
 
 
 @pytest.mark.parametrize(("format", "tradeoff"), [("torchscript", (0.5, 0.5)), ("onnx", None)])
