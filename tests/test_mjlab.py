@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import mjlab_front
 import mjlab_peer
@@ -288,9 +289,14 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys
     assert lazy["policy"] == lazy["non-dominated"] == ""
 
 
-@pytest.mark.parametrize("name", [GO1, G1])
-def test_a_robot_moves_like_its_mirror_image(name, generator):
-    env = calm(name, 2)
+@pytest.mark.parametrize(("name", "history"), [(GO1, 0), (G1, 0), (GO1, 5)])
+def test_a_robot_moves_like_its_mirror_image(name, history, generator):
+    def remember(cfg: Any) -> None:
+        if history:
+            cfg.observations["actor"].history_length = history
+            cfg.observations["critic"].terms["joint_pos"].history_length = history - 2
+
+    env = calm(name, 2, edit=remember)
     mirror = mirror_of(env, ["actor", "critic"])
     env.command_manager.get_command("twist")[1, 1:] *= -1
     action = torch.zeros(env.action_manager.total_action_dim)

@@ -28,13 +28,14 @@ def mirror_of(env: Any, groups: Sequence[str]) -> Mirror:
         for term in manager.active_terms[group]:
             cfg = manager.get_term_cfg(group, term)
             find = robot.terms.get(cfg.func.__name__)
-            found = find(cfg.params) if find and not cfg.history_length else None
-            if found is None:
+            reflection = find(cfg.params) if find else None
+            length = cfg.history_length
+            if reflection is None or (length and not cfg.flatten_history_dim):
                 raise MorlaxError(
                     f"the mirror image of the observation {term} is not known: set "
                     "network.symmetric to false."
                 )
-            parts.append(found)
+            parts += [reflection] * max(length, 1)  # a history is flat, from oldest to newest
     return Mirror(Reflection.joined(parts), robot.actions({}))
 
 
