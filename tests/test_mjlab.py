@@ -297,7 +297,7 @@ def test_a_robot_moves_like_its_mirror_image(name, history, generator):
             cfg.observations["critic"].terms["joint_pos"].history_length = history - 2
 
     env = calm(name, 2, edit=remember)
-    mirror = mirror_of(env, ["actor", "critic"])
+    mirror = mirror_of(env, ["actor", "critic"], tolerance=0.01)
     env.command_manager.get_command("twist")[1, 1:] *= -1
     action = torch.zeros(env.action_manager.total_action_dim)
     apart, moved = [], []
@@ -311,8 +311,16 @@ def test_a_robot_moves_like_its_mirror_image(name, history, generator):
     assert torch.stack(apart).mean() < 0.03 * torch.stack(moved).mean()
 
 
-def test_a_robot_without_a_mirrored_partner_is_refused():
+def test_a_robot_whose_left_and_right_differ_is_refused():
     env = calm(GO1, 1)
+    with pytest.raises(MorlaxError, match=r"center of mass of robot/trunk .*-tolerance 0\.01\."):
+        mirror_of(env, ["actor", "critic"])
+
+    def clip(cfg: Any) -> None:
+        cfg.observations["actor"].terms["base_lin_vel"].clip = (-1.0, 2.0)
+
+    with pytest.raises(MorlaxError, match="differ in clip or scale of the observation base_lin"):
+        mirror_of(calm(GO1, 1, edit=clip), ["actor", "critic"], tolerance=0.01)
     env.sim.mj_model.jnt_pos[env.sim.mj_model.joint("robot/FL_hip_joint").id, 1] += 0.05
     with pytest.raises(MorlaxError, match="FR_hip_joint has no mirrored partner on the robot"):
         mirror_of(env, ["actor", "critic"])
