@@ -10,9 +10,10 @@ import numpy as np
 import torch
 
 from ..errors import MorlaxError
+from .trees import base_of
 
 
-def model(task: type, compiled: mujoco.MjModel) -> None:
+def model(task: Any, compiled: mujoco.MjModel) -> None:
     """Refuse models with state that a reset does not restore."""
     for name, kind in (("nhistory", "delayed actuators or sensors"), ("npluginstate", "plugins")):
         if getattr(compiled, name):
@@ -20,6 +21,7 @@ def model(task: type, compiled: mujoco.MjModel) -> None:
                 f"{task.__name__}: its model has {kind}, whose state morlax_torch cannot reset: "
                 "remove them from the MJCF."
             )
+    base_of(compiled, task.base_body)  # raises where there is no such body
 
 
 def start(env: Any) -> np.ndarray:

@@ -130,7 +130,7 @@ class Environment(Robot):
         if any(chosen.action_delay):
             self._delay = Delay(chosen.action_delay, self.action_size, physics, draws)
         if chosen.push:
-            self._pushes = Pushes(chosen.push, chosen.push_every, physics, draws)
+            self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:

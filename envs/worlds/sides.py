@@ -109,7 +109,8 @@ def motion_of(model: mujoco.MjModel) -> Motion:
 
 def _of_motors(model: mujoco.MjModel, velocities: Reflection) -> Reflection:
     """Return the reflection of ctrl, from that of qvel."""
-    if (model.actuator_trntype != mujoco.mjtTrn.mjTRN_JOINT).any():
+    kinds = model.actuator_trntype
+    if len(kinds) != model.nu or (kinds != mujoco.mjtTrn.mjTRN_JOINT).any():
         raise cannot("it has actuators that do not move one joint")
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]].tolist()
     motors = [(dof, dofs[:i].count(dof)) for i, dof in enumerate(dofs)]  # several may move a joint
