@@ -1,5 +1,6 @@
 """An environment of mjlab that draws nothing at random."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +11,18 @@ from morlax_torch.envs.worlds.mjlab.worlds import build
 
 
 def calm(
-    name: str, num_envs: int, device: str = "cpu", *, pushed: bool = False, **changes: Any
+    name: str,
+    num_envs: int,
+    device: str = "cpu",
+    *,
+    pushed: bool = False,
+    edit: Callable[[Any], None] = lambda cfg: None,
+    **changes: Any,
 ) -> Any:
     """Return an environment of mjlab without noise and without differences between worlds.
 
     All have one command. Where they are `pushed`, each push is the same, every 0.2 s, and so are
-    commands, which are drawn every 0.5 s. `changes` are of the config.
+    commands, which are drawn every 0.5 s. `changes` are of the config, which `edit` changes too.
     """
 
     def config() -> Any:
@@ -34,6 +41,7 @@ def calm(
         twist.ranges = replace(twist.ranges, **same)
         for share in ("standing", "heading", "world", "forward"):
             setattr(twist, f"rel_{share}_envs", -1.0)
+        edit(cfg)
         return replace(cfg, **changes)
 
     load(name)  # imports mjlab, whose warnings are not ours

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from crowd import Bowling, Crowd
 
 from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.algorithms.rollout import Rollout
@@ -200,6 +201,14 @@ def make_policy() -> Callable[..., Policy]:
         return Policy(agent, config, env.objectives)
 
     return make
+
+
+@pytest.fixture
+def crowd(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Register the tasks of `crowd` for a test."""
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    envs.register("crowd", Crowd)
+    envs.register("bowling", Bowling)
 
 
 @pytest.fixture(scope="session")

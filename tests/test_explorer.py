@@ -8,15 +8,17 @@ import time
 import mujoco
 import numpy as np
 import pytest
+from crowd import MOTOR, ROBOT, SCENE
 
 from morlax_torch import MorlaxError, evaluate
-from morlax_torch.envs.worlds.randomization import horizontal
+from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.explaining import explain, is_told_velocity
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer import thresholds as thresholds_module
+from morlax_torch.viewers.explorer.clip import Clip
 from morlax_torch.viewers.explorer.contacts import WEIGHT, contact_arrows
-from morlax_torch.viewers.explorer.describing import frame_bytes
+from morlax_torch.viewers.explorer.describing import described, frame_bytes
 from morlax_torch.viewers.explorer.lineup import Lineup
 from morlax_torch.viewers.explorer.requests import Requests
 from morlax_torch.viewers.explorer.saving import Saving
@@ -105,9 +107,28 @@ def test_a_push_changes_only_free_horizontal_velocities(task, free, tmp_path, ma
     before = session.player.env.physics.qvel[0].clone()
     session.push()
     kick = session.player.env.physics.qvel[0] - before
-    assert horizontal(session.player.model) == list(range(free))
+    assert horizontal(session.player.model, 1) == list(range(free))
     assert float(kick.norm()) == pytest.approx(PUSH)
     assert not kick[free:].any()
+
+
+@pytest.mark.usefixtures("crowd")
+@pytest.mark.parametrize(("task", "body"), [("crowd", "robot"), ("bowling", "ball")])
+def test_the_page_pushes_and_follows_the_robot_or_the_named_body(task, body, make_policy):
+    session = Session(make_policy(task), None)
+    model, speed = session.player.model, session.player.env.physics.qvel[0]
+    session.push()
+    start = model.body_dofadr[model.body(body).id]
+    assert float(speed[start : start + 2].norm()) == pytest.approx(PUSH)
+    assert float(speed.norm()) == pytest.approx(PUSH)
+    about = described(session)
+    assert about["followed"] == model.body(body).id
+    assert about["pushed"] == [start, start + 1]
+
+
+def test_a_recorded_scene_is_followed_at_its_robot():
+    model = mujoco.MjModel.from_xml_string(SCENE.format(MOTOR))
+    assert described(Clip(model, model.qpos0[None], 0.1))["followed"] == ROBOT
 
 
 def test_power_is_force_times_velocity(session):

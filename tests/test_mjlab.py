@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import mjlab_front
 import mjlab_peer
@@ -288,10 +289,15 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys
     assert lazy["policy"] == lazy["non-dominated"] == ""
 
 
-@pytest.mark.parametrize("name", [GO1, G1])
-def test_a_robot_moves_like_its_mirror_image(name, generator):
-    env = calm(name, 2)
-    mirror = mirror_of(env, ["actor", "critic"])
+@pytest.mark.parametrize(("name", "history"), [(GO1, 0), (G1, 0), (GO1, 5)])
+def test_a_robot_moves_like_its_mirror_image(name, history, generator):
+    def remember(cfg: Any) -> None:
+        if history:
+            cfg.observations["actor"].history_length = history
+            cfg.observations["critic"].terms["joint_pos"].history_length = history - 2
+
+    env = calm(name, 2, edit=remember)
+    mirror = mirror_of(env, ["actor", "critic"], tolerance=0.01)
     env.command_manager.get_command("twist")[1, 1:] *= -1
     action = torch.zeros(env.action_manager.total_action_dim)
     apart, moved = [], []
@@ -305,8 +311,16 @@ def test_a_robot_moves_like_its_mirror_image(name, generator):
     assert torch.stack(apart).mean() < 0.03 * torch.stack(moved).mean()
 
 
-def test_a_robot_without_a_mirrored_partner_is_refused():
+def test_a_robot_whose_left_and_right_differ_is_refused():
     env = calm(GO1, 1)
+    with pytest.raises(MorlaxError, match=r"center of mass of robot/trunk .*-tolerance 0\.01\."):
+        mirror_of(env, ["actor", "critic"])
+
+    def clip(cfg: Any) -> None:
+        cfg.observations["actor"].terms["base_lin_vel"].clip = (-1.0, 2.0)
+
+    with pytest.raises(MorlaxError, match="differ in clip or scale of the observation base_lin"):
+        mirror_of(calm(GO1, 1, edit=clip), ["actor", "critic"], tolerance=0.01)
     env.sim.mj_model.jnt_pos[env.sim.mj_model.joint("robot/FL_hip_joint").id, 1] += 0.05
     with pytest.raises(MorlaxError, match="FR_hip_joint has no mirrored partner on the robot"):
         mirror_of(env, ["actor", "critic"])

@@ -87,10 +87,10 @@ def settings() -> dict:
     }
 
 
-def write(folder: Path, content: dict) -> Path:
+def write(folder: Path, content: dict, xml: str = XML) -> Path:
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as files:
-        files.writestr("robot.xml", XML)
+        files.writestr("robot.xml", xml)
     robot = SimpleNamespace(deployment=lambda: Deployment(content, archive.getvalue()))
     (folder / "family.onnx").write_bytes(onnx_file())
     deploy(robot, folder / "family.onnx", "cart", ["fast", "calm"], slew=0.5)
@@ -100,6 +100,18 @@ def write(folder: Path, content: dict) -> Path:
 @pytest.fixture
 def cart(tmp_path: Path) -> Export:
     return open_export(write(tmp_path, settings()))
+
+
+def test_a_ball_before_the_robot_changes_nothing(tmp_path):
+    ball = '<body><freejoint/><geom size=".1" contype="0" conaffinity="0"/></body>'
+    behind = XML.replace('<body name="base"', f'{ball}<body name="base"')
+    strengths, motions = Disturbances(push=1.0), []
+    for number, xml in enumerate((XML, behind)):
+        (folder := tmp_path / str(number)).mkdir()
+        robot = Robot(open_export(write(folder, settings(), xml)), strengths, seed=1)
+        seen = [robot.observe(np.zeros(3)) for _ in range(80) if robot.step(np.ones(2))]
+        motions.append([*np.ravel(seen), *robot.velocity(), robot.weight()])
+    np.testing.assert_allclose(*motions, atol=1e-6)
 
 
 def test_an_observation_has_the_order_scales_clips_and_history_of_its_settings(cart):

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import torch
 from acting import random_actions, still
+from crowd import DOOR, MOTOR, ROBOT, SCENE
 from same import assert_same
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, envs
 from morlax_torch.configuration.config import load_config
 from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
+from morlax_torch.envs.worlds.trees import base_of
 from morlax_torch.evaluate import evaluate
 from morlax_torch.runs.training import make_worlds
 
@@ -247,6 +249,46 @@ def test_a_push_changes_the_horizontal_velocity_by_the_configured_amount(task, h
     others = [i for i in range(change.shape[1]) if i not in horizontal]
     assert change[:, others].abs().max() < 1e-4
     assert change[:, horizontal].mean(0).abs().max() < 5 * 0.7 / math.sqrt(worlds)
+
+
+@pytest.mark.usefixtures("crowd")
+@pytest.mark.parametrize(("task", "body"), [("crowd", "robot"), ("bowling", "ball")])
+def test_pushes_move_the_robot_or_the_named_body(task, body):
+    env = make(task, "mujoco", {"push": 2.0, "push_every": 1})
+    env.step(still(env))
+    model, speed = env.physics.model, env.physics.qvel.double()
+    for name in ("ball", "robot"):
+        start = model.body_dofadr[model.body(name).id]
+        size = speed[:, start : start + 2].norm(dim=-1)
+        expected = torch.full_like(size, 2.0 if name == body else 0.0)
+        torch.testing.assert_close(size, expected, rtol=0, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("actuators", "base"),
+    [
+        (MOTOR, ROBOT),
+        ('<motor joint="door"/>', DOOR),
+        ('<motor joint="door"/>' + 2 * MOTOR, ROBOT),
+        ('<motor joint="door"/>' + MOTOR, ROBOT),  # which has more degrees of freedom
+        ('<motor tendon="tendon"/>', ROBOT),
+        ('<general site="hand" gear="0 0 1 0 0 0"/>', ROBOT),
+        ('<adhesion body="arm" ctrlrange="0 1"/>', ROBOT),
+        ('<motor jointinparent="arm"/>', ROBOT),
+    ],
+)
+def test_the_robot_is_the_tree_with_the_most_actuators(actuators, base):
+    assert base_of(mujoco.MjModel.from_xml_string(SCENE.format(actuators))) == base
+
+
+def test_bases_without_actuators_trees_or_such_a_body():
+    scene = mujoco.MjModel.from_xml_string(SCENE.format(""))
+    assert base_of(scene, "arm") == ROBOT
+    with pytest.raises(MorlaxError, match="unknown body 'rbot': did you mean 'robot'"):
+        base_of(scene, "rbot")
+    still_life = "<mujoco><worldbody><body/></worldbody></mujoco>"
+    assert base_of(mujoco.MjModel.from_xml_string(still_life)) == 1
+    assert base_of(mujoco.MjModel.from_xml_string("<mujoco/>")) == 0
 
 
 def test_pushes_come_at_the_configured_rate_on_every_step():

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError, load
-from morlax_torch.viewers.camera import FollowingCamera
+from morlax_torch.adapters.pictures import Pictures
+from morlax_torch.viewers.camera import FollowingCamera, cameras_for
+from morlax_torch.viewers.filming.film import Take
 from morlax_torch.viewers.filming.rendering import Scene, choose_opengl
 from morlax_torch.viewers.player import Player
 
@@ -67,6 +69,23 @@ def test_a_robot_that_is_put_elsewhere_looks_the_same(make_policy):
         far_away = scene.draw(player.data, following.camera)
     difference = np.abs(at_home.astype(int) - far_away)
     assert np.median(difference) <= 2  # light and camera follow the robot
+
+
+@pytest.mark.usefixtures("crowd")
+@pytest.mark.parametrize(("task", "body"), [("crowd", "robot"), ("bowling", "ball")])
+def test_cameras_show_the_robot_or_the_named_body(task, body, make_policy):
+    env = Player(make_policy(task), (0.5, 0.5)).env
+    data = mujoco.MjData(env.physics.model)
+    mujoco.mj_forward(env.physics.model, data)
+    place = data.body(body).xpos
+    following = FollowingCamera(env.physics.model, 1.0, base=env.base)
+    following.restart(data)
+    np.testing.assert_allclose(following.camera.lookat, place, atol=0.2)
+    take = Take(Player(make_policy(task), (0.5, 0.5)), 480, 360)
+    assert take._camera._view._tree == env.base
+    assert Pictures(env, 64, 64)._view._tree == env.base
+    (camera,) = cameras_for(env.physics.model, 1.0, [data], env.base)
+    np.testing.assert_allclose(camera.lookat[:2], place[:2], atol=0.2)
 
 
 @pytest.mark.usefixtures("opengl")

@@ -1,16 +1,25 @@
 """Policies of robots whose left and right are alike."""
 
+import re
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
 import pytest
 import torch
 from tiny import Blind, learner, tiny
 
 from morlax_torch import MorlaxError, Policy, envs, load, save
+from morlax_torch.algorithms.registry import LEARNERS, make_learner
+from morlax_torch.configuration.files import task_values
 from morlax_torch.envs import Worlds
 from morlax_torch.envs.worlds.mirror import Mirror, Reflection
 from morlax_torch.exports.exporting import export
 from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.networks.mlp import mlp
 from morlax_torch.networks.symmetric import Symmetric
+from morlax_torch.runs.training import make_worlds
 
 SEEN = Reflection.of([1, 0, 2, 4, 3, 5, 6, 7, 9, 8, 10, 11, 12], [1, 1, -1, -1, -1, 1] * 2 + [1])
 ACTED = Reflection.of([0, 2, 1, 3], [-1.0, 1.0, 1.0, 1.0])
@@ -51,6 +60,25 @@ def test_mirrored_observations_give_mirrored_actions_and_equal_values(tmp_path, 
     torch.testing.assert_close(loaded(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
 
 
+@pytest.mark.parametrize("algorithm", LEARNERS)
+def test_every_algorithm_trains_symmetric_policies(algorithm, generator):
+    own = {
+        "hyper-sac": {"method.start": 32, "method.batch": 8, "method.updates": 2},
+        "pd-morl": {"method.start": 32, "method.batch": 8, "method.updates": 2},
+        "pg-morl": {"method.warmup": 1, "method.generation": 1},
+    }
+    changes = {"network.symmetric": True, "task.reset_noise": 0.3, **own.get(algorithm, {})}
+    config = tiny("mirrored", algorithm=algorithm, **changes)
+    learner = make_learner(make_worlds(config, config.worlds), config)
+    for iteration in range(3):
+        learner.iterate(iteration / 3)
+    policy = Policy(learner.agent, config, learner.env.objectives)
+    size = learner.env.observation_size
+    x, seen = torch.randn(16, size, generator=generator), SEEN.first(size)
+    assert learner.agent.observation_normalizer.mean.any()
+    torch.testing.assert_close(policy(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
+
+
 @pytest.mark.parametrize(("format", "tradeoff"), [("torchscript", (0.5, 0.5)), ("onnx", None)])
 def test_symmetric_policies_can_be_exported(tmp_path, format, tradeoff):
     morlax = learner(tiny("mirrored", **{"network.symmetric": True}), iterations=2)
@@ -78,11 +106,18 @@ FLIPPED = "abdomen_x", "abdomen_z", "ankle_x", "shoulder", "torso.y", "rot", "sl
 
 
 @pytest.mark.parametrize(
-    "task", ["walker", "humanoid", "pgmorl/walker2d", "mo-gymnasium/humanoid", "pgmorl/swimmer"]
+    ("task", "tolerance"),
+    [
+        ("walker", 0.0),
+        ("humanoid", 0.07),
+        ("pgmorl/walker2d", 0.6),
+        ("mo-gymnasium/humanoid", 0.1),
+        ("pgmorl/swimmer", 0.0),
+    ],
 )
-def test_a_mirror_exchanges_left_and_right_joints_and_motors(task):
+def test_a_mirror_exchanges_left_and_right_joints_and_motors(task, tolerance):
     env = envs.make(task, 1, "cpu")
-    mirror, parts = env.mirror(), env.layout()
+    mirror, parts = env.mirror(tolerance), env.layout()
     names = [part.name for part in parts for _ in range(part.size)]
     order, sign = (values.tolist() for values in mirror.observation)
     for name, other, factor in zip(names, [names[i] for i in order], sign, strict=True):
@@ -107,6 +142,9 @@ def test_a_mirror_exchanges_left_and_right_joints_and_motors(task):
         ("hopper", "it has no left and right"),
         ("ant", "its mirror image has other rewards of the objective vy"),
         ("bruce", "right_ankle_crank has no mirrored partner"),
+        ("humanoid", r"jnt_range of right_hip_y -1\.91986, of left_hip_y -2\.0944"),
+        ("pgmorl/walker2d", r"geom_friction of foot_geom 0\.9, of foot_left_geom 1\.9.*nce 0\.527"),
+        ("mo-gymnasium/humanoid", "jnt_stiffness of right_knee 0, of left_knee 1"),
     ],
 )
 def test_robots_without_a_mirror_are_refused(task, reason):
@@ -122,3 +160,199 @@ def test_asymmetry_without_symmetry_is_refused():
 def test_worlds_that_know_no_mirror_are_refused():
     with pytest.raises(MorlaxError, match=r"network\.symmetric needs worlds that know left from"):
         Worlds.mirror(envs.make("hopper", 1, "cpu"))
+
+
+LEG = """<body name="{0}_thigh" pos="0 {1}0.08 -.1">
+  <joint name="{0}_hip" axis="{2}1 0 0" range="{3}"/><joint name="{0}_swing" axis="0 {1}1 0"/>
+  <geom name="{0}_thigh" type="capsule" size=".04" fromto="0 0 0 0 {1}0.02 -.25"/>
+  <body name="{0}_foot" pos="0 0 -.3"><joint name="{0}_knee" axis="0 1 0" range="0 100"/>
+    <geom name="{0}_foot" type="box" size=".1 .04 .02" euler="0 0 {1}10"/></body></body>"""
+MOTORS = """<motor name="{0}_hip" joint="{0}_hip" gear="20"/>
+  <position name="{0}_swing" joint="{0}_swing" kp="30" kv="1"/>
+  <motor name="{0}_knee" joint="{0}_knee" gear="{1}15"/>"""
+# The right leg has an opposite hip axis and an opposite gear, which a mirror image may have.
+BIPED = f"""<mujoco><compiler autolimits="true"/><option timestep="0.005"/>
+<default><joint damping="1" armature=".01"/><motor ctrlrange="-1 1"/>
+<position ctrlrange="-1 1"/></default><worldbody><geom type="plane" size="9 9 .1"/>
+<body name="torso" pos="0 0 .5"><freejoint/><geom name="torso" type="box" size=".1 .1 .1"/>
+{LEG.format("left", "+", "+", "-20 40")}{LEG.format("right", "-", "+", "-40 20")}</body></worldbody>
+<actuator>{MOTORS.format("left", "+")}{MOTORS.format("right", "-")}</actuator></mujoco>"""
+
+
+class Biped(envs.Environment):
+    """A robot with two legs, whose model a test may edit."""
+
+    class Options(envs.TaskOptions):
+        objectives: dict[str, dict[str, float]] = {"run": {"run": 1.0}, "energy": {"effort": -1.0}}
+        episode_length: int = 20
+
+    xml: str = BIPED
+
+    @classmethod
+    def load_model(cls) -> mujoco.MjModel:
+        return mujoco.MjModel.from_xml_string(cls.xml)
+
+    def initial_qpos(self) -> np.ndarray:
+        return self.physics.model.qpos0
+
+    def observe(self) -> torch.Tensor:
+        return torch.cat([self.physics.qpos[:, 1:], self.physics.qvel], -1)
+
+    def apply(self, action: torch.Tensor) -> None:
+        self.physics.ctrl.copy_(action.clamp(-1, 1))
+
+    def terms(self) -> dict[str, torch.Tensor]:
+        return {"run": self.physics.qvel[:, 0], "effort": self.physics.ctrl.square().sum(-1)}
+
+    def failed(self) -> torch.Tensor:
+        return self.physics.qpos[:, 2] < 0.2
+
+
+def mirror_of(*edits: Callable[[ElementTree.Element], object], **methods: object) -> Mirror:
+    root = ElementTree.fromstring(BIPED)
+    for edit in edits:
+        edit(root)
+    members = {"xml": ElementTree.tostring(root, "unicode"), **methods}
+    envs.registry._REGISTRY["edited"] = type("Edited", (Biped,), members)
+    return envs.make("edited", 1, "cpu").mirror()
+
+
+def test_mirror_images_may_have_opposite_axes_and_gears():
+    mirror = mirror_of()
+    joints = [3, 4, 5, 0, 1, 2]  # of left and right
+    assert mirror.action.order.tolist() == joints
+    assert mirror.action.sign.tolist() == [-1, -1, -1] * 2
+    x = torch.arange(1.0, 25.0)[None]
+    assert mirror.observation(x)[0, 6:12].abs().tolist() == [10, 11, 12, 7, 8, 9]
+
+
+def put(tag: str, name: str, **attributes: str) -> Callable[[ElementTree.Element], object]:
+    return lambda root: root.find(f".//{tag}[@name='{name}']").attrib.update(attributes)
+
+
+def spring(root: ElementTree.Element) -> None:
+    tendon = ElementTree.fromstring(
+        '<tendon><fixed stiffness="20"><joint joint="left_swing" coef="1"/></fixed></tendon>'
+    )
+    root.append(tendon)
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (
+            put("geom", "left_foot", friction="0.95"),
+            "geom_friction of left_foot 0.95, of right_foot 1",
+        ),
+        (put("geom", "left_foot", solref=".021 1"), "geom_solref of left_foot"),
+        (put("geom", "left_foot", size=".1 .04 .021"), "size or direction of left_foot"),
+        (put("geom", "left_foot", pos=".001 0 0"), "position of left_foot 0.001"),
+        (
+            put("geom", "left_foot", contype="0", conaffinity="0"),
+            "right_foot has no mirrored partner",
+        ),
+        (put("geom", "left_thigh", density="1010"), "mass of left_thigh"),
+        (
+            put("geom", "torso", pos="0 .001 0"),
+            "center of mass of torso 0.001, of its mirror image",
+        ),
+        (put("joint", "left_knee", damping="1.01"), "dof_damping of left_knee 1.01"),
+        (put("joint", "left_knee", armature=".0101"), "dof_armature of left_knee"),
+        (put("joint", "left_knee", frictionloss=".01"), "dof_frictionloss of left_knee"),
+        (put("joint", "left_knee", stiffness=".1"), "jnt_stiffness of left_knee"),
+        (put("joint", "left_knee", springref="3"), "qpos_spring of left_knee"),
+        (put("joint", "left_hip", range="-20 41"), "jnt_range of left_hip"),
+        (put("motor", "left_hip", gear="21"), "actuator_gear of left_hip 21, of right_hip 20"),
+        (put("motor", "left_hip", ctrlrange="-.9 1"), "actuator_ctrlrange of left_hip"),
+        (put("motor", "left_hip", forcerange="-9 9"), "actuator_forcerange of left_hip"),
+        (put("position", "left_swing", kv="1.1"), "actuator_biasprm of left_swing"),
+        (spring, "_swing and its mirror image accelerate differently"),
+        (
+            lambda root: root.find("option").set("gravity", "0 .1 -9.8"),
+            "gravity points to one side",
+        ),
+    ],
+)
+def test_robots_whose_left_and_right_differ_are_refused_by_name(edit, words):
+    with pytest.raises(MorlaxError, match=re.escape(words)):
+        mirror_of(edit)
+
+
+def test_rounding_is_no_difference():
+    mirror_of(
+        put("geom", "left_foot", size=".1000001 .04 .02", euler="0 0 10.00001"),
+        put("joint", "left_knee", damping="1.000001"),
+        put("geom", "right_thigh", fromto="1e-7 0 0 0 -.0200001 -.25"),
+    )
+
+
+def test_tasks_that_see_or_reward_one_side_more_are_refused():
+    def effort(env: Biped) -> dict[str, torch.Tensor]:
+        squares = env.physics.ctrl.square()
+        return {**Biped.terms(env), "effort": squares.sum(-1) + 0.03 * squares[:, 0]}
+
+    with pytest.raises(MorlaxError, match="other rewards of the objective energy"):
+        mirror_of(terms=effort)
+    scales = torch.ones(24, dtype=torch.float64)
+    scales[8] = 1.03
+    with pytest.raises(MorlaxError, match="number 8 of its observation has no mirror image"):
+        mirror_of(observe=lambda env: Biped.observe(env) * scales)
+
+
+def test_a_history_of_observations_is_mirrored():
+    def remember(env: Biped, fresh: torch.Tensor) -> None:
+        if not hasattr(env, "past"):
+            env.past = torch.zeros(len(fresh), 3, 24, dtype=torch.float64)
+        env.past[fresh] = Biped.observe(env)[fresh, None]
+
+    def advance(env: Biped) -> None:
+        env.past = torch.cat([env.past[:, 1:], Biped.observe(env)[:, None]], 1)
+
+    def observe(env: Biped) -> torch.Tensor:
+        return env.past.flatten(1) if hasattr(env, "past") else Biped.observe(env).repeat(1, 3)
+
+    plain = mirror_of().observation
+    mirror = mirror_of(begin=remember, advance=advance, observe=observe)
+    assert all(map(torch.equal, mirror.observation, Reflection.joined([plain] * 3)))
+
+
+def test_models_that_a_task_draws_do_not_decide_about_its_mirror():
+    def vary_model(env: Biped, seed: int) -> dict[str, np.ndarray]:
+        mass = env.physics.model.body_mass
+        return {"body_mass": mass * np.random.default_rng(seed).uniform(0.9, 1.1, (1, len(mass)))}
+
+    assert all(map(torch.equal, mirror_of(vary_model=vary_model).action, mirror_of().action))
+
+
+def test_bodies_of_designs_are_compared_too():
+    def shape(spec: mujoco.MjSpec, design: dict[str, float]) -> None:
+        spec.joint("left_knee").armature = design["armature"]
+
+    parts = {
+        "designs": {"armature": envs.DesignParameter(0.01, 0.005, 0.02, "kg m2")},
+        "load_spec": classmethod(lambda cls: mujoco.MjSpec.from_string(BIPED)),
+        "shape": classmethod(lambda cls, spec, design: shape(spec, design)),
+    }
+    envs.register("one-legged", type("OneLegged", (Biped,), parts))
+    changes = {"network.symmetric": True, "sampling.designs": 4}
+    with pytest.raises(MorlaxError, match="dof_armature of left_knee"):
+        learner(tiny("one-legged", **changes))
+
+
+NETWORKS = {name: task_values(name, "cuda").get("network", {}) for name in envs.names()}
+SYMMETRIC = [name for name, network in NETWORKS.items() if network.get("symmetric")]
+
+
+@pytest.mark.parametrize("task", SYMMETRIC)
+def test_shipped_configs_state_how_far_left_and_right_differ(task):
+    env, tolerance = envs.make(task, 1, "cpu"), NETWORKS[task].get("symmetry_tolerance", 0.0)
+    env.mirror(tolerance)
+    with pytest.raises(MorlaxError, match="left and right of this robot differ"):
+        env.mirror(0.8 * tolerance)
+
+
+def test_a_tolerance_is_an_option():
+    changes = {"network.symmetric": True, "task.episode_length": 5}
+    with pytest.raises(MorlaxError, match=r"accept this: --network\.symmetry-tolerance 0\.527"):
+        learner(tiny("pgmorl/walker2d", **changes))
+    learner(tiny("pgmorl/walker2d", **changes, **{"network.symmetry_tolerance": 0.53}))

@@ -21,7 +21,7 @@ from morlax_torch.viewers.arrays import drawn_arrays
 from morlax_torch.viewers.web import writing
 from morlax_torch.viewers.web.checking import TOLERANCE, check
 from morlax_torch.viewers.web.model import compiled
-from morlax_torch.viewers.web.robot import build
+from morlax_torch.viewers.web.robot import build, described
 from morlax_torch.viewers.web.start import start
 from morlax_torch.viewers.web.tracing import PagePhysics, trace
 
@@ -109,6 +109,18 @@ def test_a_page_shows_the_nominal_robot_of_a_mujoco_task(make_policy):
     policy.config = policy.config.model_copy(update={"env": "gymnasium:mo-hopper-v5"})
     with pytest.raises(MorlaxError, match="only MuJoCo robots"):
         build(policy)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("crowd")
+@pytest.mark.parametrize(("task", "body"), [("crowd", "robot"), ("bowling", "ball")])
+def test_a_page_pushes_and_follows_the_robot_or_the_named_body(task, body, make_policy):
+    env, model = build(make_policy(task))
+    about = described(env, trace(env), model)
+    body = env.physics.model.body(body)
+    assert about["followed"] == body.id
+    assert about["pushed"] == [body.dofadr[0], body.dofadr[0] + 1]
+    assert read_arrays(start(make_policy(task), env))["followed"] == body.id
 
 
 # The recorded start

@@ -59,6 +59,10 @@ class PythonBatch:
         """Return the array `name` of MjModel of all worlds, (N, ...)."""
         return np.stack([getattr(model, name) for model in self._models])
 
+    def get_model(self, world: int) -> mujoco.MjModel:
+        """Return a copy of the model of a world."""
+        return copy.copy(self._models[world])
+
     def set_models(self, models: list[mujoco.MjModel]) -> None:
         """Run each world on a model of its own."""
         self._models = models
@@ -153,6 +157,10 @@ class MujocoPhysics(Physics):
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
         vary(self._batch, fields)
+
+    def model_of(self, world: int) -> mujoco.MjModel:
+        """Return a copy of the model of a world, after `vary`."""
+        return self._batch.get_model(world)
 
     def keep(self, models: list[mujoco.MjModel]) -> None:
         for model in models:

@@ -13,9 +13,10 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError
+from .trees import base_of
 
 
-def model(task: type, compiled: mujoco.MjModel) -> None:
+def model(task: Any, compiled: mujoco.MjModel) -> None:
     """Refuse models with state that a reset does not restore."""
     if compiled.npluginstate:
         raise MorlaxError(
@@ -27,6 +28,7 @@ def model(task: type, compiled: mujoco.MjModel) -> None:
             f"{task.__name__}: its model lets bodies sleep, which morlax_torch cannot reset: "
             'remove <flag sleep="enable"/> from the MJCF.'
         )
+    base_of(compiled, task.base_body)  # raises where there is no such body
 
 
 def start(env: Any) -> np.ndarray:

@@ -135,7 +135,7 @@ class Environment(Robot):
         if any(chosen.action_delay):
             self._delay = Delay(chosen.action_delay, self.action_size, physics, draws)
         if chosen.push:
-            self._pushes = Pushes(chosen.push, chosen.push_every, physics, draws)
+            self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -452,7 +452,7 @@ class Environment(Robot):
             **{f"state.{name}": value for name, value in self.state.items()},
         }
 
-    def mirror(self) -> Mirror:
+    def mirror(self, tolerance: float = 0.0) -> Mirror:
         """Return how observations and actions are mirrored, found by an experiment.
 
         Raises:
@@ -461,7 +461,9 @@ class Environment(Robot):
         changes = {"randomization": Randomization(), "stagger": False}
         options, cpu = self.options.model_copy(update=changes), torch.device("cpu")
         kind = {"auto_reset": False, "deterministic": False}
-        return find_mirror(self.build(options, 2 * PAIRS, cpu, "mujoco", 0, **kind))
+        # without the models that a task may draw, which no one can decide about by a few of them
+        nominal = type(type(self).__name__, (type(self),), {"vary_model": lambda env, seed: {}})
+        return find_mirror(nominal.build(options, 2 * PAIRS, cpu, "mujoco", 0, **kind), tolerance)
 
     def overflow(self) -> Tensor:
         return self.physics.overflow()

@@ -176,8 +176,10 @@ class Worlds(ABC):
         """
         return means
 
-    def mirror(self) -> Mirror:
+    def mirror(self, tolerance: float = 0.0) -> Mirror:
         """Return how observations and actions change if left and right are exchanged.
+
+        Left and right may differ by a tolerance, see `network.symmetry_tolerance`.
 
         Raises:
             MorlaxError: that is not known.

@@ -155,7 +155,8 @@ class Randomization(Section):
     action_delay: Steps = (0, 0)
     """Smallest and largest action delay in control steps, drawn for each episode."""
     push: NonNegativeFloat = 0.0
-    """Change of the robot's velocity by a push, in m/s, in a random horizontal direction."""
+    """Change of the robot's velocity by a push, in m/s, in a random horizontal direction. A task's
+    `base_body` names another robot than the one with the most actuators."""
     push_every: Count = 200
     """Mean number of control steps between pushes."""
 

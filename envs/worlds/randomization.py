@@ -12,6 +12,7 @@ from ..physics.interface import Physics
 from ..physics.mujoco import MODEL_FIELDS, cannot_vary
 from .options import Randomization
 from .robot import Part
+from .trees import horizontal
 
 LINEAR = [int(kind) for kind in (mjtGain.mjGAIN_FIXED, mjtGain.mjGAIN_AFFINE)]
 LINEAR_BIAS = [int(kind) for kind in (mjtBias.mjBIAS_NONE, mjtBias.mjBIAS_AFFINE)]
@@ -130,20 +131,22 @@ class Pushes:
     Args:
         speed: size of the change in m/s.
         every: mean number of control steps between pushes; every step has the same probability.
+        base: body of the robot that pushes move.
         physics, draws: of the N worlds.
 
     Raises:
         MorlaxError: the robot cannot move along the floor.
     """
 
-    def __init__(self, speed: float, every: int, physics: Physics, draws: Draws):
+    def __init__(self, speed: float, every: int, base: int, physics: Physics, draws: Draws):
         self.speed, self.chance = speed, 1 / every
         self.physics, self._draws = physics, draws
-        dofs = horizontal(physics.model)
+        dofs = horizontal(physics.model, base)
         if not dofs:
             raise MorlaxError(
-                "task.randomization.push: this robot cannot be pushed, because its first body has "
-                "neither a free joint nor a slide joint along the floor: remove the option."
+                "task.randomization.push: this robot cannot be pushed, because its base "
+                f"{physics.model.body(base).name} has neither a free joint nor a slide joint along "
+                "the floor: remove the option, or name another body, base_body of the task."
             )
         self._dofs = torch.tensor(dofs, device=physics.device)
 
@@ -155,18 +158,3 @@ class Pushes:
         chances = self._draws.uniform_(direction.new_empty(shape[0], 1))
         push = torch.where(chances < self.chance, self.speed * direction, 0.0)
         self.physics.qvel.index_add_(1, self._dofs, push)
-
-
-def horizontal(model: mujoco.MjModel) -> list[int]:
-    """Return the degrees of freedom that move the first jointed body along the floor."""
-    data, found = mujoco.MjData(model), []
-    mujoco.mj_forward(model, data)
-    for joint in range(model.njnt):
-        if model.jnt_bodyid[joint] != model.jnt_bodyid[0]:
-            break
-        kind, dof = model.jnt_type[joint], int(model.jnt_dofadr[joint])
-        if kind == mujoco.mjtJoint.mjJNT_FREE:
-            return [dof, dof + 1]
-        if kind == mujoco.mjtJoint.mjJNT_SLIDE and abs(data.xaxis[joint, 2]) < 1e-6:
-            found.append(dof)
-    return found

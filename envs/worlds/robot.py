@@ -2,13 +2,14 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import mujoco
 from mujoco import mjtJoint
 from torch import Tensor
 
 from .interface import Worlds
+from .trees import base_of
 
 
 class Part(NamedTuple):
@@ -75,10 +76,18 @@ class Robot(Worlds):
     """N worlds of a robot whose MuJoCo model is known."""
 
     physics: State
+    # Name of a body of the robot that pushes move and cameras follow, in a scene where others move
+    # too; None: that of the kinematic tree with the most actuators.
+    base_body: ClassVar[str | None] = None
     # Limits of each number of `command` (N, C), such as a velocity, by name. Anyone may write
     # `command` between steps.
     command_limits: dict[str, tuple[float, float]] = {}
     command: Tensor
+
+    @property
+    def base(self) -> int:
+        """The first body of the robot's kinematic tree, by its index."""
+        return base_of(self.physics.model, self.base_body)
 
     @abstractmethod
     def layout(self) -> list[Part]:

@@ -65,7 +65,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         self.observation_space, self.action_space = worlds.observation_space, worlds.action_space
         self.reward_dim = len(worlds.objectives)
         self._show(worlds, tradeoff)
-        self._pictures = Pictures(worlds.physics.model, width, height)
+        self._pictures = Pictures(worlds, width, height)
         self._window: Window | None = None
 
     def reset(

@@ -92,7 +92,7 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
             if not isinstance(worlds, Environment):
                 raise MorlaxError(f"{task} has no MuJoCo robot to draw: leave render_mode out.")
             self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
-            self._pictures = Pictures(worlds.physics.model, width, height)
+            self._pictures = Pictures(worlds, width, height)
         self._stepping = Stepping(worlds)
 
     def reset(

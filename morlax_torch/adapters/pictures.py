@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..envs import MorlaxError
+from ..envs import MorlaxError, Robot
 from ..viewers.camera import FILL, View
 from ..viewers.filming.rendering import Scene
 
@@ -16,11 +16,13 @@ from ..viewers.filming.rendering import Scene
 class Pictures:
     """Draws a robot. It opens OpenGL with the first picture."""
 
-    def __init__(self, model: mujoco.MjModel, width: int, height: int):
+    def __init__(self, robot: Robot, width: int, height: int):
+        model = robot.physics.model
         self.data = mujoco.MjData(model)
         self._model, self._size = model, (width, height)
         self._scene: Scene | None = None
-        self._view, self._camera = View(model, width / height), mujoco.MjvCamera()
+        self._view = View(model, width / height, base=robot.base)
+        self._camera = mujoco.MjvCamera()
         # all pictures share the camera's distance, which is chosen by the model's own pose
         mujoco.mj_forward(model, self.data)
         points = self._view.points(self.data)

@@ -22,6 +22,9 @@ def make_agent(
     env: Worlds, config: Config, in_order: int = 0, **networks: nn.Module | None
 ) -> Agent:
     """Return a new agent for the worlds, on their device; `Agent` explains the arguments."""
+    network = config.network
+    # a tolerance only if there is one: tasks may override `mirror` without
+    tolerance = [network.symmetry_tolerance] if network.symmetry_tolerance else []
     return Agent(
         config,
         env.observation_size,
@@ -29,7 +32,7 @@ def make_agent(
         len(env.objectives),
         torch.Generator().manual_seed(config.seed),
         privileged_size=env.privileged_size,
-        mirror=env.mirror() if config.network.symmetric else None,
+        mirror=env.mirror(*tolerance) if network.symmetric else None,
         in_order=in_order,
         designs=env.designs,
         **networks,

@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from ..configuration.config import Config
+from ..envs.worlds import sides
 from ..envs.worlds.designs import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
 
@@ -23,6 +24,10 @@ class DesignDraws:
         space, K = DesignSpace(env.designs), config.num_clusters
         self.env, self._each = env, config.worlds // K
         self.bank = compile_bank(env, space.spread(config.sampling.designs, seed))
+        if config.network.symmetric and type(env).mirror is Environment.mirror:
+            for row in {*self.bank.designs.argmin(0), *self.bank.designs.argmax(0)}:
+                body = self.bank.models[row]
+                sides.check(body, sides.motion_of(body), config.network.symmetry_tolerance)
         contexts = torch.from_numpy(space.scaled(self.bank.designs)).float()
         self._contexts = contexts.to(env.device)  # (D, d)
         env.adopt(self.bank)

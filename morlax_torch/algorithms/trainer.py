@@ -48,8 +48,6 @@ class Trainer(BaseLearner):
         super().__init__(env, config, agent, group)
         self.ppo = PPO(agent, config.ppo, group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
-        mirror = agent.mirror
-        self._reflection = None if mirror is None else mirror.observation.to(env.device)
         self._own_state: dict[str, Tensor] = {}  # of this process, that not every method has
         self.designs: DesignDraws | None = None
         if config.sampling.designs:
@@ -131,10 +129,7 @@ class Trainer(BaseLearner):
             losses += self.ppo.improve(parts, self.generator)
         # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        seen = self.rollout.observation
-        if self._reflection:  # statistics are symmetric too
-            seen = torch.cat([seen, self._reflection(seen)])
-        self.trained.observation_normalizer.update(seen, decay, self.group)
+        self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)
         self._episodes.observe(self.rollout)
         reward = self.rollout.reward.mean((0, 1, 2))
         terminated = self.rollout.terminated.float().mean()[None]

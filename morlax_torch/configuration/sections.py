@@ -64,6 +64,9 @@ class NetworkConfig(Section):
     symmetric: bool = False
     """Answer mirrored observations by mirrored actions, and give them the same value; for robots
     whose left and right are alike, in worlds that know how they look in a mirror."""
+    symmetry_tolerance: float = Field(default=0.0, ge=0, le=1)
+    """Largest difference between left and right of the robot's model that network.symmetric
+    accepts, as a share of the largest such number of the robot (0: none, apart from rounding)."""
     asymmetry: float = Field(default=0.0, ge=0, le=1)
     """How far answers may be from symmetric ones with network.symmetric: 0 not at all, 1 as far as
     without. A robot that starts exactly symmetric needs some, such as 0.3, for its first step."""

@@ -60,7 +60,7 @@ class Actors(NamedTuple):
             self.parameters[name][rows].copy_(values)
         if self.normalizer is not other.normalizer:  # else it is the agent's own, always up to date
             for mine, values in zip(
-                self.normalizer.buffers(), other.normalizer.buffers(), strict=True
+                self.normalizer.statistics(), other.normalizer.statistics(), strict=True
             ):
                 mine[rows].copy_(values)
 
@@ -127,7 +127,7 @@ class Agent(nn.Module):
         num_values, sizes = config.num_values(num_objectives), config.network
         self.observation_size, self.privileged_size = observation_size, privileged_size
         self.action_size, self._max_std = action_size, sizes.max_std
-        self.mirror, self.num_objectives = mirror, num_objectives
+        self.num_objectives = num_objectives
         self.designs = dict(designs)
         self.context: Tensor  # (d,)
         self.register_buffer("context", _context(self.designs, config), persistent=False)
@@ -188,7 +188,8 @@ class Agent(nn.Module):
             shared = self.actor.features if sizes.type == "single" else None
             self.critic = family(critic, shared)
         rows = num_networks if config.own_statistics else 0
-        self.observation_normalizer = Normalizer(whole, rows)
+        reflection = mirror.observation if mirror and sizes.symmetric else None
+        self.observation_normalizer = Normalizer(whole, rows, reflection)
         self.value_normalizer = Normalizer(num_values, rows)
 
     def own_networks(self) -> dict[str, dict[str, list[int]]]:

@@ -5,6 +5,7 @@ from typing import Any, Final
 import torch
 from torch import Tensor, nn
 
+from ..envs.worlds.mirror import Reflection
 from ..gpu.group import ALONE, Group
 
 LIMIT = 10.0  # standard deviations; values further out are clipped
@@ -19,15 +20,18 @@ class Normalizer(nn.Module):
         size: number of features.
         rows: R, if each of R policies has statistics of its own: inputs are (..., R, B, size) then.
             0: one set of statistics, of inputs (..., size).
+        reflection: of the features, where statistics are to be those of mirror images too.
     """
 
     mean: Tensor
     variance: Tensor
     count: Tensor
     scale: Tensor  # one over the standard deviation
+    mirror_order: Tensor
+    mirror_sign: Tensor
     limit: Final[float] = LIMIT  # torch.jit.script knows no global constants
 
-    def __init__(self, size: int, rows: int = 0):
+    def __init__(self, size: int, rows: int = 0, reflection: Reflection | None = None):
         super().__init__()
         self.size, self.rows = size, rows
         shape = (rows, 1, size) if rows else (size,)
@@ -36,6 +40,14 @@ class Normalizer(nn.Module):
         counts = (rows, 1, 1) if rows else ()
         self.register_buffer("count", torch.zeros(counts, dtype=torch.float64))
         self.register_buffer("scale", torch.ones(shape))
+        self._mirrors = reflection is not None
+        if reflection is not None:
+            self.register_buffer("mirror_order", reflection.order, persistent=False)
+            self.register_buffer("mirror_sign", reflection.sign, persistent=False)
+
+    def statistics(self) -> list[Tensor]:
+        """Return the tensors that `update` changes."""
+        return [self.mean, self.variance, self.count, self.scale]
 
     def forward(self, x: Tensor) -> Tensor:
         size = x.shape[-1]
@@ -62,6 +74,8 @@ class Normalizer(nn.Module):
         A `weight` below 1 scales down the batch's share of all samples. The batch is that of all
         processes of the `group`.
         """
+        if self._mirrors:
+            x = torch.cat([x, Reflection(self.mirror_order, self.mirror_sign)(x)])
         x = x.movedim(-3, 0).flatten(1, -2) if self.rows else x.flatten(0, -2)
         batch_variance, batch_mean = torch.var_mean(x, -2, correction=0, keepdim=self.rows > 0)
         batch_mean, batch_variance = group.moments(batch_mean, batch_variance)

@@ -65,12 +65,12 @@ class Disturber:
             )
         self._next_push = self._rng.uniform(*PAUSES)
 
-    def push(self, data: mujoco.MjData) -> None:
-        """Change the velocity of the base if it is time."""
+    def push(self, data: mujoco.MjData, speed: int) -> None:
+        """Change the velocity of the base, which starts at `speed` in qvel, if it is time."""
         if data.time >= self._next_push:
             self._next_push = data.time + self._rng.uniform(*PAUSES)
             most = self._strengths.push
-            data.qvel[:2] += self._rng.uniform(-most, most, 2)
+            data.qvel[speed : speed + 2] += self._rng.uniform(-most, most, 2)
 
     def noisy(self, values: np.ndarray, amplitude: float) -> np.ndarray:
         """Return one term of an observation with uniform noise."""

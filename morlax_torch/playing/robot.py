@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
+from ..envs.worlds.trees import base_of
 from .deployment import Export
 from .disturbances import Disturbances, Disturber
 from .settings import Term
@@ -32,7 +33,7 @@ class Step(NamedTuple):
 
 
 class Robot:
-    """A robot whose first joint is free, with the gains, targets and observation of deploy.yaml.
+    """A robot whose base moves freely, with the gains, targets and observation of deploy.yaml.
 
     Without disturbances, its friction is the model's, and a step equals one of mjlab.
 
@@ -51,10 +52,13 @@ class Robot:
         self.model, self.dt = copy(deployment.model), settings.step_dt
         self.data = mujoco.MjData(self.model)
         rng = np.random.default_rng(seed)
+        self.base = base_of(self.model)
         self._disturber = Disturber(disturbances, self.model, rng)
         self._substeps = round(self.dt / self.model.opt.timestep)
         self._terms = list(zip(settings.observations.items(), own.observation_noise, strict=True))
         joints = [self._joint(name) for name in own.joints]
+        free = self.model.body_jntadr[self.base]
+        self._height, self._speed = self.model.jnt_qposadr[free] + 2, self.model.jnt_dofadr[free]
         self._qpos = np.array([self.model.jnt_qposadr[joint] for joint in joints])
         self._qvel = np.array([self.model.jnt_dofadr[joint] for joint in joints])
         self._rest = np.array(settings.default_joint_pos), np.array(own.default_joint_vel)
@@ -75,7 +79,7 @@ class Robot:
             mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         else:
             mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[2] += RISE
+        self.data.qpos[self._height] += RISE
         self.data.qpos[self._qpos], self.data.qvel[self._qvel] = self._rest
         self.data.ctrl[self._motors] = self._start
         self.data.time = 0.0
@@ -118,17 +122,17 @@ class Robot:
             self._count += 1
             made = self.data.qfrc_actuator[self._qvel] * self.data.qvel[self._qvel]
             power += float(made.clip(min=0).sum()) / self._substeps
-        self._disturber.push(self.data)
+        self._disturber.push(self.data, self._speed)
         mujoco.mj_forward(self.model, self.data)
         return Step(self._has_fallen(), self.velocity(), power)
 
     def velocity(self) -> Array:
         """Return the base's velocity (3,) in the body: m/s, m/s and rad/s of the yaw."""
-        return np.array([*(self.data.qvel[:3] @ self._turn())[:2], self.data.qvel[5]])
+        return np.array([*(self._twist()[:3] @ self._turn())[:2], self._twist()[5]])
 
     def weight(self) -> float:
         """Return the robot's weight in N."""
-        mass = self.model.body_subtreemass[self.model.jnt_bodyid[0]]
+        mass = self.model.body_subtreemass[self.base]
         return float(mass * np.linalg.norm(self.model.opt.gravity))
 
     def _has_fallen(self) -> bool:
@@ -137,7 +141,11 @@ class Robot:
 
     def _turn(self) -> Array:
         """Return the rotation (3, 3) of the base."""
-        return self.data.xmat[self.model.jnt_bodyid[0]].reshape(3, 3)
+        return self.data.xmat[self.base].reshape(3, 3)
+
+    def _twist(self) -> Array:
+        """Return the velocity (6,) of the base: in the world, and of its turning in the body."""
+        return self.data.qvel[self._speed : self._speed + 6]
 
     def _check(self, name: str, term: Term) -> None:
         """Raise MorlaxError unless the term can be observed and has the size of its scale."""
@@ -159,7 +167,8 @@ class Robot:
 
     def _joint(self, name: str) -> int:
         joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if joint < 0 or self.model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
+        free = self.model.body_jntadr[self.base]
+        if joint < 0 or self.model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
             raise MorlaxError(f"the model has no joint {name} on a base that moves freely.")
         return joint
 
@@ -185,13 +194,13 @@ def _gravity(robot: Robot, params: dict) -> Array:
 def _linear(robot: Robot, params: dict) -> Array:
     if "sensor_name" in params:
         return robot._sensor(params["sensor_name"])
-    return robot.data.qvel[:3] @ robot._turn()
+    return robot._twist()[:3] @ robot._turn()
 
 
 def _angular(robot: Robot, params: dict) -> Array:
     if "sensor_name" in params:
         return robot._sensor(params["sensor_name"])
-    return robot.data.qvel[3:6].copy()
+    return robot._twist()[3:].copy()
 
 
 READERS = {  # values of each term of unitree_rl_lab before noise, clip and scale

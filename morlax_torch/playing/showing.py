@@ -64,7 +64,7 @@ def show(
     except RuntimeError as error:  # on macOS, only mjpython may open a window
         raise MorlaxError(f"cannot open a window: {' '.join(str(error).split())}") from None
     window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-    window.cam.trackbodyid = int(robot.model.jnt_bodyid[0])
+    window.cam.trackbodyid = robot.base
     began, steps = time.perf_counter(), 0
     with window:
         while window.is_running() and (seconds is None or steps * robot.dt < seconds):

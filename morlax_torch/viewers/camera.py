@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from ..envs.worlds.trees import base_of
+
 CAMERA = "track"  # a camera of this name in the model sets the direction of view
 SIDE, QUARTER = (90.0, -8.0), (125.0, -14.0)  # azimuth and elevation in degrees
 FILL = 0.72  # share of the picture that the robot fills at the start, in width or height
@@ -41,12 +43,15 @@ WHOLE = Area(0.0, 0.0, 1.0, 1.0)
 class View:
     """What a picture of a robot shows: from one direction, in one shape.
 
-    The aspect is the picture's width by its height. The robot is placed in the area.
+    The aspect is the picture's width by its height. The robot is placed in the area. Its base is
+    the body `base` (None: see `base_of`).
     """
 
-    def __init__(self, model: mujoco.MjModel, aspect: float, area: Area = WHOLE):
-        self._model, self._geoms = model, robot_geoms(model)
-        self._tree = int(model.body_rootid[min(followed_body(model), model.nbody - 1)])
+    def __init__(
+        self, model: mujoco.MjModel, aspect: float, area: Area = WHOLE, base: int | None = None
+    ):
+        self._model, self._geoms = model, robot_geoms(model, base)
+        self._tree = int(model.body_rootid[base_of(model) if base is None else base])
         tangent = math.tan(math.radians(model.vis.global_.fovy) / 2)
         self._tangents = np.array([tangent * aspect, tangent])
         self._aim = np.array([area.left + area.right, area.bottom + area.top]) - 1.0
@@ -96,8 +101,14 @@ class FollowingCamera:
     where it is largest.
     """
 
-    def __init__(self, model: mujoco.MjModel, aspect: float, areas: Sequence[Area] = (WHOLE,)):
-        self._views = [View(model, aspect, area) for area in areas]
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        aspect: float,
+        areas: Sequence[Area] = (WHOLE,),
+        base: int | None = None,
+    ):
+        self._views = [View(model, aspect, area, base) for area in areas]
         self._view = self._views[0]
         self.camera = mujoco.MjvCamera()
         self._center = np.zeros(3)  # smoothed
@@ -147,10 +158,10 @@ class FollowingCamera:
 
 
 def cameras_for(
-    model: mujoco.MjModel, aspect: float, poses: Sequence[mujoco.MjData]
+    model: mujoco.MjModel, aspect: float, poses: Sequence[mujoco.MjData], base: int | None = None
 ) -> list[mujoco.MjvCamera]:
     """Return a camera for each pose: all at one height and distance, centered on the robot."""
-    view = View(model, aspect)
+    view = View(model, aspect, base=base)
     bodies = [view.points(pose) for pose in poses]
     centers = [view.middle(points) * (1, 1, 0) for points in bodies]
     together = np.concatenate([p - center for p, center in zip(bodies, centers, strict=True)])
@@ -199,11 +210,6 @@ def _moves_within(model: mujoco.MjModel, data: mujoco.MjData, normal: int) -> bo
     return bool(model.njnt and within.all())
 
 
-def followed_body(model: mujoco.MjModel) -> int:
-    """Return the first body that has a joint, or body 1."""
-    return int(next(iter(np.flatnonzero(model.body_dofnum)), 1))
-
-
 def geom_colors(model: mujoco.MjModel) -> NDArray[np.float32]:
     """Return red, green, blue and opacity (ngeom, 4) as MuJoCo draws them.
 
@@ -220,14 +226,14 @@ def shown_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
     return (model.geom_group < HIDDEN_GROUP) & (geom_colors(model)[:, 3] > 0)
 
 
-def robot_geoms(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Return the shown geoms that move with the followed body's kinematic tree.
+def robot_geoms(model: mujoco.MjModel, base: int | None = None) -> NDArray[np.intp]:
+    """Return the shown geoms that move with the kinematic tree of the robot's base.
 
     Every geom that moves if that tree has none; every geom that has a size if nothing moves.
     """
     moves = model.body_weldid[model.geom_bodyid] > 0
     sized = (model.geom_rbound > 0) & shown_geoms(model)
-    tree = model.body_rootid[min(followed_body(model), model.nbody - 1)]
+    tree = model.body_rootid[base_of(model) if base is None else base]
     ours = model.body_rootid[model.geom_bodyid] == tree
     for mask in (sized & moves & ours, sized & moves, sized):
         if mask.any():

@@ -10,13 +10,16 @@ import mujoco
 import numpy as np
 
 from ...errors import MorlaxError
+from .. import sides
 from ..mirror import FLIP, PARALLEL, Mirror, Reflection, of_joints, partners
 
 POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROMETER)
 
 
-def mirror_of(env: Any, groups: Sequence[str]) -> Mirror:
+def mirror_of(env: Any, groups: Sequence[str], tolerance: float = 0.0) -> Mirror:
     """Return the mirror of an environment of mjlab whose policies and critics see `groups`.
+
+    Numbers of left and right may differ by the tolerance, see `sides.check`.
 
     Raises:
         MorlaxError: the robot's left and right differ, or a term of the observation or action has
@@ -28,14 +31,24 @@ def mirror_of(env: Any, groups: Sequence[str]) -> Mirror:
         for term in manager.active_terms[group]:
             cfg = manager.get_term_cfg(group, term)
             find = robot.terms.get(cfg.func.__name__)
-            found = find(cfg.params) if find and not cfg.history_length else None
-            if found is None:
+            reflection = find(cfg.params) if find else None
+            length = cfg.history_length
+            if reflection is None or (length and not cfg.flatten_history_dim):
                 raise MorlaxError(
                     f"the mirror image of the observation {term} is not known: set "
                     "network.symmetric to false."
                 )
-            parts.append(found)
-    return Mirror(Reflection.joined(parts), robot.actions({}))
+            scale = np.ravel(1.0 if cfg.scale is None else cfg.scale.cpu())
+            turned = bool((reflection.sign < 0).any() and cfg.clip and sum(cfg.clip))
+            if turned or (len(scale) > 1 and (scale != scale[reflection.order]).any()):
+                raise MorlaxError(
+                    f"left and right differ in clip or scale of the observation {term}: set "
+                    "network.symmetric to false."
+                )
+            parts += [reflection] * max(length, 1)  # a history is flat, from oldest to newest
+    mirror = Mirror(Reflection.joined(parts), robot.actions({}))
+    sides.check(robot.model, sides.motion_of(robot.model), tolerance, scene=False)
+    return mirror
 
 
 class _Robot:

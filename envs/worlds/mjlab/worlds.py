@@ -104,8 +104,8 @@ class MjlabWorlds(ForeignWorlds):
     def quantify(self, means: np.ndarray) -> np.ndarray:
         return quantities.quantify(self.env.sim.mj_model, means)
 
-    def mirror(self) -> Mirror:
-        return mirror_of(self.env, self._groups)
+    def mirror(self, tolerance: float = 0.0) -> Mirror:
+        return mirror_of(self.env, self._groups, tolerance)
 
     def _start(self) -> Tensor:
         seen = self._reset()

@@ -244,7 +244,8 @@ def belongings(agent: Agent) -> list[Tensor]:
     """Return views (R, ...) of all that belongs to each of R policies: networks, normalizers."""
     families = agent.actor, agent.critic
     rows = [family.rows.detach() for family in families if isinstance(family, InOrder)]
-    return [*rows, *agent.observation_normalizer.buffers(), *agent.value_normalizer.buffers()]
+    normalizers = agent.observation_normalizer, agent.value_normalizer
+    return [*rows, *(x for normalizer in normalizers for x in normalizer.statistics())]
 
 
 def _keep(

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from ...envs.naming import title
+from ...envs.worlds.trees import base_of
 from ..arrays import array_bytes, drawn_arrays
-from ..camera import followed_body
 from ..explaining import explain, is_told_velocity
 from ..front_map import front_map
 from .behavior import Behavior
@@ -22,7 +22,7 @@ MODEL, FRAME = 0, 1  # first byte of a message that is not JSON
 
 def described(behavior: Behavior) -> dict[str, Any]:
     """Describe a robot, apart from its model and poses."""
-    about: dict[str, Any] = {"dt": behavior.dt, "followed": followed_body(behavior.model)}
+    about: dict[str, Any] = {"dt": behavior.dt, "followed": base_of(behavior.model)}
     if not isinstance(behavior, Session):
         return {"title": "A or B?", "objectives": [], "pushed": [], "command": None, **about}
     env, front = behavior.player.env, behavior.front
@@ -36,6 +36,7 @@ def described(behavior: Behavior) -> dict[str, Any]:
         "design": _parameters(behavior),
         "front": None if front is None else front_map(front, env.dt, env.lower_is_better),
         **about,
+        "followed": env.base,
     }
 
 

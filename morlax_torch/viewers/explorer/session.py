@@ -7,7 +7,7 @@ import numpy as np
 
 from ...envs import MorlaxError
 from ...envs.worlds.designs import DesignSpace
-from ...envs.worlds.randomization import horizontal
+from ...envs.worlds.trees import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.fronts import load_front
@@ -49,7 +49,7 @@ class Session(Behavior):
         self.player = player = Player(policy, self.tradeoff, seed)
         super().__init__(player.model, player.data, player.env.dt)
         self.last_episode: Episode | None = None
-        self.axes = horizontal(self.model)
+        self.axes = horizontal(self.model, player.env.base)
         self._acting_on = self.tradeoff
         self._opened = self._looks = policy
         self._directions = np.random.default_rng(seed)

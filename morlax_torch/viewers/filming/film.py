@@ -98,13 +98,14 @@ class Film:
             raise MorlaxError(
                 f"a film strip needs 2 to {MOST_PICTURES} pictures in a row, not {pictures}."
             )
-        steps, model = self.steps(seconds), self._takes[0].player.model
+        steps, player = self.steps(seconds), self._takes[0].player
         rows = []
         for number, take in enumerate(self._takes):
             phase("filming", number / len(self._takes))
             rows.append(take.poses(steps, pictures))
         poses = [pose for row in rows for pose in row]
-        cameras = cameras_for(model, self._size[0] / self._size[1], [pose.data for pose in poses])
+        aspect, data = self._size[0] / self._size[1], [pose.data for pose in poses]
+        cameras = cameras_for(player.model, aspect, data, player.env.base)
         with self._scenes() as scenes:
             ordered = [scene for scene, row in zip(scenes, rows, strict=True) for _ in row]
             shown = [pose.drawn(*how) for pose, *how in zip(poses, ordered, cameras, strict=True)]
@@ -156,7 +157,8 @@ class Take:
 
     def __init__(self, player: Player, width: int, height: int):
         self.player, self._size = player, (width, height)
-        self._camera = FollowingCamera(player.model, width / height, self._free())
+        areas = self._free()
+        self._camera = FollowingCamera(player.model, width / height, areas, player.env.base)
         self.failed = False
         self._frozen: Image.Image | None = None  # its picture since it failed
 

@@ -11,14 +11,13 @@ from torch import Tensor
 from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
-from ...envs.worlds.randomization import horizontal
+from ...envs.worlds.trees import horizontal
 from ...exports.exporting import export
 from ...networks.policy import Policy
 from ...phases import phase
 from ...runs.bookmarks import bookmarks
 from ...runs.evaluating import front_of
 from ...runs.loading import load
-from ..camera import followed_body
 from ..explaining import explain, is_told_velocity
 from ..front_map import front_map
 from .checking import check
@@ -58,7 +57,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     policy.cpu()
     about = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
     drawn = {"front": front_map(front, env.dt, env.lower_is_better), "bookmarks": bookmarks(run)}
-    everything = {**about, **_described(env, traced, model), **drawn}
+    everything = {**about, **described(env, traced, model), **drawn}
     (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
     return about
 
@@ -85,7 +84,8 @@ def build(policy: Policy) -> tuple[Environment, WebModel]:
     return task(physics, options, 0, auto_reset=False), described
 
 
-def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
+def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
+    """Describe a task and its graphs for the page."""
     return {
         "dt": env.dt,
         "substeps": env.substeps,
@@ -103,8 +103,8 @@ def _described(env: Environment, traced: Traced, model: WebModel) -> dict[str, A
         "command": _command(env),
         "velocities": is_told_velocity(env),
         "notes": [explain(env, name) for name in env.objectives],
-        "followed": followed_body(env.physics.model),
-        "pushed": horizontal(env.physics.model),
+        "followed": env.base,
+        "pushed": horizontal(env.physics.model, env.base),
         "push": PUSH,
     }
 

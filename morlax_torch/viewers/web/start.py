@@ -6,7 +6,6 @@ import numpy as np
 from ...envs import Environment
 from ...networks.policy import Policy
 from ..arrays import array_bytes, drawn_arrays
-from ..camera import followed_body
 
 SECONDS = 5.0  # an episode that ends earlier is recorded to its end
 FRAME = 0.02  # s between frames, or a control step if that is longer
@@ -36,5 +35,5 @@ def start(policy: Policy, env: Environment) -> bytes:
         nbody=model.nbody,
         ngeom=model.ngeom,
         dt=every * env.dt,
-        followed=followed_body(model),
+        followed=env.base,
     )

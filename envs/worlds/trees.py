@@ -1,0 +1,76 @@
+"""The robot among the kinematic trees of a model, which may hold other things that move."""
+
+import mujoco
+import numpy as np
+from mujoco import mjtJoint, mjtTrn, mjtWrap
+
+from ..errors import unknown
+
+LEVEL = 1e-6  # upward part of a direction along the floor
+
+
+def base_of(model: mujoco.MjModel, name: str | None = None) -> int:
+    """Return the robot's base: the first body of its kinematic tree, which pushes move.
+
+    The robot is the tree that the most actuators act on; of several, the one with the most degrees
+    of freedom, then the first one. Without actuators, all trees have none.
+
+    Args:
+        model: the robot and its scene.
+        name: of a body of the robot, which decides instead.
+
+    Raises:
+        MorlaxError: the model has no body of this name.
+    """
+    trees = model.body_treeid  # -1: cannot move
+    if name is not None:
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+        if body < 0:
+            raise unknown("body", name, [model.body(i).name for i in range(model.nbody)])
+        return int(np.flatnonzero(trees == trees[body])[0]) if trees[body] >= 0 else body
+    if not model.ntree:
+        return min(1, model.nbody - 1)
+    actuators = [np.unique(trees[_bodies(model, i)]) for i in range(len(model.actuator_trntype))]
+    counts = np.bincount([tree for each in actuators for tree in each if tree >= 0], minlength=1)
+    counts = np.pad(counts, (0, model.ntree))[: model.ntree]
+    freedoms = np.bincount(model.dof_treeid, minlength=model.ntree)
+    robot = max(range(model.ntree), key=lambda tree: (counts[tree], freedoms[tree], -tree))
+    return int(np.flatnonzero(trees == robot)[0])
+
+
+def _bodies(model: mujoco.MjModel, actuator: int) -> list[int]:
+    """Return the bodies that an actuator acts on."""
+    kind, (first, second) = model.actuator_trntype[actuator], model.actuator_trnid[actuator]
+    match kind:
+        case mjtTrn.mjTRN_JOINT | mjtTrn.mjTRN_JOINTINPARENT:
+            return [model.jnt_bodyid[first]]
+        case mjtTrn.mjTRN_SITE | mjtTrn.mjTRN_SLIDERCRANK:
+            return [model.site_bodyid[site] for site in (first, second) if site >= 0]
+        case mjtTrn.mjTRN_BODY:
+            return [first]
+        case mjtTrn.mjTRN_TENDON:
+            start, number = model.tendon_adr[first], model.tendon_num[first]
+            homes = {
+                mjtWrap.mjWRAP_JOINT: model.jnt_bodyid,
+                mjtWrap.mjWRAP_SITE: model.site_bodyid,
+                mjtWrap.mjWRAP_SPHERE: model.geom_bodyid,
+                mjtWrap.mjWRAP_CYLINDER: model.geom_bodyid,
+            }
+            wraps = range(start, start + number)
+            each = [(homes.get(model.wrap_type[i]), model.wrap_objid[i]) for i in wraps]
+            return [bodies[i] for bodies, i in each if bodies is not None]
+    return []
+
+
+def horizontal(model: mujoco.MjModel, base: int) -> list[int]:
+    """Return the degrees of freedom that move the base along the floor."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    dofs = []
+    for joint in np.flatnonzero(model.jnt_bodyid == base):
+        kind, dof = model.jnt_type[joint], int(model.jnt_dofadr[joint])
+        if kind == mjtJoint.mjJNT_FREE:
+            return [dof, dof + 1]
+        if kind == mjtJoint.mjJNT_SLIDE and abs(data.xaxis[joint, 2]) < LEVEL:
+            dofs.append(dof)
+    return dofs
