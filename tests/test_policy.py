@@ -1,7 +1,10 @@
 """Saved policies give the same actions, and unusable inputs or files give clear errors."""
 
+import copy
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -12,6 +15,8 @@ from tiny import learner, tiny
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
 from morlax_torch.algorithms.base import make_agent
+from morlax_torch.networks.agent import Agent
+from morlax_torch.networks.mlp import Linear
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 
@@ -101,6 +106,48 @@ def test_tradeoffs_can_be_lists_tuples_arrays_or_tensors(policy, observation, fo
     torch.testing.assert_close(policy(observation, form(one)), expected)
     torch.testing.assert_close(policy.specialize(form(one))(observation), expected)
     torch.testing.assert_close(policy(observation, form(many)), policy(observation, TRADEOFFS))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"network.type": "dual"},
+        {"network.symmetric": True},
+        {"algorithm": "independent"},
+        {"algorithm": "amor"},
+    ],
+    ids=str,
+)
+def test_threads_can_share_a_policy(observation, tmp_path, monkeypatch, changes):
+    config = tiny(**changes)
+    agent = Agent(config, 13, 4, 2)
+    for parameter in agent.parameters():  # they start equal for all trade-offs
+        torch.nn.init.normal_(parameter)
+    policy, usual = Policy(agent, config, ("run", "jump")), Linear.forward
+    expected = [policy(observation, w) for w in TRADEOFFS]
+    assert not torch.allclose(expected[0], expected[1], atol=0.1)
+    together = Barrier(3, timeout=10)
+
+    def forward(layer: Linear, x: torch.Tensor) -> torch.Tensor:
+        together.wait()  # every thread is inside the network now
+        return usual(layer, x)
+
+    def act(tradeoff: torch.Tensor) -> torch.Tensor:
+        return policy(observation, tradeoff)
+
+    def copied(tradeoff: torch.Tensor) -> torch.Tensor:
+        return copy.deepcopy(policy)(observation, tradeoff)
+
+    with monkeypatch.context() as patch, ThreadPoolExecutor(3) as pool:
+        patch.setattr(Linear, "forward", forward)
+        tasks = [pool.submit(run, w) for run, w in zip((act, act, copied), TRADEOFFS, strict=False)]
+        actions = [task.result() for task in tasks]
+    save(policy, tmp_path / "policy.pt")
+    for k, w in enumerate(TRADEOFFS):
+        assert k > 2 or torch.equal(actions[k], expected[k])
+        assert torch.equal(policy(observation, w), expected[k])
+        torch.testing.assert_close(policy.specialize(w)(observation), expected[k])
+        assert torch.equal(morlax_torch.load(tmp_path / "policy.pt")(observation, w), expected[k])
 
 
 BAD_TRADEOFFS = {
