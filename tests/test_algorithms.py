@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import torch
 from closed_form import STEPS, Quadratic, Sprint, best_returns
+from same import assert_same
+from tiny import tiny
 from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -136,6 +138,26 @@ def test_resuming_continues_exactly(algorithm, changes):
         assert torch.equal(value, others["agent"][name]), name
     for one, two in zip(ours["optimizers"], others["optimizers"], strict=True):
         assert torch.equal(one, two)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "changes"),
+    [
+        ("morlax", {"ppo.desired_kl": 0.01, "sampling.widen": 0.5, "sampling.focus": (3.0, 1.0)}),
+        ("morlax", {"scalarization": "chebyshev", "sampling.alpha": 0.5}),
+        ("morlax", {"env": "design/hopper", "sampling.designs": 2, "task.reset_noise": 0.01}),
+        ("hyper-sac", {"method.start": 1, "method.updates": 4, "method.hold": 0.1}),
+        ("pd-morl", {"method.start": 1, "method.updates": 4}),
+    ],
+    ids=str,
+)
+def test_the_default_dtype_changes_no_number(algorithm, changes, dtypes):
+    results = []
+    for _ in dtypes:
+        learner = trained(tiny(algorithm=algorithm, **changes), 3)
+        front = make_evaluator(learner).evaluate()
+        results.append([learner.state_dict(), learner.metrics(), front.returns.tolist()])
+    assert_same(*results)
 
 
 def test_draws_spread_from_the_focus_until_they_cover_the_simplex():

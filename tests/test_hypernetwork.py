@@ -198,6 +198,13 @@ def test_gradients_match_finite_differences():
     assert torch.autograd.gradcheck(outputs, values, fast_mode=True)
 
 
+def test_a_family_has_the_dtype_of_its_target():
+    for dtype in (torch.float32, torch.float64):
+        family = family_of(nn.Linear(3, 2, dtype=dtype))
+        assert {parameter.dtype for parameter in family.parameters()} == {dtype}
+        assert family.run(family(TRADEOFFS.to(dtype)), torch.ones(K, B, 3).to(dtype)).dtype == dtype
+
+
 def test_two_families_can_share_their_features():
     first = family_of(nn.Linear(3, 2))
     second = Hypernetwork(nn.Linear(3, 1), M, num_features=4, features=first.features)

@@ -64,7 +64,8 @@ class Environment(Robot):
         self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
-        self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
+        # where() would fill one each time
+        self._zero = torch.zeros((), dtype=torch.float32, device=self.device)
         self.memory = {name: value.clone() for name, value in self.remember().items()}
         self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
@@ -433,5 +434,6 @@ class Environment(Robot):
         return self.physics.remedy(bits)
 
     def paper_reset_reward(self) -> Tensor:
-        terms = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
-        return (torch.tensor(terms).to(self._weights)[:, None] * self._weights).sum(0).float()
+        named = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
+        terms = torch.tensor(named, dtype=torch.float32).to(self._weights)
+        return (terms[:, None] * self._weights).sum(0).float()

@@ -40,7 +40,8 @@ def find_mirror(worlds: Robot) -> Mirror:
     _scatter(physics, generator)
     seen, earned = [], []
     for _ in range(STEPS):
-        action = 2 * torch.rand(PAIRS, worlds.action_size, generator=generator) - 1
+        draws = torch.rand(PAIRS, worlds.action_size, generator=generator, dtype=torch.float32)
+        action = 2 * draws - 1
         _copy_into_mirror(physics, positions, velocities)  # or chaos would part them
         step = worlds.step(torch.cat([action, motors(action)]))
         seen.append(step.final_critic_observation.unflatten(0, (2, PAIRS)))
@@ -101,7 +102,8 @@ def _of_motors(model: mujoco.MjModel, velocities: Reflection) -> Reflection:
 def _scatter(physics: Physics, generator: torch.Generator) -> None:
     """Move the first half of the worlds at random."""
     shape = 2, PAIRS, physics.model.nv
-    shift, speed = SPREAD * (2 * torch.rand(*shape, generator=generator).to(physics.qpos) - 1)
+    draws = torch.rand(*shape, generator=generator, dtype=torch.float32).to(physics.qpos)
+    shift, speed = SPREAD * (2 * draws - 1)
     for start, change in zip(physics.qpos.numpy(), shift.numpy(), strict=False):
         mujoco.mj_integratePos(physics.model, start, change, 1.0)
     physics.qvel[:PAIRS] = speed
@@ -132,4 +134,4 @@ def _matching(own: Tensor, image: Tensor) -> Reflection:
             order[row], order[partner] = partner, row
     if (bad := (error[rows, order] > ALMOST**2 * (energy + energy[order]))).any():
         raise _refused(f"number {int(bad.int().argmax())} of its observation has no mirror image")
-    return Reflection(order, torch.where(product[rows, order] < 0, -1.0, 1.0))
+    return Reflection(order, torch.where(product[rows, order] < 0, -1.0, 1.0).float())

@@ -97,7 +97,8 @@ class Stepping:
 
     def __init__(self, worlds: Worlds):
         self._worlds, self._device = worlds, worlds.device
-        self._action = torch.zeros(worlds.num_worlds, worlds.action_size, device=worlds.device)
+        shape = worlds.num_worlds, worlds.action_size
+        self._action = torch.zeros(shape, dtype=torch.float32, device=worlds.device)
         self._graph = Graph(self._advance, worlds.device, [worlds.generator])
         if worlds.recordable:
             self._graph.record()

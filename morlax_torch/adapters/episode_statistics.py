@@ -45,7 +45,8 @@ class EpisodeStatistics(VectorWrapper):
             )
         super().__init__(env)
         self._gamma = gamma
-        self._returns = torch.zeros(env.num_envs, len(env.objectives), device=env.device)
+        shape = env.num_envs, len(env.objectives)
+        self._returns = torch.zeros(shape, dtype=torch.float32, device=env.device)
         self._discounted = torch.zeros_like(self._returns)
         self._lengths = torch.zeros(env.num_envs, dtype=torch.int64, device=env.device)
         self._starts = torch.zeros(env.num_envs, dtype=torch.float64, device=env.device)

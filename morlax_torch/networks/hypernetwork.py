@@ -48,12 +48,13 @@ class Hypernetwork(Generated):
     ):
         super().__init__(target)
         inputs = num_objectives + context_size
-        self.features = features or mlp(inputs, hidden_sizes, num_features, generator)
+        start = torch.cat([p.detach().flatten() for p in target.parameters()])
+        self.features = features or mlp(inputs, hidden_sizes, num_features, generator, start.dtype)
         self._num_objectives = num_objectives
         self._features_mlp = mlp_sizes(self.features)
-        weight = torch.empty(sum(self.sizes), num_features)
+        weight = torch.empty(len(start), num_features, dtype=start.dtype)
         self.weight = nn.Parameter(nn.init.uniform_(weight, -scale, scale, generator))  # M
-        self.bias = nn.Parameter(torch.cat([p.detach().flatten() for p in target.parameters()]))
+        self.bias = nn.Parameter(start)
 
     def flat(self, conditions: Tensor) -> Tensor:
         inputs = on_simplex(conditions, self._num_objectives)

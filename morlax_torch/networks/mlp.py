@@ -24,12 +24,16 @@ class Linear(nn.Linear):
 
 
 def mlp(
-    inputs: int, hidden: Sequence[int], outputs: int, generator: torch.Generator | None = None
+    inputs: int,
+    hidden: Sequence[int],
+    outputs: int,
+    generator: torch.Generator | None = None,
+    dtype: torch.dtype = torch.float32,
 ) -> nn.Sequential:
     """Build SiLU layers and a linear output layer, with LeCun-uniform weights and zero biases."""
     layers: list[nn.Module] = []
     for before, after in pairwise([inputs, *hidden, outputs]):
-        linear = Linear(before, after)
+        linear = Linear(before, after, dtype=dtype)
         bound = math.sqrt(3 / before)
         nn.init.uniform_(linear.weight, -bound, bound, generator)
         nn.init.zeros_(linear.bias)
@@ -55,7 +59,7 @@ def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> N
     first = next(network.parameters(), None)
     if first is None:
         raise MorlaxError(f"the {name} has no parameters, so there is nothing to generate.")
-    rows = torch.zeros(1, 2, inputs, device=first.device)
+    rows = torch.zeros(1, 2, inputs, dtype=torch.float32, device=first.device)
     try:
         with torch.no_grad():
             found = vmap(network, randomness="different")(rows)  # as a family runs it

@@ -31,11 +31,11 @@ class Normalizer(nn.Module):
         super().__init__()
         self.size, self.rows = size, rows
         shape = (rows, 1, size) if rows else (size,)
-        self.register_buffer("mean", torch.zeros(shape))
-        self.register_buffer("variance", torch.ones(shape))
+        self.register_buffer("mean", torch.zeros(shape, dtype=torch.float32))
+        self.register_buffer("variance", torch.ones(shape, dtype=torch.float32))
         counts = (rows, 1, 1) if rows else ()
         self.register_buffer("count", torch.zeros(counts, dtype=torch.float64))
-        self.register_buffer("scale", torch.ones(shape))
+        self.register_buffer("scale", torch.ones(shape, dtype=torch.float32))
 
     def forward(self, x: Tensor) -> Tensor:
         size = x.shape[-1]
