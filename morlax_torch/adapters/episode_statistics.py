@@ -69,7 +69,7 @@ class EpisodeStatistics(VectorWrapper):
         observation, reward, terminated, truncated, info = self.env.step(actions)
         objectives = info.get("vector_reward", reward)
         self._returns += objectives
-        self._discounted += self._gamma ** self._lengths[:, None] * objectives
+        self._discounted += self._gamma ** self._lengths[:, None].float() * objectives
         self._lengths += 1
         done = terminated | truncated
         info["episode"] = {
