@@ -171,6 +171,8 @@ BAD_TRADEOFFS = {
     "not a number": ([float("nan"), 1.0], "trade-off"),
     "infinite": ([float("inf"), 1.0], "trade-off"),
     "one bad row": ([[0.5, 0.5], [1.0, 0.0], [0.0, 0.0], [1.0, 1.0]], "zero in every objective"),
+    "complex": (torch.tensor([1 + 2j, 1 - 5j]), "real numbers, not complex"),
+    "complex array": (np.array([1 + 2j, 1 - 5j]), "real numbers, not complex"),
     "other rows": ([[0.5, 0.5], [1.0, 0.0]], "trade-off"),
 }
 
@@ -284,11 +286,39 @@ def test_observations_can_be_arrays_and_doubles(policy, observation):
 
 
 @pytest.mark.parametrize(
+    "other",
+    [
+        lambda x: np.ascontiguousarray(x[::-1])[::-1],
+        lambda x: x.astype(">f8"),
+        lambda x: np.asfortranarray(x),
+        lambda x: x.astype(np.longdouble),
+        lambda x: np.frombuffer(x.tobytes(), x.dtype).reshape(x.shape),  # read-only
+    ],
+    ids=("negative strides", "big endian", "columns first", "long doubles", "read-only"),
+)
+def test_arrays_can_have_any_layout(policy, observation, other):
+    seen, weights = observation.numpy(), TRADEOFFS.numpy()
+    assert torch.equal(policy(other(seen), other(weights)), policy(seen, weights))
+    assert torch.equal(policy(seen, weights[::-1]), policy(seen, weights[::-1].copy()))
+
+
+@pytest.mark.parametrize("turn", [lambda p: p.double(), lambda p: p.to(torch.float16)])
+def test_a_policy_stays_in_float32(policy, observation, turn):
+    before = policy(observation, (0.3, 0.7))
+    with pytest.raises(MorlaxError, match=r"policies compute in float32, not torch\.float"):
+        turn(policy)
+    assert torch.equal(policy.to("cpu").float()(observation, (0.3, 0.7)), before)
+    plain = policy.specialize((0.3, 0.7)).double()  # a plain module can be anything
+    torch.testing.assert_close(plain(observation.double()).float(), before)
+
+
+@pytest.mark.parametrize(
     ("given", "words"),
     [
         (torch.zeros(5, 12), r"shape \(5, 12\), but this policy needs \(B, 13\)"),
         (torch.zeros(2, 5, 13), r"shape \(2, 5, 13\), but this policy needs \(B, 13\)"),
         (torch.zeros(5, 13, dtype=torch.int64), "must be floats, not torch.int64"),
+        (np.zeros((5, 13), complex), "must be floats, not torch.complex128"),
         ("nothing", "consist of numbers, not 'nothing'"),
         (None, "consist of numbers, not None"),
         ([[1.0], [1.0, 2.0]], "consist of numbers, not"),

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
+from ..envs import MorlaxError
+from ..envs.errors import shortened
 from ..envs.worlds.mirror import Reflection
 from ..gpu import fused
 from .family import on_simplex
@@ -36,11 +38,18 @@ class Generated(nn.Module, ABC):
 
     Args:
         target: the module whose parameters are generated; it is copied, not changed.
+
+    Raises:
+        MorlaxError: the target is no module, or has no parameters.
     """
 
     def __init__(self, target: nn.Module):
         super().__init__()
+        if not isinstance(target, nn.Module):
+            raise MorlaxError(f"the target must be an nn.Module, not {shortened(target)}.")
         self.shapes = {name: value.shape for name, value in target.named_parameters()}
+        if not self.shapes:
+            raise MorlaxError("the target has no parameters, so there is nothing to generate.")
         self.sizes = [shape.numel() for shape in self.shapes.values()]
         # nn.Module does not see the target inside: its own parameters are not used
         self._target = PerThread(copy.deepcopy(target).requires_grad_(False))
