@@ -173,6 +173,18 @@ def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
 
 
 @pytest.mark.parametrize("algorithm", ["morlax", "hyper-sac"])
+def test_alpha_moves_draws_to_the_corners_or_to_the_center(algorithm):
+    farthest = []
+    for alpha in (1e-3, 1.0, 1e6):
+        changes = {"sampling.alpha": alpha, "sampling.cells": False, "sampling.corners": 0}
+        learner = trained(small(algorithm, 8, **changes), 1)
+        assert_close(learner.tradeoffs.sum(1), torch.ones(CLUSTERS))
+        farthest.append((learner.tradeoffs - 0.5).abs().amax(1))
+    assert farthest[0].min() > 0.49 and farthest[2].max() < 0.01
+    assert 0.05 < farthest[1].mean() < 0.45
+
+
+@pytest.mark.parametrize("algorithm", ["morlax", "hyper-sac"])
 @pytest.mark.parametrize("corners", [0, 2])
 def test_draws_from_cells_spread_beside_the_corners(algorithm, corners):
     changes = {"sampling.cells": True, "sampling.corners": corners}
