@@ -55,6 +55,19 @@ def global_seeds() -> None:
     np.random.seed(0)
 
 
+@pytest.fixture
+def dtypes() -> Iterator[Iterator[torch.dtype]]:
+    """Iterate over torch's default dtypes, each of which is set meanwhile."""
+
+    def each() -> Iterator[torch.dtype]:
+        for dtype in (torch.float32, torch.float64):
+            torch.set_default_dtype(dtype)
+            yield dtype
+
+    yield each()
+    torch.set_default_dtype(torch.float32)
+
+
 def pytest_collection_finish() -> None:
     """Keep what was imported out of garbage collections, of which every training starts some."""
     gc.collect()

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import torch
 from closed_form import STEPS, Quadratic, Sprint, best_returns
+from same import assert_same
+from tiny import tiny
 from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -138,6 +140,26 @@ def test_resuming_continues_exactly(algorithm, changes):
         assert torch.equal(one, two)
 
 
+@pytest.mark.parametrize(
+    ("algorithm", "changes"),
+    [
+        ("morlax", {"ppo.desired_kl": 0.01, "sampling.widen": 0.5, "sampling.focus": (3.0, 1.0)}),
+        ("morlax", {"scalarization": "chebyshev", "sampling.alpha": 0.5}),
+        ("morlax", {"env": "design/hopper", "sampling.designs": 2, "task.reset_noise": 0.01}),
+        ("hyper-sac", {"method.start": 1, "method.updates": 4, "method.hold": 0.1}),
+        ("pd-morl", {"method.start": 1, "method.updates": 4}),
+    ],
+    ids=str,
+)
+def test_the_default_dtype_changes_no_number(algorithm, changes, dtypes):
+    results = []
+    for _ in dtypes:
+        learner = trained(tiny(algorithm=algorithm, **changes), 3)
+        front = make_evaluator(learner).evaluate()
+        results.append([learner.state_dict(), learner.metrics(), front.returns.tolist()])
+    assert_same(*results)
+
+
 def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
     changes = {"sampling.focus": (3.0, 1.0), "sampling.widen": 0.5}
     learner = trained(small("morlax", 8, **changes), 0)
@@ -148,6 +170,18 @@ def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
         farthest.append((learner.tradeoffs - focus).abs().max())
     # that is the corner of the second objective
     assert_close(torch.stack(farthest), torch.tensor([0.0, 0.375, 0.75, 0.75]))
+
+
+@pytest.mark.parametrize("algorithm", ["morlax", "hyper-sac"])
+def test_alpha_moves_draws_to_the_corners_or_to_the_center(algorithm):
+    farthest = []
+    for alpha in (1e-3, 1.0, 1e6):
+        changes = {"sampling.alpha": alpha, "sampling.cells": False, "sampling.corners": 0}
+        learner = trained(small(algorithm, 8, **changes), 1)
+        assert_close(learner.tradeoffs.sum(1), torch.ones(CLUSTERS))
+        farthest.append((learner.tradeoffs - 0.5).abs().amax(1))
+    assert farthest[0].min() > 0.49 and farthest[2].max() < 0.01
+    assert 0.05 < farthest[1].mean() < 0.45
 
 
 @pytest.mark.parametrize("algorithm", ["morlax", "hyper-sac"])

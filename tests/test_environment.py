@@ -61,6 +61,18 @@ def test_actions_of_another_shape_or_type_are_one_sentence():
     env.step(torch.zeros(2, A, dtype=torch.float64))
 
 
+@pytest.mark.parametrize("task", ["walker", "ant"])
+def test_the_default_dtype_changes_no_step(task, backend, dtypes):
+    steps = []
+    for _ in dtypes:
+        random = {"friction": (0.5, 1.5), "push": 0.5, "push_every": 2, "action_delay": (0, 2)}
+        env = make(task, backend, reset_noise=0.01, randomization=random)
+        action = torch.full((3, env.action_size), 0.3)
+        steps.append([list(env.step(action)[:5]) for _ in range(5)])
+    assert_same(*steps)
+    assert steps[1][-1][1].dtype == torch.float32
+
+
 def test_an_episode_is_truncated_at_its_full_length(backend):
     env = make("cheetah", backend, episode_length=4)
     for age in (1, 2, 3):

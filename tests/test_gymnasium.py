@@ -209,8 +209,13 @@ def test_on_the_cpu_actions_can_be_arrays(dtype):
     actions.flags.writeable = False
     one, other = vector(), vector()
     one.reset(), other.reset()
-    found, expected = one.step(actions), other.step(torch.tensor(actions))
-    assert all(map(torch.equal, found[:4], expected[:4]))
+    for given in (actions, actions[::-1], actions.astype(actions.dtype.newbyteorder())):
+        copied = torch.tensor(given.astype(dtype, order="C"))
+        found, expected = one.step(given), other.step(copied)
+        assert all(map(torch.equal, found[:4], expected[:4]))
+    single = gymnasium.make(WALKER)
+    single.reset(seed=0)
+    single.step(np.ones(single.action_space.shape, np.float32)[::-1])
 
 
 def test_actions_with_gradients_are_detached():

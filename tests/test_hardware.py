@@ -1,5 +1,6 @@
 """A run names the machines that trained it, and the report and TensorBoard show them."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import torch
 from tiny import learner, tiny
 
 from morlax_torch import MORLAX, MorlaxError
+from morlax_torch.gpu.resources import memory_of
 from morlax_torch.reports.results import facts
 from morlax_torch.runs import Run, hardware
 from morlax_torch.runs.hardware import Machine, device_name, read_machines
@@ -81,3 +83,55 @@ def test_facts_name_each_change_of_hardware_and_software():
         "PyTorch 2.9.0, MuJoCo Warp 3.4.0; then PyTorch 2.10.0, MuJoCo Warp 3.4.0; "
         "then PyTorch 2.10.0, mjlab 1.0"
     )
+
+
+CPU, GIB, UNLIMITED = torch.device("cpu"), 2**30, 9223372036854771712
+LIMITS = {  # what files say -> GiB that a process may still take
+    "version 2": (
+        {"memory.max": 3 * GIB, "memory.current": 2 * GIB, "memory.stat": f"inactive_file {GIB}"},
+        2,
+    ),
+    "version 2, of a parent": (
+        {
+            "a/b/memory.max": "max",
+            "a/memory.max": 3 * GIB,
+            "a/memory.current": GIB,
+            "memory.max": 4 * GIB,
+            "memory.current": GIB,
+        },
+        2,
+    ),
+    "version 1": (
+        {
+            "memory/a/b/memory.limit_in_bytes": 3 * GIB,
+            "memory/a/b/memory.usage_in_bytes": 2 * GIB,
+            "memory/a/b/memory.stat": f"inactive_file 1\ntotal_inactive_file {GIB // 2}",
+            "memory/memory.limit_in_bytes": UNLIMITED,
+            "memory/memory.usage_in_bytes": GIB,
+        },
+        1.5,
+    ),
+    "version 1, whose folder is the container's own": (
+        {"memory/memory.limit_in_bytes": GIB, "memory/memory.usage_in_bytes": 0},
+        1,
+    ),
+    "more than the limit": ({"memory.max": GIB, "memory.current": 2 * GIB}, 0),
+    "no limit": ({"memory.max": "max", "memory.current": GIB}, None),
+    "no control groups": ({}, None),
+}
+
+
+@pytest.mark.skipif(not hasattr(os, "sysconf"), reason="Windows")
+@pytest.mark.parametrize("which", LIMITS)
+def test_the_memory_of_a_container_is_what_its_limit_leaves(which, tmp_path):
+    files, expected = LIMITS[which]
+    contents = {f"sys/fs/cgroup/{name}": text for name, text in files.items()}
+    version = "5:cpu,memory:/a/b\n0::/" if "memory/" in "".join(files) else "0::/a/b"
+    for name, text in {"proc/self/cgroup": version, **contents}.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"{text}\n")
+    whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert memory_of(CPU, tmp_path) == (whole if expected is None else expected * GIB)
+    assert memory_of(CPU, tmp_path / "elsewhere") == whole
+    assert 0 < memory_of(CPU) <= whole

@@ -198,12 +198,36 @@ def test_gradients_match_finite_differences():
     assert torch.autograd.gradcheck(outputs, values, fast_mode=True)
 
 
+def test_a_family_has_the_dtype_of_its_target():
+    for dtype in (torch.float32, torch.float64):
+        family = family_of(nn.Linear(3, 2, dtype=dtype))
+        assert {parameter.dtype for parameter in family.parameters()} == {dtype}
+        assert family.run(family(TRADEOFFS.to(dtype)), torch.ones(K, B, 3).to(dtype)).dtype == dtype
+
+
 def test_two_families_can_share_their_features():
     first = family_of(nn.Linear(3, 2))
     second = Hypernetwork(nn.Linear(3, 1), M, num_features=4, features=first.features)
     assert second.features is first.features
     assert second.weight is not first.weight
     assert second.weight.shape == (4, 4)
+
+
+@pytest.mark.parametrize(
+    ("target", "sizes", "words"),
+    [
+        (nn.ReLU(), {}, "the target has no parameters, so there is nothing to generate"),
+        (nn.Linear, {}, "the target must be an nn.Module, not <class"),
+        (nn.Linear(3, 2), {"num_objectives": 0}, "num_objectives must be a whole number from 1"),
+        (nn.Linear(3, 2), {"num_objectives": 2.5}, "num_objectives must be .* not 2.5"),
+        (nn.Linear(3, 2), {"num_features": 0}, "num_features must be a whole number from 1"),
+        (nn.Linear(3, 2), {"hidden_sizes": (8, -1)}, "hidden_sizes must be .* from 1, not -1"),
+        (nn.Linear(3, 2), {"context_size": -1}, "context_size must be a whole number from 0"),
+    ],
+)
+def test_sizes_that_make_no_network_are_one_sentence(target, sizes, words):
+    with pytest.raises(MorlaxError, match=words):
+        Hypernetwork(target, **{"num_objectives": 2, **sizes})
 
 
 @pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])

@@ -1,16 +1,19 @@
 """Learning from a replay: what it samples, and what critics and policies learn from it."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
 from closed_form import Quadratic, best_returns
 from test_algorithms import CLUSTERS, TASK, iterate, small, trained
+from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, config_for
+from morlax_torch.algorithms.off_policy.hyper_sac import HyperSAC
 from morlax_torch.algorithms.off_policy.interpolator import Interpolator, angle
-from morlax_torch.algorithms.off_policy.replay import Replay
+from morlax_torch.algorithms.off_policy.replay import Replay, Transitions
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
@@ -38,7 +41,7 @@ def rollouts(number: int, generator: torch.Generator) -> list[Rollout]:
         time = (part * T + torch.arange(T))[:, None, None].expand(T, 2, N // 2)
         world = torch.arange(N).view(2, N // 2)
         own.observation.copy_((time + 0.1 * world)[..., None])  # names the step and the world
-        own.final_observation.copy_(own.observation + 1)
+        own.final_observation.copy_(own.observation + 0.5)  # no later step of a rollout shows it
         draws = torch.rand(T, 2, N // 2, generator=generator)
         own.terminated.copy_(draws < 0.15)
         own.truncated.copy_(draws > 0.85)
@@ -105,6 +108,71 @@ def test_critics_learn_the_values_of_actions(algorithm):
     scale = learner._scale() if algorithm == "hyper-sac" else 1.0
     for twin in found.chunk(2, -1):
         assert (twin * scale - rewards).abs().mean() < 0.06
+
+
+def untrained(monkeypatch, **changes: Any) -> HyperSAC:
+    """Return a learner of transitions without rewards, half of which are the last of an episode."""
+    learner = trained(small("hyper-sac", **changes), 0)
+
+    def sample(number: int, *_: Any) -> Transitions:
+        seen, nothing = torch.ones(number, 1), torch.zeros(number, 2)
+        action = 2 * torch.rand(number, 2, generator=learner.generator) - 1
+        return Transitions(seen, action, nothing, seen, 0.5 * seen, nothing)
+
+    monkeypatch.setattr(learner.replay, "sample", sample)
+    return learner
+
+
+@pytest.mark.parametrize("std", [0.05, 0.7])  # an entropy below and above zero
+def test_critics_value_the_entropy_of_actions_to_come(std, monkeypatch):
+    """Values are (temperature * entropy + value) / 2, which is temperature * entropy."""
+    faster = {"method.learning_rate": 4e-3, "method.target_rate": 1.0, "method.batch": 64}
+    changes = {"network.initial_std": std, "method.temperature": 0.8, **faster}
+    learner = untrained(monkeypatch, **changes)
+    for optimizer in learner.optimizers[::2]:  # policies and temperature stay
+        optimizer.rate.zero_()
+    for _ in range(200):
+        learner._improve()
+    tradeoffs, seen = torch.tensor([[0.3, 0.7]]), torch.ones(1, 1000, 1)
+    policy = learner.agent.actors(tradeoffs).distribution(seen)
+    squashed = TransformedDistribution(Normal(policy.mean, policy.std), TanhTransform())
+    action = squashed.sample()
+    entropy = -squashed.log_prob(action).sum(-1).mean()
+    with torch.no_grad():
+        rows = torch.cat([learner.agent.observation_normalizer(seen), action], -1)
+        found = learner.agent.critic.run(learner.agent.critic(tradeoffs), rows)
+    assert_close(found.mean(1), (0.8 * entropy).expand(1, 4), rtol=0.15, atol=0)
+
+
+def test_policies_maximize_weighted_returns_in_the_task_s_units(monkeypatch):
+    """Critics predict scaled values, so that the weights of large ones must grow."""
+    learner = untrained(monkeypatch)
+    learner._squares.copy_(torch.tensor([50.0, 5000.0]) ** 2)  # of returns, which are scaled to 50
+    agent, returns = learner.agent, torch.tensor([-3.0, 700.0])  # that all critics predict
+    with torch.no_grad():
+        agent.critic.weight.zero_()
+        parameters = agent.critic.split(agent.critic.bias.zero_())
+        for twin in ("0", "1"):
+            last = [name for name in parameters if name.startswith(f"networks.{twin}.")][-1]
+            parameters[last].copy_(returns / torch.tensor([1.0, 100.0]))
+    for optimizer in learner.optimizers:
+        optimizer.rate.zero_()
+    learner._improve()
+    policy_loss, _, entropy, _ = learner._sums
+    gain = -policy_loss + learner.log_temperature.exp() * -entropy
+    weights, units = learner._drawn, torch.tensor([1.0, 100.0])
+    assert_close(gain, ((weights @ returns) / (weights @ units)).mean(), rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize(("wanted", "sign"), [(-10.0, -1), (10.0, 1)])
+def test_the_temperature_falls_while_actions_have_more_entropy_than_wanted(
+    wanted, sign, monkeypatch
+):
+    learner = untrained(monkeypatch, **{"method.entropy": wanted})
+    before = learner.log_temperature.item()
+    for _ in range(3):
+        learner._improve()
+    assert sign * (learner.log_temperature.item() - before) > 0.005
 
 
 def interpolated(m: int, generator: torch.Generator) -> tuple[Interpolator, torch.Tensor]:

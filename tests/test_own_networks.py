@@ -11,6 +11,8 @@ from tiny import tiny
 from torch import nn
 
 from morlax_torch import MORLAX, MorlaxError, Policy, load, save, train
+from morlax_torch.algorithms import registry
+from morlax_torch.algorithms.base import BaseLearner
 from morlax_torch.commands import evaluate
 from morlax_torch.commands import train as train_command
 from morlax_torch.configuration.config import Config
@@ -18,12 +20,17 @@ from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
+from morlax_torch.runs.training import make_worlds
 
 O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
 
 
 def usual(**changes: object) -> Config:
     return tiny(**{"network.actor": (64, 64), **changes})
+
+
+def make_learner(config: Config, **networks: nn.Module) -> BaseLearner:
+    return registry.make_learner(make_worlds(config, config.worlds), config, **networks)
 
 
 def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:
@@ -81,7 +88,48 @@ MISFITS = {
         "actor": nn.Sequential(nn.BatchNorm1d(O), nn.Linear(O, 2 * A))
     },
     "the actor has no parameters": {"actor": nn.Identity()},
+    r"the actor has parameters of torch\.float64, .*: use \.float\(\)": {
+        "actor": nn.Linear(O, 2 * A, dtype=torch.float64)
+    },
 }
+
+
+class Stateful(nn.Linear):
+    """A network that keeps state between calls, in one of several ways."""
+
+    def __init__(self, inputs: int, outputs: int, way: str):
+        super().__init__(inputs, outputs)
+        self.register_buffer("state", torch.zeros(outputs))
+        self.way, self.last, self.history = way, None, []
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        y = super().forward(x)
+        if self.way == "assigned":
+            self.state = self.state + y.mean(0).detach()
+        elif self.way == "in place":
+            self.state += 1
+        elif self.way == "attribute":
+            self.last = y
+        elif self.way == "list":
+            self.history.append(y)
+        return y
+
+
+@pytest.mark.parametrize("algorithm", ["morlax", "amor"])
+@pytest.mark.parametrize("way", ["assigned", "in place", "attribute", "list"])
+def test_networks_that_keep_state_between_calls_are_refused(way, algorithm):
+    inputs = O + (m if algorithm == "amor" else 0)
+    actor, critic = Stateful(inputs, 2 * A, way), Stateful(inputs, m, way)
+    for name, network in (("actor", actor), ("critic", critic)):
+        with pytest.raises(
+            MorlaxError, match=f"the {name} keeps tensors from call to call"
+        ) as error:
+            make_learner(usual(algorithm=algorithm), **{name: network})
+        assert "\n" not in str(error.value)
+        copy.deepcopy(network)  # it is as before
+        assert network.last is None and not network.history and not network.state.any()
+    actor.way = ""
+    make_learner(usual(algorithm=algorithm), actor=actor)
 
 
 @pytest.mark.parametrize("sentence", MISFITS)

@@ -1,5 +1,6 @@
 """One copy of each module, importable from anywhere, and the documented calls at the top."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,16 @@ def test_a_folder_of_the_checkout_is_imported_under_one_name_only(name):
 def test_folders_beside_the_package_belong_to_it():
     code = "import morlax_torch.envs.errors, morlax_torch.configs; print('found')"
     assert python(code, ROOT).stdout == "found\n"
+
+
+@pytest.mark.parametrize("folder", ["envs", "morlax_torch"])
+def test_tensors_of_floats_have_a_dtype_whatever_the_user_s_default_is(folder):
+    made = {f"torch.{name}" for name in ("zeros", "ones", "empty", "rand", "randn", "linspace")}
+    for file in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in made:
+                words = {keyword.arg for keyword in node.keywords}
+                assert words & {"dtype", None}, f"{file}:{node.lineno}: {ast.unparse(node)}"
 
 
 def test_a_tuned_config_is_one_call():

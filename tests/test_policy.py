@@ -1,7 +1,10 @@
 """Saved policies give the same actions, and unusable inputs or files give clear errors."""
 
+import copy
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -12,6 +15,8 @@ from tiny import learner, tiny
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
 from morlax_torch.algorithms.base import make_agent
+from morlax_torch.networks.agent import Agent
+from morlax_torch.networks.mlp import Linear
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
 
@@ -103,6 +108,60 @@ def test_tradeoffs_can_be_lists_tuples_arrays_or_tensors(policy, observation, fo
     torch.testing.assert_close(policy(observation, form(many)), policy(observation, TRADEOFFS))
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"network.type": "dual"},
+        {"network.symmetric": True},
+        {"algorithm": "independent"},
+        {"algorithm": "amor"},
+    ],
+    ids=str,
+)
+def test_threads_can_share_a_policy(observation, tmp_path, monkeypatch, changes):
+    config = tiny(**changes)
+    agent = Agent(config, 13, 4, 2)
+    for parameter in agent.parameters():  # they start equal for all trade-offs
+        torch.nn.init.normal_(parameter)
+    policy, usual = Policy(agent, config, ("run", "jump")), Linear.forward
+    expected = [policy(observation, w) for w in TRADEOFFS]
+    assert not torch.allclose(expected[0], expected[1], atol=0.1)
+    together = Barrier(3, timeout=10)
+
+    def forward(layer: Linear, x: torch.Tensor) -> torch.Tensor:
+        together.wait()  # every thread is inside the network now
+        return usual(layer, x)
+
+    def act(tradeoff: torch.Tensor) -> torch.Tensor:
+        return policy(observation, tradeoff)
+
+    def copied(tradeoff: torch.Tensor) -> torch.Tensor:
+        return copy.deepcopy(policy)(observation, tradeoff)
+
+    with monkeypatch.context() as patch, ThreadPoolExecutor(3) as pool:
+        patch.setattr(Linear, "forward", forward)
+        tasks = [pool.submit(run, w) for run, w in zip((act, act, copied), TRADEOFFS, strict=False)]
+        actions = [task.result() for task in tasks]
+    save(policy, tmp_path / "policy.pt")
+    for k, w in enumerate(TRADEOFFS):
+        assert k > 2 or torch.equal(actions[k], expected[k])
+        assert torch.equal(policy(observation, w), expected[k])
+        torch.testing.assert_close(policy.specialize(w)(observation), expected[k])
+        assert torch.equal(morlax_torch.load(tmp_path / "policy.pt")(observation, w), expected[k])
+
+
+def test_the_default_dtype_changes_no_action(dtypes):
+    actions = []
+    for _ in dtypes:
+        policy = morlax_torch.load("cheetah")
+        seen = torch.linspace(-3, 3, 17, dtype=torch.float32)
+        seen = [seen, seen.tolist(), seen.double()]  # a list of the default dtype
+        actions.append([policy(x, w) for x in seen for w in ((1, 1), [0.3, 0.7])])
+        actions[-1] += [policy.specialize((0.3, 0.7))(seen[0])]
+    assert_same(*actions)
+    assert all(action.dtype == torch.float32 for action in actions[1])
+
+
 BAD_TRADEOFFS = {
     "negative": ([-0.5, 1.5], "negative"),
     "zero": ([0.0, 0.0], "zero in every objective"),
@@ -112,6 +171,8 @@ BAD_TRADEOFFS = {
     "not a number": ([float("nan"), 1.0], "trade-off"),
     "infinite": ([float("inf"), 1.0], "trade-off"),
     "one bad row": ([[0.5, 0.5], [1.0, 0.0], [0.0, 0.0], [1.0, 1.0]], "zero in every objective"),
+    "complex": (torch.tensor([1 + 2j, 1 - 5j]), "real numbers, not complex"),
+    "complex array": (np.array([1 + 2j, 1 - 5j]), "real numbers, not complex"),
     "other rows": ([[0.5, 0.5], [1.0, 0.0]], "trade-off"),
 }
 
@@ -225,11 +286,39 @@ def test_observations_can_be_arrays_and_doubles(policy, observation):
 
 
 @pytest.mark.parametrize(
+    "other",
+    [
+        lambda x: np.ascontiguousarray(x[::-1])[::-1],
+        lambda x: x.astype(">f8"),
+        lambda x: np.asfortranarray(x),
+        lambda x: x.astype(np.longdouble),
+        lambda x: np.frombuffer(x.tobytes(), x.dtype).reshape(x.shape),  # read-only
+    ],
+    ids=("negative strides", "big endian", "columns first", "long doubles", "read-only"),
+)
+def test_arrays_can_have_any_layout(policy, observation, other):
+    seen, weights = observation.numpy(), TRADEOFFS.numpy()
+    assert torch.equal(policy(other(seen), other(weights)), policy(seen, weights))
+    assert torch.equal(policy(seen, weights[::-1]), policy(seen, weights[::-1].copy()))
+
+
+@pytest.mark.parametrize("turn", [lambda p: p.double(), lambda p: p.to(torch.float16)])
+def test_a_policy_stays_in_float32(policy, observation, turn):
+    before = policy(observation, (0.3, 0.7))
+    with pytest.raises(MorlaxError, match=r"policies compute in float32, not torch\.float"):
+        turn(policy)
+    assert torch.equal(policy.to("cpu").float()(observation, (0.3, 0.7)), before)
+    plain = policy.specialize((0.3, 0.7)).double()  # a plain module can be anything
+    torch.testing.assert_close(plain(observation.double()).float(), before)
+
+
+@pytest.mark.parametrize(
     ("given", "words"),
     [
         (torch.zeros(5, 12), r"shape \(5, 12\), but this policy needs \(B, 13\)"),
         (torch.zeros(2, 5, 13), r"shape \(2, 5, 13\), but this policy needs \(B, 13\)"),
         (torch.zeros(5, 13, dtype=torch.int64), "must be floats, not torch.int64"),
+        (np.zeros((5, 13), complex), "must be floats, not torch.complex128"),
         ("nothing", "consist of numbers, not 'nothing'"),
         (None, "consist of numbers, not None"),
         ([[1.0], [1.0, 2.0]], "consist of numbers, not"),

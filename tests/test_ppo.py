@@ -322,6 +322,34 @@ def test_a_desired_kl_adapts_the_actor_s_learning_rate(
         assert ppo.optimizers[1].rate.item() == pytest.approx(rate)
 
 
+@pytest.mark.parametrize("type", ("dual", "single"))
+@pytest.mark.parametrize("wanted", (1e-4, 1e-2, 1.0))
+def test_one_update_per_rollout_adapts_the_rate_to_the_kl_that_it_causes(
+    learner, samples, generator, type, wanted
+):
+    agent = learner(type=type)
+    samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)
+    ppo = PPO(agent, PPOConfig(learning_rate=3e-3, desired_kl=wanted))
+    acted = agent.policies(TRADEOFFS)(samples.observation).log_prob(samples.action)
+    samples = samples._replace(log_prob=acted.detach()[..., None])  # a KL of zero so far
+    rate = 3e-3
+    for _ in range(5):
+        ppo.improve([(TRADEOFFS, samples)], generator)
+        kl = losses_of(ppo, samples, generator)["kl"]
+        rate *= 1 / 1.5 if kl > 2 * wanted else 1.5 if kl < wanted / 2 else 1.0
+        rate = min(rate, 1e-2)
+        assert ppo.optimizers[0].rate.item() == pytest.approx(rate)
+    assert (rate > 3e-3) == (wanted == 1.0)
+
+
+def test_every_minibatch_adapts_the_rate_once(learner, samples, generator):
+    ppo = PPO(learner(), PPOConfig(learning_rate=1e-6, desired_kl=1.0))
+    parts = [(TRADEOFFS, near(samples, ppo.agent))] * 3
+    for epoch in range(2):  # of one rollout
+        ppo.improve(parts, generator, first=epoch == 0, last=epoch == 1)
+    assert ppo.optimizers[0].rate.item() == pytest.approx(1e-6 * 1.5**6)
+
+
 def test_an_adapted_learning_rate_brings_the_kl_near_the_desired_one(learner, samples, generator):
     agent = learner()
     samples = near(samples._replace(log_prob=torch.zeros_like(samples.log_prob)), agent)

@@ -61,7 +61,7 @@ class Bodies:
         mass, inertia = physics.model.body_mass, physics.model.body_inertia
         self._mass = torch.from_numpy(mass[1:, None]).to(physics.qpos)
         self._principal = torch.from_numpy(inertia[1:, :, None]).to(physics.qpos)
-        self._identity = torch.eye(3).to(physics.qpos)
+        self._identity = torch.eye(3, dtype=torch.float32).to(physics.qpos)
 
     @property
     def center(self) -> Tensor:

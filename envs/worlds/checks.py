@@ -138,7 +138,7 @@ def control(env: Any) -> None:
     ctrl, N, A = env.physics.ctrl, env.num_worlds, env.action_size
     before = ctrl.clone()
     try:
-        env.apply(torch.zeros(N, A, device=env.device))
+        env.apply(torch.zeros(N, A, dtype=torch.float32, device=env.device))
     except RuntimeError as error:
         raise MorlaxError(
             f"{type(env).__name__}.apply() cannot turn actions of shape {(N, A)} into "

@@ -85,7 +85,10 @@ class DesignSpace:
     def spread(self, number: int, seed: int) -> np.ndarray:
         """Return designs (number, d) that cover the space evenly: a scrambled Sobol sequence."""
         engine = torch.quasirandom.SobolEngine(len(self), scramble=True, seed=seed % 2**63)
-        return self._low + (self._high - self._low) * engine.draw(number).double().numpy()
+        return (
+            self._low
+            + (self._high - self._low) * engine.draw(number, dtype=torch.float32).double().numpy()
+        )
 
 
 class Bank(NamedTuple):

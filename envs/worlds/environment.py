@@ -66,7 +66,8 @@ class Environment(Robot):
         self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
-        self._zero = torch.zeros((), device=self.device)  # where() would fill one each time
+        # where() would fill one each time
+        self._zero = torch.zeros((), dtype=torch.float32, device=self.device)
         self._unsaved = checks.Unsaved(self)
         self.state = checks.state(self)
         self._initial = {name: value.clone() for name, value in self.state.items()}
@@ -472,5 +473,6 @@ class Environment(Robot):
         return self.physics.remedy(bits)
 
     def paper_reset_reward(self) -> Tensor:
-        terms = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
-        return (torch.tensor(terms).to(self._weights)[:, None] * self._weights).sum(0).float()
+        named = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
+        terms = torch.tensor(named, dtype=torch.float32).to(self._weights)
+        return (terms[:, None] * self._weights).sum(0).float()

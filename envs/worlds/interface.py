@@ -167,7 +167,7 @@ class Worlds(ABC):
 
     def measure(self) -> Tensor:
         """Return numbers of the last step (N, S), for `quantify`."""
-        return torch.zeros(self.num_worlds, 0, device=self.device)
+        return torch.zeros(self.num_worlds, 0, dtype=torch.float32, device=self.device)
 
     def quantify(self, means: np.ndarray) -> np.ndarray:
         """Compute the `quantities` (K, q) from means of `measure` (K, S) over whole episodes.
@@ -259,7 +259,7 @@ class Worlds(ABC):
 
     def paper_reset_reward(self) -> Tensor:
         """Return the reward (m,) that the paper's evaluation protocol adds to every return."""
-        return torch.zeros(len(self.objectives), device=self.device)
+        return torch.zeros(len(self.objectives), dtype=torch.float32, device=self.device)
 
     @property
     def observation_space(self) -> gymnasium.spaces.Box:

@@ -47,13 +47,14 @@ class LearnedReward(nn.Module):
         sizes = (inputs, *hidden, 1)
         self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
         for rows, columns in pairwise(sizes):
-            drawn = torch.randn(members, rows, columns, generator=generator)
+            drawn = torch.randn(members, rows, columns, generator=generator, dtype=torch.float32)
             self.weights.append(nn.Parameter(drawn / rows**0.5))
-            self.biases.append(nn.Parameter(torch.zeros(members, 1, columns)))
-        self.register_buffer("mean", torch.zeros(inputs))
-        self.register_buffer("scale", torch.ones(inputs))  # one over the standard deviation
-        self.register_buffer("offset", torch.zeros(()))  # rating that earns nothing
-        self.register_buffer("unit", torch.ones(()))  # rating that earns one more
+            self.biases.append(nn.Parameter(torch.zeros(members, 1, columns, dtype=torch.float32)))
+        self.register_buffer("mean", torch.zeros(inputs, dtype=torch.float32))
+        self.register_buffer("scale", torch.ones(inputs, dtype=torch.float32))  # 1 / std
+        # ratings that earn nothing, and one more
+        self.register_buffer("offset", torch.zeros((), dtype=torch.float32))
+        self.register_buffer("unit", torch.ones((), dtype=torch.float32))
 
     def forward(self, before: Tensor, action: Tensor, after: Tensor) -> Tensor:
         """Return the rewards (N,) of steps from (N, O) under (N, A) to (N, O)."""

@@ -31,7 +31,7 @@ class Reflection(NamedTuple):
     @classmethod
     def none(cls, size: int) -> Self:
         """Make the reflection of features that a mirror does not change."""
-        return cls(torch.arange(size), torch.ones(size))
+        return cls(torch.arange(size), torch.ones(size, dtype=torch.float32))
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:

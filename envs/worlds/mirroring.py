@@ -45,7 +45,8 @@ def find_mirror(worlds: Robot, tolerance: float = 0.0) -> Mirror:
     _scatter(physics, generator)
     seen, earned = [], []
     for _ in range(STEPS):
-        action = 2 * torch.rand(PAIRS, worlds.action_size, generator=generator) - 1
+        draws = torch.rand(PAIRS, worlds.action_size, generator=generator, dtype=torch.float32)
+        action = 2 * draws - 1
         _copy_into_mirror(physics, positions, velocities)  # or chaos would part them
         step = worlds.step(torch.cat([action, motors(action)]))
         seen.append(step.final_critic_observation.unflatten(0, (2, PAIRS)))
@@ -70,7 +71,8 @@ def _far(apart: Tensor, size: Tensor) -> Tensor:
 def _scatter(physics: Physics, generator: torch.Generator) -> None:
     """Move the first half of the worlds at random."""
     shape = 2, PAIRS, physics.model.nv
-    shift, speed = SPREAD * (2 * torch.rand(*shape, generator=generator).to(physics.qpos) - 1)
+    draws = torch.rand(*shape, generator=generator, dtype=torch.float32).to(physics.qpos)
+    shift, speed = SPREAD * (2 * draws - 1)
     for start, change in zip(physics.qpos.numpy(), shift.numpy(), strict=False):
         mujoco.mj_integratePos(physics.model, start, change, 1.0)
     physics.qvel[:PAIRS] = speed
@@ -99,7 +101,7 @@ def _matching(own: Tensor, image: Tensor, *, exact: bool) -> Reflection:
         if order[row] < 0:  # of several that are always equal, each gets one
             partner = int(error[row].masked_fill(order >= 0, torch.inf).argmin())
             order[row], order[partner] = partner, row
-    sign = torch.where(product[rows, order] < 0, -1.0, 1.0)
+    sign = torch.where(product[rows, order] < 0, -1.0, 1.0).float()
     if exact:
         far = _far((image - own[:, order] * sign).abs(), energy[order].sqrt())
     else:

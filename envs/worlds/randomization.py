@@ -87,8 +87,9 @@ class Noise:
         for name, size, _ in parts:
             near = [key for key in deviations if f"{name}.".startswith(f"{key}.")]
             found += [deviations[max(near, key=len)] if near else 0.0] * size
-        self._draws, self._deviations = draws, torch.tensor(found, device=physics.device)
-        self.now = torch.zeros(physics.num_worlds, len(found), device=physics.device)  # (N, O)
+        self._draws = draws
+        self._deviations = torch.tensor(found, dtype=torch.float32, device=physics.device)
+        self.now = self._deviations.new_zeros(physics.num_worlds, len(found))  # (N, O)
         self.state = {"noise": self.now}
 
     def draw(self) -> None:
@@ -105,7 +106,8 @@ class Delay:
     def __init__(self, steps: tuple[int, int], action_size: int, physics: Physics, draws: Draws):
         self.steps, self._draws = steps, draws
         N, A, device = physics.num_worlds, action_size, physics.device
-        self._past = torch.zeros(steps[1] + 1, N, A, device=device)  # newest first
+        # newest first
+        self._past = torch.zeros(steps[1] + 1, N, A, dtype=torch.float32, device=device)
         self._late = torch.full((N,), steps[0], device=device)
         self._worlds = torch.arange(N, device=device)
         self.state = {"late": self._late, "past_actions": self._past}

@@ -91,7 +91,8 @@ class VecEnvWorlds(ForeignWorlds):
             self._check()
             self.action_size = int(self.env.num_actions)
             self._features(self.env.reset())
-            still = torch.zeros(self.env.num_envs, self.action_size, device=self.device)
+            shape = self.env.num_envs, self.action_size
+            still = torch.zeros(shape, dtype=torch.float32, device=self.device)
             _, _, _, extras = self.env.step(still)
             self.reward_terms = tuple(self.read_terms(self.env, extras))
 

@@ -69,10 +69,9 @@ def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device)
         MorlaxError: `actions` is not a tensor, or has another shape or device.
     """
     if isinstance(actions, np.ndarray) and place.type == "cpu":
-        try:
-            actions = torch.tensor(actions, dtype=torch.float32)
-        except TypeError:
-            raise MorlaxError(f"actions must be numbers, not {actions.dtype}.") from None
+        if actions.dtype.kind not in "biuf":
+            raise MorlaxError(f"actions must be numbers, not {actions.dtype}.")
+        actions = torch.from_numpy(np.array(actions, np.float32, order="C"))
     if not isinstance(actions, Tensor):
         raise MorlaxError(
             f"actions must be a torch tensor on {place}, not {type(actions).__name__}: use "
@@ -97,7 +96,8 @@ class Stepping:
 
     def __init__(self, worlds: Worlds):
         self._worlds, self._device = worlds, worlds.device
-        self._action = torch.zeros(worlds.num_worlds, worlds.action_size, device=worlds.device)
+        shape = worlds.num_worlds, worlds.action_size
+        self._action = torch.zeros(shape, dtype=torch.float32, device=worlds.device)
         self._graph = Graph(self._advance, worlds.device, [worlds.generator])
         if worlds.recordable:
             self._graph.record()

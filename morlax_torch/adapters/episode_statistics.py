@@ -45,7 +45,8 @@ class EpisodeStatistics(VectorWrapper):
             )
         super().__init__(env)
         self._gamma = gamma
-        self._returns = torch.zeros(env.num_envs, len(env.objectives), device=env.device)
+        shape = env.num_envs, len(env.objectives)
+        self._returns = torch.zeros(shape, dtype=torch.float32, device=env.device)
         self._discounted = torch.zeros_like(self._returns)
         self._lengths = torch.zeros(env.num_envs, dtype=torch.int64, device=env.device)
         self._starts = torch.zeros(env.num_envs, dtype=torch.float64, device=env.device)
@@ -68,7 +69,7 @@ class EpisodeStatistics(VectorWrapper):
         observation, reward, terminated, truncated, info = self.env.step(actions)
         objectives = info.get("vector_reward", reward)
         self._returns += objectives
-        self._discounted += self._gamma ** self._lengths[:, None] * objectives
+        self._discounted += self._gamma ** self._lengths[:, None].float() * objectives
         self._lengths += 1
         done = terminated | truncated
         info["episode"] = {

@@ -149,4 +149,4 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
             raise MorlaxError(f"an action needs the shape {(size,)}, but has {numbers.shape}.")
         if not np.isfinite(numbers).all():
             raise MorlaxError("an action must be finite, but it contains a NaN or an infinity.")
-        return torch.tensor(numbers)
+        return torch.tensor(np.ascontiguousarray(numbers))

@@ -29,7 +29,7 @@ class MorlBaselinesAgent:
         """
         agent = self.policy.agent
         place = agent.observation_normalizer.mean.device
-        observation = torch.as_tensor(np.asarray(obs, dtype=np.float32), device=place)
+        observation = torch.tensor(np.ascontiguousarray(obs, np.float32), device=place)
         if observation.shape != (agent.observation_size,):
             raise MorlaxError(
                 f"this policy needs an observation of {agent.observation_size} numbers, but got "

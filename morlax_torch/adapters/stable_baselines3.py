@@ -83,7 +83,7 @@ class StableBaselines3VecEnv(VecEnv):
         """
         if not np.isfinite(actions).all():
             raise MorlaxError("actions must be finite, but these contain a NaN or an infinity.")
-        self._actions = actions
+        self._actions = np.ascontiguousarray(actions)
 
     def step_wait(self) -> tuple[NDArray, NDArray, NDArray, list[dict[str, Any]]]:
         """Advance every world by one control step under the stored actions.

@@ -62,7 +62,8 @@ class TorchRLEnv(EnvBase):
         self._was_reset = False
         self._stepping = Stepping(worlds)
         self._which = torch.zeros(num_envs, dtype=torch.bool, device=worlds.device)
-        self._observation = torch.zeros(num_envs, worlds.observation_size, device=worlds.device)
+        shape = num_envs, worlds.observation_size
+        self._observation = torch.zeros(shape, dtype=torch.float32, device=worlds.device)
         self._restart = Graph(self._some_restart, worlds.device, [worlds.generator])
         if worlds.recordable:
             self._restart.record()
@@ -92,7 +93,7 @@ class TorchRLEnv(EnvBase):
             return Categorical(2, torch.Size([*each, 1]), device=device, dtype=torch.bool)
 
         def numbers(size: int) -> Unbounded:
-            return Unbounded(torch.Size([*each, size]), device=device, dtype=torch.float32)
+            return Unbounded(torch.Size([*each, size]), dtype=torch.float32, device=device)
 
         self.observation_spec = Composite(
             observation=numbers(worlds.observation_size), shape=each, device=device

@@ -64,12 +64,13 @@ class BaseLearner(Learner):
         if device.type == "cuda":
             torch.set_float32_matmul_precision("high")  # TF32
         self.generator = torch.Generator(device).manual_seed(seed_of(config.seed, group.rank))
-        self.tradeoffs = torch.full((config.num_clusters, m), 1 / m, device=device)
+        shape = config.num_clusters, m
+        self.tradeoffs = torch.full(shape, 1 / m, dtype=torch.float32, device=device)
         self._draws = TradeoffDraws(config, m, device)
         self.rollout = Rollout.empty(config.horizon, config.num_clusters, env)
         env.reset()
         self.observation = env.critic_observation().clone()  # (N, O + P)
-        self._done = torch.zeros((), device=device)  # of `iterate`, readable by graphs
+        self._done = self.tradeoffs.new_zeros(())  # of `iterate`, readable by graphs
         self._episodes = Episodes(config.worlds, m, device)
         self._iterations = 0  # that metrics are sums over
         generators = [self.generator, env.generator]

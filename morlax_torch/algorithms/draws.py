@@ -16,7 +16,7 @@ class TradeoffDraws:
         self._corners = config.num_corners(num_objectives)
         self._focus: Tensor | None = None
         if sampling.focus is not None:
-            focus = torch.tensor(sampling.focus, device=device)
+            focus = torch.tensor(sampling.focus, dtype=torch.float32, device=device)
             self._focus = focus / focus.sum()
         self._centers: Tensor | None = None  # of the cells
         others = config.num_clusters - self._corners

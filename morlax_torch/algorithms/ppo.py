@@ -107,8 +107,24 @@ class PPO:
             optimizer.restore(moments[i * size : (i + 1) * size])
         self.entropy.copy_(entropy)
 
-    def improve(self, parts: list[tuple[Tensor, Batch]], generator: torch.Generator) -> Tensor:
-        """Take an optimizer step on every minibatch; returns the means of `metrics`, (6,)."""
+    def improve(
+        self,
+        parts: list[tuple[Tensor, Batch]],
+        generator: torch.Generator,
+        first: bool = True,
+        last: bool = True,
+    ) -> Tensor:
+        """Take an optimizer step on every minibatch of an epoch.
+
+        Args:
+            parts: conditions and minibatches.
+            generator: draws noise to estimate entropies.
+            first: whether this is the first epoch on the rollout.
+            last: whether this is the last epoch on the rollout.
+
+        Returns:
+            The means of `metrics`, (6,).
+        """
         policies, values = [], []
         shapes = [batch.action.shape for _, batch in parts]
         drawn = self.entropy.new_empty(sum(shape.numel() for shape in shapes))
@@ -118,7 +134,8 @@ class PPO:
             for (conditions, batch), noise in zip(parts, noises, strict=True):
                 policy_loss, found = self.policy_loss(conditions, batch, noise)
                 value_loss = self.value_loss(conditions, batch)
-                self._adapt(found)
+                if policies or not first:
+                    self._adapt(found)
                 self.optimizers[0].step(policy_loss + value_loss)
                 policies.append(found)
                 values.append(value_loss.detach())
@@ -131,10 +148,14 @@ class PPO:
                     values.append(value_loss.detach())
             for (conditions, batch), noise in zip(parts, noises, strict=True):
                 policy_loss, found = self.policy_loss(conditions, batch, noise)
-                self._adapt(found)
+                if policies or not first:
+                    self._adapt(found)
                 actor.step(policy_loss)
                 policies.append(found)
             self._branch.join()
+        if last and self.config.desired_kl is not None:
+            with torch.no_grad():
+                self._adapt(self.policy_loss(*parts[-1], noises[-1])[1])
         policy = torch.stack(policies).mean(0)
         return torch.cat([policy[:1], torch.stack(values).mean(0, keepdim=True), policy[1:]])
 
@@ -159,13 +180,17 @@ class PPO:
         return self.config.value_coefficient * error
 
     def _adapt(self, found: Tensor) -> None:
-        """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule."""
+        """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule.
+
+        Before the first step on a rollout the KL is zero, whatever the rate is. So every minibatch
+        but that one shows the KL after the step before, and the last one is looked at again.
+        """
         if self.config.desired_kl is None:
             return
         kl, rate = self._group.mean_(found[2].clone()), self.optimizers[0].rate
         factor = torch.where(kl < self.desired_kl / 2, RATE_STEP, 1.0)
         factor = torch.where(kl > self.desired_kl * 2, 1 / RATE_STEP, factor)
-        rate.mul_(factor).clamp_(*RATES)
+        rate.mul_(factor.to(rate)).clamp_(*RATES)
 
     def decay(self, factor: Tensor) -> None:
         """Scale learning rates, desired KL and entropy bonus of the config by a `factor` ()."""

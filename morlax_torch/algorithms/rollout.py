@@ -102,7 +102,7 @@ def advantages(
     surprise = rollout.reward + discount * torch.where(terminated, 0.0, final_value) - value
     if not bootstrap:
         surprise = torch.where(truncated, 0.0, surprise)
-    carry = torch.where(terminated | truncated, 0.0, discount * gae_lambda)
+    carry = torch.where(terminated | truncated, 0.0, discount * gae_lambda).to(surprise)
     advantage = torch.empty_like(surprise)
     running = torch.zeros_like(surprise[0])
     for t in reversed(range(len(surprise))):
@@ -118,9 +118,9 @@ class Episodes:
     """
 
     def __init__(self, num_worlds: int, num_objectives: int, device: torch.device):
-        self.running = torch.zeros(num_worlds, num_objectives + 1, device=device)
-        self.totals = torch.zeros(num_objectives + 2, device=device)
+        self.totals = torch.zeros(num_objectives + 2, dtype=torch.float32, device=device)
         """Summed over completed episodes: returns (m), steps, and their number."""
+        self.running = self.totals.new_zeros(num_worlds, num_objectives + 1)
 
     def observe(self, rollout: Rollout) -> None:
         """Add a rollout, in place. Runs inside a recorded graph."""

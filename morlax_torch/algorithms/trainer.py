@@ -66,7 +66,7 @@ class Trainer(BaseLearner):
             *(f"mean_reward/{name}" for name in env.objectives),
             "terminated",
         )
-        self._metrics = torch.zeros(len(self.metric_names), device=env.device)
+        self._metrics = torch.zeros(len(self.metric_names), dtype=torch.float32, device=env.device)
 
     @property
     def per_process(self) -> tuple[str, ...]:
@@ -122,11 +122,13 @@ class Trainer(BaseLearner):
         batch, explained = make_batch(
             self.trained, self.conditions, self.rollout, config, self._weights(), self.group
         )
-        losses = torch.zeros(len(PPO.metrics), device=self.env.device)
+        losses = torch.zeros(len(PPO.metrics), dtype=torch.float32, device=self.env.device)
         table = Table(batch)
-        for _ in range(rounds or config.epochs):
+        epochs = rounds or config.epochs
+        for epoch in range(epochs):
             parts = table.minibatches(self.conditions, config.minibatches, self.generator)
-            losses += self.ppo.improve(parts, self.generator)
+            first, last = epoch == 0, epoch == epochs - 1
+            losses += self.ppo.improve(parts, self.generator, first, last)
         # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
         self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)

@@ -38,7 +38,7 @@ def sample_cells(out: Tensor, centers: Tensor, generator: torch.Generator | None
     equally large, and move to the nearest point of the simplex: half of those of an end of two
     objectives' grid are the corner. (The authors' code of HYPER-MORL, Shu et al., 2024.)
     """
-    drawn = torch.empty(DRAWS * len(centers), out.shape[1], device=out.device)
+    drawn = out.new_empty(DRAWS * len(centers), out.shape[1])
     sample_tradeoffs(drawn, generator=generator)
     margin = _squared_distances(centers, centers).fill_diagonal_(math.inf).amin().div(8).sqrt()
     drawn = drawn * (1 + out.shape[1] * margin) - margin
@@ -73,7 +73,7 @@ def even_tradeoffs(number: int, num_objectives: int) -> Tensor:
     """
     _check_number(number, num_objectives)
     if num_objectives == 2:
-        first = torch.linspace(0, 1, number)
+        first = torch.linspace(0, 1, number, dtype=torch.float32)
         return torch.stack([first, 1 - first], -1)
     lattice = _lattice(number, num_objectives)
     chosen = list(torch.eye(num_objectives, dtype=torch.float64))
@@ -125,14 +125,14 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
     _check_number(number, num_objectives)
     if num_objectives == 2:
         return even_tradeoffs(number, num_objectives)
-    corners = torch.eye(num_objectives)
+    corners = torch.eye(num_objectives, dtype=torch.float32)
     return torch.cat([corners, dirichlet_tradeoffs(number - num_objectives, num_objectives)])
 
 
 def typical_tradeoffs(num_objectives: int) -> Tensor:
     """Return the corners and, in their middle, the balanced trade-off, (m + 1, m)."""
-    corners, middle = torch.eye(num_objectives), num_objectives // 2
-    balanced = torch.full((1, num_objectives), 1 / num_objectives)
+    corners, middle = torch.eye(num_objectives, dtype=torch.float32), num_objectives // 2
+    balanced = torch.full((1, num_objectives), 1 / num_objectives, dtype=torch.float32)
     return torch.cat([corners[:middle], balanced, corners[middle:]])
 
 
@@ -142,9 +142,14 @@ def checked_tradeoff(
     """Convert a trade-off (m,) or several (K, m) to float32 on the device, or raise MorlaxError."""
     if not isinstance(tradeoff, Tensor):
         try:
-            tradeoff = torch.from_numpy(np.asarray(tradeoff, dtype=np.float32))
+            numbers = np.asarray(tradeoff)
+            kind = None if np.iscomplexobj(numbers) else np.float32
+            # a copy: torch takes no negative strides, and warns of arrays that are read-only
+            tradeoff = torch.from_numpy(np.array(numbers, kind, order="C"))
         except (TypeError, ValueError):
             raise MorlaxError(f"a trade-off consists of numbers, not {tradeoff!r}.") from None
+    if tradeoff.is_complex():
+        raise MorlaxError("a trade-off consists of real numbers, not complex ones.")
     tradeoff = tradeoff.to(device, torch.float32)
     m = len(objectives)
     if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:

@@ -79,7 +79,8 @@ class Evaluator:
         self.tradeoffs = tradeoffs.to(env.device)
         self._seed = EVALUATION_SEEDS + seed
         self._observation = env.reset().clone()
-        self._returns = torch.zeros(len(tradeoffs), len(env.objectives), device=env.device)
+        shape = len(tradeoffs), len(env.objectives)
+        self._returns = torch.zeros(shape, dtype=torch.float32, device=env.device)
         self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
         self._fallen = torch.zeros_like(self._alive)
         self._blown_up = torch.zeros_like(self._alive)
@@ -89,7 +90,7 @@ class Evaluator:
         size = env.measure().shape[1] + 1 if env.quantities else 0
         self._measured = self._returns.new_zeros(len(tradeoffs), size)
         self._discounted = protocol == "discounted"
-        self._weight = torch.ones((), device=env.device)  # of the next step's rewards
+        self._weight = self._returns.new_ones(())  # of the next step's rewards
         self._horizon = min(HORIZON, env.episode_length) if self._discounted else env.episode_length
         with torch.no_grad():
             actors = agent.actors(self.tradeoffs)

@@ -99,7 +99,8 @@ def program_of(module: nn.Module, inputs: dict[str, Tensor]) -> ExportedProgram:
 def samples(policy: Policy, rows: int, with_tradeoff: bool) -> dict[str, Tensor]:
     """Draw inputs by name: observations (rows, O) as in training, and a trade-off (m,)."""
     agent = policy.agent
-    noise = torch.randn(rows, agent.observation_size, generator=torch.Generator())
+    shape = rows, agent.observation_size
+    noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
     normalizer = normalizer_for(agent.actor, agent.observation_normalizer, tradeoff)

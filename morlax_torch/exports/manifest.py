@@ -101,7 +101,7 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     """
     scales = env.scales()
     if scales is not None:
-        scale, offset = (torch.tensor(values) for values in scales)
+        scale, offset = (torch.tensor(values, dtype=torch.float32) for values in scales)
         return _plain(scale, offset, offset - scale.abs(), offset + scale.abs())
     if not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
         return None
@@ -110,10 +110,12 @@ def control(env: Robot) -> dict[str, list[float]] | None:
         env.apply(action.expand(1, env.action_size))
         return env.physics.ctrl[0].clone()
 
-    offset, one_end, other_end = (made(torch.tensor(value)) for value in (0.0, -1.0, 1.0))
+    whole = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
+    offset, one_end, other_end, near = map(made, whole)
     low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
-    scale = (made(torch.tensor(STEP)) - offset) / STEP
-    for action in 2 * torch.rand(64, env.action_size, generator=torch.Generator()) - 1:
+    scale = (near - offset) / STEP
+    draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
+    for action in 2 * draws - 1:
         if not torch.allclose(made(action), (offset + scale * action).clamp(low, high), atol=1e-5):
             return None
     return _plain(scale, offset, low, high)

@@ -237,8 +237,8 @@ def fits(sizes: tuple[int, ...], device: torch.device) -> bool:
     if weights > _memory(device):
         return False
     P = sum(shape.numel() for shape in _shapes(sizes))
-    parameters = torch.zeros(1, P, device=device, requires_grad=True)
-    x = torch.zeros(1, FORWARD_ROWS, sizes[0], device=device)
+    parameters = torch.zeros(1, P, device=device, requires_grad=True, dtype=torch.float32)
+    x = torch.zeros(1, FORWARD_ROWS, sizes[0], dtype=torch.float32, device=device)
     try:
         with torch.enable_grad():
             torch.autograd.grad(run(sizes, [parameters], x).sum(), parameters)

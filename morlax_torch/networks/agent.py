@@ -154,7 +154,7 @@ class Agent(nn.Module):
         if sizes.symmetric:
             none = Reflection.none
             seen, acted = mirror or Mirror(none(whole), none(action_size))
-            spread = acted._replace(sign=torch.ones(action_size))
+            spread = acted._replace(sign=torch.ones(action_size, dtype=torch.float32))
             outputs = Reflection.joined([acted, spread])
             inputs = [seen.first(observation_size), none(conditions)]
             actor = Symmetric(actor, Reflection.joined(inputs), outputs, sizes.asymmetry)
@@ -250,7 +250,7 @@ class Agent(nn.Module):
 def _context(designs: Mapping[str, DesignParameter], config: Config) -> Tensor:
     """Return the context (d,) of the body that the config's task names; empty without designs."""
     if not config.sampling.designs:
-        return torch.zeros(0)
+        return torch.zeros(0, dtype=torch.float32)
     if not designs:
         raise MorlaxError(
             f"sampling.designs is {config.sampling.designs}, but {config.env} declares no design "

@@ -1,18 +1,32 @@
 """Families that give every trade-off parameters of its own, and the separate networks."""
 
 import copy
+import threading
 from abc import ABC, abstractmethod
 from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
+from ..envs import MorlaxError
+from ..envs.errors import shortened
 from ..envs.worlds.mirror import Reflection
 from ..gpu import fused
 from .family import on_simplex
 from .mlp import mlp_sizes
 from .symmetric import Symmetric
+
+
+class PerThread(threading.local):
+    """A copy of a module for each thread: `functional_call` swaps a module's parameters."""
+
+    def __init__(self, module: nn.Module):  # every thread that uses the object calls it
+        self.original, self.copy = module, copy.deepcopy(module)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PerThread, (self.original,)
 
 
 class Generated(nn.Module, ABC):
@@ -24,14 +38,21 @@ class Generated(nn.Module, ABC):
 
     Args:
         target: the module whose parameters are generated; it is copied, not changed.
+
+    Raises:
+        MorlaxError: the target is no module, or has no parameters.
     """
 
     def __init__(self, target: nn.Module):
         super().__init__()
+        if not isinstance(target, nn.Module):
+            raise MorlaxError(f"the target must be an nn.Module, not {shortened(target)}.")
         self.shapes = {name: value.shape for name, value in target.named_parameters()}
+        if not self.shapes:
+            raise MorlaxError("the target has no parameters, so there is nothing to generate.")
         self.sizes = [shape.numel() for shape in self.shapes.values()]
-        # The tuple hides the target from nn.Module: its own parameters are not used.
-        self._target = (copy.deepcopy(target).requires_grad_(False),)
+        # nn.Module does not see the target inside: its own parameters are not used
+        self._target = PerThread(copy.deepcopy(target).requires_grad_(False))
         self._mlp = mlp_sizes(target.network if isinstance(target, Symmetric) else target)
         self._names_of_buffers = list(dict(target.named_buffers()))
         for index, buffer in enumerate(target.buffers()):
@@ -65,8 +86,9 @@ class Generated(nn.Module, ABC):
         definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
         if not self._mlp or len(inputs) != 1:
             return definition()
-        if isinstance(self._target[0], Symmetric):
-            return self._run_mirrored(self._target[0], self._mlp, parameters, *inputs)
+        target = self._target.copy
+        if isinstance(target, Symmetric):
+            return self._run_mirrored(target, self._mlp, parameters, *inputs)
         generated = [parameters[name] for name in self.shapes]
         return fused.mlps(inputs[0], self._mlp, generated, definition)
 
@@ -86,11 +108,12 @@ class Generated(nn.Module, ABC):
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
         """Run one network, with parameters of the target's own shapes, on the target's inputs."""
-        return functional_call(self._target[0], {**parameters, **self._buffers_of_family()}, inputs)
+        target = self._target.copy
+        return functional_call(target, {**parameters, **self._buffers_of_family()}, inputs)
 
     def specialize(self, condition: Tensor) -> nn.Module:
         """Return a plain copy of the target with the parameters of one condition (m + d,)."""
-        network = copy.deepcopy(self._target[0]).to(condition.device)
+        network = copy.deepcopy(self._target.original).to(condition.device)
         with torch.no_grad():
             generated = self(condition[None])
             for name, parameter in network.named_parameters():

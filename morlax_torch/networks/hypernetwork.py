@@ -1,10 +1,13 @@
 """The hypernetwork: a network whose output is the parameters of other networks."""
 
 from collections.abc import Sequence
+from numbers import Integral
 
 import torch
 from torch import Tensor, nn
 
+from ..envs import MorlaxError
+from ..envs.errors import shortened
 from ..gpu import fused
 from .family import on_simplex
 from .generated import Generated
@@ -32,6 +35,9 @@ class Hypernetwork(Generated):
         scale: M starts uniform in [-scale, scale].
         features: an f to share with another hypernetwork, instead of a new one.
         generator: draws the initial f and M.
+
+    Raises:
+        MorlaxError: a size is out of range, or the target is no module with parameters.
     """
 
     def __init__(
@@ -47,13 +53,24 @@ class Hypernetwork(Generated):
         generator: torch.Generator | None = None,
     ):
         super().__init__(target)
+        for name, sizes, least in (
+            ("num_objectives", [num_objectives], 1),
+            ("hidden_sizes", hidden_sizes, 1),
+            ("num_features", [num_features], 1),
+            ("context_size", [context_size], 0),
+        ):
+            for size in sizes:
+                if not isinstance(size, Integral) or size < least:
+                    wrong = shortened(size)
+                    raise MorlaxError(f"{name} must be a whole number from {least}, not {wrong}.")
         inputs = num_objectives + context_size
-        self.features = features or mlp(inputs, hidden_sizes, num_features, generator)
+        start = torch.cat([p.detach().flatten() for p in target.parameters()])
+        self.features = features or mlp(inputs, hidden_sizes, num_features, generator, start.dtype)
         self._num_objectives = num_objectives
         self._features_mlp = mlp_sizes(self.features)
-        weight = torch.empty(sum(self.sizes), num_features)
+        weight = torch.empty(len(start), num_features, dtype=start.dtype)
         self.weight = nn.Parameter(nn.init.uniform_(weight, -scale, scale, generator))  # M
-        self.bias = nn.Parameter(torch.cat([p.detach().flatten() for p in target.parameters()]))
+        self.bias = nn.Parameter(start)
 
     def flat(self, conditions: Tensor) -> Tensor:
         inputs = on_simplex(conditions, self._num_objectives)

@@ -1,5 +1,6 @@
 """Plain networks: MLPs, and checks of networks that users bring."""
 
+import copy
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -24,12 +25,16 @@ class Linear(nn.Linear):
 
 
 def mlp(
-    inputs: int, hidden: Sequence[int], outputs: int, generator: torch.Generator | None = None
+    inputs: int,
+    hidden: Sequence[int],
+    outputs: int,
+    generator: torch.Generator | None = None,
+    dtype: torch.dtype = torch.float32,
 ) -> nn.Sequential:
     """Build SiLU layers and a linear output layer, with LeCun-uniform weights and zero biases."""
     layers: list[nn.Module] = []
     for before, after in pairwise([inputs, *hidden, outputs]):
-        linear = Linear(before, after)
+        linear = Linear(before, after, dtype=dtype)
         bound = math.sqrt(3 / before)
         nn.init.uniform_(linear.weight, -bound, bound, generator)
         nn.init.zeros_(linear.bias)
@@ -55,13 +60,29 @@ def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> N
     first = next(network.parameters(), None)
     if first is None:
         raise MorlaxError(f"the {name} has no parameters, so there is nothing to generate.")
-    rows = torch.zeros(1, 2, inputs, device=first.device)
+    if first.dtype != torch.float32:
+        raise MorlaxError(
+            f"the {name} has parameters of {first.dtype}, but networks compute in float32: use "
+            ".float()."
+        )
+    rows, network = first.new_zeros(1, 2, inputs), copy.deepcopy(network)
+    before = [(id(buffer), buffer._version) for buffer in network.buffers()]
     try:
         with torch.no_grad():
             found = vmap(network, randomness="different")(rows)  # as a family runs it
     except RuntimeError as error:
         reason = str(error).splitlines()[0]
         raise MorlaxError(f"the {name} cannot take observations (2, {inputs}): {reason}") from None
+    try:
+        copy.deepcopy(network)  # fails if the network holds tensors of inside vmap
+        kept = before != [(id(buffer), buffer._version) for buffer in network.buffers()]
+    except RuntimeError:
+        kept = True
+    if kept:
+        raise MorlaxError(
+            f"the {name} keeps tensors from call to call: let its forward change no buffer or "
+            "attribute."
+        )
     shape = tuple(found.shape[1:]) if isinstance(found, Tensor) else type(found).__name__
     if shape != (2, outputs):
         raise MorlaxError(

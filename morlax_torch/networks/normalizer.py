@@ -35,11 +35,11 @@ class Normalizer(nn.Module):
         super().__init__()
         self.size, self.rows = size, rows
         shape = (rows, 1, size) if rows else (size,)
-        self.register_buffer("mean", torch.zeros(shape))
-        self.register_buffer("variance", torch.ones(shape))
+        self.register_buffer("mean", torch.zeros(shape, dtype=torch.float32))
+        self.register_buffer("variance", torch.ones(shape, dtype=torch.float32))
         counts = (rows, 1, 1) if rows else ()
         self.register_buffer("count", torch.zeros(counts, dtype=torch.float64))
-        self.register_buffer("scale", torch.ones(shape))
+        self.register_buffer("scale", torch.ones(shape, dtype=torch.float32))
         self._mirrors = reflection is not None
         if reflection is not None:
             self.register_buffer("mirror_order", reflection.order, persistent=False)

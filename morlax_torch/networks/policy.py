@@ -1,6 +1,7 @@
 """A trained family of policies, as other programs use it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Self
 
 import numpy as np
 import torch
@@ -29,6 +30,20 @@ class Policy(nn.Module):
     def __init__(self, agent: Agent, config: Config, objectives: Sequence[str]):
         super().__init__()
         self.agent, self.config, self.objectives = agent, config, tuple(objectives)
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
+        """Move all tensors, as `.to` and `.cuda` do.
+
+        Raises:
+            MorlaxError: `fn` changes the dtype.
+        """
+        dtype = fn(torch.zeros((), dtype=torch.float32)).dtype
+        if dtype != torch.float32:
+            raise MorlaxError(
+                f"policies compute in float32, not {dtype}: convert their actions, or the policy "
+                "of one trade-off, policy.specialize(tradeoff)."
+            )
+        return super()._apply(fn, recurse)
 
     @torch.no_grad()
     def forward(
@@ -89,6 +104,8 @@ class Policy(nn.Module):
         if not isinstance(observation, Tensor):
             try:
                 array = np.asarray(observation)
+                if array.dtype.kind == "f":  # torch takes no negative strides or other byte order
+                    array = np.array(array, np.float32, order="C")
                 observation = torch.as_tensor(array, device=self._device)
             except (TypeError, ValueError):
                 given = shortened(observation)

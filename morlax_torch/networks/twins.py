@@ -56,5 +56,5 @@ def _normalized(network: nn.Sequential) -> nn.Sequential:
     for layer in network:
         layers.append(layer)
         if isinstance(layer, nn.Linear) and layer is not network[-1]:
-            layers.append(nn.LayerNorm(layer.out_features))
+            layers.append(nn.LayerNorm(layer.out_features, dtype=torch.float32))
     return nn.Sequential(*layers)

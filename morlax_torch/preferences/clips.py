@@ -73,7 +73,8 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
             "a clip, so there are no two to compare: train for longer, or record more clips."
         )
     latest = (alive - length)[whole]
-    first = (torch.rand(len(whole), generator=generator) * (latest + 1)).long().minimum(latest)
+    draws = torch.rand(len(whole), generator=generator, dtype=torch.float32)
+    first = (draws * (latest + 1)).long().minimum(latest)
     times = first[:, None] + torch.arange(length + 1)
 
     def cut(values: list[torch.Tensor], times: torch.Tensor = times) -> np.ndarray:

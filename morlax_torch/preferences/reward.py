@@ -85,7 +85,7 @@ def steps_of(comparisons: Comparisons) -> tuple[Tensor, Tensor, Tensor]:
     """Return evenly sampled steps of all clips: observations, actions and next observations."""
     observation, action = (torch.from_numpy(part) for part in comparisons.clips[:2])
     length = action.shape[1]
-    times = torch.linspace(0, length - 1, min(SAMPLED, length)).round().long()
+    times = torch.linspace(0, length - 1, min(SAMPLED, length), dtype=torch.float32).round().long()
     return observation[:, times], action[:, times], observation[:, times + 1]
 
 

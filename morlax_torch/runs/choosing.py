@@ -216,7 +216,7 @@ class Simulated:
 
     def _make_evaluator(self, tradeoffs: int, seed: int) -> Evaluator:
         """Evaluate so many trade-offs at once, each in an equal share of the worlds."""
-        some = torch.ones(tradeoffs, len(self._policy.objectives))
+        some = torch.ones(tradeoffs, len(self._policy.objectives), dtype=torch.float32)
         seeds = self._env.num_worlds // tradeoffs
         protocol = self._policy.config.evaluation.protocol
         made = Evaluator(self._policy.agent, self._env, some, protocol, seed, seeds, alone=True)

@@ -25,8 +25,8 @@ class Ranged(Scalarization):
 
     def __init__(self, num_objectives: int, device: torch.device):
         most = torch.finfo(torch.float32).max  # the first returns replace it
-        self.ideal = torch.full((num_objectives,), -most, device=device)
-        self.nadir = torch.full((num_objectives,), most, device=device)
+        self.ideal = torch.full((num_objectives,), -most, dtype=torch.float32, device=device)
+        self.nadir = -self.ideal
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         best = group.largest_(torch.cat([returns.amax(0), -returns.amin(0)]))

@@ -30,10 +30,10 @@ class Constrained(Ranged):
     def __init__(self, constrained: int, num_objectives: int, device: torch.device):
         super().__init__(num_objectives, device)
         self._c = constrained
-        self.multipliers = torch.ones(LEVELS, device=device)
-        self._others = torch.ones(num_objectives, device=device)
+        self.multipliers = torch.ones(LEVELS, dtype=torch.float32, device=device)
+        self._others = torch.ones(num_objectives, dtype=torch.float32, device=device)
         self._others[constrained] = 0.0
-        self._levels = torch.linspace(0, 1, LEVELS, device=device)
+        self._levels = torch.linspace(0, 1, LEVELS, dtype=torch.float32, device=device)
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         spare = self._reached(returns) - tradeoffs[:, self._c]

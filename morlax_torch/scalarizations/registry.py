@@ -62,7 +62,7 @@ class OwnUtility(Scalarization):
 
     def __init__(self, function: Utility, name: str, num_objectives: int, device: torch.device):
         self._function, self._name = function, name
-        corners = torch.eye(num_objectives, device=device)
+        corners = torch.eye(num_objectives, dtype=torch.float32, device=device)
         if not self.weights(corners, corners + 1.0).isfinite().all():
             raise MorlaxError(f"the derivative of the utility {name} is not finite.")
 

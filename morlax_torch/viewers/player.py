@@ -45,14 +45,14 @@ class Player:
 
     def reset(self) -> None:
         self.observation = self.env.reset()
-        self.returns = torch.zeros(len(self.env.objectives))
+        self.returns = torch.zeros(len(self.env.objectives), dtype=torch.float32)
         self.steps, self.over = 0, False
         self.place()
 
     def step(self) -> TimeStep:
         """Take one control step of `env.dt` seconds."""
         if self.command:
-            self.env.command[0] = torch.tensor(self.command)
+            self.env.command[0] = torch.tensor(self.command, dtype=torch.float32)
         step = self.env.step(self._network(self.observation))
         self.observation = step.observation
         self.returns += step.reward[0]

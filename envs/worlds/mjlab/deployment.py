@@ -127,7 +127,7 @@ def _observations(
         width = torch.Size(size).numel() // history
         function: str = cfg.func.__name__
         theirs = name if function == "builtin_sensor" else NAMES.get(function, function)
-        scale = torch.ones(width) * (1.0 if cfg.scale is None else cfg.scale)
+        scale = torch.ones(width, dtype=torch.float32) * (1.0 if cfg.scale is None else cfg.scale)
         clip = None if cfg.clip is None else list(cfg.clip)
         if theirs == "last_action":  # mjlab sees actions that have been scaled
             scale = scale * action_scale

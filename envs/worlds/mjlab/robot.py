@@ -57,7 +57,7 @@ class MjlabRobot(MjlabWorlds, Robot):
     def scales(self) -> tuple[list[float], list[float]] | None:
         if not all(type(term).__name__ == "JointPositionAction" for term in self._actions()):
             return None
-        each = [torch.ones(term.action_dim) for term in self._actions()]
+        each = [torch.ones(term.action_dim, dtype=torch.float32) for term in self._actions()]
         scale = [one * term.scale for one, term in zip(each, self._actions(), strict=True)]
         offset = [one * term.offset for one, term in zip(each, self._actions(), strict=True)]
         size = self.options.action_scale

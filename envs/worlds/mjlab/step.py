@@ -77,7 +77,7 @@ class MaskedStep:
         self._restart(over)
         sim.forward()
         for twist in self.twists:
-            twist.advance(torch.where(over, 0.0, env.step_dt))
+            twist.advance(torch.where(over, 0.0, env.step_dt).float())
         sim.sense()
         groups = self._observe()
         final = {

@@ -165,7 +165,8 @@ def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
     def rehearse() -> None:
         env = environment(config(), device=str(device))
         env.reset()
-        env.step(torch.zeros(env.num_envs, env.action_manager.total_action_dim))
+        shape = env.num_envs, env.action_manager.total_action_dim
+        env.step(torch.zeros(shape, dtype=torch.float32))
 
     with contextlib.redirect_stdout(io.StringIO()):  # tables of all terms
         # on a GPU, torch could stop the process at an index that no kernel has written

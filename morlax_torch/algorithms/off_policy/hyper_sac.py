@@ -43,7 +43,7 @@ class HyperSAC(OffPolicy):
         assert isinstance(config.method, HyperSACOptions)
         self.options = config.method
         device, m = env.device, len(env.objectives)
-        start = torch.tensor(math.log(self.options.temperature), device=device)
+        start = torch.tensor(math.log(self.options.temperature), dtype=torch.float32, device=device)
         self.log_temperature = nn.Parameter(start)
         rate, group = self.options.learning_rate, self.group
         families = self.agent.actor, self.agent.critic
@@ -55,9 +55,9 @@ class HyperSAC(OffPolicy):
         self._noise = torch.zeros_like(self.rollout.action[0])  # that explored last
         hold = self.options.hold
         self._repeat = max(0.0, 1 - env.dt / hold) if hold else 0.0  # probability per step
-        self._gains = torch.zeros(env.num_worlds, m, device=device)  # discounted, of episodes
-        self._squares = torch.zeros(m, device=device)  # their mean square
-        self._seen = torch.zeros((), device=device)  # steps that it is a mean of
+        self._gains = start.new_zeros(env.num_worlds, m)  # discounted, of episodes
+        self._squares = start.new_zeros(m)  # their mean square
+        self._seen = start.new_zeros(())  # steps that it is a mean of
 
     @property
     def per_process(self) -> tuple[str, ...]:

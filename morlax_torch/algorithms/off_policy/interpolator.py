@@ -31,7 +31,7 @@ class Interpolator:
         self._points = self.keys.to(device)
         self._solutions = points.clone()  # (m + 1, m) the best returns
         self._known = torch.zeros((), dtype=torch.bool)
-        self._coefficients = torch.zeros(len(system), num_objectives, device=device)
+        self._coefficients = self._points.new_zeros(len(system), num_objectives)
         self._fit()
 
     def state(self) -> list[Tensor]:

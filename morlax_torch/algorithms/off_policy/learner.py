@@ -69,8 +69,8 @@ class OffPolicy(BaseLearner):
         self._keeps_replay = env.resumable and device.type == "cpu"  # in checkpoints
         self._held = 0  # environment steps stored since the replay was empty
         self._start, self._rounds = options.start, options.rounds
-        self._sums = torch.zeros(len(self.losses), device=device)
-        self._rewards = torch.zeros(m + 1, device=device)
+        self._sums = torch.zeros(len(self.losses), dtype=torch.float32, device=device)
+        self._rewards = torch.zeros(m + 1, dtype=torch.float32, device=device)
         self._updates = 0  # that losses are sums over
 
     @abstractmethod

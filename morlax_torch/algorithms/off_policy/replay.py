@@ -98,9 +98,8 @@ class Replay:
             discount: gamma, per control step.
             generator: draws them.
         """
-        device = self._stored.device
         held = self._stored.clamp(max=self.capacity)
-        draws = torch.empty(2, number, device=device).uniform_(generator=generator)
+        draws = self._reward.new_empty(2, number).uniform_(generator=generator)
         age = (draws[0] * held).long().clamp(max=held - 1)  # 0 is the oldest
         world = (draws[1] * self.num_worlds).long().clamp(max=self.num_worlds - 1)
         oldest = self._stored - held

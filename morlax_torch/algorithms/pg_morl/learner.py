@@ -236,7 +236,8 @@ def intervals(config: Config, episode_length: int, device_type: str) -> tuple[in
 def measuring(agent: Agent, config: Config, num_objectives: int) -> Evaluator:
     """Return the evaluator of an agent's policies, which come in a row."""
     worlds = evaluation_worlds(config, agent.num_networks, seeds=1, seed=MEASURING)
-    unused = torch.full((agent.num_networks, num_objectives), 1 / num_objectives)
+    shape = agent.num_networks, num_objectives
+    unused = torch.full(shape, 1 / num_objectives, dtype=torch.float32)
     return Evaluator(agent, worlds, unused, config.evaluation.protocol, seed=MEASURING)
 
 

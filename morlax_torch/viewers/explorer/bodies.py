@@ -1,6 +1,5 @@
 """Change the body of a page's robots, and evaluate its front while they go on."""
 
-import copy
 import threading
 from collections.abc import Callable, Sequence
 
@@ -51,12 +50,11 @@ class Bodies:
             return
         self._measuring = True
         policy = session.player.policy
-        own = copy.deepcopy(policy)  # vmap swaps parameters while it calls: not for two threads
 
         def work() -> None:
             found: Front | MorlaxError
             try:
-                found = evaluate(own, TRADEOFFS, device="cpu")
+                found = evaluate(policy, TRADEOFFS, device="cpu")
             except MorlaxError as error:  # raised again where it can be shown
                 found = error
             self._put(lambda: self._end(policy, found))

@@ -1,6 +1,5 @@
 """Choose a trade-off by what its policy must reach, while the robots go on."""
 
-import copy
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -45,8 +44,7 @@ class Thresholds:
         steer: Callable[[Weights], None],
         lower_is_better: Sequence[str] = (),
     ):
-        self._policy = copy.deepcopy(policy)  # vmap swaps parameters: not for two threads
-        self._front, self._put, self._steer = front, put, steer
+        self._policy, self._front, self._put, self._steer = policy, front, put, steer
         self._lower = lower_is_better
         self.names = *front.objectives, *front.quantity_names
         self._chooser: Evaluated | Simulated | None = None

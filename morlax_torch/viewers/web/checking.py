@@ -56,7 +56,8 @@ def check(env: Environment, traced: Traced, generator: torch.Generator) -> float
         env.reset()
         for step in range(STEPS):
             phase("checking the traced task", (episode * STEPS + step) / (EPISODES * STEPS))
-            random = 2 * torch.rand(1, env.action_size, generator=generator) - 1
+            draws = torch.rand(1, env.action_size, generator=generator, dtype=torch.float32)
+            random = 2 * draws - 1
             action = random if episode else torch.zeros_like(random)
             largest = max(largest, _step(env, replica, action))
     return largest

@@ -40,7 +40,8 @@ class PagePhysics(Physics):
         self.substeps, self._data = substeps, mujoco.MjData(model)
         self._no_overflow = torch.zeros(1, dtype=torch.int32)
         for name, field in ARRAYS.items():
-            setattr(self, name, torch.zeros(1, len(getattr(self._data, field))))
+            size = len(getattr(self._data, field))
+            setattr(self, name, torch.zeros(1, size, dtype=torch.float32))
 
     @property
     def arrays(self) -> dict[str, Tensor]:
@@ -129,7 +130,7 @@ def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
 
 
 def _traced(env: Environment) -> Traced:
-    action = torch.zeros(1, env.action_size)
+    action = torch.zeros(1, env.action_size, dtype=torch.float32)
     state = persisting(env, action)
     env.reset()
     before = Recorder(state)
