@@ -19,6 +19,7 @@ from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import title
+from ..evaluation.front import Front
 from ..files import (
     AnyPath,
     Taken,
@@ -26,6 +27,7 @@ from ..files import (
     is_file,
     is_folder,
     making,
+    read,
     remove_drafts,
     unused,
     write_file,
@@ -33,7 +35,7 @@ from ..files import (
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
-from .history import read_rows
+from .history import BEST, read_rows
 from .progress import Evaluation, Progress
 from .references import copy_reward, localized
 
@@ -84,7 +86,8 @@ def taken(folder: Path) -> MorlaxError:
 
 def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
     (folder / "checkpoints").mkdir()
-    checkpoint.write_snapshot(folder / "checkpoints" / "latest.pt", contents, Progress())
+    latest, progress = folder / "checkpoints" / "latest.pt", Progress(evaluated=False)
+    checkpoint.write_snapshot(latest, contents, progress)
     write_file(folder / "config.yaml", write_yaml(learner.config))
     write_machines(folder, [this_machine(learner)])
     copy_reward(learner.config, folder)
@@ -201,7 +204,7 @@ class Run:
         contents = checkpoint.load(self.checkpoints / "latest.pt")
         metrics, reached = self.folder / "metrics.csv", contents.progress
         rows = read_rows(metrics) if metrics.exists() else []
-        if contents.learner is None or not rows:
+        if contents.learner is None or not rows or not reached.evaluated:
             return None
         if int(rows[-1]["iteration"]) != contents.learner.get("iteration"):
             return None  # its last evaluation is missing
@@ -226,18 +229,30 @@ class Run:
             contents = checkpoint.load(path)
             checkpoint.restore(contents, path, learner)
             if first:
-                self._clear_up(learner)
+                self._clear_up(learner, contents)
         except BaseException:
             self._lock.release()
             raise
         return _continued(contents, learner.config)
 
-    def _clear_up(self, learner: Learner) -> None:
-        """Drop what was logged after the checkpoint, and update config.yaml and hardware.yaml."""
+    def _clear_up(self, learner: Learner, contents: Contents) -> None:
+        """Drop what was logged after a checkpoint, and complete best.pt if it is the checkpoint.
+
+        Also update config.yaml and hardware.yaml.
+        """
         metrics, machines = self.folder / "metrics.csv", read_machines(self.folder)
         if metrics.exists():
             rows = read_rows(metrics)
-            self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
+            last = learner.iteration if contents.progress.evaluated else learner.iteration - 1
+            self._rows = [row for row in rows if int(row["iteration"]) <= last]
+            if len(self._rows) < len(rows):
+                self._write_rows()
+        if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
+            mark = checkpoint.fingerprint(contents.agent)
+            names = "latest.pt", "best.pt"
+            latest, best = (_front_of(mark, self.checkpoints / name) for name in names)
+            if latest is not None and best is None:
+                self._save_best(latest)
         write_file(self.folder / "config.yaml", write_yaml(learner.config))
         write_machines(self.folder, resumed(machines, this_machine(learner)))
         for folder in (self.folder, self.checkpoints):
@@ -253,17 +268,24 @@ class Run:
     ) -> None:
         """Write a `checkpoint.snapshot` to latest.pt, and to best.pt too if it is the best.
 
-        Each has its front beside it, with the fingerprint of its policies, so that a program that
-        is killed in between leaves a front that is known to be of another checkpoint. `evaluation`
-        is that of the snapshot, if it was evaluated.
+        `evaluation` is that of the snapshot, if it was evaluated; its row is in metrics.csv
+        already. latest.pt decides whether it counts: a program that is killed before leaves a row
+        that `restore` drops, and one that is killed after it leaves the front from which `restore`
+        completes best.pt.
         """
-        best = evaluation is not None and evaluation.best
-        for name in ("best.pt", "latest.pt") if best else ("latest.pt",):
-            path = self.checkpoints / name
-            checkpoint.write_snapshot(path, contents, progress)
-            if evaluation is not None:
-                front = evaluation.front._replace(checkpoint=name)
-                front.save(checkpoint.front_path(path))
+        path, iteration = self.checkpoints / "latest.pt", contents["learner"]["iteration"]
+        if evaluation is not None:
+            _save_front(evaluation.front, path)
+        evaluated = {"evaluated": self.has_evaluation(iteration)}
+        checkpoint.write_snapshot(path, contents, progress.model_copy(update=evaluated))
+        if evaluation is not None and evaluation.best:
+            self._save_best(evaluation.front)
+
+    def _save_best(self, front: Front) -> None:
+        """Make the latest checkpoint, with this front, the best one."""
+        best = self.checkpoints / "best.pt"
+        write_file(best, read(self.checkpoints / "latest.pt", "checkpoint"))
+        _save_front(front, best)
 
     def has_evaluation(self, iteration: int) -> bool:
         """Return whether metrics.csv has a row for this iteration."""
@@ -280,13 +302,18 @@ class Run:
         """Write an evaluation of a `task`: events and a row of metrics.csv."""
         with self._written() as events:
             events.log_evaluation(evaluation, task, _shows_pictures(len(self._rows)))
-        row = evaluation.row()
-        self._rows.append(row)
-        table = io.StringIO()
-        writer = csv.DictWriter(table, dict.fromkeys(chain(row, *self._rows)))
+        self._rows.append(evaluation.row())
+        self._write_rows()
+
+    def _write_rows(self) -> None:
+        metrics, table = self.folder / "metrics.csv", io.StringIO()
+        if not self._rows:
+            metrics.unlink(missing_ok=True)
+            return
+        writer = csv.DictWriter(table, dict.fromkeys(chain(self._rows[-1], *self._rows)))
         writer.writeheader()
         writer.writerows(self._rows)
-        write_file(self.folder / "metrics.csv", table.getvalue())
+        write_file(metrics, table.getvalue())
 
     @contextmanager
     def _written(self) -> "Iterator[Events]":
@@ -314,6 +341,18 @@ class Run:
         except MorlaxError:
             if kind is None or issubclass(kind, GeneratorExit):
                 raise  # else on a full disk this error would hide the first one
+
+
+def _save_front(front: Front, path: Path) -> None:
+    """Write the front of a checkpoint beside it."""
+    front._replace(checkpoint=path.name).save(checkpoint.front_path(path))
+
+
+def _front_of(mark: str, path: Path) -> Front | None:
+    """Return the front beside a checkpoint, if it is of the policies of this fingerprint."""
+    file = checkpoint.front_path(path)
+    front = Front.load(file) if file.is_file() else None
+    return front if front is not None and front.fingerprint == mark else None
 
 
 def _continued(contents: Contents, config: Config) -> Progress:
