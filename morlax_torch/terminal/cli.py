@@ -23,6 +23,7 @@ from .startup import (
     collect_garbage_rarely,
     report_interrupts_in_one_line,
     share_busy_cores,
+    use_utf8,
 )
 
 GRACE = 2.0  # seconds
@@ -45,6 +46,7 @@ def print_command(why: str, command: str) -> None:
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
     """Run a command; a user's mistake prints one sentence and exits with status 2."""
+    use_utf8()
     collect_garbage_rarely()
     share_busy_cores()
     report_interrupts_in_one_line()
