@@ -2,7 +2,7 @@
 
 import copy
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +20,7 @@ PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 
 if TYPE_CHECKING:
     from ..networks.policy import Policy
+    from ..reports.comparison import Evaluated
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -76,7 +77,15 @@ def command(arguments: Sequence[str]) -> None:
             from ..reports.evaluating import evaluate_runs, table  # imports torch
             from ..reports.verdict import verdict_of
 
-            found, folder = evaluate_runs(
+            def show(found: Mapping[str, Evaluated]) -> None:
+                cli.console.print(verdict_of(found), markup=False, highlight=False)
+                cli.console.print(table(found))
+                names = ", ".join(
+                    f"{run.front.checkpoint} of {name}" for name, run in found.items()
+                )
+                cli.console.print(f"evaluated: {names}")
+
+            _, folder = evaluate_runs(
                 runs,
                 typed,
                 tradeoffs=tradeoffs,
@@ -89,11 +98,8 @@ def command(arguments: Sequence[str]) -> None:
                 output=output,
                 trust=trust,
                 portrait=_portrait,
+                show=show,
             )
-        cli.console.print(verdict_of(found), markup=False, highlight=False)
-        cli.console.print(table(found))
-        names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
-        cli.console.print(f"evaluated: {names}")
         cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
     call(main, arguments, program("evaluate"))

@@ -52,10 +52,10 @@ def command(arguments: Sequence[str]) -> None:
             from ..exports.manifest import provenance, robot_of
             from ..files import make_folder
             from ..runs.bookmarks import tradeoff_of
-            from ..runs.loading import load, own_folder
+            from ..runs.loading import load, objectives_of, own_folder
 
+            weights = None if tradeoff is None else tradeoff_of(tradeoff, run, objectives_of(run))
             policy = load(run, trust=trust)
-            weights = None if tradeoff is None else tradeoff_of(tradeoff, run, policy.objectives)
             name = ("family" if weights is None else "policy") + FORMATS[format].ending
             place = output or (own_folder(run) or Path()) / name
             robot, about = robot_of(policy), {"run": provenance(run)}

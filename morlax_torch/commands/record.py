@@ -58,13 +58,14 @@ def command(arguments: Sequence[str]) -> None:
         with Live():
             from ..runs.bookmarks import tradeoff_of
             from ..runs.fronts import load_front
-            from ..runs.loading import find_run, load, own_folder  # imports torch
+            from ..runs.loading import find_run, load, objectives_of, own_folder  # imports torch
             from ..viewers.filming.recording import record
 
+            objectives = objectives_of(run)
+            tradeoffs = [tradeoff_of(text, run, objectives) for text in tradeoff]
             policy = load(run, trust=trust)
             folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
             place = output or (folder / "film.mp4" if folder else shipped)
-            tradeoffs = [tradeoff_of(text, run, policy.objectives) for text in tradeoff]
             front = load_front(run) if sweep else None
             bodies = [numbers(text, "--body thigh=0.4,calf=0.3") for text in body]
             sizes = width, height, pictures

@@ -47,6 +47,7 @@ def evaluate_runs(
     output: Path | None = None,
     trust: bool = False,
     portrait: Callable[[Policy], bytes | None] = lambda policy: None,
+    show: Callable[[Mapping[str, Evaluated]], None] = lambda found: None,
 ) -> tuple[dict[str, Evaluated], Path]:
     """Evaluate runs and write fronts, figures, indicators and a report.
 
@@ -54,6 +55,7 @@ def evaluate_runs(
         runs: run folders, checkpoint files, or shipped policies.
         typed: the command, for the report; see `evaluate --help` for the other arguments.
         portrait: draws the robot of a policy as a PNG; None: it cannot be drawn.
+        show: called with the evaluations by name before anything is written.
 
     Returns:
         The evaluations by name, and the folder that they were written to.
@@ -93,6 +95,7 @@ def evaluate_runs(
     for name, run in named.items():
         about_run = histories[name], comparison.measures(fronts[name], target), machines[name]
         found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
+    show(found)
     as_trained = protocol == first.config.evaluation.protocol
     folder = output or default_output(runs, as_trained)
     about = (

@@ -118,6 +118,11 @@ def load(
     return Policy(agent.to(place), config, task.objectives)
 
 
+def objectives_of(run: AnyPath) -> tuple[str, ...]:
+    """Return the objectives of a run from its checkpoint, without importing its task."""
+    return checkpoint.load(find_checkpoint(run)).environment.objectives
+
+
 def trust_run(run: AnyPath) -> None:
     """Allow runs to name the code that this run names, in this process."""
     trust_code(checkpoint.load(find_checkpoint(run)).config)
