@@ -77,7 +77,7 @@ def command(arguments: Sequence[str]) -> None:
             from ..reports.evaluating import evaluate_runs, table  # imports torch
             from ..reports.verdict import verdict_of
 
-            def show(found: Mapping[str, Evaluated]) -> None:
+            def show(found: "Mapping[str, Evaluated]") -> None:
                 cli.console.print(verdict_of(found), markup=False, highlight=False)
                 cli.console.print(table(found))
                 names = ", ".join(
