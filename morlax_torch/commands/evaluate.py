@@ -14,7 +14,7 @@ from ..phases import phase
 from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.startup import program
-from ..terminal.task_arguments import Device, Trust, call
+from ..terminal.task_arguments import Device, Moved, Trust, call
 
 PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 
@@ -39,6 +39,7 @@ def command(arguments: Sequence[str]) -> None:
         reference: str | None = None,
         output: Path | None = None,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Evaluate the policies of many trade-offs and print the indicators.
 
@@ -97,6 +98,7 @@ def command(arguments: Sequence[str]) -> None:
                 reference=reference,
                 output=output,
                 trust=trust,
+                env=env,
                 portrait=_portrait,
                 show=show,
             )

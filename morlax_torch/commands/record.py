@@ -10,7 +10,7 @@ from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.named_numbers import numbers
 from ..terminal.startup import program
-from ..terminal.task_arguments import RunName, Trust, call
+from ..terminal.task_arguments import Moved, RunName, Trust, call
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -31,6 +31,7 @@ def command(arguments: Sequence[str]) -> None:
         seed: int = 0,
         sweep: bool = False,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Record the robot under several trade-offs side by side, with its running returns.
 
@@ -63,7 +64,7 @@ def command(arguments: Sequence[str]) -> None:
 
             objectives = objectives_of(run)
             tradeoffs = [tradeoff_of(text, run, objectives) for text in tradeoff]
-            policy = load(run, trust=trust)
+            policy = load(run, trust=trust, env=env)
             folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
             place = output or (folder / "film.mp4" if folder else shipped)
             front = load_front(run) if sweep else None

@@ -46,6 +46,7 @@ def evaluate_runs(
     reference: str | None = None,
     output: Path | None = None,
     trust: bool = False,
+    env: str | None = None,
     portrait: Callable[[Policy], bytes | None] = lambda policy: None,
     show: Callable[[Mapping[str, Evaluated]], None] = lambda found: None,
 ) -> tuple[dict[str, Evaluated], Path]:
@@ -63,8 +64,8 @@ def evaluate_runs(
     Raises:
         MorlaxError: a run or the reference cannot be loaded, or they cannot be compared.
     """
-    for run in runs if trust else ():
-        trust_run(run)
+    for run in runs:
+        trust_run(run, trust, env)
     place = resolve_device(device)
     named = dict(zip(comparison.names(runs), runs, strict=True))
     policies = {name: load(run, place) for name, run in named.items()}

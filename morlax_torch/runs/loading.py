@@ -15,7 +15,7 @@ from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
 from . import checkpoint
 from .contents import POLICY
-from .references import trust_code
+from .references import check_moved, localized, name_task, trust_code
 
 SHIPPED = Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
@@ -77,6 +77,7 @@ def load(
     actor: nn.Module | None = None,
     *,
     trust: bool = False,
+    env: str | None = None,
 ) -> Policy:
     """Load the policies of a run's folder, a checkpoint file, or a shipped name ("ant").
 
@@ -86,6 +87,7 @@ def load(
         actor: a module like the user-made actor of the run; its parameters do not matter.
         trust: allow the code that the checkpoint names: the FILE.py or module of its task, and the
             FILE.py of its scalarization.
+        env: FILE.py:CLASS of the task, where it is now; its code is trusted, too.
 
     Raises:
         MorlaxError: there is no checkpoint, it is damaged, it has another actor, or it names code
@@ -94,7 +96,8 @@ def load(
     place = resolve_device(device)
     path = find_checkpoint(run)
     contents = checkpoint.load(path)
-    config, task = checkpoint.read_config(contents, path, trust), contents.environment
+    config = checkpoint.read_config(contents, path, trust, env)
+    task = contents.environment
     agent = Agent(
         config,
         task.observation_size,
@@ -123,9 +126,23 @@ def objectives_of(run: AnyPath) -> tuple[str, ...]:
     return checkpoint.load(find_checkpoint(run)).environment.objectives
 
 
-def trust_run(run: AnyPath) -> None:
-    """Allow runs to name the code that this run names, in this process."""
-    trust_code(checkpoint.load(find_checkpoint(run)).config)
+def trust_run(run: AnyPath, trust: bool = True, env: str | None = None) -> None:
+    """Allow runs to name the code that this run names, in this process, if `trust`.
+
+    `env`: FILE.py:CLASS of the run's task, where it is now, from now on.
+
+    Raises:
+        MorlaxError: there is no such run, or its task is another one.
+    """
+    if not trust and env is None:
+        return
+    path = find_checkpoint(run)
+    config, folder = checkpoint.load(path).config, checkpoint.folder_of(path)
+    if env is not None:
+        check_moved(config["env"], env, path)
+        name_task(folder, env)
+    if trust:
+        trust_code(localized(config, folder))
 
 
 def save(policy: Policy, path: AnyPath) -> None:

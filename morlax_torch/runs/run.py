@@ -15,10 +15,10 @@ from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
 from ..configuration.config import MAY_CHANGE, Config, differences, load_config
-from ..configuration.files import read_yaml, write_yaml
+from ..configuration.files import read_yaml, write_record
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..envs.naming import title
+from ..envs.naming import movable, title
 from ..evaluation.front import Front
 from ..files import (
     AnyPath,
@@ -37,7 +37,7 @@ from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .history import BEST, read_rows
 from .progress import Evaluation, Progress
-from .references import copy_reward, localized
+from .references import NAMES_CODE, copy_files, localized
 
 if TYPE_CHECKING:
     from .tensorboard import Events
@@ -88,9 +88,9 @@ def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
     (folder / "checkpoints").mkdir()
     latest, progress = folder / "checkpoints" / "latest.pt", Progress(evaluated=False)
     checkpoint.write_snapshot(latest, contents, progress)
-    write_file(folder / "config.yaml", write_yaml(learner.config))
+    write_record(learner.config, folder)
     write_machines(folder, [this_machine(learner)])
-    copy_reward(learner.config, folder)
+    copy_files(learner.config, folder)
 
 
 class Run:
@@ -162,28 +162,33 @@ class Run:
             raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
         return cls(folder)
 
-    def config(self, trust: bool = False) -> Config:
+    def config(self, trust: bool = False, env: str | None = None) -> Config:
         """Return the config to resume the run with.
 
         It is that of the latest checkpoint, with the fields of MAY_CHANGE from config.yaml.
 
         Args:
             trust: allow the code that the config names.
+            env: FILE.py:CLASS of the task, where it is now.
 
         Raises:
             MorlaxError: a file is damaged, config.yaml was edited where it may not change, or the
                 config names code that is not trusted.
         """
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
-        values = localized(read_yaml(file), self.folder)
-        stored = checkpoint.read_config(checkpoint.load(path), path, trust)
+        values = read_yaml(file)
+        stored = checkpoint.read_config(checkpoint.load(path), path, trust, env)
         task = values.get("env")
-        if task != stored.env:
+        if not isinstance(task, str) or movable(task) != movable(stored.env):
             raise MorlaxError(
                 f"{path} is of task {stored.env!r}, not {shortened(task)}, as {file} says."
             )
+        for field in NAMES_CODE:
+            name = getattr(stored, field)
+            if movable(str(values.get(field))) == movable(name):
+                values[field] = name  # wherever it lies now
         try:
-            edited = load_config(values)
+            edited = load_config(localized(values, self.folder, stored.env))
         except MorlaxError as error:
             raise MorlaxError(f"{file} does not fit: {error}") from None
         found = differences(stored, edited)
@@ -253,7 +258,8 @@ class Run:
             latest, best = (_front_of(mark, self.checkpoints / name) for name in names)
             if latest is not None and best is None:
                 self._save_best(latest)
-        write_file(self.folder / "config.yaml", write_yaml(learner.config))
+        write_record(learner.config, self.folder)
+        copy_files(learner.config, self.folder)
         write_machines(self.folder, resumed(machines, this_machine(learner)))
         for folder in (self.folder, self.checkpoints):
             remove_drafts(folder)
