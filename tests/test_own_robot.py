@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -139,6 +140,50 @@ def test_a_run_keeps_its_task_when_the_file_is_edited(trained, folder):
     assert envs.get(policy.config.env).substeps == 4
     chosen = load(trained, env="crawler.py:Crawler").config.env
     assert chosen == f"{folder}/crawler.py:Crawler"
+
+
+def edit_model(folder: Path, old: str, new: str) -> None:
+    text = (folder / "crawler.xml").read_text()
+    assert old in text
+    (folder / "crawler.xml").write_text(text.replace(old, new))
+
+
+NAMED = ("--env", "crawler.py:Crawler")
+
+
+def test_an_edited_model_is_noticed_and_the_run_keeps_its_report(trained, folder, capsys):
+    evaluate.command([str(trained), "--device", "cpu", "--tradeoffs", "4"])
+    before = {file: file.read_bytes() for file in trained.glob("*.*")}
+    edit_model(folder, 'mass="3"', 'mass="5"')
+    with pytest.warns(
+        MorlaxWarning, match=r"is not the one .*best.pt was trained .*: .*body"
+    ):
+        evaluate.command([str(trained), *NAMED, "--device", "cpu", "--tradeoffs", "4"])
+    assert {file: file.read_bytes() for file in trained.glob("*.*")} == before
+    assert "written: evaluations/" in capsys.readouterr().out
+    with pytest.warns(MorlaxWarning, match=r"model is not the one .*latest.pt was trained with"):
+        train.command(["--resume", str(trained), *NAMED, "--max-env-steps", "640"])
+
+
+def test_looks_of_a_model_and_another_version_of_mujoco_are_no_change(trained, folder, monkeypatch):
+    edit_model(folder, 'rgba="0.2 0.4 0.7 1"', 'rgba="1 0 0 1"')
+    load(trained, env="crawler.py:Crawler")
+    edit_model(folder, 'mass="3"', 'mass="5"')
+    monkeypatch.setattr(mujoco, "__version__", "3.11.0")
+    load(trained, env="crawler.py:Crawler")
+
+
+JOINT = '<joint name="shoulder" range="-60 100"/>'
+
+
+@pytest.mark.filterwarnings("ignore:the robot's model is not the one:UserWarning")
+def test_a_model_with_another_joint_is_refused_with_both_sizes(trained, folder, refused):
+    edit_model(folder, JOINT, JOINT + '<joint name="twist" axis="1 0 0" range="-9 9"/>')
+    for module in (evaluate, export, record):
+        text = refused(module, trained, *NAMED)
+        assert "take 9 observations and return 2 actions, but the task has 11 and 2" in text
+    with pytest.raises(MorlaxError, match="observation_size 9, but the task has 11"):
+        train.command(["--resume", str(trained), *NAMED, "--max-env-steps", "640"])
 
 
 def test_a_task_s_model_travels_with_its_parts(folder, tmp_path_factory):

@@ -19,7 +19,7 @@ from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
 from ..runs.history import History
-from ..runs.loading import find_checkpoint, find_run, load, own_folder, trust_run
+from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
 from . import comparison
 from .comparison import Evaluated
 from .html import number
@@ -98,6 +98,7 @@ def evaluate_runs(
         found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
     show(found)
     as_trained = protocol == first.config.evaluation.protocol
+    as_trained = as_trained and not is_changed(runs[0], first)
     folder = output or default_output(runs, as_trained)
     about = (
         f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on {place}, "
@@ -151,8 +152,8 @@ def reference_front(
 def default_output(runs: Sequence[str], as_trained: bool) -> Path:
     """Return the run's folder; for several runs or a shipped policy, evaluations/<time>.
 
-    So for a checkpoint that is not the run's best, and for another protocol than training's (not
-    `as_trained`): the files in its folder are of best.pt, evaluated as in training.
+    So for a checkpoint that is not the run's best, and for another protocol or model than in
+    training (not `as_trained`): the files in its folder are of best.pt, evaluated as in training.
     """
     folder, path = own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"

@@ -20,6 +20,7 @@ from ..envs import trust as trust_task
 from ..envs.errors import LONGEST, explained, shortened
 from ..envs.naming import is_file, movable
 from ..files import AnyPath, exists, is_folder, read, write_file
+from . import models
 from .contents import FORMAT, POLICY, Contents, Task, check_state
 from .progress import Progress
 from .references import check_code, check_moved, localized, trust_code
@@ -28,7 +29,8 @@ RUNS, LATEST = Path("runs"), "latest"
 
 
 def describe(env: Worlds) -> Task:
-    return Task.model_validate(env, from_attributes=True)
+    task = Task.model_validate(env, from_attributes=True)
+    return task.model_copy(update={"model_fingerprint": models.of_worlds(env)})
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:
@@ -228,7 +230,9 @@ def restore(contents: Contents, path: Path, learner: Learner) -> None:
         raise MorlaxError(f"{path} is of task {task!r}, not {config.env!r}.")
     for name, value in describe(env):
         found = getattr(contents.environment, name)
-        if found != value:
+        if name == "model_fingerprint":
+            models.warn(models.difference(found, value), path)
+        elif found != value:
             raise MorlaxError(f"{path} has {name} {found}, but the task has {value}.")
     stored = read_config(contents, path, env=config.env if is_file(config.env) else None)
     if (stored.worlds, stored.network) != (config.worlds, config.network):

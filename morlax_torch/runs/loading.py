@@ -6,6 +6,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from .. import envs
 from ..algorithms.learner import Learner
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
@@ -13,9 +14,9 @@ from ..files import AnyPath, exists, is_file, is_folder
 from ..networks.agent import Agent
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
-from . import checkpoint
+from . import checkpoint, models
 from .contents import POLICY
-from .references import check_moved, localized, name_task, trust_code
+from .references import NAMES_CODE, check_moved, edited, localized, name_task, trust_code
 
 SHIPPED = Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
@@ -118,7 +119,24 @@ def load(
     except RuntimeError as error:
         reason = " ".join(str(error).split())[:LONGEST]
         raise MorlaxError(f"the networks in {path} do not fit its config: {reason}.") from None
-    return Policy(agent.to(place), config, task.objectives)
+    policy = Policy(agent.to(place), config, task.objectives)
+    policy.model_fingerprint = task.model_fingerprint
+    models.warn(_model_difference(policy), path)
+    return policy
+
+
+def _model_difference(policy: Policy) -> str:
+    """Return in which parts the model is not the one that a policy was trained with, or ""."""
+    stored, config = dict(policy.model_fingerprint), policy.config
+    if not stored:
+        return ""
+    return models.difference(stored, models.of_task(envs.get(config.env), config.task))
+
+
+def is_changed(run: AnyPath, policy: Policy) -> bool:
+    """Return whether the task of a run's policy has changed since it was trained, if known."""
+    copies = checkpoint.folder_of(find_checkpoint(run)) / NAMES_CODE["env"]
+    return bool(_model_difference(policy) or edited(policy.config.env, copies.resolve()))
 
 
 def objectives_of(run: AnyPath) -> tuple[str, ...]:
@@ -161,6 +179,7 @@ def save(policy: Policy, path: AnyPath) -> None:
             "action_size": policy.agent.action_size,
             "privileged_size": policy.agent.privileged_size,
             "designs": {name: list(each) for name, each in policy.agent.designs.items()},
+            "model_fingerprint": dict(policy.model_fingerprint),
         },
         "own_networks": own,
         "policy": {name: value for name, value in state.items() if name.startswith(POLICY)},
