@@ -90,6 +90,7 @@ def moved(trained, tmp_path_factory) -> Path:
     return place / "run"
 
 
+@pytest.mark.slow
 def test_a_run_of_a_custom_robot_can_be_moved(moved, monkeypatch, capsys):
     monkeypatch.chdir(moved.parent)
     before = Front.load("run/front.npz")

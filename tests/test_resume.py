@@ -8,6 +8,7 @@ import pytest
 import tiny as small
 import torch
 from same import assert_same
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tiny import learner as trainer
 from torch import nn
 
@@ -181,3 +182,5 @@ def test_a_kill_between_any_two_writes_leaves_the_best_checkpoint_with_its_row(
     front = Front.load(run.folder / "front.npz")
     assert front.checkpoint == "best.pt"
     assert front.fingerprint == checkpoint.fingerprint(best.agent)
+    shown = EventAccumulator(str(run.folder)).Reload().Scalars("front/hypervolume")
+    assert [event.step for event in shown] == [int(row["env_steps"]) for row in table]

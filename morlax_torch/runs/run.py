@@ -246,12 +246,14 @@ class Run:
         Also update config.yaml and hardware.yaml.
         """
         metrics, machines = self.folder / "metrics.csv", read_machines(self.folder)
-        if metrics.exists():
-            rows = read_rows(metrics)
-            last = learner.iteration if contents.progress.evaluated else learner.iteration - 1
-            self._rows = [row for row in rows if int(row["iteration"]) <= last]
-            if len(self._rows) < len(rows):
-                self._write_rows()
+        rows = read_rows(metrics) if metrics.exists() else []
+        last = learner.iteration if contents.progress.evaluated else learner.iteration - 1
+        self._rows = [row for row in rows if int(row["iteration"]) <= last]
+        dropped = [int(row["iteration"]) for row in rows[len(self._rows) :]]
+        if dropped:
+            self._write_rows()
+        repeats = not contents.progress.evaluated and learner.iteration in (0, *dropped)
+        self._purge_step = learner.env_steps + (0 if repeats else 1)
         if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
             mark = checkpoint.fingerprint(contents.agent)
             names = "latest.pt", "best.pt"
@@ -263,7 +265,6 @@ class Run:
         write_machines(self.folder, resumed(machines, this_machine(learner)))
         for folder in (self.folder, self.checkpoints):
             remove_drafts(folder)
-        self._purge_step = learner.env_steps + 1
 
     @property
     def checkpoints(self) -> Path:
@@ -356,9 +357,10 @@ def _save_front(front: Front, path: Path) -> None:
 
 def _front_of(mark: str, path: Path) -> Front | None:
     """Return the front beside a checkpoint, if it is of the policies of this fingerprint."""
-    file = checkpoint.front_path(path)
-    front = Front.load(file) if file.is_file() else None
-    return front if front is not None and front.fingerprint == mark else None
+    with suppress(MorlaxError):  # it is missing or damaged
+        front = Front.load(checkpoint.front_path(path))
+        return front if front.fingerprint == mark else None
+    return None
 
 
 def _continued(contents: Contents, config: Config) -> Progress:
