@@ -23,6 +23,10 @@ class MorlaxError(Exception):
     """
 
 
+class MorlaxWarning(UserWarning):
+    """What a user should know, in one sentence, which commands print."""
+
+
 def installation(extra: str) -> str:
     """Return the commands that install one of our extras, from PyPI and from a checkout."""
     return f"pip install 'morlax-torch[{extra}]', or in a checkout pip install '.[{extra}]'"

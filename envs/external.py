@@ -1,11 +1,13 @@
 """Tasks from outside this package: a class in a Python file, or a package's entry point."""
 
+import ast
 import importlib.util
 import inspect
 import os
 import sys
 from functools import cache
 from importlib import metadata
+from pathlib import Path
 from types import ModuleType
 
 from pydantic import ValidationError
@@ -15,6 +17,8 @@ from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.gymnasium import GymnasiumWorlds
 from .worlds.interface import Worlds
+
+MODELS = (".xml", ".mjcf", ".urdf")  # endings of files that MuJoCo loads
 
 
 def from_file(name: str) -> type[Worlds]:
@@ -95,6 +99,39 @@ def import_file(file: str, what: str) -> ModuleType:
     if not os.path.isfile(file):  # unlike Path.is_file, it never fails
         raise MorlaxError(f"there is no file {file}, which should define {what}.")
     return _run(file)
+
+
+def parts_of(file: Path, *more: str) -> list[Path]:
+    """Return a Python file and the existing files that its strings name, beside or below it.
+
+    Of a model, also the files that it includes, its meshes and textures. `more`: other names.
+    """
+    try:
+        nodes = list(ast.walk(ast.parse(file.read_bytes())))
+    except (OSError, SyntaxError, ValueError):
+        nodes = []
+    names = [node.value for node in nodes if isinstance(node, ast.Constant)]
+    found = {file: None}  # ordered
+    for name in (*more, *names):
+        if isinstance(name, str) and not os.path.isabs(name):
+            path = os.path.normpath(os.path.join(file.parent, name))
+            if os.path.isfile(path):  # unlike Path.is_file, it never fails
+                found |= dict.fromkeys(_with_assets(Path(path)))
+    return list(found)
+
+
+def _with_assets(path: Path) -> list[Path]:
+    """Return a file, and if it is a model, the files that it depends on."""
+    if path.suffix.lower() not in MODELS:
+        return [path]
+    import mujoco
+
+    try:
+        listed = mujoco.mju_getXMLDependencies(str(path))
+    except Exception:  # not a model; MuJoCo says so when it is loaded
+        listed = []
+    others = [Path(os.path.normpath(path.parent / name)) for name in listed]
+    return [path, *(other for other in others if os.path.isfile(other))]
 
 
 @cache

@@ -45,6 +45,11 @@ def title(name: str) -> str:
     return name.rpartition(":")[2] if is_file(name) else name
 
 
+def movable(name: str) -> str:
+    """Return the task's name without the folder of FILE.py:CLASS, in which it may lie elsewhere."""
+    return Path(name).name if is_file(name) else name
+
+
 def offered() -> set[str]:
     """Return the names of installed packages' entry points, without loading them."""
     return metadata.entry_points(group=GROUP).names

@@ -10,7 +10,8 @@ import pytest
 import torch
 import yaml
 
-from morlax_torch.commands import evaluate, train
+from morlax_torch import load, save
+from morlax_torch.commands import evaluate, export, record, train
 from morlax_torch.configuration.config import Config
 from morlax_torch.terminal import cli
 
@@ -250,6 +251,30 @@ def test_evaluate_prints_the_indicators_and_writes_the_front(trained, monkeypatc
     assert len(rows) == 5
     assert {"tradeoff_run", "return_jump", "length", "non_dominated"} <= set(rows[0])
     assert (trained / "front.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_evaluate_prints_the_indicators_of_a_run_that_cannot_be_written(
+    trained, monkeypatch, capsys
+):
+    (trained / "report.html").mkdir()
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, evaluate, "run", "--device", "cpu", "--tradeoffs", "5")
+    assert exit.value.code == 2
+    captured = capsys.readouterr()
+    assert "hypervolume" in captured.out and "cardinality" in captured.out
+    assert captured.err.startswith("error: cannot write run/report.html")
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("module", [export, record])
+def test_trade_offs_are_counted_before_a_task_is_imported(module, workplace, refused):
+    file = workplace / "policy.pt"
+    save(load("hopper"), file)
+    contents = torch.load(file)
+    contents["config"]["env"] = "playground:missing_module:Task"
+    torch.save(contents, file)
+    words = "has 3, but needs 2 numbers (run, jump)"
+    assert words in refused(module, file, "--tradeoff", "0.5,0.5,1")
 
 
 @pytest.mark.parametrize(

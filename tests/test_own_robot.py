@@ -1,18 +1,25 @@
 """Custom tasks support everything that built-in tasks do, and their mistakes are explained."""
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
 import gymnasium
+import mujoco
+import numpy as np
 import pytest
 import torch
 import yaml
-from tiny import TYPED
+from tiny import TYPED, tiny
 
 from morlax_torch import MorlaxError, envs, load
-from morlax_torch.commands import evaluate, explore, record, train
+from morlax_torch.commands import evaluate, explore, export, pack, record, train
+from morlax_torch.envs.errors import MorlaxWarning
+from morlax_torch.evaluation.front import Front
 from morlax_torch.exports.manifest import manifest
+from morlax_torch.runs import Run
+from morlax_torch.runs.references import copy_files
 from morlax_torch.terminal import arguments
 from morlax_torch.viewers.player import Player
 
@@ -70,6 +77,154 @@ def test_the_documented_robot_can_be_resumed_evaluated_played_and_exported(
     for module in (evaluate, record, explore):
         text = refused(module, trained)
         assert "crawler.py, which should define the task Crawler" in text
+        assert f"would run the code of {trained}/task/crawler.py:Crawler" in text
+
+
+@pytest.fixture
+def moved(trained, tmp_path_factory) -> Path:
+    """The run on another computer, where its task has never been."""
+    place = tmp_path_factory.mktemp("elsewhere")
+    shutil.move(trained, place / "run")
+    for name in ("crawler.py", "crawler.xml"):
+        (trained.parents[2] / name).unlink()
+    return place / "run"
+
+
+@pytest.mark.slow
+def test_a_run_of_a_custom_robot_can_be_moved(moved, monkeypatch, capsys):
+    monkeypatch.chdir(moved.parent)
+    before = Front.load("run/front.npz")
+    with pytest.raises(MorlaxError, match=r"would run the code of .*run/task/crawler.py:Crawler"):
+        load("run")
+    policy = load("run", trust=True)
+    assert policy.config.env == f"{moved.resolve()}/task/crawler.py:Crawler"
+    evaluate.command(["run", "--trust", "--device", "cpu"])
+    np.testing.assert_array_equal(Front.load("run/front.npz").returns, before.returns)
+    export.command(["run", "--trust", "--format", "torchscript", "--tradeoff", "1,1"])
+    train.command(["--resume", "run", "--trust", "--max-env-steps", "640"])
+    assert "done: 640 steps" in capsys.readouterr().out
+    pack.command(["run", "packed", "--trust"])
+    shutil.rmtree("run")
+    assert load("packed", trust=True).objectives == policy.objectives
+
+
+def test_a_moved_checkpoint_alone_needs_the_name_of_its_task(moved, folder, monkeypatch, refused):
+    monkeypatch.chdir(folder)
+    shutil.copy(moved / "checkpoints" / "best.pt", "robot.pt")
+    for name in ("crawler.py", "crawler.xml"):
+        Path("tasks", name).parent.mkdir(exist_ok=True)
+        Path("tasks", name).write_text(shown(name))
+    for use in (evaluate, export, explore, record):
+        assert "--env FILE.py:Crawler, or from Python load(..., env" in refused(use, "robot.pt")
+    named = "tasks/crawler.py:Crawler"
+    assert load("robot.pt", env=named).objectives == ("run", "energy")
+    evaluate.command(["robot.pt", "--env", named, "--device", "cpu", "--tradeoffs", "4"])
+    for wrong, words in {
+        "tasks/crawler.py:Crawl": "is of the task Crawler, but --env .*crawler.py:Crawl'",
+        "hopper": "name FILE.py:Crawler",
+    }.items():
+        with pytest.raises(MorlaxError, match=words):
+            load("robot.pt", env=wrong)
+    assert "leave out --env" in refused(export, "hopper", "--env", named)
+    train.command(["--resume", str(moved), "--env", named, "--max-env-steps", "640"])
+    assert load(moved).config.env == f"{folder}/tasks/crawler.py:Crawler"
+
+
+def test_a_run_keeps_its_task_when_the_file_is_edited(trained, folder):
+    rewards = load(trained).config.task.objectives
+    text = (folder / "crawler.py").read_text()
+    (folder / "crawler.py").write_text(text.replace("substeps = 4", "substeps = 2"))
+    words = rf"{folder}/crawler.py is not as it was .* name {folder}/crawler.py:Crawler with --env"
+    with pytest.warns(MorlaxWarning, match=words):
+        policy = load(trained, trust=True)
+    assert policy.config.task.objectives == rewards
+    assert envs.get(policy.config.env).substeps == 4
+    chosen = load(trained, env="crawler.py:Crawler").config.env
+    assert chosen == f"{folder}/crawler.py:Crawler"
+
+
+def edit_model(folder: Path, old: str, new: str) -> None:
+    text = (folder / "crawler.xml").read_text()
+    assert old in text
+    (folder / "crawler.xml").write_text(text.replace(old, new))
+
+
+NAMED = ("--env", "crawler.py:Crawler")
+
+
+def test_an_edited_model_is_noticed_and_the_run_keeps_its_report(trained, folder, capsys):
+    evaluate.command([str(trained), "--device", "cpu", "--tradeoffs", "4"])
+    before = {file: file.read_bytes() for file in trained.glob("*.*")}
+    edit_model(folder, 'mass="3"', 'mass="5"')
+    with pytest.warns(
+        MorlaxWarning, match=r"is not the one .*best.pt was trained .*: .*body"
+    ):
+        evaluate.command([str(trained), *NAMED, "--device", "cpu", "--tradeoffs", "4"])
+    assert {file: file.read_bytes() for file in trained.glob("*.*")} == before
+    assert "written: evaluations/" in capsys.readouterr().out
+    with pytest.warns(MorlaxWarning, match=r"model is not the one .*latest.pt was trained with"):
+        train.command(["--resume", str(trained), *NAMED, "--max-env-steps", "640"])
+
+
+def test_looks_of_a_model_and_another_version_of_mujoco_are_no_change(trained, folder, monkeypatch):
+    edit_model(folder, 'rgba="0.2 0.4 0.7 1"', 'rgba="1 0 0 1"')
+    load(trained, env="crawler.py:Crawler")
+    edit_model(folder, 'mass="3"', 'mass="5"')
+    monkeypatch.setattr(mujoco, "__version__", "3.11.0")
+    load(trained, env="crawler.py:Crawler")
+
+
+JOINT = '<joint name="shoulder" range="-60 100"/>'
+
+
+@pytest.mark.filterwarnings("ignore:the robot's model is not the one:UserWarning")
+def test_a_model_with_another_joint_is_refused_with_both_sizes(trained, folder, refused):
+    edit_model(folder, JOINT, JOINT + '<joint name="twist" axis="1 0 0" range="-9 9"/>')
+    for module in (evaluate, export, record):
+        text = refused(module, trained, *NAMED)
+        assert "take 9 observations and return 2 actions, but the task has 11 and 2" in text
+    with pytest.raises(MorlaxError, match="observation_size 9, but the task has 11"):
+        train.command(["--resume", str(trained), *NAMED, "--max-env-steps", "640"])
+
+
+def test_a_task_s_model_travels_with_its_parts(folder, tmp_path_factory):
+    """Also if it lies beside the folder of its task; what is too large stays."""
+    (folder / "tasks").mkdir()
+    (folder / "models" / "meshes").mkdir(parents=True)
+    (folder / "models" / "arm.xml").write_text(shown("crawler.xml").replace("trunk", "torso"))
+    (folder / "models" / "crawler.xml").write_text(
+        '<mujoco><compiler meshdir="meshes"/><include file="part.xml"/></mujoco>'
+    )
+    mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    (folder / "models" / "meshes" / "a.obj").write_text(mesh)
+    asset = '<asset><mesh name="a" file="a.obj"/></asset>'
+    inside = shown("crawler.xml").replace("<worldbody>", f"{asset}<worldbody>")
+    (folder / "models" / "part.xml").write_text(inside)
+    text = shown("crawler.py").replace('"crawler.xml"', '"../models/crawler.xml"')
+    (folder / "tasks" / "robot.py").write_text(text)
+    run = tmp_path_factory.mktemp("run")
+    copy_files(tiny(f"{folder}/tasks/robot.py:Crawler"), run)
+    copies = {str(file.relative_to(run)) for file in run.rglob("*") if file.is_file()}
+    models = {f"task/models/{name}" for name in ("crawler.xml", "part.xml", "meshes/a.obj")}
+    assert copies == {"task/tasks/robot.py", *models}
+    shutil.rmtree(folder / "models")
+    assert envs.make(f"{run}/task/tasks/robot.py:Crawler", 1, "cpu").physics.model.nmesh == 1
+
+    with (run / "task" / "models" / "meshes" / "a.obj").open("a") as file:
+        file.write("#" * 21 * 2**20)
+    copy_files(tiny(f"{run}/task/tasks/robot.py:Crawler"), folder / "new")
+    assert not (folder / "new").exists()
+
+
+def test_the_config_of_a_run_says_what_an_edit_of_it_changes(moved, monkeypatch):
+    monkeypatch.chdir(moved.parent)
+    file = moved / "config.yaml"
+    text = file.read_text()
+    assert text.startswith("# A record: the checkpoints hold the config that counts.")
+    line = f"env: {yaml.safe_load(text)['env']}"
+    assert line in text
+    file.write_text(text.replace(line, "env: anywhere/crawler.py:Crawler"))
+    assert Run.open(moved).config(trust=True).env.startswith(str(moved.resolve()))
 
 
 def test_a_custom_robot_can_be_recorded(trained, folder, opengl):

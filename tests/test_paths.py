@@ -128,6 +128,19 @@ def test_a_full_device_for_the_output():
     )
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+def test_a_run_s_folder_may_be_named_like_a_task(workplace):
+    run = "gymnasium:a/robot.py:Robot"
+    train(tiny(), output=run)
+    train(tiny(max_env_steps=96), Run.open(run))
+    assert load(run).objectives == ("run", "jump")
+    export.command([run, "--tradeoff", "1,1", "--format", "torchscript"])
+    evaluate.command([run, "--device", "cpu"])
+    pack.command([run, "mjlab:run"])
+    assert train(tiny(start_from="mjlab:run"), output="b:c").folder.is_dir()
+
+
 def test_python_takes_paths_as_strings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     train(tiny(), output="new/run")

@@ -1,5 +1,7 @@
 """A resumed run continues exactly, on any simulator, and evaluations repeat themselves."""
 
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -8,14 +10,16 @@ import pytest
 import tiny as small
 import torch
 from same import assert_same
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tiny import learner as trainer
 from torch import Tensor, nn
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.config import Config
+from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
-from morlax_torch.runs.history import read_rows
-from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.history import best_row, read_rows
+from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
@@ -291,3 +295,49 @@ def test_worlds_that_an_older_version_saved_are_restored():
     ):
         other.load_state_dict(saved)
     assert (other.goal == 0).all()
+
+
+class Killed(BaseException):
+    """Ends training between two writes, as a kill does."""
+
+
+VOLUMES = (2.0, 3.0, 1.0)  # hypervolume by iteration
+
+
+SLOW = [pytest.param(n, marks=pytest.mark.slow) for n in (4, *range(6, 15))]
+
+
+@pytest.mark.parametrize("writes", [5, *SLOW])
+def test_a_kill_between_any_two_writes_leaves_the_best_checkpoint_with_its_row(
+    writes, tmp_path, monkeypatch
+):
+    """Of 14 writes: the run's three files, its folder, and five for each of two evaluations.
+
+    The resumed run evaluates only at its end, which is not the best.
+    """
+    usual, left = Path.replace, writes
+
+    def counted(file: Path, target: Path) -> Path:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise Killed
+        return usual(file, target)
+
+    volume = property(lambda evaluation: VOLUMES[evaluation.iteration])
+    monkeypatch.setattr(Evaluation, "selection_hypervolume", volume)
+    with monkeypatch.context() as patch, suppress(Killed):
+        patch.setattr(Path, "replace", counted)
+        train(tiny(**{"max_env_steps": 32, "evaluation.every": 32}), output=tmp_path / "run")
+    assert (left < 0) == (writes < 14)
+    run = train(tiny(**{"evaluation.every": 4096}), Run.open(tmp_path / "run"))
+    table, best = rows(run), checkpoint.load(run.checkpoints / "best.pt")
+    numbers = [int(row["iteration"]) for row in table]
+    assert numbers in ([0, 2], [0, 1, 2])
+    best_number = max(numbers, key=VOLUMES.__getitem__)
+    assert int(table[best_row(table)]["iteration"]) == best_number == best.learner["iteration"]
+    front = Front.load(run.folder / "front.npz")
+    assert front.checkpoint == "best.pt"
+    assert front.fingerprint == checkpoint.fingerprint(best.agent)
+    shown = EventAccumulator(str(run.folder)).Reload().Scalars("front/hypervolume")
+    assert [event.step for event in shown] == [int(row["env_steps"]) for row in table]

@@ -181,3 +181,13 @@ def test_warp_compiles_in_other_processes_before_the_first_step(task, device, ki
     assert done.returncode == 0, done.stderr
     ahead, later = map(int, done.stdout.split())
     assert (ahead < 10 and later > 20) if killed else (ahead > 20 and later == 0)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_names_with_umlauts_are_valid_in_an_ascii_locale(encoding, tmp_path):
+    ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    words = "-m", "morlax_torch", "play", "läufer"
+    done = python(tmp_path, *words, **ascii_only, PYTHONIOENCODING=encoding)
+    name = "läufer" if encoding == "utf-8" else r"l\xe4ufer"
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and name in done.stderr and "UTF-8" not in done.stderr

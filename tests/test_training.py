@@ -29,6 +29,7 @@ from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, training
+from morlax_torch.terminal.display import Display
 from morlax_torch.terminal.interrupt import exiting_on_signals, interruptible
 from morlax_torch.train import train
 
@@ -224,6 +225,23 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
     output = " ".join(capsys.readouterr().out.split())
     assert "interrupted" in output and "train --resume run" in output
     assert iterations(tmp_path / "run") >= 3
+
+
+def test_a_signal_after_the_limit_does_not_interrupt_the_run(tmp_path, monkeypatch, capsys):
+    evaluated = Display.evaluated
+
+    def signaled(display: Display, evaluation: Evaluation) -> None:
+        evaluated(display, evaluation)
+        if evaluation.env_steps == 640:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Display, "evaluated", signaled)
+    monkeypatch.setattr(sys, "argv", ["train", *map(str, HOPPER), "--max-env-steps", "640"])
+    train_command.main()
+    output = " ".join(capsys.readouterr().out.split())
+    assert "done: 640 steps" in output and "interrupted" not in output
+    assert "morlax evaluate run" in output
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's /proc")

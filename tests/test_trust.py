@@ -1,5 +1,6 @@
 """A run's files execute no code by themselves."""
 
+import shutil
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -68,6 +69,34 @@ def test_no_command_runs_code_that_only_a_file_names(hostile, name, monkeypatch)
     with pytest.raises(MorlaxError, match=r"would run the code of .*robot.py:Robot.*--trust"):
         command([name, *COMMANDS[name]])
     assert not Path("sprung").exists()
+
+
+@pytest.fixture
+def hostile_copy(hostile) -> Path:
+    """A run whose own copy of a harmless task that the user trusts leaves a trace when it runs."""
+    robot = hostile.parent / "robot.py"
+    (hostile / "task").mkdir()
+    shutil.copy(robot, hostile / "task")
+    robot.write_text(robot.read_text().replace(".touch()", ""))
+    envs.get(f"{robot}:Robot")
+    return hostile
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("original", ["edited", "missing"])
+@pytest.mark.filterwarnings("ignore:.*is not as it was:UserWarning")
+def test_no_command_runs_a_copy_in_a_run_because_its_original_is_trusted(
+    name, original, hostile_copy, monkeypatch
+):
+    monkeypatch.chdir(hostile_copy.parent)
+    if original == "missing":
+        Path("robot.py").unlink()
+    with pytest.raises(MorlaxError, match=r"would run the code of .*task/robot.py:Robot.*--trust"):
+        command([name, *COMMANDS[name]])
+    assert not Path("sprung").exists()
+    if name == "train":
+        command(["evaluate", "run", "--device", "cpu", "--trust", "--tradeoffs", "4"])
+        assert Path("sprung").exists()
 
 
 def test_from_python_a_file_is_trusted_by_saying_so(hostile):

@@ -13,7 +13,7 @@ from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.named_numbers import AtLeast, AtMost, limits
 from ..terminal.startup import program
-from ..terminal.task_arguments import Device, RunName, Trust, call
+from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice, Requirements
@@ -35,6 +35,7 @@ def command(arguments: Sequence[str]) -> None:
         card: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html")] = None,
         device: Device = None,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Find the trade-off that maximizes one value while others keep requirements.
 
@@ -65,8 +66,7 @@ def command(arguments: Sequence[str]) -> None:
             from ..runs.choosing import choose
             from ..runs.loading import find_checkpoint, trust_run
 
-            if trust:
-                trust_run(run)
+            trust_run(run, trust, env)
             if bookmark is not None:
                 bookmarks.check_bookmark(run, bookmark)
             if card is not None and card.suffix != ".html":
@@ -91,7 +91,7 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(f"written: {file}", soft_wrap=True)
             weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
         cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
-        export, explore = _commands(run, weights, trust)
+        export, explore = _commands(run, weights, trust, env)
         if card is not None:
             with Live():
                 page = _card(run, choice, required, seed, device, (export, explore))
@@ -103,9 +103,11 @@ def command(arguments: Sequence[str]) -> None:
     call(main, arguments, program("choose"))
 
 
-def _commands(run: str, weights: str, trust: bool) -> tuple[str, str]:
+def _commands(run: str, weights: str, trust: bool, env: str | None) -> tuple[str, str]:
     """Return the command lines that export and show the policy."""
     named = shlex.quote(run) + (" --trust" if trust else "")
+    if env is not None:
+        named += f" --env {shlex.quote(env)}"
     export = f"{program('export')} {named} --tradeoff {weights}"
     return export, f"{program('explore')} {named}"
 

@@ -15,7 +15,7 @@ from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.named_numbers import AtLeast, AtMost, limits
 from ..terminal.startup import program
-from ..terminal.task_arguments import Device, RunName, Trust, call
+from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
 
 FILES = "designs.csv", "designs.png", "designs.pdf", "body.xml", "body.pt"
 
@@ -39,6 +39,7 @@ def command(arguments: Sequence[str]) -> None:
         output: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
         device: Device = None,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Search over bodies and trade-offs of a run that was trained with many bodies.
 
@@ -75,7 +76,7 @@ def command(arguments: Sequence[str]) -> None:
             from ..runs.loading import load, own_folder
             from ..tuning.designs import Designer
 
-            policy = load(run, resolve_device(device), trust=trust)
+            policy = load(run, resolve_device(device), trust=trust, env=env)
             designer = Designer(policy, seed)
             folder = output or (own_folder(run) or Path()) / "designs"
             make_folder(folder)
@@ -160,6 +161,7 @@ def _write(
     from ..evaluation.figures import designs_figure
     from ..evaluation.figures import save as save_figure
     from ..runs.loading import save
+    from ..runs.references import copy_files
 
     names = [f"weight of {name}" for name in designer.policy.objectives]
     values = (*designer.policy.objectives, *designer.quantities)
@@ -179,6 +181,7 @@ def _write(
     write_file(folder / "designs.csv", table.getvalue())
     write_file(folder / "body.xml", mjcf(get(designer.policy.config.env), design))
     save(designer.policy.for_design(design).cpu(), folder / "body.pt")
+    copy_files(designer.policy.config, folder)
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 import copy
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,12 +14,13 @@ from ..phases import phase
 from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.startup import program
-from ..terminal.task_arguments import Device, Trust, call
+from ..terminal.task_arguments import Device, Moved, Trust, call
 
 PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 
 if TYPE_CHECKING:
     from ..networks.policy import Policy
+    from ..reports.comparison import Evaluated
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -38,6 +39,7 @@ def command(arguments: Sequence[str]) -> None:
         reference: str | None = None,
         output: Path | None = None,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Evaluate the policies of many trade-offs and print the indicators.
 
@@ -76,7 +78,15 @@ def command(arguments: Sequence[str]) -> None:
             from ..reports.evaluating import evaluate_runs, table  # imports torch
             from ..reports.verdict import verdict_of
 
-            found, folder = evaluate_runs(
+            def show(found: "Mapping[str, Evaluated]") -> None:
+                cli.console.print(verdict_of(found), markup=False, highlight=False)
+                cli.console.print(table(found))
+                names = ", ".join(
+                    f"{run.front.checkpoint} of {name}" for name, run in found.items()
+                )
+                cli.console.print(f"evaluated: {names}")
+
+            _, folder = evaluate_runs(
                 runs,
                 typed,
                 tradeoffs=tradeoffs,
@@ -88,12 +98,10 @@ def command(arguments: Sequence[str]) -> None:
                 reference=reference,
                 output=output,
                 trust=trust,
+                env=env,
                 portrait=_portrait,
+                show=show,
             )
-        cli.console.print(verdict_of(found), markup=False, highlight=False)
-        cli.console.print(table(found))
-        names = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in found.items())
-        cli.console.print(f"evaluated: {names}")
         cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
     call(main, arguments, program("evaluate"))

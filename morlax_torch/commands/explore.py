@@ -10,7 +10,7 @@ from ..terminal import cli
 from ..terminal.interrupt import interruptible
 from ..terminal.live import Live
 from ..terminal.startup import program
-from ..terminal.task_arguments import Host, Port, Trust, call
+from ..terminal.task_arguments import Host, Moved, Port, Trust, call
 from ..viewers.explorer.opening import free_port, importing_page
 
 
@@ -54,6 +54,7 @@ def command(arguments: Sequence[str]) -> None:
         host: Host = "127.0.0.1",
         port: Port = 8080,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Serve a page that shows a robot live, with a slider for each objective.
 
@@ -65,8 +66,7 @@ def command(arguments: Sequence[str]) -> None:
         from ..viewers.explorer import library
 
         chosen = run or library.first()
-        if trust:
-            trust_run(chosen)
+        trust_run(chosen, trust, env)
         explore(chosen, host, port)
         cli.skip_teardown()  # which would wait for the thread of a search
 

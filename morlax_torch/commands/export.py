@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.startup import program
-from ..terminal.task_arguments import RunName, Trust, call
+from ..terminal.task_arguments import Moved, RunName, Trust, call
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -22,6 +22,7 @@ def command(arguments: Sequence[str]) -> None:
         output: Path | None = None,
         slew: float | None = None,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Write the policy of a trade-off to a file that runs without this package.
 
@@ -52,10 +53,10 @@ def command(arguments: Sequence[str]) -> None:
             from ..exports.manifest import provenance, robot_of
             from ..files import make_folder
             from ..runs.bookmarks import tradeoff_of
-            from ..runs.loading import load, own_folder
+            from ..runs.loading import load, objectives_of, own_folder
 
-            policy = load(run, trust=trust)
-            weights = None if tradeoff is None else tradeoff_of(tradeoff, run, policy.objectives)
+            weights = None if tradeoff is None else tradeoff_of(tradeoff, run, objectives_of(run))
+            policy = load(run, trust=trust, env=env)
             name = ("family" if weights is None else "policy") + FORMATS[format].ending
             place = output or (own_folder(run) or Path()) / name
             robot, about = robot_of(policy), {"run": provenance(run)}

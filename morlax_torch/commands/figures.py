@@ -9,7 +9,7 @@ import tyro
 from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.startup import program
-from ..terminal.task_arguments import Trust, call
+from ..terminal.task_arguments import Moved, Trust, call
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -23,6 +23,7 @@ def command(arguments: Sequence[str]) -> None:
         width: float | None = None,
         output: Path = Path("figures"),
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Write figures of evaluated runs for a paper, and a table of their indicators.
 
@@ -45,8 +46,8 @@ def command(arguments: Sequence[str]) -> None:
         from ..reports.printing import write_figures  # imports torch
         from ..runs.loading import trust_run
 
-        for run in runs if trust else ():
-            trust_run(run)
+        for run in runs:
+            trust_run(run, trust, env)
         write_figures(runs, output, style, width)
         cli.console.print(f"written: {output}/indicators.tex and figures (pdf, svg)")
 

@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from ..terminal.task_arguments import Moved, call
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -20,6 +20,7 @@ def command(arguments: Sequence[str]) -> None:
         web: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
         device: str | None = None,
         trust: bool = False,
+        env: Moved = None,
     ) -> None:
         """Share runs: a run as a small folder (RUN FOLDER), or runs as a web page (RUN ... --web).
 
@@ -46,9 +47,8 @@ def command(arguments: Sequence[str]) -> None:
         with Live():
             from ..runs.loading import trust_run  # imports torch
 
-            if trust:
-                for run in runs:
-                    trust_run(run)
+            for run in runs:
+                trust_run(run, trust, env)
             if web:
                 _write_page(runs, web, device)
             else:

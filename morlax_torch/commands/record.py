@@ -10,7 +10,7 @@ from ..terminal import cli
 from ..terminal.live import Live
 from ..terminal.named_numbers import numbers
 from ..terminal.startup import program
-from ..terminal.task_arguments import RunName, Trust, call
+from ..terminal.task_arguments import Moved, RunName, Trust, call
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -31,6 +31,7 @@ def command(arguments: Sequence[str]) -> None:
         seed: int = 0,
         sweep: bool = False,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Record the robot under several trade-offs side by side, with its running returns.
 
@@ -58,13 +59,14 @@ def command(arguments: Sequence[str]) -> None:
         with Live():
             from ..runs.bookmarks import tradeoff_of
             from ..runs.fronts import load_front
-            from ..runs.loading import find_run, load, own_folder  # imports torch
+            from ..runs.loading import find_run, load, objectives_of, own_folder  # imports torch
             from ..viewers.filming.recording import record
 
-            policy = load(run, trust=trust)
+            objectives = objectives_of(run)
+            tradeoffs = [tradeoff_of(text, run, objectives) for text in tradeoff]
+            policy = load(run, trust=trust, env=env)
             folder, shipped = own_folder(run), Path(f"{find_run(run).name}.mp4")
             place = output or (folder / "film.mp4" if folder else shipped)
-            tradeoffs = [tradeoff_of(text, run, policy.objectives) for text in tradeoff]
             front = load_front(run) if sweep else None
             bodies = [numbers(text, "--body thigh=0.4,calf=0.3") for text in body]
             sizes = width, height, pictures

@@ -12,7 +12,7 @@ from ..terminal import cli
 from ..terminal.interrupt import interruptible
 from ..terminal.live import Live
 from ..terminal.startup import program
-from ..terminal.task_arguments import Host, Port, Trust, call
+from ..terminal.task_arguments import Host, Moved, Port, Trust, call
 from ..viewers.explorer.opening import free_port, importing_page
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def command(arguments: Sequence[str]) -> None:
         host: Host = "127.0.0.1",
         port: Port = 8080,
         trust: Trust = False,
+        env: Moved = None,
     ) -> None:
         """Learn a reward from comparisons of a run's clips, and write a config to train with it.
 
@@ -49,8 +50,7 @@ def command(arguments: Sequence[str]) -> None:
             from ..preferences.teaching import Lesson
             from ..runs.loading import trust_run
 
-            if trust:
-                trust_run(run)
+            trust_run(run, trust, env)
             if serves:
                 port = free_port(host, port)
             lesson = Lesson(run, folder, objective, clips, seed)

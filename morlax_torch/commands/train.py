@@ -27,12 +27,14 @@ def command(arguments: Sequence[str]) -> None:
 
         session = Session.of(config, run, output)
     assert session.run is not None
-    gather = session.learner.group.gather
+    gather, ended = session.learner.group.gather, False
 
     def stopped() -> bool:
+        nonlocal ended
         if received := max(gather(interrupted.signal)):
             interrupted.signal = received  # a signal to one process ends all
-        return received > 0
+            ended = True  # a later signal finds a run that has reached its limit
+        return ended
 
     with (
         interruptible() as interrupted,
@@ -41,8 +43,8 @@ def command(arguments: Sequence[str]) -> None:
     ):
         for evaluation in evaluations:
             display.evaluated(evaluation)
-        display.finished(interrupted())
-    if interrupted():
+        display.finished(ended)
+    if ended:
         sys.exit(interrupted.exit_status)
 
 

@@ -11,8 +11,13 @@ from .. import envs
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import is_file
-from ..files import AnyPath, read
+from ..files import AnyPath, read, write_file
 from ..torchrun import PROCESSES
+
+RECORD = """\
+# A record: the checkpoints hold the config that counts. Only --resume reads this file, for the
+# limits, evaluation, device and backend. --env FILE.py:CLASS names a task that has moved.
+"""
 
 
 def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:
@@ -129,6 +134,11 @@ class _UniqueKeys(yaml.SafeLoader):
 def write_yaml(config: BaseModel) -> str:
     """Return a config as YAML, which `read_yaml` reads."""
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def write_record(config: BaseModel, folder: Path) -> None:
+    """Write the config.yaml of a run's folder, with what an edit of it can change."""
+    write_file(folder / "config.yaml", RECORD + write_yaml(config))
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:

@@ -71,6 +71,7 @@ class Evaluator:
         tradeoffs = share(tradeoffs, seeds * sets, group)
         if env.auto_reset or env.num_worlds != len(tradeoffs):
             raise ValueError("an evaluator needs a world per episode, and auto_reset=False")
+        agent.check_sizes(env)
         # common random numbers: a trade-off's k-th episode draws what that of another one draws
         episodes = torch.arange(len(self._points) * sets) // (len(self._points) // seeds)
         env.share_draws(episodes[group.rank :: group.size], SETS * seeds)

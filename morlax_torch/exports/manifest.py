@@ -22,7 +22,9 @@ STEP = 2**-6  # of an action, to measure the slope of its control; exact in bina
 def robot_of(policy: Policy) -> Robot:
     """Make one robot of the policy's task."""
     config = policy.config
-    return envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
+    robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
+    policy.agent.check_sizes(robot)
+    return robot
 
 
 def manifest(

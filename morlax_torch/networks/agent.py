@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs
-from ..envs import MorlaxError
+from ..envs import MorlaxError, Worlds
 from ..envs.worlds.designs import DesignParameter, DesignSpace
 from ..envs.worlds.mirror import Mirror, Reflection
 from .conditioned import Conditioned
@@ -191,6 +191,16 @@ class Agent(nn.Module):
         reflection = mirror.observation if mirror and sizes.symmetric else None
         self.observation_normalizer = Normalizer(whole, rows, reflection)
         self.value_normalizer = Normalizer(num_values, rows)
+
+    def check_sizes(self, env: Worlds) -> None:
+        """Raise MorlaxError unless policies can act in these worlds."""
+        sizes = self.observation_size, self.action_size
+        if sizes != (env.observation_size, env.action_size):
+            raise MorlaxError(
+                f"the policies take {sizes[0]} observations and return {sizes[1]} actions, but the "
+                f"task has {env.observation_size} and {env.action_size}: it has changed since they "
+                "were trained. Restore its files, or train anew."
+            )
 
     def own_networks(self) -> dict[str, dict[str, list[int]]]:
         """Return the parameter shapes of user-made networks: network -> parameter -> shape."""

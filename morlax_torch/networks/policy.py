@@ -27,6 +27,8 @@ class Policy(nn.Module):
         MorlaxError: an observation or trade-off has the wrong shape, type or numbers.
     """
 
+    model_fingerprint: Mapping[str, str] = {}  # of the MuJoCo model trained with; empty: unknown
+
     def __init__(self, agent: Agent, config: Config, objectives: Sequence[str]):
         super().__init__()
         self.agent, self.config, self.objectives = agent, config, tuple(objectives)

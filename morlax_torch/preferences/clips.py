@@ -46,6 +46,7 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
     options = config.task.for_evaluation().model_dump()
     env = envs.make(config.env, number, "cpu", "mujoco", seed, auto_reset=False, **options)
     assert isinstance(env, Environment)
+    policy.agent.check_sizes(env)
     length, steps = max(1, round(SECONDS / env.dt)), min(env.episode_length, LONGEST)
     actors = policy.agent.actors(dirichlet_tradeoffs(number, m, seed=seed))
     generator = torch.Generator().manual_seed(seed)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError
+from ..envs.naming import movable
 from ..evaluation import pareto
 from ..evaluation.front import Front
 from ..files import AnyPath, read
@@ -62,7 +63,7 @@ def check_comparable(policies: Mapping[str, Policy]) -> None:
     """Raise MorlaxError unless the returns of policies, given by name, can be compared."""
     (first, one), *others = policies.items()
     for name, other in others:
-        if one.config.env != other.config.env:
+        if movable(one.config.env) != movable(other.config.env):
             raise MorlaxError(
                 f"{first} is a run of {one.config.env!r} and {name} of {other.config.env!r}: "
                 "compare runs of one task only."

@@ -19,7 +19,7 @@ from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
 from ..runs.history import History
-from ..runs.loading import find_checkpoint, find_run, load, own_folder, trust_run
+from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
 from . import comparison
 from .comparison import Evaluated
 from .html import number
@@ -46,7 +46,9 @@ def evaluate_runs(
     reference: str | None = None,
     output: Path | None = None,
     trust: bool = False,
+    env: str | None = None,
     portrait: Callable[[Policy], bytes | None] = lambda policy: None,
+    show: Callable[[Mapping[str, Evaluated]], None] = lambda found: None,
 ) -> tuple[dict[str, Evaluated], Path]:
     """Evaluate runs and write fronts, figures, indicators and a report.
 
@@ -54,6 +56,7 @@ def evaluate_runs(
         runs: run folders, checkpoint files, or shipped policies.
         typed: the command, for the report; see `evaluate --help` for the other arguments.
         portrait: draws the robot of a policy as a PNG; None: it cannot be drawn.
+        show: called with the evaluations by name before anything is written.
 
     Returns:
         The evaluations by name, and the folder that they were written to.
@@ -61,8 +64,8 @@ def evaluate_runs(
     Raises:
         MorlaxError: a run or the reference cannot be loaded, or they cannot be compared.
     """
-    for run in runs if trust else ():
-        trust_run(run)
+    for run in runs:
+        trust_run(run, trust, env)
     place = resolve_device(device)
     named = dict(zip(comparison.names(runs), runs, strict=True))
     policies = {name: load(run, place) for name, run in named.items()}
@@ -93,7 +96,9 @@ def evaluate_runs(
     for name, run in named.items():
         about_run = histories[name], comparison.measures(fronts[name], target), machines[name]
         found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
+    show(found)
     as_trained = protocol == first.config.evaluation.protocol
+    as_trained = as_trained and not is_changed(runs[0], first)
     folder = output or default_output(runs, as_trained)
     about = (
         f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on {place}, "
@@ -147,8 +152,8 @@ def reference_front(
 def default_output(runs: Sequence[str], as_trained: bool) -> Path:
     """Return the run's folder; for several runs or a shipped policy, evaluations/<time>.
 
-    So for a checkpoint that is not the run's best, and for another protocol than training's (not
-    `as_trained`): the files in its folder are of best.pt, evaluated as in training.
+    So for a checkpoint that is not the run's best, and for another protocol or model than in
+    training (not `as_trained`): the files in its folder are of best.pt, evaluated as in training.
     """
     folder, path = own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"

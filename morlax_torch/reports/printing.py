@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 from ..envs import MorlaxError
-from ..envs.naming import title
+from ..envs.naming import movable, title
 from ..evaluation import figures
 from ..evaluation.representatives import representatives
 from ..files import make_folder, write_file
@@ -112,7 +112,7 @@ def _grouped(found: Mapping[str, Evaluated]) -> dict[Row, dict[str, Evaluated]]:
     rows: dict[Row, dict[str, Evaluated]] = {}
     for name, run in found.items():
         config = run.policy.config
-        rows.setdefault((config.env, config.algorithm), {})[name] = run
+        rows.setdefault((movable(config.env), config.algorithm), {})[name] = run
     return rows
 
 

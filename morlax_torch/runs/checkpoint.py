@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import os
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,17 +16,21 @@ from torch import Tensor
 from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
+from ..envs import trust as trust_task
 from ..envs.errors import LONGEST, explained, shortened
+from ..envs.naming import is_file, movable
 from ..files import AnyPath, exists, is_folder, read, write_file
+from . import models
 from .contents import FORMAT, POLICY, Contents, Task, check_state
 from .progress import Progress
-from .references import check_code, localized, trust_code
+from .references import check_code, check_moved, localized, trust_code
 
 RUNS, LATEST = Path("runs"), "latest"
 
 
 def describe(env: Worlds) -> Task:
-    return Task.model_validate(env, from_attributes=True)
+    task = Task.model_validate(env, from_attributes=True)
+    return task.model_copy(update={"model_fingerprint": models.of_worlds(env)})
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:
@@ -122,19 +127,45 @@ def _check_sums(whole: IO[bytes]) -> None:
     whole.seek(0)
 
 
-def read_config(contents: Contents, path: Path, trust: bool = False) -> Config:
+def read_config(
+    contents: Contents, path: Path, trust: bool = False, env: str | None = None
+) -> Config:
     """Return the config of a checkpoint that was read from `path`; `trust` allows its code.
 
+    `env`: where the user says that the task's FILE.py:CLASS is.
+
     Raises:
-        MorlaxError: a value is wrong, or the config names code that is not trusted.
+        MorlaxError: a value is wrong, the task has moved, or the config names code that is not
+            trusted.
     """
+    if env is not None:
+        check_moved(contents.config["env"], env, path)
+        trust_task(env)
+    values = localized(contents.config, folder_of(path), env)
     if trust:
-        trust_code(contents.config)
-    check_code(contents.config, path)
+        trust_code(values)
+    _check_code(values, contents.config["env"], path)
     try:
-        return load_config(localized(contents.config, folder_of(path)))
+        return load_config(values)
     except MorlaxError as error:
         raise MorlaxError(f"the config in {path} does not fit: {error}") from None
+
+
+def _check_code(values: dict[str, Any], task: str, path: Path) -> None:
+    """Check that a config's code is there and trusted; the checkpoint at `path` names `task`."""
+    file, colon, member = task.rpartition(":")
+    missing = ""
+    if is_file(task) and colon and not os.path.isfile(file):
+        missing = f"there is no file {file}, which should define the task {member}"
+    if missing and values["env"] == task:
+        raise MorlaxError(
+            f"{missing} of {path}: name it where it is now, --env FILE.py:{member}, or from Python "
+            "load(..., env=...)."
+        )
+    try:
+        check_code(values, path)
+    except MorlaxError as error:
+        raise MorlaxError(f"{missing}, and {error}" if missing else str(error)) from None
 
 
 def newest_runs(folder: Path) -> list[Path]:
@@ -195,13 +226,15 @@ def restore(contents: Contents, path: Path, learner: Learner) -> None:
     if contents.learner is None:
         raise MorlaxError(f"{path} holds only policies, so training cannot continue from it.")
     task = contents.config["env"]
-    if task != config.env:
+    if movable(task) != movable(config.env):
         raise MorlaxError(f"{path} is of task {task!r}, not {config.env!r}.")
     for name, value in describe(env):
         found = getattr(contents.environment, name)
-        if found != value:
+        if name == "model_fingerprint":
+            models.warn(models.difference(found, value), path)
+        elif found != value:
             raise MorlaxError(f"{path} has {name} {found}, but the task has {value}.")
-    stored = read_config(contents, path)
+    stored = read_config(contents, path, env=config.env if is_file(config.env) else None)
     if (stored.worlds, stored.network) != (config.worlds, config.network):
         raise MorlaxError(
             f"{path} was made with other sizes (worlds {stored.worlds}, network "

@@ -54,6 +54,8 @@ class Task(BaseModel):
     action_size: Size
     privileged_size: Annotated[int, Field(ge=0, le=2**24)] = 0
     designs: dict[str, DesignParameter] = {}
+    model_fingerprint: dict[str, str] = {}
+    """Of the MuJoCo model, see `models.fingerprint`; empty: unknown."""
 
 
 class Contents(BaseModel):

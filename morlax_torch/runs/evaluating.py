@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ..configuration.files import write_yaml
+from ..configuration.files import write_record
 from ..configuration.sections import Protocol
 from ..envs import resolve_device
 from ..evaluation.front import Front
@@ -15,7 +15,7 @@ from .fronts import load_front
 from .hardware import read_machines, write_machines
 from .history import read_rows
 from .loading import find_checkpoint, find_run, load, save
-from .references import copy_reward
+from .references import copy_files
 
 
 def evaluate(
@@ -88,11 +88,11 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         front = front_of(run, policy, device)._replace(checkpoint="best.pt")
         save(policy.cpu(), draft / "checkpoints" / "best.pt")
         front.save(draft / "front.npz")
-        copy_reward(policy.config, draft)
+        copy_files(policy.config, draft)
         if (source / bookmarks.FILE).is_file():
             (draft / bookmarks.FILE).write_bytes(read(source / bookmarks.FILE, "bookmarks"))
         if machines:
             write_machines(draft, machines)
-        (draft / "config.yaml").write_text(write_yaml(policy.config))
+        write_record(policy.config, draft)
         (draft / "metrics.csv").write_bytes(metrics)
     return front

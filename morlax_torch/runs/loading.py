@@ -6,6 +6,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from .. import envs
 from ..algorithms.learner import Learner
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
@@ -13,9 +14,9 @@ from ..files import AnyPath, exists, is_file, is_folder
 from ..networks.agent import Agent
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
-from . import checkpoint
+from . import checkpoint, models
 from .contents import POLICY
-from .references import trust_code
+from .references import NAMES_CODE, check_moved, edited, localized, name_task, trust_code
 
 SHIPPED = Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
@@ -77,6 +78,7 @@ def load(
     actor: nn.Module | None = None,
     *,
     trust: bool = False,
+    env: str | None = None,
 ) -> Policy:
     """Load the policies of a run's folder, a checkpoint file, or a shipped name ("ant").
 
@@ -86,6 +88,7 @@ def load(
         actor: a module like the user-made actor of the run; its parameters do not matter.
         trust: allow the code that the checkpoint names: the FILE.py or module of its task, and the
             FILE.py of its scalarization.
+        env: FILE.py:CLASS of the task, where it is now; its code is trusted, too.
 
     Raises:
         MorlaxError: there is no checkpoint, it is damaged, it has another actor, or it names code
@@ -94,7 +97,8 @@ def load(
     place = resolve_device(device)
     path = find_checkpoint(run)
     contents = checkpoint.load(path)
-    config, task = checkpoint.read_config(contents, path, trust), contents.environment
+    config = checkpoint.read_config(contents, path, trust, env)
+    task = contents.environment
     agent = Agent(
         config,
         task.observation_size,
@@ -115,12 +119,48 @@ def load(
     except RuntimeError as error:
         reason = " ".join(str(error).split())[:LONGEST]
         raise MorlaxError(f"the networks in {path} do not fit its config: {reason}.") from None
-    return Policy(agent.to(place), config, task.objectives)
+    policy = Policy(agent.to(place), config, task.objectives)
+    policy.model_fingerprint = task.model_fingerprint
+    models.warn(_model_difference(policy), path)
+    return policy
 
 
-def trust_run(run: AnyPath) -> None:
-    """Allow runs to name the code that this run names, in this process."""
-    trust_code(checkpoint.load(find_checkpoint(run)).config)
+def _model_difference(policy: Policy) -> str:
+    """Return in which parts the model is not the one that a policy was trained with, or ""."""
+    stored, config = dict(policy.model_fingerprint), policy.config
+    if not stored:
+        return ""
+    return models.difference(stored, models.of_task(envs.get(config.env), config.task))
+
+
+def is_changed(run: AnyPath, policy: Policy) -> bool:
+    """Return whether the task of a run's policy has changed since it was trained, if known."""
+    copies = checkpoint.folder_of(find_checkpoint(run)) / NAMES_CODE["env"]
+    return bool(_model_difference(policy) or edited(policy.config.env, copies.resolve()))
+
+
+def objectives_of(run: AnyPath) -> tuple[str, ...]:
+    """Return the objectives of a run from its checkpoint, without importing its task."""
+    return checkpoint.load(find_checkpoint(run)).environment.objectives
+
+
+def trust_run(run: AnyPath, trust: bool = True, env: str | None = None) -> None:
+    """Allow runs to name the code that this run names, in this process, if `trust`.
+
+    `env`: FILE.py:CLASS of the run's task, where it is now, from now on.
+
+    Raises:
+        MorlaxError: there is no such run, or its task is another one.
+    """
+    if not trust and env is None:
+        return
+    path = find_checkpoint(run)
+    config, folder = checkpoint.load(path).config, checkpoint.folder_of(path)
+    if env is not None:
+        check_moved(config["env"], env, path)
+        name_task(folder, env)
+    if trust:
+        trust_code(localized(config, folder))
 
 
 def save(policy: Policy, path: AnyPath) -> None:
@@ -139,6 +179,7 @@ def save(policy: Policy, path: AnyPath) -> None:
             "action_size": policy.agent.action_size,
             "privileged_size": policy.agent.privileged_size,
             "designs": {name: list(each) for name, each in policy.agent.designs.items()},
+            "model_fingerprint": dict(policy.model_fingerprint),
         },
         "own_networks": own,
         "policy": {name: value for name, value in state.items() if name.startswith(POLICY)},

@@ -15,10 +15,11 @@ from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
 from ..configuration.config import MAY_CHANGE, Config, differences, load_config
-from ..configuration.files import read_yaml, write_yaml
+from ..configuration.files import read_yaml, write_record
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..envs.naming import title
+from ..envs.naming import movable, title
+from ..evaluation.front import Front
 from ..files import (
     AnyPath,
     Taken,
@@ -26,6 +27,7 @@ from ..files import (
     is_file,
     is_folder,
     making,
+    read,
     remove_drafts,
     unused,
     write_file,
@@ -33,9 +35,9 @@ from ..files import (
 from . import checkpoint
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
-from .history import read_rows
+from .history import BEST, read_rows
 from .progress import Evaluation, Progress
-from .references import copy_reward, localized
+from .references import NAMES_CODE, copy_files, localized
 
 if TYPE_CHECKING:
     from .tensorboard import Events
@@ -84,10 +86,11 @@ def taken(folder: Path) -> MorlaxError:
 
 def _begin(folder: Path, learner: Learner, contents: dict[str, Any]) -> None:
     (folder / "checkpoints").mkdir()
-    checkpoint.write_snapshot(folder / "checkpoints" / "latest.pt", contents, Progress())
-    write_file(folder / "config.yaml", write_yaml(learner.config))
+    latest, progress = folder / "checkpoints" / "latest.pt", Progress(evaluated=False)
+    checkpoint.write_snapshot(latest, contents, progress)
+    write_record(learner.config, folder)
     write_machines(folder, [this_machine(learner)])
-    copy_reward(learner.config, folder)
+    copy_files(learner.config, folder)
 
 
 class Run:
@@ -159,28 +162,33 @@ class Run:
             raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
         return cls(folder)
 
-    def config(self, trust: bool = False) -> Config:
+    def config(self, trust: bool = False, env: str | None = None) -> Config:
         """Return the config to resume the run with.
 
         It is that of the latest checkpoint, with the fields of MAY_CHANGE from config.yaml.
 
         Args:
             trust: allow the code that the config names.
+            env: FILE.py:CLASS of the task, where it is now.
 
         Raises:
             MorlaxError: a file is damaged, config.yaml was edited where it may not change, or the
                 config names code that is not trusted.
         """
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
-        values = localized(read_yaml(file), self.folder)
-        stored = checkpoint.read_config(checkpoint.load(path), path, trust)
+        values = read_yaml(file)
+        stored = checkpoint.read_config(checkpoint.load(path), path, trust, env)
         task = values.get("env")
-        if task != stored.env:
+        if not isinstance(task, str) or movable(task) != movable(stored.env):
             raise MorlaxError(
                 f"{path} is of task {stored.env!r}, not {shortened(task)}, as {file} says."
             )
+        for field in NAMES_CODE:
+            name = getattr(stored, field)
+            if movable(str(values.get(field))) == movable(name):
+                values[field] = name  # wherever it lies now
         try:
-            edited = load_config(values)
+            edited = load_config(localized(values, self.folder, stored.env))
         except MorlaxError as error:
             raise MorlaxError(f"{file} does not fit: {error}") from None
         found = differences(stored, edited)
@@ -201,7 +209,7 @@ class Run:
         contents = checkpoint.load(self.checkpoints / "latest.pt")
         metrics, reached = self.folder / "metrics.csv", contents.progress
         rows = read_rows(metrics) if metrics.exists() else []
-        if contents.learner is None or not rows:
+        if contents.learner is None or not rows or not reached.evaluated:
             return None
         if int(rows[-1]["iteration"]) != contents.learner.get("iteration"):
             return None  # its last evaluation is missing
@@ -226,23 +234,37 @@ class Run:
             contents = checkpoint.load(path)
             checkpoint.restore(contents, path, learner)
             if first:
-                self._clear_up(learner)
+                self._clear_up(learner, contents)
         except BaseException:
             self._lock.release()
             raise
         return _continued(contents, learner.config)
 
-    def _clear_up(self, learner: Learner) -> None:
-        """Drop what was logged after the checkpoint, and update config.yaml and hardware.yaml."""
+    def _clear_up(self, learner: Learner, contents: Contents) -> None:
+        """Drop what was logged after a checkpoint, and complete best.pt if it is the checkpoint.
+
+        Also update config.yaml and hardware.yaml.
+        """
         metrics, machines = self.folder / "metrics.csv", read_machines(self.folder)
-        if metrics.exists():
-            rows = read_rows(metrics)
-            self._rows = [row for row in rows if int(row["iteration"]) <= learner.iteration]
-        write_file(self.folder / "config.yaml", write_yaml(learner.config))
+        rows = read_rows(metrics) if metrics.exists() else []
+        last = learner.iteration if contents.progress.evaluated else learner.iteration - 1
+        self._rows = [row for row in rows if int(row["iteration"]) <= last]
+        dropped = [int(row["iteration"]) for row in rows[len(self._rows) :]]
+        if dropped:
+            self._write_rows()
+        repeats = not contents.progress.evaluated and learner.iteration in (0, *dropped)
+        self._purge_step = learner.env_steps + (0 if repeats else 1)
+        if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
+            mark = checkpoint.fingerprint(contents.agent)
+            names = "latest.pt", "best.pt"
+            latest, best = (_front_of(mark, self.checkpoints / name) for name in names)
+            if latest is not None and best is None:
+                self._save_best(latest)
+        write_record(learner.config, self.folder)
+        copy_files(learner.config, self.folder)
         write_machines(self.folder, resumed(machines, this_machine(learner)))
         for folder in (self.folder, self.checkpoints):
             remove_drafts(folder)
-        self._purge_step = learner.env_steps + 1
 
     @property
     def checkpoints(self) -> Path:
@@ -253,17 +275,24 @@ class Run:
     ) -> None:
         """Write a `checkpoint.snapshot` to latest.pt, and to best.pt too if it is the best.
 
-        Each has its front beside it, with the fingerprint of its policies, so that a program that
-        is killed in between leaves a front that is known to be of another checkpoint. `evaluation`
-        is that of the snapshot, if it was evaluated.
+        `evaluation` is that of the snapshot, if it was evaluated; its row is in metrics.csv
+        already. latest.pt decides whether it counts: a program that is killed before leaves a row
+        that `restore` drops, and one that is killed after it leaves the front from which `restore`
+        completes best.pt.
         """
-        best = evaluation is not None and evaluation.best
-        for name in ("best.pt", "latest.pt") if best else ("latest.pt",):
-            path = self.checkpoints / name
-            checkpoint.write_snapshot(path, contents, progress)
-            if evaluation is not None:
-                front = evaluation.front._replace(checkpoint=name)
-                front.save(checkpoint.front_path(path))
+        path, iteration = self.checkpoints / "latest.pt", contents["learner"]["iteration"]
+        if evaluation is not None:
+            _save_front(evaluation.front, path)
+        evaluated = {"evaluated": self.has_evaluation(iteration)}
+        checkpoint.write_snapshot(path, contents, progress.model_copy(update=evaluated))
+        if evaluation is not None and evaluation.best:
+            self._save_best(evaluation.front)
+
+    def _save_best(self, front: Front) -> None:
+        """Make the latest checkpoint, with this front, the best one."""
+        best = self.checkpoints / "best.pt"
+        write_file(best, read(self.checkpoints / "latest.pt", "checkpoint"))
+        _save_front(front, best)
 
     def has_evaluation(self, iteration: int) -> bool:
         """Return whether metrics.csv has a row for this iteration."""
@@ -280,13 +309,18 @@ class Run:
         """Write an evaluation of a `task`: events and a row of metrics.csv."""
         with self._written() as events:
             events.log_evaluation(evaluation, task, _shows_pictures(len(self._rows)))
-        row = evaluation.row()
-        self._rows.append(row)
-        table = io.StringIO()
-        writer = csv.DictWriter(table, dict.fromkeys(chain(row, *self._rows)))
+        self._rows.append(evaluation.row())
+        self._write_rows()
+
+    def _write_rows(self) -> None:
+        metrics, table = self.folder / "metrics.csv", io.StringIO()
+        if not self._rows:
+            metrics.unlink(missing_ok=True)
+            return
+        writer = csv.DictWriter(table, dict.fromkeys(chain(self._rows[-1], *self._rows)))
         writer.writeheader()
         writer.writerows(self._rows)
-        write_file(self.folder / "metrics.csv", table.getvalue())
+        write_file(metrics, table.getvalue())
 
     @contextmanager
     def _written(self) -> "Iterator[Events]":
@@ -314,6 +348,19 @@ class Run:
         except MorlaxError:
             if kind is None or issubclass(kind, GeneratorExit):
                 raise  # else on a full disk this error would hide the first one
+
+
+def _save_front(front: Front, path: Path) -> None:
+    """Write the front of a checkpoint beside it."""
+    front._replace(checkpoint=path.name).save(checkpoint.front_path(path))
+
+
+def _front_of(mark: str, path: Path) -> Front | None:
+    """Return the front beside a checkpoint, if it is of the policies of this fingerprint."""
+    with suppress(MorlaxError):  # it is missing or damaged
+        front = Front.load(checkpoint.front_path(path))
+        return front if front.fingerprint == mark else None
+    return None
 
 
 def _continued(contents: Contents, config: Config) -> Progress:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from .. import envs
 from ..configuration.config import MAY_CHANGE, Config, differences, load_config
 from ..envs import MorlaxError
+from ..envs.naming import is_file
 from ..envs.worlds.options import Section
 from ..torchrun import FIRST, MAY_RESTART, launch
 from .startup import program
@@ -47,7 +48,9 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     run = _run(Path(early.resume)) if early.resume else None
     if run and early.env:
         envs.get(early.env)  # the user names this code
-    below = run.config("--trust" in arguments) if run else load_config(base_values(early))
+    moved = early.env if early.env and is_file(early.env) else None
+    trust = "--trust" in arguments
+    below = run.config(trust, moved) if run else load_config(base_values(early))
     own, values = line.parse(arguments, below)
     config = placed(values, below if run else None)
     found = differences(below, config) if run else []

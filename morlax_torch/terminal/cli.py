@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import NoReturn
@@ -13,7 +14,7 @@ from typing import NoReturn
 from rich.console import Console
 
 from ..envs import MorlaxError
-from ..envs.errors import words
+from ..envs.errors import MorlaxWarning, words
 from ..gpu.resources import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from ..version import __version__
@@ -23,6 +24,7 @@ from .startup import (
     collect_garbage_rarely,
     report_interrupts_in_one_line,
     share_busy_cores,
+    use_utf8,
 )
 
 GRACE = 2.0  # seconds
@@ -45,9 +47,16 @@ def print_command(why: str, command: str) -> None:
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
     """Run a command; a user's mistake prints one sentence and exits with status 2."""
+    use_utf8()
     collect_garbage_rarely()
     share_busy_cores()
     report_interrupts_in_one_line()
+    formatted = warnings.formatwarning
+    warnings.formatwarning = lambda message, category, *others: (
+        f"warning: {message}\n"
+        if issubclass(category, MorlaxWarning)
+        else formatted(message, category, *others)
+    )
     usual = threading.excepthook
     # if TensorBoard's writer thread fails, its next call raises the error here
     threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)

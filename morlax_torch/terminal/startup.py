@@ -1,6 +1,7 @@
 """Start of a command: when and how it was typed, its first line, garbage collection, Ctrl-C."""
 
 import gc
+import io
 import os
 import shlex
 import shutil
@@ -16,6 +17,7 @@ from ..torchrun import FIRST
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
 ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
 LOOKS = 5  # whether others run
+UTF8 = "PYTHONUTF8"  # environment variable
 START = 19  # position of a process's start in /proc/PID/stat, after its name in brackets
 
 
@@ -40,6 +42,20 @@ def program(name: str) -> str:
     if any(module.split(".")[0] == "morlax_torch" for module in modules):
         return f"python -m morlax_torch {name}"
     return f"morlax {name}"
+
+
+def use_utf8() -> None:
+    """Start this command anew in Python's UTF-8 mode, unless names of files are UTF-8 already.
+
+    In an ASCII locale, Python could neither decode other names nor write them into files. On an
+    output that is not UTF-8, such characters are escaped.
+    """
+    is_tried = os.environ.get(UTF8) == "1" or command_words() is None
+    if sys.getfilesystemencoding() != "utf-8" and not is_tried:
+        os.execve(sys.executable, sys.orig_argv, {**os.environ, UTF8: "1"})
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def collect_garbage_rarely() -> None:

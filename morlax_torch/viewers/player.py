@@ -27,6 +27,7 @@ class Player:
         self.policy = policy
         options = policy.config.task.for_evaluation().model_dump()
         self.env = env = envs.make_robot(policy.config.env, seed, **options)
+        policy.agent.check_sizes(env)
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
         self.tradeoff = tradeoff

@@ -10,6 +10,7 @@ from typing import Any
 from ...evaluation.requirements import shown
 from ...networks.policy import Policy
 from ...runs.loading import find_checkpoint, own_folder, save
+from ...runs.references import named_task
 from .library import Choice
 from .requests import Put
 from .session import Weights
@@ -60,6 +61,8 @@ class Saving:
         self._busy, self._text = True, doing
         # the checkpoint's code, if it names any, runs in this process already
         words = [sys.executable, "-m", f"morlax_torch.{command}", run, *arguments, "--trust"]
+        if moved := named_task(self._folder):
+            words += ["--env", moved]
         threading.Thread(target=self._execute, args=[words], daemon=True).start()
 
     def _execute(self, words: list[str]) -> None:

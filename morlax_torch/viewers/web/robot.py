@@ -81,7 +81,9 @@ def build(policy: Policy) -> tuple[Environment, WebModel]:
     options = options.model_copy(update={"randomization": nominal})
     model, described = compiled(lambda: task.compile_model(options), task.__name__)
     physics = PagePhysics(model, task.substeps)
-    return task(physics, options, 0, auto_reset=False), described
+    env = task(physics, options, 0, auto_reset=False)
+    policy.agent.check_sizes(env)
+    return env, described
 
 
 def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
