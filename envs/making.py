@@ -70,6 +70,11 @@ def check_seed(seed: int) -> None:
         raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
 
 
+def has_robot(name: str) -> bool:
+    """Return whether `make_robot` can make one, so that a task can be shown and exported."""
+    return name.startswith(MJLAB) or issubclass(get(name), Environment)
+
+
 def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
     """Make one world of a MuJoCo robot on the CPU, without automatic reset, to look at.
 
@@ -81,7 +86,7 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
 
         robot = robot_of(name)
         return robot(_checked(robot, task_options), 1, torch.device("cpu"), seed, auto_reset=False)
-    if not issubclass(get(name), Environment):
+    if not has_robot(name):
         raise MorlaxError(
             f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "
             "trained and evaluated."

@@ -165,6 +165,13 @@ def test_slow_worlds_get_a_hint_to_an_algorithm_of_few_steps(
     assert printed.count("--algorithm hyper-sac") == hints
 
 
+def test_the_next_command_may_run_the_code_of_the_task(workplace, capsys):
+    Path("mine.py").write_text("from morlax_torch import envs\n\nMine = envs.get('hopper')\n")
+    typed = ("train", "--env", "mine.py:Mine", *SMALL[2:], "--output", "run")
+    command(typed)
+    assert capsys.readouterr().out.endswith("evaluate run --trust\n")
+
+
 def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, capsys):
     returns = {"hopper": "0 4e4", "cheetah": None}
     for env, point in returns.items():

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Self
 
 from ..algorithms.learner import Learner
-from ..envs.naming import title
+from ..envs.naming import runs_code, title
 from ..evaluation.front import hypervolume_in
 from ..reports.verdict import unreached
 from ..runs.progress import Evaluation, Progress
+from ..runs.references import NAMES_CODE
 from ..runs.training import TRAINING
 from .cli import console, print_command
 from .live import Live, described
@@ -117,8 +118,9 @@ class Display:
         if self._unreached and not progress.best_hypervolume:
             console.print(f"{self._unreached}.")
         more = "train --resume" if interrupted else "evaluate"
-        folder = shlex.quote(str(self._folder))
-        print_command("next", f"{program(more)} {folder}")
+        folder, config = shlex.quote(str(self._folder)), self._learner.config
+        trust = " --trust" * any(runs_code(getattr(config, name)) for name in NAMES_CODE)
+        print_command("next", f"{program(more)} {folder}{trust}")
 
     def _described(self, name: str, share: float | None) -> str:
         """Say how far training is, how fast, and how long it will still take."""
