@@ -78,6 +78,11 @@ def _check_integer(name: str, value: object) -> None:
         raise MorlaxError(f"{name} is {shortened(value)}: it must be an integer.")
 
 
+def has_robot(name: str) -> bool:
+    """Return whether `make_robot` can make one, so that a task can be shown and exported."""
+    return name.startswith(MJLAB) or issubclass(get(name), Environment)
+
+
 def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
     """Make one world of a MuJoCo robot on the CPU, without automatic reset, to look at.
 
@@ -90,7 +95,7 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
 
         robot = robot_of(name)
         return robot(_checked(robot, task_options), 1, torch.device("cpu"), seed, auto_reset=False)
-    if not issubclass(get(name), Environment):
+    if not has_robot(name):
         raise MorlaxError(
             f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "
             "trained and evaluated."

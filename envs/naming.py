@@ -60,6 +60,14 @@ def trust(name: str) -> None:
     _TRUSTED.add(absolute(name))
 
 
+def runs_code(name: str) -> bool:
+    """Return whether importing the task `name` runs code that its user chose."""
+    return is_file(name) or any(
+        name.startswith(prefix) and ":" in name.removeprefix(prefix)
+        for prefix in (GYMNASIUM, MJLAB, PLAYGROUND)
+    )
+
+
 def check_trusted(name: str, source: object) -> None:
     """Check that the task `name`, which `source` names, may be imported.
 
@@ -71,11 +79,7 @@ def check_trusted(name: str, source: object) -> None:
     Raises:
         MorlaxError: the user has not allowed this code.
     """
-    runs_code = is_file(name) or any(
-        name.startswith(prefix) and ":" in name.removeprefix(prefix)
-        for prefix in (GYMNASIUM, MJLAB, PLAYGROUND)
-    )
-    if runs_code and absolute(name) not in _TRUSTED:
+    if runs_code(name) and absolute(name) not in _TRUSTED:
         raise MorlaxError(
             f"{source} would run the code of {name}: if you trust it, add --trust, or from Python "
             "load(..., trust=True)."

@@ -10,6 +10,8 @@ import torch
 from closed_form import PLACES, Quadratic
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
+from morlax_torch.__main__ import COMMANDS
+from morlax_torch.__main__ import command as run_command
 from morlax_torch.choose import choose
 from morlax_torch.commands.choose import command
 from morlax_torch.configuration.tradeoffs import parse_tradeoff
@@ -473,6 +475,21 @@ def test_without_a_gpu_a_task_that_needs_one_is_not_simulated(monkeypatch, capsy
     assert chosen == pytest.approx(expected.tradeoff, abs=1e-4)
     with pytest.raises(MorlaxError, match="leave it out"):
         choose("cheetah", {}, "energy", seeds=3, device="cpu")
+
+
+def test_only_commands_that_work_for_the_run_are_printed(three, monkeypatch, capsys):
+    """A task without a MuJoCo robot can neither be shown nor exported."""
+    card = three / "card.html"
+    typed = [str(three), "--maximize", "right", "--device", "cpu", "--card", str(card)]
+    monkeypatch.setattr("sys.argv", ["choose", *typed])
+    cli.run(command)
+    lines = capsys.readouterr().out.splitlines()
+    printed = [x.split(": ", 1)[1] for x in lines if "morlax_torch " in x or "morlax " in x]
+    assert printed and all(line in card.read_text() for line in printed)
+    for line in printed:
+        words = shlex.split(line)
+        name = next(i for i, word in enumerate(words) if word in COMMANDS)
+        run_command(words[name:])
 
 
 def test_a_decision_card_counts_quantities(measured):

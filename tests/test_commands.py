@@ -154,11 +154,43 @@ def test_a_mistake_in_a_config_file_prints_one_error(name, workplace, monkeypatc
     assert [path.name for path in workplace.iterdir()] == ["my.yaml"]
 
 
-def test_an_env_option_that_contradicts_the_config_file_is_refused(workplace, monkeypatch, capsys):
-    Path("my.yaml").write_text("env: ant\n")
-    with pytest.raises(SystemExit):
-        run(monkeypatch, train, "--config", "my.yaml", "--env", "hopper", "--device", "cpu")
-    assert "is for env 'ant', but --env says 'hopper'" in sentence(capsys)
+def test_a_config_file_of_another_task_works_like_its_copy(workplace, capsys):
+    text = "env: ant\nhorizon: 7\ntask: {reset_noise: 0.1}\ncpu: {worlds: 64}\n"
+    Path("ant.yaml").write_text(text)
+    Path("hopper.yaml").write_text(text.replace("ant", "hopper"))
+    copied = read("--config", "hopper.yaml", "--device", "cpu")
+    assert not capsys.readouterr().out
+    assert read("--config", "ant.yaml", "--env", "hopper", "--device", "cpu") == copied
+    assert capsys.readouterr().out == "ant.yaml is for ant: its values are used for hopper\n"
+    assert (copied.env, copied.horizon, copied.worlds) == ("hopper", 7, 64)
+
+
+def test_a_file_of_the_same_task_is_of_no_other_one(workplace, capsys):
+    (workplace / "there").mkdir()
+    Path("mine.py").write_text('from morlax_torch import envs\n\nMine = envs.get("hopper")\n')
+    Path("my.yaml").write_text("env: mine.py:Mine\n")
+    config = read("--config", "my.yaml", "--env", "there/../mine.py:Mine", "--device", "cpu")
+    assert config.env == f"{workplace}/mine.py:Mine" and not capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ("{njmx: 3}", "did you mean 'njmax'?"),
+        ("{objectives: {a: {vx: 1}, b: {vy: 1}}}", "unknown reward term 'vx'"),
+        ("{reset_noise: 0.1}", "leave reset_noise at 0"),
+    ],
+)
+def test_values_that_do_not_fit_another_task_are_one_sentence(
+    values, expected, workplace, monkeypatch, capsys
+):
+    Path("my.yaml").write_text(f"env: ant\ntask: {values}\n")
+    with pytest.raises(SystemExit) as exit:
+        run(monkeypatch, train, "--config", "my.yaml", "--env", "bruce", "--device", "cpu")
+    assert exit.value.code == 2
+    error = sentence(capsys)
+    assert error.count("error: ") == 1 and expected in error
+    assert [path.name for path in workplace.iterdir()] == ["my.yaml"]
 
 
 def test_a_folder_in_use_is_not_overwritten(trained, monkeypatch, capsys):

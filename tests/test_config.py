@@ -6,12 +6,14 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+from closed_form import Quadratic
 
 from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.configuration import files as config_files
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import file_values, task_values
 from morlax_torch.envs.registry import TASKS
+from morlax_torch.terminal import tune_arguments
 from morlax_torch.terminal.arguments import read
 
 
@@ -187,6 +189,54 @@ def test_the_command_line_names_the_algorithm_of_a_file(tmp_path):
         tuned = load_config(task_values("bruce", "cpu", algorithm))
         assert config.ppo.clip == 0.3
         assert config.sampling == tuned.sampling and config.algorithm == algorithm
+
+
+# options that repair what is wrong with the base that they change
+REPAIRED = {
+    "minibatches of a file": ("ppo: {minibatches: 7}", ("--ppo.minibatches", "8")),
+    "worlds of a file": ("worlds: 100", ("--worlds", "128")),
+    "one cluster": ("sampling: {clusters: 1}", ("--sampling.clusters", "8")),
+    "no limit": ("max_env_steps: null\nppo: {decay_fraction: 0.3}", ("--max-seconds", "9")),
+    "an unknown objective": ("scalarization: constrained:x", ("--scalarization", "linear")),
+    "seeds": ("evaluation: {seeds: 4}", ("--task.reset-noise", "0.1")),
+    "bodies": ("algorithm: hyper-morl\nsampling: {designs: 8}", ("--sampling.designs", "0")),
+    "a network": ("network: {type: independent}", ("--network.type", "dual")),
+    "an algorithm": ("network: {type: single}", ("--algorithm", "hyper-morl")),
+    "few trade-offs": ("evaluation: {tradeoffs: 2}", ("--evaluation.tradeoffs", "3"), "cheetah3"),
+}
+
+
+@pytest.mark.parametrize("name", REPAIRED)
+def test_options_are_checked_together_with_the_file_that_they_change(name, tmp_path):
+    text, options, env = (*REPAIRED[name], "hopper")[:3]
+    file = tmp_path / "my.yaml"
+    file.write_text(f"env: {env}\n{text}\n")
+    typed = ["--config", str(file), "--device", "cpu"]
+    if name != "an algorithm":  # which alone is valid
+        with pytest.raises(MorlaxError):
+            read(typed)
+    assert read([*typed, *options])[0] == load_config(read([*typed, *options])[0].model_dump())
+    assert tune_arguments.read([*typed, *(options if name != "no limit" else ())]).config.env == env
+
+
+def test_options_repair_the_defaults_of_a_task_with_many_objectives(monkeypatch):
+    class Many(Quadratic):
+        class Options(Quadratic.Options):
+            objectives: dict[str, dict[str, float]] = {
+                f"n{index}": {"left": 1.0} for index in range(30)
+            }
+
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    envs.register("many", Many)
+    typed = ["--env", "many", "--device", "cpu"]
+    with pytest.raises(MorlaxError, match=r"sampling.clusters \(8\) is less than the 30 corners"):
+        read(typed)
+    options = ["--sampling.clusters", "32", "--ppo.minibatches", "1"]
+    changes = {"sampling.clusters": 32, "ppo.minibatches": 1}
+    expected = config_for("many", device="cpu", **changes)
+    config = read([*typed, *options])[0]
+    assert config.sampling == expected.sampling and config.worlds == expected.worlds
+    assert tune_arguments.read([*typed, *options]).config.sampling == expected.sampling
 
 
 @pytest.mark.parametrize("env", ["cheetah", "walker", "hopper", "ant", "humanoid"])

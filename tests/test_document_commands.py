@@ -19,6 +19,7 @@ SHORT = (
 )
 NOT_RUN = {  # part of a command line: why no test runs it
     "pip install": "needs a network; .ci/run installs the package",
+    "pip uninstall": "removes what the tests need",
     "git clone": "needs a network",
     "apt-get": "needs root",
     "nvidia-smi": "needs a GPU",

@@ -29,6 +29,7 @@ from morlax_torch.reports.results import duration, steps
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.history import History
+from morlax_torch.terminal.arguments import read
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")
 THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"
@@ -291,6 +292,50 @@ def test_a_verdict_tells_the_most_serious_finding(name):
     said = verdict(front, None)
     assert expected in said
     assert said.endswith(".") and "  " not in said
+
+
+NO_FRONT = [(-2.153, -0.86), (-2.05, -1.359), (-2.1, -1.0)]
+SAFER = [(5, -30), (20, -90), (60, -250)]
+
+
+@pytest.mark.parametrize(("returns", "below"), [(NO_FRONT, [2]), (SAFER, [0, 2])])
+def test_a_verdict_names_a_reference_point_that_returns_exceed(returns, below):
+    """`below`: how many of the objectives' points may be lowered."""
+    front = front_of(returns)
+    said = verdict(front, None)
+    assert front.hypervolume == 0
+    assert said.startswith("No policy exceeds the reference point (run 0, energy 0) in every")
+    assert "train longer" not in said and "pays" not in said
+    option = re.search(r"--task\.reference-point ((?: ?-?[\d.]+)+)[, ]", said)
+    point = np.array(option.group(1).split(), dtype=float)
+    worst = front.returns.min(0)
+    assert (point < worst).all() and (worst - point < 0.2 * abs(worst).max()).all()
+    assert front._replace(reference_point=point).hypervolume > 0
+    config = read(["--env", "cheetah", "--device", "cpu", *option.group().rstrip(", ").split()])[0]
+    assert config.task.reference_point == tuple(point)
+
+
+def test_a_verdict_tells_that_failing_early_pays():
+    for returns, falls, pays in (
+        (NO_FRONT, 0.5, "All returns of run and energy are negative"),
+        (SAFER, 1.0, "All returns of energy are negative"),
+        (SAFER, 0.0, None),  # episodes do not end early
+        ([(5, 3), (20, -1), (-1, 4)], 0.9, None),
+    ):
+        said = verdict(front_of(returns, falls), None)
+        if pays is None:
+            assert "pays" not in said
+        else:
+            assert f"{pays} and some episodes fail, so failing early pays" in said
+
+
+def test_a_protocol_with_a_point_of_its_own_names_no_option():
+    front = front_of([(-120, -150)])._replace(
+        reference_point=np.full(2, -100.0), protocol="discounted"
+    )
+    said = verdict(front, None)
+    assert "(run -100, energy -100)" in said and "--task" not in said
+    assert "--evaluation.protocol latched" in said
 
 
 def test_a_verdict_tells_whether_the_hypervolume_still_rises():

@@ -165,6 +165,30 @@ def test_slow_worlds_get_a_hint_to_an_algorithm_of_few_steps(
     assert printed.count("--algorithm hyper-sac") == hints
 
 
+def test_the_next_command_may_run_the_code_of_the_task(workplace, capsys):
+    Path("mine.py").write_text("from morlax_torch import envs\n\nMine = envs.get('hopper')\n")
+    typed = ("train", "--env", "mine.py:Mine", *SMALL[2:], "--output", "run")
+    command(typed)
+    assert capsys.readouterr().out.endswith("evaluate run --trust\n")
+
+
+def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, capsys):
+    returns = {"hopper": "0 4e4", "cheetah": None}
+    for env, point in returns.items():
+        option = ("--task.reference-point", *point.split()) if point else ()
+        command(["train", "--env", env, *SMALL[2:], *option, "--output", str(tmp_path / env)])
+        lines = capsys.readouterr().out.splitlines()
+        told = [line for line in lines if "No policy exceeds the reference point" in line]
+        if point is None:
+            assert not told
+            continue
+        first, last = (place for place, line in enumerate(lines) if line in told)
+        assert "(run 0, jump 40000)" in told[0] and "--task.reference-point 0 " in told[0]
+        assert lines[last - 1].startswith("done: ")
+        (untrained,) = (n for n, x in enumerate(lines) if x.split()[:2] == ["0", "0.0"])
+        assert first > untrained + 1  # which need not exceed it
+
+
 def test_a_pipe_gets_lines_between_evaluations(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(live, "LONGEST_SILENCE", 0.01)
     monkeypatch.chdir(tmp_path)

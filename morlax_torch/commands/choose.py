@@ -17,6 +17,7 @@ from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice, Requirements
+    from ..networks.policy import Policy
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -61,26 +62,21 @@ def command(arguments: Sequence[str]) -> None:
         """
         least, most = limits(at_least, at_most, constrain)
         with Live():
+            from ..envs.devices import resolve_device
             from ..evaluation.requirements import Requirements, shown
             from ..runs import bookmarks
-            from ..runs.choosing import choose
-            from ..runs.loading import find_checkpoint, trust_run
+            from ..runs.choosing import chooser
+            from ..runs.fronts import load_front
+            from ..runs.loading import find_checkpoint, load, trust_run
 
             trust_run(run, trust, env)
             if bookmark is not None:
                 bookmarks.check_bookmark(run, bookmark)
             if card is not None and card.suffix != ".html":
                 raise MorlaxError(f"the decision card {card} must end in .html.")
-            choice = choose(
-                run,
-                least,
-                maximize,
-                at_most=most,
-                margin=margin,
-                seeds=seeds,
-                seed=seed,
-                device=device,
-            )
+            policy = load(run, resolve_device(device), trust=trust)
+            choosing = chooser(policy, load_front(run), seeds, seed)
+            choice = choosing.choose(least, maximize, most, margin)
             required = Requirements.of(choice.names, least, most, maximize)
         _show(choice, required)
         weights = shown(choice.tradeoff)
@@ -91,46 +87,51 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(f"written: {file}", soft_wrap=True)
             weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
         cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
-        export, explore = _commands(run, weights, trust, env)
+        commands = _commands(run, weights, trust, env, policy.config.env)
         if card is not None:
             with Live():
-                page = _card(run, choice, required, seed, device, (export, explore))
+                page = _card(run, policy, choice, required, seed, list(commands.values()))
                 write_file(card, page.encode())
             cli.console.print(f"written: {card}", soft_wrap=True)
-        cli.print_command("to export the policy", export)
-        cli.print_command("to see the robot", explore)
+        for purpose, typed in commands.items():
+            cli.print_command(purpose, typed)
 
     call(main, arguments, program("choose"))
 
 
-def _commands(run: str, weights: str, trust: bool, env: str | None) -> tuple[str, str]:
-    """Return the command lines that export and show the policy."""
+def _commands(run: str, weights: str, trust: bool, moved: str | None, task: str) -> dict[str, str]:
+    """Return the command lines that use the policy, by their purpose."""
+    from ..envs.making import has_robot
+
     named = shlex.quote(run) + (" --trust" if trust else "")
-    if env is not None:
-        named += f" --env {shlex.quote(env)}"
-    export = f"{program('export')} {named} --tradeoff {weights}"
-    return export, f"{program('explore')} {named}"
+    if moved is not None:
+        named += f" --env {shlex.quote(moved)}"
+    if not has_robot(task):
+        return {"to evaluate the run": f"{program('evaluate')} {named}"}
+    return {
+        "to export the policy": f"{program('export')} {named} --tradeoff {weights}",
+        "to see the robot": f"{program('explore')} {named}",
+    }
 
 
 def _card(
     run: str,
+    policy: "Policy",
     choice: "Choice",
     required: "Requirements",
     seed: int,
-    device: str | None,
     commands: Sequence[str],
 ) -> str:
     """Simulate the choice under other conditions, and describe it."""
-    from ..envs.devices import resolve_device
+    from ..envs.making import has_robot
     from ..envs.naming import title
     from ..reports.card import card
     from ..runs.checkpoint import fingerprint
-    from ..runs.loading import find_checkpoint, load
+    from ..runs.loading import find_checkpoint
     from ..runs.trials import trials
     from ..version import __version__
     from ..viewers.filming.recording import strip
 
-    policy = load(run, resolve_device(device))
     tried = trials(policy, choice.tradeoff, seed)
     about = {
         "run": run,
@@ -138,9 +139,9 @@ def _card(
         "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
         "morlax-torch": __version__,
     }
-    picture = strip(policy.cpu(), choice.tradeoff)
-    name = title(policy.config.env)
-    return card(name, choice, required, tried, about, commands, picture)
+    env = policy.config.env
+    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
+    return card(title(env), choice, required, tried, about, commands, picture)
 
 
 def _show(choice: "Choice", required: "Requirements") -> None:

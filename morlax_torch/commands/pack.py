@@ -52,18 +52,19 @@ def command(arguments: Sequence[str]) -> None:
             if web:
                 _write_page(runs, web, device)
             else:
-                _pack(runs[0], Path(places[1]), device)
+                _pack(runs[0], Path(places[1]), device, trust)
 
     call(main, arguments, program("pack"))
 
 
-def _pack(run: str, output: Path, device: str | None) -> None:
+def _pack(run: str, output: Path, device: str | None, trust: bool) -> None:
     from ..runs.evaluating import pack
 
     front = pack(run, output, device)
     size = sum(path.stat().st_size for path in output.rglob("*.*")) / 1e6
     cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {output} ({size:.1f} MB)")
-    cli.print_command("use it", f"{program('evaluate')} {shlex.quote(str(output))}")
+    packed = shlex.quote(str(output)) + (" --trust" if trust else "")
+    cli.print_command("use it", f"{program('evaluate')} {packed}")
 
 
 def _write_page(runs: Sequence[str], folder: Path, device: str | None) -> None:

@@ -8,6 +8,7 @@ from pydantic import (
     Field,
     PositiveFloat,
     ValidationError,
+    ValidationInfo,
     create_model,
     field_validator,
     model_validator,
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
+DRAFT = "draft"  # context in which values are not checked together
 MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
 
 
@@ -165,7 +167,9 @@ class Config(Section):
         return 1 if self.ppo.critic == "scalar" else num_objectives
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _consistent(self, info: ValidationInfo) -> Self:
+        if info.context == DRAFT:
+            return self
         self._check_algorithm()
         self._check_scalarization()
         self.check_protocol(self.evaluation.protocol)
@@ -296,8 +300,10 @@ def _with_options(task: type[ObjectiveOptions], method: type[MethodOptions]) -> 
     )
 
 
-def load_config(values: dict[str, Any]) -> Config:
+def load_config(values: dict[str, Any], context: str | None = None) -> Config:
     """Check nested plain values, as in a YAML file, and return them as a config.
+
+    In the context `DRAFT`, each value is checked on its own, not whether they fit together.
 
     Raises:
         MorlaxError: an unknown key, a wrong type or a combination that cannot work.
@@ -306,7 +312,7 @@ def load_config(values: dict[str, Any]) -> Config:
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
     model = config_class(values["env"], algorithm_of(values))
     try:
-        return model.model_validate(renamed(values))
+        return model.model_validate(renamed(values), context=context)
     except ValidationError as error:
         raise explained(error, model) from None
 

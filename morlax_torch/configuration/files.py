@@ -61,20 +61,23 @@ def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
     return _fitted(merged(values, own), device_type)
 
 
-def file_values(path: Path, device_type: str, **given: str | None) -> dict[str, Any]:
+def file_values(
+    path: Path, device_type: str, env: str | None = None, algorithm: str | None = None
+) -> dict[str, Any]:
     """Return the values of a YAML file for "cuda" or "cpu" over those of its task and algorithm.
 
-    `given`: what the command line says of `env` and `algorithm`.
+    `env` and `algorithm` are those of the command line; another task may use the file's values.
 
     Raises:
-        MorlaxError: the file cannot be read, or says otherwise.
+        MorlaxError: the file cannot be read, or is for another algorithm.
     """
     values = renamed(_fitted(read_yaml(path), device_type))
-    for name, value in given.items():
-        if value is not None and values.setdefault(name, value) != value:
-            raise MorlaxError(
-                f"{path} is for {name} {values[name]!r}, but --{name} says {value!r}."
-            )
+    if algorithm is not None and values.setdefault("algorithm", algorithm) != algorithm:
+        raise MorlaxError(
+            f"{path} is for algorithm {values['algorithm']!r}, but --algorithm says {algorithm!r}."
+        )
+    if env is not None:
+        values["env"] = env
     if not isinstance(values.get("env"), str):
         return values
     return over_task_values(values["env"], values, device_type)

@@ -1,5 +1,6 @@
 """Say in a sentence or two how good a front is, and what to do next."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,6 +16,7 @@ SOME_FALLS = 0.05  # share of failed episodes that is worth a remark
 FEW = 0.05  # share of policies below which the front is poor
 NARROW = 0.05  # of an objective: range over the front, as a share of its distance to the reference
 RISING = 0.03  # gain of hypervolume in the last quarter of training, as a share
+BELOW = 0.05  # of a suggested reference point: distance to the worst return, as a share
 FEWEST = 4  # evaluations that show whether the hypervolume still rises
 
 
@@ -35,7 +37,10 @@ def verdict(front: Front, history: History | None) -> str:
         history: the training curve of its run (None: unknown).
     """
     rising = None if history is None else _rising(history)
-    if (problem := _problem(front)) is not None:
+    problem = _problem(front)
+    if (nothing := unreached(front)) is not None:
+        return f"{nothing}." if problem else f"{nothing}. {_gain(front)}."
+    if problem is not None:
         return f"{problem}. {rising}." if rising else f"{problem}."
     return f"{_gain(front)}. {rising}: {LONGER}." if rising else f"{_gain(front)}."
 
@@ -47,13 +52,62 @@ def _problem(front: Front) -> str | None:
     if best == 0:
         return "No policy has finite returns: check the rewards of the task"
     if (rate := _fall_rate(front)) > MOST_FALLS:
-        return f"{'Every episode fails' if rate == 1 else _falls(rate)}: {LONGER}"
+        fail = "Every episode fails" if rate == 1 else _falls(rate)
+        return f"{fail}: {LONGER}{_failing_pays(front)}"
     if best < K and best <= max(len(front.objectives), FEW * K):
         are = "policies is" if best == 1 else "policies are"
         return f"Only {best} of {K} {are} non-dominated: {remedy}"
     if narrow := _narrow(front):
         return f"The returns of the front hardly differ in {' and '.join(narrow)}: {remedy}"
     return None
+
+
+def unreached(front: Front) -> str | None:
+    """Say that no policy exceeds the reference point, and which one would be right.
+
+    None if a policy does, or if no policy has finite returns.
+    """
+    returns = front.returns[np.isfinite(front.returns).all(1)]
+    if not len(returns) or (returns > front.reference_point).all(1).any():
+        return None
+    point = zip(front.objectives, map(_plain, front.reference_point), strict=True)
+    said = (
+        f"No policy exceeds the reference point ({', '.join(map(' '.join, point))}) in every "
+        "objective, so the hypervolume is 0 and shows no progress"
+    )
+    if front.protocol == "discounted":  # whose point is the same for all tasks
+        return f"{said}: use --evaluation.protocol latched{_failing_pays(front)}"
+    worst = returns.min(0)
+    size = np.maximum(np.abs(worst), np.ptp(returns, axis=0))
+    lower = [_rounded_down(x - BELOW * (s or 1.0)) for x, s in zip(worst, size, strict=True)]
+    right = np.where(worst > front.reference_point, front.reference_point, lower)
+    return (
+        f"{said}: train with --task.reference-point {' '.join(map(_plain, right))}, slightly below "
+        f"the worst returns{_failing_pays(front)}"
+    )
+
+
+def _failing_pays(front: Front) -> str:
+    """Add a sentence if returns are negative and episodes can end early."""
+    finite = front.returns[np.isfinite(front.returns).all(1)]
+    costs = [name for name, own in zip(front.objectives, finite.T, strict=True) if own.max() < 0]
+    if not costs or _fall_rate(front) == 0:
+        return ""
+    return (
+        f". All returns of {' and '.join(costs)} are negative and some episodes fail, so failing "
+        "early pays: reward every step, as the term alive of some tasks does"
+    )
+
+
+def _rounded_down(value: float) -> float:
+    """Return the next lower number of two digits."""
+    digits = 1 - math.floor(math.log10(abs(value))) if value else 0
+    return round(math.floor(value * 10.0**digits) / 10.0**digits, digits)
+
+
+def _plain(value: float) -> str:
+    """Return a number without an exponent, which options could not read."""
+    return np.format_float_positional(value, precision=6, fractional=False, trim="-")
 
 
 def _fall_rate(front: Front) -> float:

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import envs
-from ..configuration.config import MAY_CHANGE, Config, differences, load_config
+from ..configuration.config import MAY_CHANGE, Config, differences
 from ..envs import MorlaxError
 from ..envs.naming import is_file
 from ..envs.worlds.options import Section
 from ..torchrun import FIRST, MAY_RESTART, launch
 from .startup import program
-from .task_arguments import CommandLine, asks_for_help, base_values, placed
+from .task_arguments import CommandLine, asks_for_help, draft, placed
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -49,8 +49,7 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     if run and early.env:
         envs.get(early.env)  # the user names this code
     moved = early.env if early.env and is_file(early.env) else None
-    trust = "--trust" in arguments
-    below = run.config(trust, moved) if run else load_config(base_values(early))
+    below = run.config("--trust" in arguments, moved) if run else draft(early)
     own, values = line.parse(arguments, below)
     config = placed(values, below if run else None)
     found = differences(below, config) if run else []

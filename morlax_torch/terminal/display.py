@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Self
 
 from ..algorithms.learner import Learner
-from ..envs.naming import title
+from ..envs.naming import runs_code, title
 from ..evaluation.front import hypervolume_in
+from ..reports.verdict import unreached
 from ..runs.progress import Evaluation, Progress
+from ..runs.references import NAMES_CODE
 from ..runs.training import TRAINING
 from .cli import console, print_command
 from .live import Live, described
@@ -28,6 +30,7 @@ class Display:
         self._live = Live(describe=self._described)
         self._named = False  # the columns
         self._hinted = False
+        self._unreached: str | None = None  # why the latest hypervolume of trained policies is 0
 
     def __enter__(self) -> Self:
         config, env = self._learner.config, self._learner.env
@@ -86,6 +89,11 @@ class Display:
             found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
         if found:
             console.print(f"{'':8}  blow-ups: {', '.join(found)}")
+        before, self._unreached = self._unreached, None
+        if evaluation.env_steps:  # untrained policies need not exceed the reference point
+            self._unreached = unreached(evaluation.front)
+        if self._unreached and not before:
+            console.print(f"{self._unreached}.")
         self._hint(row["steps_per_second"])
 
     def _hint(self, speed: float) -> None:
@@ -107,9 +115,12 @@ class Display:
             f"in {progress.train_seconds:.1f} s of training ({progress.total_seconds:.1f} s in "
             f"total), best hypervolume {progress.best_hypervolume:.4e}"
         )
+        if self._unreached and not progress.best_hypervolume:
+            console.print(f"{self._unreached}.")
         more = "train --resume" if interrupted else "evaluate"
-        folder = shlex.quote(str(self._folder))
-        print_command("next", f"{program(more)} {folder}")
+        folder, config = shlex.quote(str(self._folder)), self._learner.config
+        trust = " --trust" * any(runs_code(getattr(config, name)) for name in NAMES_CODE)
+        print_command("next", f"{program(more)} {folder}{trust}")
 
     def _described(self, name: str, share: float | None) -> str:
         """Say how far training is, how fast, and how long it will still take."""

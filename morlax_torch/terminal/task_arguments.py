@@ -21,10 +21,18 @@ from tyro.constructors import (
 )
 
 from .. import envs
-from ..configuration.config import Config, config_class, load_config
-from ..configuration.files import algorithm_of, default_values, file_values, task_values
+from ..configuration.config import DRAFT, Config, config_class, load_config
+from ..configuration.files import (
+    algorithm_of,
+    default_values,
+    file_values,
+    read_yaml,
+    task_values,
+)
 from ..envs import MorlaxError
+from ..envs.naming import absolute
 from ..envs.worlds.options import Section, TaskOptions
+from .cli import console
 
 FIRST = (  # options that the help lists first
     *("env", "resume", "output", "config", "trials", "seconds", "minutes", "workers", "seed"),
@@ -142,11 +150,14 @@ class CommandLine:
         return first.parse_known_args(arguments)[0]
 
     def parse(self, arguments: Sequence[str], below: Config) -> tuple[dict, dict[str, Any]]:
-        """Parse the command line over `below`: the command's own options, and a config's values."""
+        """Parse the command line over `below`: the command's own options, and a config's values.
+
+        Options may repair a base whose values do not fit together.
+        """
         kind = config_class(below.env, below.algorithm)
         model = create_model("Command", __base__=(self._options, kind), env=_env())
         about = f"{self._about} The defaults below are those of --env {below.env}, from configs/."
-        default = model.model_validate(below.model_dump())
+        default = model.model_validate(below.model_dump(), context=DRAFT)
         today = [RENAMED.get(argument, argument) for argument in arguments]
         values = parse(default, today, self._program, about)
         return {name: values.pop(name) for name in self._options.model_fields}, values
@@ -198,8 +209,12 @@ def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
     return load_config({**values, "device": str(place)})
 
 
-def base_values(early: argparse.Namespace) -> dict:
-    """Return the values of the file or task that the command line names."""
+def draft(early: argparse.Namespace) -> Config:
+    """Return the config of the file or task that the command line names, which it may repair."""
+    return load_config(_base_values(early), DRAFT)
+
+
+def _base_values(early: argparse.Namespace) -> dict[str, Any]:
     own: dict[str, Any] = {} if early.algorithm is None else {"algorithm": early.algorithm}
     if early.config is None:
         if early.env is None:
@@ -208,6 +223,9 @@ def base_values(early: argparse.Namespace) -> dict:
         envs.get(early.env)  # an unknown name is told before torch is imported
         device_type = envs.resolve_device(early.device).type
         return {**task_values(early.env, device_type, algorithm_of(own)), **own}
-    place = envs.resolve_device(early.device)
-    given = {"env": early.env, "algorithm": early.algorithm}
-    return file_values(Path(early.config), place.type, **given)
+    place, path = envs.resolve_device(early.device), Path(early.config)
+    values = file_values(path, place.type, early.env, early.algorithm)
+    named = read_yaml(path).get("env")
+    if early.env and isinstance(named, str) and absolute(named) != absolute(early.env):
+        console.print(f"{path} is for {named}: its values are used for {early.env}")
+    return values

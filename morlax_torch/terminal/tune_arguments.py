@@ -6,12 +6,12 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, PositiveFloat, ValidationError
 
-from ..configuration.config import Config, flat, load_config
+from ..configuration.config import Config, flat
 from ..envs import MorlaxError
 from ..envs.errors import explained
 from ..envs.worlds.options import Count, Section
 from .startup import program
-from .task_arguments import CommandLine, asks_for_help, base_values, placed
+from .task_arguments import CommandLine, asks_for_help, draft, placed
 
 ABOUT = "Search for a task's hyperparameters with Optuna."
 OURS = {  # options of a config that the search sets itself
@@ -61,17 +61,17 @@ def read(arguments: Sequence[str]) -> Request:
     early = line.early(arguments)
     if asks_for_help(arguments) and not (early.env or early.config):
         line.help_for_any_task(early.device)
-    below = load_config(base_values(early))
+    below = draft(early)
     own, values = line.parse(arguments, below)
     try:
         options = TuneOptions.model_validate(own)
     except ValidationError as error:
         raise explained(error, TuneOptions) from None
     one_gpu = ":" in (values["device"] or "")
-    config = placed(values)
-    own, usual = flat(config.model_dump()), flat(below.model_dump())
+    own, usual = flat(values), flat(below.model_dump())
     for name, instead in OURS.items():
         if own[name] != usual[name]:
             option = name.replace("_", "-")
             raise MorlaxError(f"the search sets {name} by {instead}: leave out --{option}.")
+    config = placed({**values, "max_seconds": options.seconds})
     return Request(config, options, one_gpu)
