@@ -18,12 +18,7 @@ from ..gpu.resources import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from ..version import __version__
 from .interrupt import exiting_on_signals, exiting_when_stuck
-from .startup import (
-    INTERRUPTED,
-    collect_garbage_rarely,
-    report_interrupts_in_one_line,
-    share_busy_cores,
-)
+from .startup import INTERRUPTED, collect_garbage_rarely, share_busy_cores
 
 GRACE = 2.0  # seconds
 
@@ -47,7 +42,6 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     """Run a command; a user's mistake prints one sentence and exits with status 2."""
     collect_garbage_rarely()
     share_busy_cores()
-    report_interrupts_in_one_line()
     usual = threading.excepthook
     # if TensorBoard's writer thread fails, its next call raises the error here
     threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
