@@ -4,6 +4,7 @@ python tests/faults.py                # all of them, one at a time
 python tests/faults.py ppo.py envs/   # those of files whose names contain a word
 """
 
+import argparse
 import compileall
 import os
 import shlex
@@ -89,4 +90,6 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("words", nargs="*", help="parts of names of files (none: all files)")
+    sys.exit(main(parser.parse_args().words))
