@@ -479,12 +479,16 @@ def test_a_decision_card_counts_quantities(measured):
     limits = {"power (W)": 60.0}
     choice = choose(measured, {"save": 10.0}, "run", at_most=limits)
     required = Requirements.of(choice.names, {"save": 10.0}, limits, "run")
+    fallen = measured._replace(falls=np.full(len(measured.returns), 0.25))
+    assert (choice.falls, choose(fallen, {}, "run").falls) == (0.0, 0.25)
     worse = choice.values + np.array([0, 0, 30, 0, 0])
-    tried = {"calm": Trial(choice.values, 0.0, 1), "storm": Trial(worse, 0.5, 1)}
+    tried = {"calm": Trial(choice.values, 0.0, 4), "storm": Trial(worse, 0.0, 4)}
+    tried["gale"] = Trial(choice.values, 0.25, 4)  # a fall breaks a requirement
     page = card("robot", choice, required, tried, {}, [])
     assert "As much run as possible, with at least 10 of save and at most 60 of power (W)" in page
     assert "<td>at most 60</td>" in page and "power (kW)" not in page
-    assert "The requirements are not kept with storm." in page
+    assert "The requirements are not kept with storm, gale." in page
+    assert page.count("<td>yes</td>") == 1 and page.count("<td>no</td>") == 2
 
 
 def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
@@ -534,7 +538,9 @@ def test_a_decision_card_tells_requirement_choice_and_other_conditions(
     assert "As much run as possible, with at least -1e+06 of jump" in page
     for condition in ("as in evaluations", "pushes of 0.5 m/s", "friction times 0.5 to 1.5"):
         assert condition in page
-    assert "The requirements are kept under every condition." in page
+    assert "<td>100%</td><td>no</td>" in page and "<td>yes</td>" not in page
+    assert "The requirements are not kept with as in evaluations, other starts" in page
+    assert "falls: in 100% of its episodes, which breaks every requirement" in said
     simulated = next(x.split()[2] for x in said.splitlines() if x.split()[:1] == ["run"])
     assert f"<td>{float(simulated):,.4g}</td>" in page
     assert str(run / "checkpoints/best.pt") in page and "export" in page

@@ -282,8 +282,8 @@ def test_the_map_has_returns_per_second_and_physical_quantities(make_front):
     np.testing.assert_allclose(np.array(sent["values"])[:, 0], front.returns[:, 0] / 10, atol=1e-4)
     np.testing.assert_allclose(np.array(sent["values"])[:, 2], power[:, 0], atol=1e-4)
     assert sorted(sent["pair"]) == [0, 1] and not any(sent["fails"])
-    fallen = front._replace(falls=np.array([0.0, 0.0, 0.0, 1.0]))
-    assert front_map(fallen, dt=0.05)["fails"] == [False, False, False, True]
+    sent = front_map(front._replace(falls=np.array([0.0, 0.25, 0.0, 1.0])), dt=0.05)
+    assert sent["fails"] == [False, False, False, True] and sent["falls"] == [0, 0.25, 0, 1]
 
 
 def test_the_map_of_discounted_returns_has_rewards_per_second_too(make_front):

@@ -91,7 +91,7 @@ def _trials(trials: Mapping[str, Trial], required: Requirements) -> str:
 
 def _kept(trials: Mapping[str, Trial], required: Requirements) -> str:
     episodes = max(trial.episodes for trial in trials.values())
-    means = f"Means over up to {episodes} episodes each."
+    means = f"Means over up to {episodes} episodes each. A fall breaks every requirement."
     left = [name for name in CONDITIONS if name not in trials]
     if left:
         means += f" Left out, because this task cannot vary them: {', '.join(left)}."
@@ -104,4 +104,5 @@ def _kept(trials: Mapping[str, Trial], required: Requirements) -> str:
 
 
 def _keeps(trial: Trial, required: Requirements) -> bool:
-    return bool(required.kept(trial.values[None])[0])
+    """Return whether every requirement is kept; a fall breaks all of them."""
+    return trial.falls == 0 and bool(required.kept(trial.values[None])[0])

@@ -1,6 +1,6 @@
 // The map of policies: two objectives against each other, and every point is a trade-off to pick.
 
-import { html, onDrag, short, svg, ticks } from "../pictures.js";
+import { html, onDrag, percent, short, svg, ticks } from "../pictures.js";
 import { mixed } from "../colors.js";
 
 const [WIDTH, HEIGHT] = [380, 300];
@@ -67,13 +67,13 @@ export class FrontPlot {
     const point = lowest(this.places, (other) => distance(other, place));
     this.tip.hidden = distance(this.places[point], place) > NEAR ** 2;
     if (this.tip.hidden) return;
-    const { tradeoffs, axes, values, fails } = this.front;
+    const { tradeoffs, axes, values, falls } = this.front;
     const lines = axes.map((axis, i) => {
       if (i >= this.names.length) return `${axis}: ${short(values[point][i])}`;
-      const weight = Math.round(100 * tradeoffs[point][i]);
-      return `${this.names[i]} ${weight} %: ${short(values[point][i])} per second`;
+      const weight = percent(tradeoffs[point][i]);
+      return `${this.names[i]} ${weight}: ${short(values[point][i])} per second`;
     });
-    if (fails[point]) lines.push("its episodes end in a fall");
+    if (falls[point]) lines.push(`falls in ${percent(falls[point])} of its episodes`);
     this.tip.replaceChildren(...lines.map((text) => html("span", { textContent: text })));
     const [x, y] = this.places[point];
     const late = x > WIDTH / 2;
