@@ -1,13 +1,16 @@
 """A trade-off is chosen by what its policy must reach, and its policy does reach it."""
 
 import shlex
+from io import BytesIO
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
+from browsing import chromium
 from closed_form import PLACES, Quadratic
+from PIL import Image
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
 from morlax_torch.choose import choose
@@ -489,6 +492,25 @@ def test_a_decision_card_counts_quantities(measured):
     assert "<td>at most 60</td>" in page and "power (kW)" not in page
     assert "The requirements are not kept with storm, gale." in page
     assert page.count("<td>yes</td>") == 1 and page.count("<td>no</td>") == 2
+
+
+@pytest.mark.slow
+def test_a_decision_card_fits_on_a_phone(measured, tmp_path):
+    picture, file = BytesIO(), tmp_path / "card.html"
+    Image.new("RGB", (2103, 240)).save(picture, "PNG")
+    choice = choose(measured, {}, "run")
+    required = Requirements.of(choice.names, {}, {}, "run")
+    tried = {"calm": Trial(choice.values, 0.0, 1)}
+    facts = {"checkpoint": "runs/robot/20261120-054533-0/checkpoints/best.pt"}
+    file.write_text(
+        card("robot", choice, required, tried, facts, ["morlax " * 40], picture.getvalue())
+    )
+    with chromium() as browser:
+        for width in (390, 1280):
+            page = browser.new_page(viewport={"width": width, "height": 844})
+            page.goto(file.as_uri())
+            assert page.evaluate("document.documentElement.scrollWidth") == width
+            assert page.locator("figure img").bounding_box()["height"] > 60
 
 
 def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):

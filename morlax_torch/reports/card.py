@@ -5,7 +5,7 @@ from html import escape
 
 from ..evaluation.requirements import Choice, Requirements
 from ..runs.trials import CONDITIONS, Trial
-from .html import document, facts, image, number, row, table
+from .html import document, facts, number, row, scrolled, table
 
 
 def card(
@@ -41,7 +41,7 @@ def card(
     parts = [
         f"<h1>{escape(task)}: a policy for a requirement</h1>",
         f'<p class="verdict">{escape(asked)}.<br>The trade-off {escape(weights)}.</p>',
-        "" if strip is None else f"<figure>{image('film strip', 'png', strip)}</figure>",
+        "" if strip is None else f"<figure>{scrolled('film strip', 'png', strip)}</figure>",
         "<h2>Result</h2>",
         _values(choice, required),
         f"<p>{escape(_cost(choice, required))}</p>",
