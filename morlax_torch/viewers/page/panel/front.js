@@ -31,7 +31,7 @@ export class FrontPlot {
     );
     this.tip = html("p", { className: "tip", hidden: true });
     this.element = html("div", { className: "map" }, this.drawing, this.tip);
-    onDrag(this.drawing, (place) => this.#choose(place), (place) => this.#tell(place));
+    onDrag(this.drawing, (place) => this.#choose(place), (place) => this.#point(place));
     this.drawing.addEventListener("pointerleave", () => (this.tip.hidden = true));
     this.drawing.addEventListener("keydown", (event) => this.#step(event));
   }
@@ -59,14 +59,21 @@ export class FrontPlot {
 
   #choose(place) {
     const far = (other, i) => (this.front.best[i] ? distance(other, place) : Infinity);
-    this.pick(this.front.tradeoffs[lowest(this.places, far)]);
+    const point = lowest(this.places, far);
+    this.#tell(point);
+    this.pick(this.front.tradeoffs[point]);
   }
 
-  /** Say which trade-off the point under the pointer has, and what its policy earns. */
-  #tell(place) {
+  /** Tell the point under the pointer, if there is one. */
+  #point(place) {
     const point = lowest(this.places, (other) => distance(other, place));
-    this.tip.hidden = distance(this.places[point], place) > NEAR ** 2;
-    if (this.tip.hidden) return;
+    if (distance(this.places[point], place) > NEAR ** 2) this.tip.hidden = true;
+    else this.#tell(point);
+  }
+
+  /** Say which trade-off a point has, and what its policy earns. */
+  #tell(point) {
+    this.tip.hidden = false;
     const { tradeoffs, axes, values, falls } = this.front;
     const lines = axes.map((axis, i) => {
       if (i >= this.names.length) return `${axis}: ${short(values[point][i])}`;
