@@ -1,5 +1,6 @@
 """Try every command of the installed package in an empty folder: `python smoke.py`."""
 
+import argparse
 import os
 import signal
 import subprocess
@@ -63,4 +64,5 @@ def explore() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

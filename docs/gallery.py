@@ -1,5 +1,6 @@
 """Write gallery.md and all images of fronts from the shipped policies: python docs/gallery.py"""
 
+import argparse
 import csv
 from pathlib import Path
 from typing import Any
@@ -148,4 +149,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -1,7 +1,6 @@
 """What `torchrun` tells the processes that it starts."""
 
 import os
-import socket
 
 PROCESSES = int(os.environ.get("WORLD_SIZE", "1"))
 SEVERAL = PROCESSES > 1
@@ -14,4 +13,6 @@ def launch() -> str:
     """Return the host and process ID of the launcher, which restarts keep; "" without one."""
     if "TORCHELASTIC_RUN_ID" not in os.environ:
         return ""
+    import socket  # takes a while, and every command imports this module
+
     return f"{socket.gethostname()} {os.getppid()}"

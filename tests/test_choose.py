@@ -1,13 +1,16 @@
 """A trade-off is chosen by what its policy must reach, and its policy does reach it."""
 
 import shlex
+from io import BytesIO
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
+from browsing import chromium
 from closed_form import PLACES, Quadratic
+from PIL import Image
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
 from morlax_torch.__main__ import COMMANDS
@@ -496,12 +499,35 @@ def test_a_decision_card_counts_quantities(measured):
     limits = {"power (W)": 60.0}
     choice = choose(measured, {"save": 10.0}, "run", at_most=limits)
     required = Requirements.of(choice.names, {"save": 10.0}, limits, "run")
+    fallen = measured._replace(falls=np.full(len(measured.returns), 0.25))
+    assert (choice.falls, choose(fallen, {}, "run").falls) == (0.0, 0.25)
     worse = choice.values + np.array([0, 0, 30, 0, 0])
-    tried = {"calm": Trial(choice.values, 0.0, 1), "storm": Trial(worse, 0.5, 1)}
+    tried = {"calm": Trial(choice.values, 0.0, 4), "storm": Trial(worse, 0.0, 4)}
+    tried["gale"] = Trial(choice.values, 0.25, 4)  # a fall breaks a requirement
     page = card("robot", choice, required, tried, {}, [])
     assert "As much run as possible, with at least 10 of save and at most 60 of power (W)" in page
     assert "<td>at most 60</td>" in page and "power (kW)" not in page
-    assert "The requirements are not kept with storm." in page
+    assert "The requirements are not kept with storm, gale." in page
+    assert page.count("<td>yes</td>") == 1 and page.count("<td>no</td>") == 2
+
+
+@pytest.mark.slow
+def test_a_decision_card_fits_on_a_phone(measured, tmp_path):
+    picture, file = BytesIO(), tmp_path / "card.html"
+    Image.new("RGB", (2103, 240)).save(picture, "PNG")
+    choice = choose(measured, {}, "run")
+    required = Requirements.of(choice.names, {}, {}, "run")
+    tried = {"calm": Trial(choice.values, 0.0, 1)}
+    facts = {"checkpoint": "runs/robot/20261120-054533-0/checkpoints/best.pt"}
+    file.write_text(
+        card("robot", choice, required, tried, facts, ["morlax " * 40], picture.getvalue())
+    )
+    with chromium() as browser:
+        for width in (390, 1280):
+            page = browser.new_page(viewport={"width": width, "height": 844})
+            page.goto(file.as_uri())
+            assert page.evaluate("document.documentElement.scrollWidth") == width
+            assert page.locator("figure img").bounding_box()["height"] > 60
 
 
 def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
@@ -551,7 +577,9 @@ def test_a_decision_card_tells_requirement_choice_and_other_conditions(
     assert "As much run as possible, with at least -1e+06 of jump" in page
     for condition in ("as in evaluations", "pushes of 0.5 m/s", "friction times 0.5 to 1.5"):
         assert condition in page
-    assert "The requirements are kept under every condition." in page
+    assert "<td>100%</td><td>no</td>" in page and "<td>yes</td>" not in page
+    assert "The requirements are not kept with as in evaluations, other starts" in page
+    assert "falls: in 100% of its episodes, which breaks every requirement" in said
     simulated = next(x.split()[2] for x in said.splitlines() if x.split()[:1] == ["run"])
     assert f"<td>{float(simulated):,.4g}</td>" in page
     assert str(run / "checkpoints/best.pt") in page and "export" in page

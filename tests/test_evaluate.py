@@ -6,11 +6,13 @@ import re
 import shutil
 from collections import Counter
 from html.parser import HTMLParser
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from rich.console import Console
 from tiny import TYPED
 
 from morlax_torch import MorlaxError, load
@@ -23,7 +25,14 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.preferences import reward
 from morlax_torch.reports.chart import descriptions
-from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
+from morlax_torch.reports.comparison import (
+    Evaluated,
+    check_comparable,
+    measures,
+    names,
+    quartiles,
+)
+from morlax_torch.reports.evaluating import column_heads, table
 from morlax_torch.reports.printing import latex
 from morlax_torch.reports.results import duration, steps
 from morlax_torch.reports.verdict import verdict
@@ -509,3 +518,25 @@ def test_runs_are_compared_if_their_worlds_agree(tmp_path, make_policy):
         check("even", "varied")
     with pytest.raises(MorlaxError, match=r"a and c differ in task\.learned"):
         check("a", "c")
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    "name", ["{}", "20261120-054533-{}", "a-long-name-of-a-folder/of-a-run-{}"]
+)
+def test_names_and_numbers_of_the_table_are_whole_at_80_columns(make_front, number, name):
+    front = make_front(("run", "energy", "expected_height"))
+    front = front._replace(returns=1e9 * front.returns, falls=np.full(4, 0.003906))
+    measured = measures(front, 1e9 * front.returns)
+    named = [name.format(i) for i in range(number)]
+    found = {each: Evaluated(each, None, front, None, measured) for each in named}
+    output = StringIO()
+    Console(width=80, file=output).print(table(found))
+    printed = output.getvalue().splitlines()
+    assert all(len(line) <= 80 for line in printed)
+    heads, _, *rows = (line.split() for line in printed if line.strip())
+    assert heads[0] == "indicator" and len(rows) == len(measured)
+    for value, row in zip(measured.values(), rows, strict=True):
+        assert row.count(f"{value:,.4g}") >= number if number < 4 else 3
+    for head in column_heads(named) if number < 4 else ():
+        assert head in heads

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,9 @@ def test_the_wait_for_requests_ends_whenever_a_signal_comes():
 # in a browser
 
 
+LONG = "a-long-name-of-an-experiment"
+
+
 @pytest.fixture(scope="module")
 def served(tmp_path_factory, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
     """Serve a run with three objectives; others lie beside it. Yields address and process."""
@@ -93,6 +97,8 @@ def served(tmp_path_factory, make_run) -> Iterator[tuple[str, subprocess.Popen]]
     make_run(place / "runs/bruce/c", "bruce", "best")
     make_run(place / "runs/bare", "hopper", "best")
     (place / "runs/bare/front.npz").unlink()
+    broken = make_run(place / f"runs/{LONG}/20261120-054533-0", "hopper", "best")
+    (broken / "checkpoints/best.pt").write_bytes(b"not a checkpoint")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         with exploring("runs/cheetah3/a") as served:
@@ -150,13 +156,39 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.until(lambda: view.value("energy") == pytest.approx(others[0], abs=6e-3), "they differ")
     shot(view, "slider", tmp_path)
 
+    # keys work while a slider or a button has the focus, which keeps its own keys
+    slider, timeline = view.slider("energy"), view.tab.locator("#timeline")
+    slider.focus()
+    slider.press("Space")
+    view.until(timeline.is_visible, "the key has no effect while a slider has the focus")
+    before = view.value("energy")
+    slider.press("ArrowRight")
+    view.until(lambda: view.value("energy") > before, "the slider loses its key")
+    view.press("balance")
+    view.tab.keyboard.press("Space")
+    view.until(timeline.is_hidden, "the key has no effect after a click on a button")
+    view.tab.focus("#push")
+    view.tab.keyboard.press("r")
+    view.until(lambda: view.clock() < 0.5, "the key has no effect while a button has the focus")
+    view.tab.locator("#typed").press_sequentially(" r")
+    assert timeline.is_hidden()
+    for head in view.tab.locator("#episode th:not(.objective)").all():
+        assert head.evaluate("head => getComputedStyle(head).textAlign") == "right"
+
     # type a trade-off; nonsense changes nothing
     view.tab.fill("#typed", "3; 1, 0")
     view.until(lambda: view.value("run") == 0.75, "typing has no effect")
     for text in ("0.7", "-1, 2, 0", "0, 0, 0", "nan, 1, 1", "Infinity, 1, 1", "run"):
         view.tab.fill("#typed", text)
-    view.tab.locator("#typed").blur()
+        told = (
+            "Type 3 weights, none negative, for run, energy, height: such as 0.333, 0.333, 0.333."
+        )
+        assert view.text("mistyped") == told
+    view.tab.evaluate("navigator.clipboard.writeText = async (text) => (self.copied = text)")
+    view.press("copy")
+    view.until(lambda: view.tab.evaluate("self.copied") == "0.75, 0.25, 0", "nonsense is copied")
     view.until(lambda: view.field() == "0.75, 0.25, 0", "nonsense is kept")
+    view.until(lambda: view.text("mistyped") == "", "a mistake is still told")
     assert view.value("run") == 0.75 and view.value("energy") == 0.25
 
     # the front: a click picks a policy, and its mark moves there
@@ -167,6 +199,19 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.until(lambda: max(view.tradeoff()) == 1, "the click has no effect")
     mark = view.tab.locator("#front .mark")
     view.until(lambda: middle(mark) == pytest.approx(middle(corner), abs=1), "no mark")
+
+    # while it is dragged, the sentence beside it follows
+    points = view.tab.locator("#front circle:not(.mark, .dominated)").all()
+    other = next(point for point in points if middle(point) != middle(corner))
+    view.tab.mouse.move(*middle(corner))
+    former = view.tab.inner_text(".tip")
+    view.tab.mouse.down()
+    view.tab.mouse.move(*middle(other))
+    dragged = view.tab.inner_text(".tip")
+    view.tab.mouse.up()
+    view.tab.mouse.move(0, 0)
+    view.tab.mouse.move(*middle(other))
+    assert former != dragged == view.tab.inner_text(".tip")
 
     # drag the point of the triangle, also beyond an edge
     triangle = view.tab.locator("#triangle polygon.edge")
@@ -201,6 +246,11 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     shot(phone, "phone", tmp_path)
     first.tab.fill("#typed", "1, 3, 0")
     phone.until(lambda: phone.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
+    phone.press("energy")  # while the first tab's field still has the focus
+    first.until(lambda: first.field() == "0, 1, 0", "the field does not follow")
+    header, theme = (phone.tab.locator(part).bounding_box() for part in ("header", "#theme"))
+    assert theme["x"] + theme["width"] <= header["x"] + header["width"] and theme["width"] == 44
+    assert phone.tab.locator("header").evaluate("head => head.scrollWidth <= head.clientWidth")
 
     # a slider stays under the hand while another tab steers; its tab closes in the middle of a drag
     box = first.slider("run").bounding_box()
@@ -225,6 +275,16 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     third.until(lambda: third.clock() == 0, "the episode is not reset")
     third.tab.click("#pause")
     third.moves()
+
+    # the lists say what is shown, also after another run could not be opened
+    broken = f"runs/{LONG}/20261120-054533-0"
+    assert third.tab.inner_text(f"#run option[value='{broken}']") == "…/20261120-054533-0"
+    third.tab.select_option("#run", broken)
+    third.until(lambda: "best.pt is damaged" in third.text("event"), "nothing is said")
+    third.until(lambda: third.tab.input_value("#run") == "runs/cheetah3/a", "another run's name")
+    lacking = third.tab.locator("#run option[value=go1]")
+    assert lacking.is_disabled() == (find_spec("mjlab") is None)
+    assert lacking.inner_text() == "go1 (needs mjlab)" or lacking.is_enabled()
 
     # other runs: with two objectives, and with six and a velocity command
     show(third, "runs/hopper/b", 2)

@@ -3,6 +3,7 @@
 import json
 import math
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -244,6 +245,30 @@ def test_a_tab_that_does_not_read_holds_nobody_up(address):
     awake.until(lambda: awake.frames > before + 20, "the other tab waits")
     asleep.close()
     awake.close()
+
+
+@pytest.mark.slow
+def test_ctrl_c_does_not_wait_for_clients_that_do_not_read(workplace, make_run):
+    make_run(workplace / "run", "hopper", "best")
+    with exploring("run") as (address, process):
+        host, port = address.removeprefix("http://").split("/")[0].split(":")
+        upgrade = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13"
+        path = address.partition(port)[2]
+        clients = [socket.socket() for _ in range(2)]
+        for client, most in zip(clients, (2**22, 2**11), strict=True):  # a small one is soon full
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, most)
+            client.connect((host, int(port)))
+            key = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
+            head = f"GET {path}socket HTTP/1.1\r\nHost: {host}:{port}\r\n{upgrade}\r\n{key}\r\n\r\n"
+            client.sendall(head.encode())
+            client.recv(1)
+        clients.append(socket.create_connection((host, int(port))))  # and never asks
+        reading = Client(address)
+        reading.until(lambda: reading.frames > 20, "no frames")
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=8)  # about one second; websockets alone takes 10 to 20
+        for client in clients:
+            client.close()
 
 
 FRAGILE = """

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import time
+from unittest.mock import Mock
 
 import mujoco
 import numpy as np
@@ -189,11 +190,22 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered(session)
 # thresholds
 
 
-@pytest.mark.parametrize(("found", "label"), [(None, "go1 (needs mjlab)"), (object(), "go1")])
-def test_the_list_of_policies_says_which_need_mjlab(monkeypatch, found, label):
+@pytest.mark.parametrize(("found", "reason"), [(None, " (needs mjlab)"), (object(), "")])
+def test_the_list_says_which_policies_cannot_be_shown_and_why(
+    found, reason, workplace, make_run, monkeypatch
+):
+    reasons = {"go1": reason, "ant": "", "runs/none": ""}
+    tasks = {"mjlab:X": reason, "playground:X": " (no MuJoCo robot)", "cheetah": ""}
+    tasks["gymnasium:X"] = " (no MuJoCo robot)"
+    for number, (task, told) in enumerate(tasks.items()):
+        folder = make_run(workplace / f"runs/{number} (needs care)", "hopper", "best")
+        (folder / "config.yaml").write_text(f"env: {task}\nseed: 0\n")
+        reasons[f"runs/{number} (needs care)"] = told
+    make_run(workplace / "runs/none", "hopper", "best")
     monkeypatch.setattr(library, "find_spec", lambda name: found)
-    assert label in library.labels() and "ant" in library.labels()
-    assert library.named(label) == "go1"
+    labels = library.labels()
+    for name, told in reasons.items():
+        assert name + told in labels and library.named(name + told) == name
 
 
 @pytest.mark.slow
@@ -303,8 +315,8 @@ def test_the_map_has_returns_per_second_and_physical_quantities(make_front):
     np.testing.assert_allclose(np.array(sent["values"])[:, 0], front.returns[:, 0] / 10, atol=1e-4)
     np.testing.assert_allclose(np.array(sent["values"])[:, 2], power[:, 0], atol=1e-4)
     assert sorted(sent["pair"]) == [0, 1] and not any(sent["fails"])
-    fallen = front._replace(falls=np.array([0.0, 0.0, 0.0, 1.0]))
-    assert front_map(fallen, dt=0.05)["fails"] == [False, False, False, True]
+    sent = front_map(front._replace(falls=np.array([0.0, 0.25, 0.0, 1.0])), dt=0.05)
+    assert sent["fails"] == [False, False, False, True] and sent["falls"] == [0, 0.25, 0, 1]
 
 
 def test_the_map_of_discounted_returns_has_rewards_per_second_too(make_front):
@@ -332,6 +344,32 @@ def test_an_objective_is_explained_by_its_reward_terms(session):
         assert "jump: Height of the torso in m." in explain(env, "jump")
     finally:
         del type(env).jump
+
+
+def test_of_several_runs_asked_for_only_the_last_is_opened(monkeypatch):
+    pytest.importorskip("websockets", reason="the extra [explore] is not installed")
+    from morlax_torch.viewers.explorer import page as page_module
+
+    class Shown:
+        def __init__(self, put):
+            self.behaviors = [Clip(mujoco.MjModel.from_xml_string(FALL), np.zeros((1, 7)), 0.1)]
+            self.heard = []
+
+        def state(self):
+            return {}
+
+        def react(self, request):
+            self.heard.append(request)
+
+    monkeypatch.setattr(page_module, "files", dict)  # which may download three.js
+    monkeypatch.setattr(page_module, "Server", Mock())
+    page = page_module.Page(Shown, "127.0.0.1", 0)
+    for number in range(20):  # while the page is busy
+        page._hear(json.dumps({"act": "open", "run": f"runs/{number}", "checkpoint": None}))
+        page._hear('{"act": "press", "name": "push"}')
+    page._requests.execute(0)
+    opened = [each.run for each in page._exhibit.heard if each.act == "open"]
+    assert opened == ["runs/19"] and len(page._exhibit.heard) == 21
 
 
 FALL = """

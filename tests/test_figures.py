@@ -63,6 +63,12 @@ def test_a_front_has_a_plot_for_each_pair_of_objectives(m):
         assert {f"{most} weight on {name}" for name in NAMES[:m]} <= drawn(figure)
 
 
+def test_dominated_policies_are_dots_since_a_cross_means_falls_on_the_page():
+    points = [points for axes in figures.front_figure(front(2)).axes for points in axes.collections]
+    (faint,) = (some for some in points if some.get_label() == "dominated")
+    assert len(faint.get_paths()[0].vertices) > 8  # those of a circle; a cross has four
+
+
 def test_the_legend_omits_dominated_if_no_policy_is():
     whole = front(2)
     whole = whole._replace(returns=100 * whole.tradeoffs)

@@ -156,9 +156,7 @@ def test_an_edited_model_is_noticed_and_the_run_keeps_its_report(trained, folder
     evaluate.command([str(trained), "--device", "cpu", "--tradeoffs", "4"])
     before = {file: file.read_bytes() for file in trained.glob("*.*")}
     edit_model(folder, 'mass="3"', 'mass="5"')
-    with pytest.warns(
-        MorlaxWarning, match=r"is not the one .*best.pt was trained .*: .*body"
-    ):
+    with pytest.warns(MorlaxWarning, match=r"is not the one .*best.pt was trained .*: .*body"):
         evaluate.command([str(trained), *NAMED, "--device", "cpu", "--tradeoffs", "4"])
     assert {file: file.read_bytes() for file in trained.glob("*.*")} == before
     assert "written: evaluations/" in capsys.readouterr().out

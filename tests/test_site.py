@@ -1,6 +1,8 @@
 """The documentation site builds without warnings, has no broken link, and loads nothing remote."""
 
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
@@ -11,7 +13,12 @@ import pytest
 
 from morlax_torch.__main__ import COMMANDS
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+SCRIPTS = [
+    *("docs/site/build_site.py", "docs/site/notebook.py", "tests/faults.py", ".ci/smoke.py"),
+    pytest.param("docs/gallery.py", marks=pytest.mark.slow),
+]
 REMOTE = re.compile(r"(?:https?:)?//")
 
 
@@ -97,3 +104,17 @@ def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):
     monkeypatch.setattr(site, "ROOT", tmp_path)
     with pytest.raises(FileNotFoundError, match="links to none"):
         site.relinked("[text](none.md)", tmp_path / "page.md", None)
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_script_asked_for_help_or_given_a_wrong_option_does_nothing_else(script, tmp_path):
+    copy = tmp_path / script  # beside nothing that it could change
+    copy.parent.mkdir(parents=True)
+    copy.write_text((ROOT / script).read_text())
+    before = sorted(tmp_path.rglob("*"))
+    for option, status in (("--help", 0), ("--no-such-option", 2)):
+        words = [sys.executable, "-B", str(copy), option]
+        path = {"PYTHONPATH": f"{ROOT / 'docs/site'}:{ROOT}"}
+        done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, env=path)
+        assert done.returncode == status and "usage: " in done.stdout + done.stderr
+    assert sorted(tmp_path.rglob("*")) == before

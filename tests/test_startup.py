@@ -104,6 +104,26 @@ def test_mistakes_are_told_without_torch(tmp_path, no_torch):
     assert "did you mean 'cheetah'?" in done.stderr and done.returncode == 2
 
 
+SCRIPT = "from morlax_torch.__main__ import main\nmain()\n"  # as pip installs it
+
+
+@pytest.mark.parametrize("library", ["pydantic", "tyro"])
+@pytest.mark.parametrize("words", [["-m", "morlax_torch.evaluate"], ["morlax", "evaluate"]])
+def test_ctrl_c_while_a_command_imports_a_library_is_one_word(tmp_path, library, words):
+    (tmp_path / "morlax").write_text(SCRIPT)
+    interrupt = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+    (tmp_path / f"{library}.py").write_text(interrupt)
+    done = python(tmp_path, *words, "cheetah", first=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+
+
+def test_a_program_that_imports_the_package_handles_ctrl_c_itself(tmp_path):
+    code = "import morlax_torch, signal\nprint(signal.getsignal(signal.SIGINT).__name__)\n"
+    (tmp_path / "morlax-mine.py").write_text(code)
+    for words in (["-c", code], ["morlax-mine.py"]):
+        assert python(tmp_path, *words).stdout == "default_int_handler\n"
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells how many threads run")
 @pytest.mark.parametrize(
     ("given", "expected"), [({}, "2000"), ({"OMP_WAIT_POLICY": "active"}, "None")]

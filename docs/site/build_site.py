@@ -3,6 +3,7 @@
 The environment variable REPOSITORY_URL is where links to source code lead.
 """
 
+import argparse
 import os
 import shutil
 import subprocess
@@ -56,6 +57,6 @@ def prepare(place: Path, repository: str | None) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python docs/site/build_site.py FOLDER")
-    build(Path(sys.argv[1]), os.environ.get("REPOSITORY_URL"))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="a new folder")
+    build(parser.parse_args().folder, os.environ.get("REPOSITORY_URL"))

@@ -4,6 +4,7 @@ Text becomes Markdown cells. Python blocks become cells of code, shell blocks ce
 and blocks that start with a comment naming a file, cells that write it.
 """
 
+import argparse
 import json
 import re
 from pathlib import Path
@@ -65,4 +66,5 @@ def notebook(page: str) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     (DOCS / "tutorial.ipynb").write_text(notebook((DOCS / "tutorial.md").read_text()))

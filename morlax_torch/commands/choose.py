@@ -166,6 +166,9 @@ def _show(choice: "Choice", required: "Requirements") -> None:
             f"cost of the requirements: {choice.cost:.4g} of "
             f"{required.names.all[required.maximized]}, which reaches {best:.5g} without them"
         )
+    if choice.falls:
+        broken = ", which breaks every requirement" if required.limits else ""
+        cli.console.print(f"falls: in {choice.falls:.0%} of its episodes{broken}")
 
 
 def main() -> None:

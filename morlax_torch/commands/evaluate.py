@@ -75,16 +75,18 @@ def command(arguments: Sequence[str]) -> None:
             )
         typed = f"{program('evaluate')} {shlex.join(arguments)}"
         with Live():
-            from ..reports.evaluating import evaluate_runs, table  # imports torch
+            from ..reports.evaluating import column_heads, evaluate_runs, table  # imports torch
             from ..reports.verdict import verdict_of
 
             def show(found: "Mapping[str, Evaluated]") -> None:
                 cli.console.print(verdict_of(found), markup=False, highlight=False)
                 cli.console.print(table(found))
-                names = ", ".join(
-                    f"{run.front.checkpoint} of {name}" for name, run in found.items()
-                )
-                cli.console.print(f"evaluated: {names}")
+                heads = column_heads(list(found))
+                names = [
+                    f"{run.front.checkpoint} of {name}" + f" ({head})" * (head != name)
+                    for head, (name, run) in zip(heads, found.items(), strict=True)
+                ]
+                cli.console.print(f"evaluated: {', '.join(names)}")
 
             _, folder = evaluate_runs(
                 runs,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.table import Table
+from rich.table import Column, Table
 
 from ..terminal import cli
 from ..terminal.live import Live
@@ -82,7 +82,7 @@ def _table(episodes: Sequence) -> Table:
     from ..playing.episodes import summary
 
     heads = ("episode", "falls", "time, s", "error, m/s", "power, W", "cost of transport")
-    table = Table(*heads)
+    table = Table(*(Column(head, justify="right") for head in heads))
     rows = [*enumerate(episodes, 1), ("all", summary(episodes))]
     for name, row in rows:
         numbers = f"{row.error:.3f}", f"{row.power:.1f}", f"{row.transport:.2f}"

@@ -19,6 +19,7 @@ class Choice(NamedTuple):
     cost: float  # of the requirements: best maximized value without them minus this one
     simulated: int  # number of simulated trade-offs; 0: chosen from a `Front` alone
     quantities: dict[str, float]  # by full name, such as "power (W)": measured as the returns
+    falls: float = 0.0  # share of episodes that failed, which breaks every requirement
 
     @property
     def values(self) -> np.ndarray:

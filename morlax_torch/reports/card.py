@@ -5,7 +5,7 @@ from html import escape
 
 from ..evaluation.requirements import Choice, Requirements
 from ..runs.trials import CONDITIONS, Trial
-from .html import document, facts, image, number, row, table
+from .html import document, facts, number, row, scrolled, table
 
 
 def card(
@@ -41,7 +41,7 @@ def card(
     parts = [
         f"<h1>{escape(task)}: a policy for a requirement</h1>",
         f'<p class="verdict">{escape(asked)}.<br>The trade-off {escape(weights)}.</p>',
-        "" if strip is None else f"<figure>{image('film strip', 'png', strip)}</figure>",
+        "" if strip is None else f"<figure>{scrolled('film strip', 'png', strip)}</figure>",
         "<h2>Result</h2>",
         _values(choice, required),
         f"<p>{escape(_cost(choice, required))}</p>",
@@ -91,7 +91,7 @@ def _trials(trials: Mapping[str, Trial], required: Requirements) -> str:
 
 def _kept(trials: Mapping[str, Trial], required: Requirements) -> str:
     episodes = max(trial.episodes for trial in trials.values())
-    means = f"Means over up to {episodes} episodes each."
+    means = f"Means over up to {episodes} episodes each. A fall breaks every requirement."
     left = [name for name in CONDITIONS if name not in trials]
     if left:
         means += f" Left out, because this task cannot vary them: {', '.join(left)}."
@@ -104,4 +104,5 @@ def _kept(trials: Mapping[str, Trial], required: Requirements) -> str:
 
 
 def _keeps(trial: Trial, required: Requirements) -> bool:
-    return bool(required.kept(trial.values[None])[0])
+    """Return whether every requirement is kept; a fall breaks all of them."""
+    return trial.falls == 0 and bool(required.kept(trial.values[None])[0])

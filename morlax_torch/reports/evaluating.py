@@ -31,7 +31,8 @@ PROTOCOLS: dict[Protocol, str] = {
     "paper": "failed steps earn no reward, and the reward of the reset is added",
     "discounted": "a return is the sum of 0.99^t times the rewards of at most 500 steps",
 }
-MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them
+MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them, and quartiles
+MOST_WIDTH, GAP = 45, 3  # of their columns in 80, with the gaps between columns
 
 
 def evaluate_runs(
@@ -162,19 +163,26 @@ def default_output(runs: Sequence[str], as_trained: bool) -> Path:
     return folder
 
 
+def column_heads(names: Sequence[str]) -> list[str]:
+    """Return the names of runs, or their numbers from 1 if names are too long for a table."""
+    width = sum(len(name) + GAP for name in names)
+    return list(names) if width <= MOST_WIDTH else [str(i) for i in range(1, len(names) + 1)]
+
+
 def table(found: Mapping[str, Evaluated]) -> Table:
-    """Return the indicators as a table for the terminal."""
-    measured = {name: run.measures for name, run in found.items()}
-    shown = measured if len(measured) <= MOST_COLUMNS else {}
-    quartiles = comparison.quartiles(list(measured.values())) if len(measured) > 1 else {}
+    """Return the indicators as a table for the terminal: of a few runs, or of all together."""
+    measured = [run.measures for run in found.values()]
+    shown = measured if len(measured) <= MOST_COLUMNS else []
+    quartiles = comparison.quartiles(measured) if len(measured) > 1 else {}
+    heads = column_heads(list(found)) if shown else []
+    heads += [f"median of {len(found)}"] * bool(quartiles) + ["quartiles"] * (not shown)
     table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("indicator", no_wrap=True)
-    for head in [*shown, *([f"median of {len(found)}", "quartiles"] if quartiles else [])]:
-        table.add_column(head, justify="right", overflow="fold")
-    for name in next(iter(measured.values())):
-        cells = [number(values[name]) for values in shown.values()]
+    for head in ["indicator", *heads]:
+        table.add_column(head, justify="left" if head == "indicator" else "right", no_wrap=True)
+    for name in measured[0]:
+        cells = [number(values[name]) for values in shown]
         if quartiles:
             low, median, high = quartiles[name]
-            cells += [number(median), f"{number(low)} - {number(high)}"]
+            cells += [number(median), f"{number(low)} - {number(high)}"][: 1 if shown else 2]
         table.add_row(words(name), *cells)
     return table

@@ -49,3 +49,8 @@ def facts(known: Mapping[str, str]) -> str:
 def image(about: str, kind: str, content: bytes) -> str:
     data = base64.b64encode(content).decode()
     return f'<img alt="{escape(about)}" src="data:image/{kind};base64,{data}">'
+
+
+def scrolled(about: str, kind: str, content: bytes) -> str:
+    """Return an image that a narrow page scrolls; figures set `--natural`, its width."""
+    return f'<div class="scroll">{image(about, kind, content)}</div>'

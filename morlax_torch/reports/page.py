@@ -13,7 +13,7 @@ from ..evaluation.front import Front
 from ..evaluation.representatives import representatives
 from .chart import chart, svg
 from .comparison import Evaluated, Quartiles
-from .html import document, facts, image, number, row, table
+from .html import document, facts, image, number, row, scrolled, table
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",
@@ -146,12 +146,10 @@ def _table(measured: Mapping[str, Mapping[str, float]], summary: Mapping[str, Qu
 
 def _picture(caption: str, figure: Figure) -> str:
     # an <img> keeps the ids of one SVG apart from those of the others
-    picture = image(caption, "svg+xml", svg(figure).encode())
+    picture = scrolled(caption, "svg+xml", svg(figure).encode())
     natural = f"--natural:{96 * figure.get_figwidth():.0f}px"
-    return (
-        f'<figure style="{natural}"><div class="scroll">{picture}</div>'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
-    )
+    named = f"<figcaption>{escape(caption)}</figcaption>"
+    return f'<figure style="{natural}">{picture}{named}</figure>'
 
 
 def _config(name: str, config: Config) -> str:

@@ -120,7 +120,9 @@ class Evaluated(NamedTuple):
         best, most = required.best(values), float(values[:, required.maximized].max())
         if best is None:
             raise required.missed(tradeoffs, values, "evaluated")
-        return required.choice(tradeoffs[best], values[best], values[best], most, 0)
+        choice = required.choice(tradeoffs[best], values[best], values[best], most, 0)
+        falls = 0.0 if front.falls is None else float(front.falls[finite][best])
+        return choice._replace(falls=falls)
 
 
 class Simulated:
@@ -144,6 +146,7 @@ class Simulated:
         self._front = front
         self._names = Names(policy.objectives, self._env.quantities, policy.config.env)
         self._even: tuple[np.ndarray, np.ndarray] | None = None
+        self._falls: dict[tuple[float, ...], float] = {}  # by trade-off, in its last simulation
 
     def choose(
         self,
@@ -166,7 +169,8 @@ class Simulated:
             if len(proposed) == 0 or (batch > 0 and chance < SETTLED):
                 break
             found.tell(proposed, promised, self._simulate(self._evaluator, proposed))
-        return self._best(found, required)
+        choice = self._best(found, required)
+        return choice._replace(falls=self._falls[choice.tradeoff])
 
     def _best(self, found: Candidates, required: Requirements) -> Choice:
         """Return the best simulated trade-off that keeps the requirements.
@@ -227,4 +231,7 @@ class Simulated:
         """Return the values (n, m + q) of at most as many trade-offs (n, m) as an evaluator has."""
         filled = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))  # repeats them
         evaluator.retarget(torch.from_numpy(filled).float())
-        return evaluator.evaluate().values[: len(tradeoffs)]
+        front = evaluator.evaluate()
+        assert front.falls is not None
+        self._falls |= dict(zip(map(tuple, tradeoffs.tolist()), front.falls.tolist(), strict=False))
+        return front.values[: len(tradeoffs)]

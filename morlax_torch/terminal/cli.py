@@ -19,13 +19,7 @@ from ..gpu.resources import shortage_of_memory
 from ..torchrun import FIRST, SEVERAL
 from ..version import __version__
 from .interrupt import exiting_on_signals, exiting_when_stuck
-from .startup import (
-    INTERRUPTED,
-    collect_garbage_rarely,
-    report_interrupts_in_one_line,
-    share_busy_cores,
-    use_utf8,
-)
+from .startup import INTERRUPTED, collect_garbage_rarely, share_busy_cores, use_utf8
 
 GRACE = 2.0  # seconds
 
@@ -50,7 +44,6 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     use_utf8()
     collect_garbage_rarely()
     share_busy_cores()
-    report_interrupts_in_one_line()
     formatted = warnings.formatwarning
     warnings.formatwarning = lambda message, category, *others: (
         f"warning: {message}\n"

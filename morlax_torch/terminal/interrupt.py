@@ -47,9 +47,14 @@ def interruptible() -> Iterator[Interruption]:
 
 @contextmanager
 def exiting_on_signals() -> Iterator[None]:
-    """Exit on SIGTERM and SIGHUP by an exception, so that `finally` removes temporary files."""
-    signals = [which for which in SIGNALS if which != signal.SIGINT]
-    with _handling(signals, lambda number, frame: sys.exit(128 + number)):
+    """Raise an exception for each of SIGNALS, so that `finally` removes temporary files."""
+
+    def receive(number: int, frame: Any) -> None:
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        sys.exit(128 + number)
+
+    with _handling(SIGNALS, receive):
         yield
 
 

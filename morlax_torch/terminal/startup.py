@@ -3,14 +3,14 @@
 import gc
 import io
 import os
-import shlex
-import shutil
+import signal
 import sys
 import time
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
+from types import FrameType
+from typing import NoReturn
 
 from ..torchrun import FIRST
 
@@ -27,11 +27,11 @@ def command_words() -> list[str] | None:
     None: it was not started as a command of morlax_torch.
     """
     for position, (option, module) in enumerate(pairwise(sys.orig_argv)):
-        if option == "-m" and module.startswith("morlax_torch"):
+        if option == "-m" and module.split(".")[0] == "morlax_torch":
             return [*module.split(".")[1:], *sys.orig_argv[position + 2 :]]
     for position, word in enumerate(sys.orig_argv[:2]):
-        name = Path(word).stem
-        if name == "morlax" or name.startswith("morlax-"):
+        name, ending = os.path.splitext(os.path.basename(word))
+        if ending in ("", ".exe") and (name == "morlax" or name.startswith("morlax-")):
             return [*name.split("-")[1:], *sys.orig_argv[position + 1 :]]
     return None
 
@@ -92,27 +92,27 @@ def announce_training() -> None:
     """Print the command of `train` at once, since importing torch takes seconds."""
     words = command_words() or []
     if FIRST and words[:1] == ["train"] and not {"-h", "--help", "--version"} & set(words):
+        import shlex
+        import shutil  # takes a while to import
+
         with suppress(OSError, ValueError):  # of a closed or full output, or of invalid UTF-8
             width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
             whole = f"starting: {shlex.join(words)}"
             print(whole if len(whole) <= width else "starting: train", flush=True)
 
 
-def report_interrupts_in_one_line() -> None:
-    """Make an uncaught KeyboardInterrupt print one line and exit with status 130."""
-    usual = sys.excepthook
+def end_at_once_on_ctrl_c() -> None:
+    """Let Ctrl-C end a command with one word while nothing is to be cleaned up: as it imports.
 
-    def report(
-        kind: type[BaseException], error: BaseException, trace: TracebackType | None
-    ) -> None:
-        if not issubclass(kind, KeyboardInterrupt):
-            usual(kind, error, trace)
-            return
-        sys.stdout.flush()
-        print("interrupted", file=sys.stderr, flush=True)
-        os._exit(INTERRUPTED)
+    An exception would come out of an import as a traceback, or be lost in one.
+    """
+    if command_words() is not None and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, _end)
 
-    sys.excepthook = report
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    os.write(2, b"interrupted\n")
+    os._exit(INTERRUPTED)
 
 
 def command_began() -> float:

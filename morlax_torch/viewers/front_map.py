@@ -41,6 +41,7 @@ def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> d
         "measured": _measured(front, lower_is_better),
         "best": front.non_dominated.tolist(),
         "fails": (falls > FAILS).tolist(),
+        "falls": falls.round(4).tolist(),
         "pair": pareto.most_conflicting_pair(front.returns[front.non_dominated]),
         "checkpoint": front.checkpoint,
     }

@@ -19,9 +19,9 @@ from ...colors import INK, mixed, of_objectives
 from ...files import replacing
 
 RUNS = "viridis"  # perceptually uniform, and unlike the colors of objectives
-DOMINATED = {"s": 9, "color": "0.65", "marker": "x", "lw": 0.7, "label": "dominated"}
+DOMINATED = {"s": 7, "color": "0.7", "lw": 0, "label": "dominated"}  # crosses mean falls
 NON_DOMINATED = "_non-dominated"  # a label that no legend shows
-MARKERS = "osD^vPX*"
+MARKERS = "osD^vP<*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
 MOST_TICKS = 9

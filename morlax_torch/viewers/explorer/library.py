@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 from ...envs import MorlaxError
 from ...envs.errors import unknown
+from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND
 from ...runs.checkpoint import RUNS, named_run, newest_runs
 from ...runs.loading import SHIPPED, find_checkpoint, find_run
 
-LACKING = " (needs mjlab)"
+NEEDS_MJLAB, NO_ROBOT = " (needs mjlab)", " (no MuJoCo robot)"
 
 
 def shipped() -> list[str]:
@@ -18,18 +19,29 @@ def shipped() -> list[str]:
 
 
 def labels() -> list[str]:
-    """Return the shipped policies, then the runs, as a list shows them; see `named`."""
-    return [name + LACKING * _lacks_mjlab(name) for name in shipped()] + trained()
+    """Return the shipped policies, then the runs, as a list shows them; see `named`.
+
+    A label other than the name ends with the reason why that run cannot be shown.
+    """
+    return [name + _reason(SHIPPED / name) for name in shipped()] + [
+        name + _reason(Path(name)) for name in trained()
+    ]
 
 
 def named(label: str) -> str:
     """Return the run or shipped policy of a label."""
-    return label.removesuffix(LACKING)
+    return label.removesuffix(NEEDS_MJLAB).removesuffix(NO_ROBOT)
 
 
-def _lacks_mjlab(name: str) -> bool:
-    config = SHIPPED / name / "config.yaml"
-    return config.read_text().startswith("env: mjlab:") and find_spec("mjlab") is None
+def _reason(run: Path) -> str:
+    try:
+        with (run / "config.yaml").open() as config:
+            task = config.readline().removeprefix("env:").strip(" \n'\"")
+    except (OSError, UnicodeDecodeError):  # opening the run says why
+        return ""
+    if task.startswith((PLAYGROUND, GYMNASIUM)):
+        return NO_ROBOT
+    return NEEDS_MJLAB if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
 
 
 def trained() -> list[str]:

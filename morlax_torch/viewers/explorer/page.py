@@ -43,6 +43,7 @@ class Page:
         self._exhibit = make(self._requests.put)
         self._paused, self._pace = False, 1.0
         self._failure: str | None = None  # why the robots paused by themselves
+        self._opening: messages.Open | None = None  # the last run that was asked for
         self._robot: object = None  # that browsers know
         self._about, self._model = "", b""  # messages about it
         self._drawn: object = None  # its model, which a new body replaces
@@ -114,6 +115,8 @@ class Page:
 
     def _hear(self, data: str | bytes) -> None:
         message = messages.accepted(data)
+        if isinstance(message, messages.Open):
+            self._opening = message
         if message is not None:
             self._requests.put(partial(self._react, message))
 
@@ -123,6 +126,8 @@ class Page:
                 self._paused, self._failure = on, None
             case messages.Pace(value=value):
                 self._pace = min(max(value, SLOWEST), 1.0)
+            case messages.Open() if message is not self._opening:
+                return  # to open a run takes a second, and another one follows
             case _:
                 self._exhibit.react(message)
                 if isinstance(message, messages.Open):

@@ -22,6 +22,7 @@ SOCKET = "socket"  # path of the websocket
 FORBIDDEN = "Open the address that the command printed: it ends with a secret token.\n"
 LARGEST = 2**16  # bytes of a browser's message; the page needs a few hundred
 BEHIND = 2**20  # bytes that a tab has not received yet, above which it misses frames
+PARTING = 1.0  # s to wait for tabs when the server stops; they may not read, or not answer
 TYPES = {".js": "text/javascript", ".html": "text/html; charset=utf-8"}
 
 
@@ -83,9 +84,9 @@ class Server:
         self._loop.call_soon_threadsafe(self._join, tab)
 
     def stop(self) -> None:
-        """Disconnect the browsers and stop."""
+        """Disconnect the browsers and stop; a thread may still wait for those that do not read."""
         self._loop.call_soon_threadsafe(self._over.set)
-        self._thread.join()
+        self._thread.join(PARTING)
 
     def _send(self, message: str | bytes, to: ServerConnection | None) -> None:
         """Send; a tab whose connection is too slow misses poses, which others replace soon."""

@@ -261,14 +261,22 @@ function wireControls() {
     state.played = 0;
     fill();
   });
+  // Space presses a button that has the focus, but a click is not to keep it
+  addEventListener("click", ({ detail, target }) => detail && target.closest("button, summary")?.blur());
   const keys = { " ": "pause", p: "push", r: "reset", c: "camera" };
   addEventListener("keydown", (event) => {
-    const typing = event.target.closest("button, select, input, summary");
-    if (!state.engine || typing || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!state.engine || event.ctrlKey || event.metaKey || event.altKey || isOwn(event)) return;
     const button = keys[event.key.toLowerCase()];
     if (button) actions[button]();
     if (button || state.talk.press(event.key) || press(state.engine, event.key)) event.preventDefault();
   });
+}
+
+/** Return whether the element that has the focus needs a key itself. */
+function isOwn({ target, key, defaultPrevented }) {
+  if (defaultPrevented || target.matches("select, input:not([type=range], [type=checkbox])")) return true;
+  if (target.matches("[type=range]")) return /^(Arrow|Page|Home|End)/.test(key);
+  return /^( |Enter)$/.test(key) && target.matches("button, summary, input");
 }
 
 /** Save what the stage shows as a PNG file. */

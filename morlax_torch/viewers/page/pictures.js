@@ -70,3 +70,6 @@ export function short(value) {
   }
   return `${Number(value.toPrecision(3))}`;
 }
+
+/** Format a share; one that is not zero is not shown as zero. */
+export const percent = (share) => `${share > 0 && share < 0.01 ? "<1" : Math.round(100 * share)} %`;

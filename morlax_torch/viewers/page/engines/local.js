@@ -145,9 +145,10 @@ export class Local {
     const named = (some) => Object.fromEntries(some.map(({ name, values }) => [name, values[best]]));
     const m = this.about.objectives.length;
     const [returns, quantities] = [named(numbers.slice(0, m)), named(numbers.slice(m))];
-    const tradeoff = this.about.front.tradeoffs[best];
+    const { tradeoffs, falls } = this.about.front;
+    const tradeoff = tradeoffs[best];
     const cost = Math.max(...values) - values[best];
-    this.choosing.found = { tradeoff, returns, quantities, cost, simulated: 0 };
+    this.choosing.found = { tradeoff, returns, quantities, cost, falls: falls[best], simulated: 0 };
     this.steer(tradeoff);
   }
 }

@@ -117,6 +117,7 @@ export class Remote {
   }
 
   open(run, checkpoint = null) {
+    this.listener.tell(`Opening ${run}…`);
     this.#send({ act: "open", run, checkpoint });
   }
 

@@ -1,7 +1,7 @@
 // Choose a trade-off by what its policy must reach: returns of an episode, or measured quantities.
 
 import { colorOf } from "../colors.js";
-import { short } from "../pictures.js";
+import { percent, short } from "../pictures.js";
 import { requirable } from "../requirements.js";
 import { Sliders } from "./sliders.js";
 
@@ -52,7 +52,8 @@ export class ChoosingPanel {
     $("maximize").value = choosing.maximized;
     $("free").hidden = !Object.keys(choosing.levels).length;
     $("found").textContent = this.#result(choosing);
-    $("found").dataset.state = choosing.found ? "found" : choosing.reason ? "missed" : "";
+    const { found, reason } = choosing;
+    $("found").dataset.state = reason || found?.falls ? "missed" : found ? "found" : "";
   }
 
   #values() {
@@ -74,6 +75,7 @@ export class ChoosingPanel {
       `${how} returns: ${listed(Object.entries(found.returns))}.`,
       ...(measured ? [`Measured: ${measured}.`] : []),
       ...(found.cost > 0 ? [`This costs ${short(found.cost)} of ${name}.`] : []),
+      ...(found.falls ? [`It falls in ${percent(found.falls)} of its episodes, which breaks every requirement.`] : []),
     ].join(" ");
   }
 }

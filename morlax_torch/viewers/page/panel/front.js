@@ -1,6 +1,6 @@
 // The map of policies: two objectives against each other, and every point is a trade-off to pick.
 
-import { html, onDrag, short, svg, ticks } from "../pictures.js";
+import { html, onDrag, percent, short, svg, ticks } from "../pictures.js";
 import { mixed } from "../colors.js";
 
 const [WIDTH, HEIGHT] = [380, 300];
@@ -31,7 +31,7 @@ export class FrontPlot {
     );
     this.tip = html("p", { className: "tip", hidden: true });
     this.element = html("div", { className: "map" }, this.drawing, this.tip);
-    onDrag(this.drawing, (place) => this.#choose(place), (place) => this.#tell(place));
+    onDrag(this.drawing, (place) => this.#choose(place), (place) => this.#point(place));
     this.drawing.addEventListener("pointerleave", () => (this.tip.hidden = true));
     this.drawing.addEventListener("keydown", (event) => this.#step(event));
   }
@@ -59,21 +59,28 @@ export class FrontPlot {
 
   #choose(place) {
     const far = (other, i) => (this.front.best[i] ? distance(other, place) : Infinity);
-    this.pick(this.front.tradeoffs[lowest(this.places, far)]);
+    const point = lowest(this.places, far);
+    this.#tell(point);
+    this.pick(this.front.tradeoffs[point]);
   }
 
-  /** Say which trade-off the point under the pointer has, and what its policy earns. */
-  #tell(place) {
+  /** Tell the point under the pointer, if there is one. */
+  #point(place) {
     const point = lowest(this.places, (other) => distance(other, place));
-    this.tip.hidden = distance(this.places[point], place) > NEAR ** 2;
-    if (this.tip.hidden) return;
-    const { tradeoffs, axes, values, fails } = this.front;
+    if (distance(this.places[point], place) > NEAR ** 2) this.tip.hidden = true;
+    else this.#tell(point);
+  }
+
+  /** Say which trade-off a point has, and what its policy earns. */
+  #tell(point) {
+    this.tip.hidden = false;
+    const { tradeoffs, axes, values, falls } = this.front;
     const lines = axes.map((axis, i) => {
       if (i >= this.names.length) return `${axis}: ${short(values[point][i])}`;
-      const weight = Math.round(100 * tradeoffs[point][i]);
-      return `${this.names[i]} ${weight} %: ${short(values[point][i])} per second`;
+      const weight = percent(tradeoffs[point][i]);
+      return `${this.names[i]} ${weight}: ${short(values[point][i])} per second`;
     });
-    if (fails[point]) lines.push("its episodes end in a fall");
+    if (falls[point]) lines.push(`falls in ${percent(falls[point])} of its episodes`);
     this.tip.replaceChildren(...lines.map((text) => html("span", { textContent: text })));
     const [x, y] = this.places[point];
     const late = x > WIDTH / 2;

@@ -7,7 +7,7 @@ import { ChoosingPanel } from "./choosing.js";
 import { Episode } from "./episode.js";
 import { FrontPlot } from "./front.js";
 import { LineupPanel, RobotNames } from "./lineup.js";
-import { html } from "../pictures.js";
+import { html, percent } from "../pictures.js";
 import { keeping } from "../requirements.js";
 import { RunLists } from "./runs.js";
 import { SavingPanel } from "./saving.js";
@@ -17,7 +17,6 @@ import { TypedWeights } from "./typing.js";
 import { moved } from "./weights.js";
 
 const $ = (id) => document.getElementById(id);
-const percent = (weight) => `${Math.round(100 * weight)} %`;
 const KINDS = { velocity: "velocity", command: "command", contacts: "contact forces", trail: "trail" };
 
 export class Panel {

@@ -6,6 +6,7 @@ import { even, parsed, shown } from "./weights.js";
 
 const $ = (id) => document.getElementById(id);
 const TOLD = 1500; // ms that "copied" is shown
+const CALM = 1000; // ms after a key until the field follows others again
 
 export class TypedWeights {
   /** @param choose called with a trade-off that a visitor types or presses. */
@@ -17,12 +18,15 @@ export class TypedWeights {
       return this.#chip(name, `only ${name}`, weights, colorOf(index));
     });
     $("corners").replaceChildren(...corners, this.#chip("balance", "all objectives equally", even(m)));
+    $("typed").value = spaced(engine.steered.tradeoff); // another run may have more weights
+    this.typed = -CALM; // ms, when the visitor last typed
     $("typed").oninput = () => {
+      this.typed = performance.now();
       const weights = parsed($("typed").value, m);
+      this.#judge(Boolean(weights));
       if (weights) choose(weights);
     };
-    $("typed").onblur = () => (this.text = null);
-    $("copy").onclick = () => copy().catch(() => $("typed").select());
+    $("copy").onclick = () => this.#copy().catch(() => $("typed").select());
     $("keep").title = "Keep this trade-off as a bookmark of the run";
     $("keep").onclick = () => {
       const name = prompt("Name of the bookmark (then --tradeoff @NAME in every command)");
@@ -31,14 +35,40 @@ export class TypedWeights {
   }
 
   show() {
-    const text = shown(this.engine.steered.tradeoff).replaceAll(",", ", ");
-    if (text !== this.text && document.activeElement !== $("typed")) $("typed").value = this.text = text;
+    const text = spaced(this.engine.steered.tradeoff);
+    if (!this.#edits()) {
+      this.#judge(true);
+      if ($("typed").value !== text) $("typed").value = text;
+    }
     $("keep").hidden = !this.engine.keeps;
     const kept = JSON.stringify(this.engine.bookmarks ?? {});
     if (kept === this.kept) return;
     this.kept = kept;
     const marks = Object.entries(this.engine.bookmarks ?? {});
     $("bookmarks").replaceChildren(...marks.map(([name, w]) => this.#chip(`@${name}`, "bookmark", w)));
+  }
+
+  /** Return whether the field has the visitor's own text: a trade-off in other words, or an unfinished one. */
+  #edits() {
+    if (document.activeElement !== $("typed")) return false;
+    const { tradeoff } = this.engine.steered;
+    const weights = parsed($("typed").value, tradeoff.length);
+    return !weights || shown(weights) === shown(tradeoff) || performance.now() - this.typed < CALM;
+  }
+
+  /** Say what is right, unless the field has a trade-off. */
+  #judge(valid) {
+    const names = this.engine.about.objectives;
+    const right = `${names.length} weights, none negative, for ${names.join(", ")}: such as`;
+    $("typed").setAttribute("aria-invalid", !valid);
+    $("mistyped").textContent = valid ? "" : `Type ${right} ${spaced(even(names.length))}.`;
+  }
+
+  async #copy() {
+    const text = ($("typed").value = spaced(this.engine.steered.tradeoff));
+    await navigator.clipboard.writeText(text);
+    $("copy").textContent = "copied";
+    setTimeout(() => ($("copy").textContent = "copy"), TOLD);
   }
 
   #chip(text, title, weights, color) {
@@ -50,8 +80,4 @@ export class TypedWeights {
   }
 }
 
-async function copy() {
-  await navigator.clipboard.writeText($("typed").value);
-  $("copy").textContent = "copied";
-  setTimeout(() => ($("copy").textContent = "copy"), TOLD);
-}
+const spaced = (weights) => shown(weights).replaceAll(",", ", ");

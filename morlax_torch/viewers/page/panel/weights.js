@@ -12,7 +12,8 @@ export function moved(weights, index, value) {
 
 /** Parse "0.7,0.3" as a trade-off of m objectives; null if it is none. */
 export function parsed(text, m) {
-  const numbers = (text ?? "").split(/[,;\s]+/).map(Number);
+  const parts = (text ?? "").trim().split(/[,;\s]+/);
+  const numbers = parts.map((part) => (/^\.?\d/.test(part) ? Number(part) : NaN));
   const total = numbers.reduce((sum, x) => sum + x, 0);
   const valid = numbers.length === m && numbers.every((x) => x >= 0) && total > 0;
   return valid && Number.isFinite(total) ? numbers.map((x) => x / total) : null;
