@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError
+from ..errors import MorlaxError, MorlaxWarning
 from .trees import base_of
 
 
@@ -78,6 +78,7 @@ class Unsaved:
                 f"{type(self._env).__name__} changes {', '.join(new)}, with one row per world, "
                 "which no checkpoint saves, so a resumed run will differ: declare such tensors in "
                 "initial_state() (docs/your-own-robot.md).",
+                MorlaxWarning,
                 stacklevel=2,
             )
 

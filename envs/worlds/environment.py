@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ..devices import Draws, restore_generator
-from ..errors import MorlaxError
+from ..errors import MorlaxError, MorlaxWarning
 from ..physics.interface import Physics
 from . import checks, designs, episodes, randomization
 from .designs import Bank
@@ -412,6 +412,7 @@ class Environment(Robot):
         if new := [name for name in self.state if f"state.{name}" not in state]:
             warnings.warn(
                 f"the saved worlds lack {', '.join(new)} of the task, which is reset instead.",
+                MorlaxWarning,
                 stacklevel=2,
             )
         initial |= {"act": self._zero, "ctrl": self._zero}
