@@ -6,11 +6,14 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from tiny import tiny
 
 from morlax_torch import MorlaxError, envs, load, save
 from morlax_torch.__main__ import command
 from morlax_torch.configuration.config import Config
+from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.references import NAMES_CODE
+from morlax_torch.train import train
 
 PAYLOAD = """
 from pathlib import Path
@@ -125,6 +128,21 @@ def test_a_utility_of_a_run_is_trusted_by_saying_so(hostile_utility, monkeypatch
     assert not Path("lesson").exists() and not Path("sprung").exists()
     assert load("run", trust=True).config.scalarization.endswith("utility.py:best")
     load("run")  # this process trusts it now
+
+
+def test_a_utility_travels_with_its_run(tmp_path):
+    utility = tmp_path / "utility.py"
+    utility.write_text("def best(tradeoffs, returns): return (tradeoffs * returns).sum(-1)\n")
+    train(tiny(scalarization=f"{utility}:best"), output=tmp_path / "run")
+    utility.unlink()
+    copy = tmp_path.resolve() / "run" / "utility" / "utility.py"
+    with pytest.raises(MorlaxError, match=f"would run the code of {copy}:best"):
+        load(tmp_path / "run")
+    run = Run.open(tmp_path / "run")
+    config = run.config(trust=True)
+    assert config.scalarization == load(run.folder).config.scalarization == f"{copy}:best"
+    train(config.model_copy(update={"max_env_steps": 96}), run)
+    assert checkpoint.load(run.checkpoints / "latest.pt").progress.env_steps == 96
 
 
 def test_every_field_that_can_name_a_file_needs_trust():

@@ -32,7 +32,7 @@ from ..files import (
     unused,
     write_file,
 )
-from . import checkpoint
+from . import checkpoint, models
 from .contents import Contents
 from .hardware import read_machines, resumed, this_machine, write_machines
 from .history import BEST, read_rows
@@ -238,7 +238,9 @@ class Run:
         except BaseException:
             self._lock.release()
             raise
-        return _continued(contents, learner.config)
+        now = models.of_worlds(learner.env)
+        changed = bool(models.difference(contents.environment.model_fingerprint, now))
+        return _continued(contents, learner.config, changed)
 
     def _clear_up(self, learner: Learner, contents: Contents) -> None:
         """Drop what was logged after a checkpoint, and complete best.pt if it is the checkpoint.
@@ -363,16 +365,16 @@ def _front_of(mark: str, path: Path) -> Front | None:
     return None
 
 
-def _continued(contents: Contents, config: Config) -> Progress:
+def _continued(contents: Contents, config: Config, changed: bool) -> Progress:
     """Return the progress of a checkpoint that a run with `config` goes on from.
 
-    Another protocol, other trade-offs or episodes give other hypervolumes, so with them the record
-    of the best checkpoint begins anew. So it does after a version that chose and reported
-    checkpoints by the same random episodes.
+    Another protocol, other trade-offs or episodes, and a `changed` model give other hypervolumes,
+    so with them the record of the best checkpoint begins anew. So it does after a version that
+    chose and reported checkpoints by the same random episodes.
     """
     progress, given = contents.progress, contents.config.get("evaluation", {})
     evaluation = type(config.evaluation).model_validate(given)
-    if not evaluation.measures_like(config.evaluation):
+    if changed or not evaluation.measures_like(config.evaluation):
         return progress.model_copy(update={"best_selection": None, "best_hypervolume": 0.0})
     if progress.best_selection is None and not config.task.for_evaluation().varies:
         return progress.model_copy(update={"best_selection": progress.best_hypervolume or None})

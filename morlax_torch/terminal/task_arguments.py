@@ -53,19 +53,17 @@ RunName = Annotated[
 ]
 _TRUST = "Let the run import the Python files and modules that it names."
 _MOVED = (
-    "Where your own task is now, if its file has moved or is to be used as edited; its code is "
-    "trusted (None: as it was when the run began)."
+    "Your own task, if its file has moved or is to be used as edited; it is trusted (None: the "
+    "task as it was when the run began)."
 )
 _DEVICE = "Device that runs the worlds: cuda, cpu, ... (None: CUDA if there is a GPU)."
 _PORT = "TCP port to listen on, or the next free one; 0 selects any."
 _HOST = "Address to listen on; 0.0.0.0 accepts connections from the whole network."
 Trust = Annotated[bool, tyro.conf.arg(help=_TRUST)]
-Moved = Annotated[str | None, tyro.conf.arg(metavar="FILE.py:CLASS", help=_MOVED)]
+Moved = Annotated[str | None, tyro.conf.arg(metavar="FOLDER/FILE.py:CLASS", help=_MOVED)]
 Device = Annotated[str | None, tyro.conf.arg(help=_DEVICE)]
-Host = Annotated[str, tyro.conf.arg(help=_HOST)]
-Port = Annotated[
-    int, tyro.conf.arg(help="TCP port to listen on, or the next free one; 0 selects any.")
-]
+Host = Annotated[str, tyro.conf.arg(metavar="ADDRESS", help=_HOST)]
+Port = Annotated[int, tyro.conf.arg(metavar="NUMBER", help=_PORT)]
 
 PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
 RENAMED = {  # options of version 1.0
