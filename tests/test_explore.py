@@ -774,6 +774,26 @@ def test_lines_of_charts_break_where_an_episode_ends(visit):
     assert [part.count("L") for part in parts] == [3, 2]
 
 
+CHOSEN = """
+  const { ChoosingPanel } = await load('panel/choosing.js');
+  const about = { objectives: ['a', 'b'], front: { returns: [[1, 2], [2, 1]], measured: [] } };
+  return given[0].map((falls) => {
+    const found = { returns: { a: 1, b: 2 }, quantities: {}, cost: 0, simulated: 3, falls };
+    const choosing = { levels: { 0: 1 }, maximized: 1, searching: false, found, reason: '' };
+    new ChoosingPanel({ about, choosing }, () => {}).show();
+    const { textContent, dataset } = document.getElementById('found');
+    return [textContent, dataset.state];
+  });"""
+
+
+@pytest.mark.slow
+def test_a_chosen_policy_that_falls_does_not_look_like_one_that_keeps_all(visit):
+    kept, falls = run_in(visit(), CHOSEN, [0, 0.004])
+    assert kept == ["Simulated returns: a 1, b 2.", "found"]
+    broken = " It falls in <1 % of its episodes, which breaks every requirement."
+    assert falls == [kept[0] + broken, "missed"]
+
+
 @pytest.mark.slow
 def test_the_page_says_that_its_server_has_stopped(browser, workplace, make_run):
     make_run(workplace / "run", "hopper", "best")
