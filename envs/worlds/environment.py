@@ -15,6 +15,7 @@ from torch import Tensor
 from ..devices import Draws, restore_generator
 from ..errors import MorlaxError
 from ..physics.interface import Physics
+from ..physics.refusals import explained
 from . import checks, designs, episodes, randomization
 from .designs import Bank
 from .episodes import Starts, around
@@ -69,6 +70,7 @@ class Environment(Robot):
         self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
         self.privileged_size = checks.rows(self, "privileged", "P")
+        checks.sizes(self)
         checks.layout(self)
         self._vary()
         self._disturb()
@@ -94,7 +96,8 @@ class Environment(Robot):
 
             buffers = options.nconmax, options.njmax
             physics = WarpPhysics(model, num_worlds, device, cls.substeps, *buffers, deterministic)
-        return cls(physics, options, seed, auto_reset)
+        with explained("MuJoCo", (mujoco.FatalError,)):
+            return cls(physics, options, seed, auto_reset)
 
     @classmethod
     def compile_model(cls, options: Any) -> mujoco.MjModel:
