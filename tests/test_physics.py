@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import torch
 from acting import random_actions, still
+from crowd import MOTOR, SCENE, Crowd
 
-from morlax_torch import envs
+from morlax_torch import MorlaxError, envs
+from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.envs.physics.warp import WarpPhysics
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -238,3 +240,60 @@ def test_reaching_the_solver_iteration_limit_is_not_an_overflow():
     for action in random_actions(env, 40):
         env.step(action)
     assert (env.physics.overflow() == 0).all()
+
+
+SLEEP = '<option><flag sleep="enable"/></option>'
+PID = '<extension><plugin plugin="mujoco.pid"/></extension>'
+PILE = "".join(f'<body pos="0 {i} 9"><freejoint/><geom size=".1"/></body>' for i in range(10))
+
+
+@pytest.mark.usefixtures("crowd")
+@pytest.mark.parametrize(
+    ("backend", "mjcf", "words"),
+    [
+        (
+            "warp",
+            '<option solver="PGS"/>',
+            r'MuJoCo Warp .*PGS.*: set <option solver="Newton"/>, or',
+        ),
+        (
+            "warp",
+            '<option><flag fwdinv="enable"/></option>',
+            "FWDINV.*: leave fwdinv out of <flag>",
+        ),
+        ("warp", f'<option jacobian="dense"/><worldbody>{PILE}</worldbody>', 'jacobian="sparse"'),
+        (
+            "warp",
+            f'{PID}<actuator><plugin joint="arm" plugin="mujoco.pid"/></actuator>',
+            "plugins out",
+        ),
+        (
+            "warp",
+            '<option solver="CG"><flag sleep="enable"/></option>',
+            'leave <flag sleep="enable"/>',
+        ),
+        ("mujoco", SLEEP, 'C MuJoCo cannot .*sleep.*: leave <flag sleep="enable"/> out'),
+        (
+            "mujoco",
+            '<size memory="3000"/>',
+            r'out of memory.*: raise <size memory="100M"/> in the MJCF',
+        ),
+    ],
+)
+def test_what_a_simulator_refuses_has_a_remedy(backend, mjcf, words, monkeypatch):
+    if mjcf == SLEEP and Batch is PythonBatch:
+        pytest.skip("MuJoCo before 4.0 refuses nothing")
+    xml = SCENE.format(MOTOR).replace("<mujoco>", f"<mujoco>{mjcf}")
+    monkeypatch.setattr(Crowd, "load_model", lambda: mujoco.MjModel.from_xml_string(xml))
+    with pytest.raises(MorlaxError, match=words) as caught:
+        envs.make("crowd", 2, "cpu", backend).step(torch.zeros(2, 1))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.usefixtures("crowd")
+@pytest.mark.parametrize("backend", ["mujoco", "warp"])
+def test_a_model_without_actuators_is_refused(backend, monkeypatch):
+    model = mujoco.MjModel.from_xml_string(SCENE.format(""))
+    monkeypatch.setattr(Crowd, "load_model", lambda: model)
+    with pytest.raises(MorlaxError, match=r"Crowd has no actuators.*add an <actuator>"):
+        envs.make("crowd", 2, "cpu", backend)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..errors import MorlaxError
 from .interface import STATE, Physics
+from .refusals import STOPS, explained
 
 _ALL = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -124,12 +125,13 @@ class MujocoPhysics(Physics):
         mujoco.set_mju_user_warning(lambda message: None)
         self.model, self.num_worlds, self.device = model, num_worlds, torch.device("cpu")
         self.substeps = substeps
-        try:
-            self._batch = Batch(model, nsim=num_worlds)
-        except ValueError as error:
-            if "bad_alloc" in str(error):
-                raise MemoryError from None
-            raise
+        with explained(self.name):
+            try:
+                self._batch = Batch(model, nsim=num_worlds)
+            except ValueError as error:
+                if "bad_alloc" in str(error):
+                    raise MemoryError from None
+                raise
         self.qpos = torch.from_numpy(self._batch.bind("qpos"))
         self.qvel = torch.from_numpy(self._batch.bind("qvel"))
         self.ctrl = torch.from_numpy(self._batch.bind("ctrl"))
@@ -148,7 +150,8 @@ class MujocoPhysics(Physics):
         self._moving: NDArray[np.int64] | None = None  # indices of worlds; None: all
 
     def step(self) -> None:
-        self._batch.step(self._moving, nstep=self.substeps)
+        with explained(self.name, STOPS):
+            self._batch.step(self._moving, nstep=self.substeps)
         if self._readings is not None:
             self.sensors.numpy()[:] = self._readings
 

@@ -15,6 +15,7 @@ from ..errors import MorlaxError
 from . import compiling
 from .interface import Physics
 from .mujoco import MODEL_FIELDS, cannot_vary, varying
+from .refusals import explained
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
 
@@ -48,7 +49,8 @@ class WarpPhysics(Physics):
         self.model, self.num_worlds, self.device = model, num_worlds, device
         self.substeps, self.nconmax, self.njmax = substeps, nconmax, njmax
         with wp.ScopedDevice(str(device)):
-            self._model = mjw.put_model(model)
+            with explained(self.name):
+                self._model = mjw.put_model(model)
             self._model.opt.warn_overflow = 0  # would print from kernels; we read `overflow`
             if deterministic:
                 if not hasattr(self._model.opt, "deterministic"):
@@ -62,7 +64,8 @@ class WarpPhysics(Physics):
                 # only if it can save many iterations.
                 self._model.opt.graph_conditional = model.opt.iterations > 6
             self._data = data = self._make_data(num_worlds)
-            compiling.start(partial(mjw.step, self._model, self._make_data(1)))
+            with explained(self.name):
+                compiling.start(partial(mjw.step, self._model, self._make_data(1)))
             wp.synchronize_device()  # Warp frees the spare data on another stream
         self.qpos = wp.to_torch(data.qpos)
         self.qvel = wp.to_torch(data.qvel)

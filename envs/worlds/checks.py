@@ -111,6 +111,19 @@ def rows(env: Any, method: str, letter: str) -> int:
     return given.shape[1]
 
 
+def sizes(env: Any) -> None:
+    """Refuse robots that cannot act, and policies that would see nothing."""
+    task = type(env).__name__
+    if env.action_size < 1 and not env.physics.model.nu:
+        raise MorlaxError(
+            f"the model of {task} has no actuators, as from a URDF: add an <actuator> section to "
+            "the MJCF, or motors with spec.add_actuator of mujoco.MjSpec in load_model."
+        )
+    for what, size in (("count_actions()", env.action_size), ("observe()", env.observation_size)):
+        if size < 1:
+            raise MorlaxError(f"{task}.{what} gives {size} numbers: it must be at least one.")
+
+
 def layout(env: Any) -> None:
     """Check that `layout()` names as many numbers as `observe()` returns."""
     named = sum(part.size for part in env.layout())

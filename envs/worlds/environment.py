@@ -16,6 +16,7 @@ from torch import Tensor
 from ..devices import Draws, restore_generator
 from ..errors import MorlaxError, MorlaxWarning
 from ..physics.interface import Physics
+from ..physics.refusals import explained
 from . import checks, designs, episodes, randomization
 from .designs import Bank
 from .episodes import Starts, around
@@ -75,6 +76,7 @@ class Environment(Robot):
         self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
         self.privileged_size = checks.rows(self, "privileged", "P")
+        checks.sizes(self)
         checks.layout(self)
         self._vary()
         self._disturb()
@@ -100,7 +102,8 @@ class Environment(Robot):
 
             buffers = options.nconmax, options.njmax
             physics = WarpPhysics(model, num_worlds, device, cls.substeps, *buffers, deterministic)
-        return cls(physics, options, seed, auto_reset)
+        with explained("MuJoCo", (mujoco.FatalError,)):
+            return cls(physics, options, seed, auto_reset)
 
     @classmethod
     def compile_model(cls, options: Any) -> mujoco.MjModel:
