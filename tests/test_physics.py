@@ -242,7 +242,6 @@ def test_reaching_the_solver_iteration_limit_is_not_an_overflow():
     assert (env.physics.overflow() == 0).all()
 
 
-SLEEP = '<option><flag sleep="enable"/></option>'
 PID = '<extension><plugin plugin="mujoco.pid"/></extension>'
 PILE = "".join(f'<body pos="0 {i} 9"><freejoint/><geom size=".1"/></body>' for i in range(10))
 
@@ -268,12 +267,6 @@ PILE = "".join(f'<body pos="0 {i} 9"><freejoint/><geom size=".1"/></body>' for i
             "plugins out",
         ),
         (
-            "warp",
-            '<option solver="CG"><flag sleep="enable"/></option>',
-            'leave <flag sleep="enable"/>',
-        ),
-        ("mujoco", SLEEP, 'C MuJoCo cannot .*sleep.*: leave <flag sleep="enable"/> out'),
-        (
             "mujoco",
             '<size memory="3000"/>',
             r'out of memory.*: raise <size memory="100M"/> in the MJCF',
@@ -281,8 +274,6 @@ PILE = "".join(f'<body pos="0 {i} 9"><freejoint/><geom size=".1"/></body>' for i
     ],
 )
 def test_what_a_simulator_refuses_has_a_remedy(backend, mjcf, words, monkeypatch):
-    if mjcf == SLEEP and Batch is PythonBatch:
-        pytest.skip("MuJoCo before 4.0 refuses nothing")
     xml = SCENE.format(MOTOR).replace("<mujoco>", f"<mujoco>{mjcf}")
     monkeypatch.setattr(Crowd, "load_model", lambda: mujoco.MjModel.from_xml_string(xml))
     with pytest.raises(MorlaxError, match=words) as caught:

@@ -14,7 +14,6 @@ REMEDIES = {  # of what simulators say
     r"mjCONE_": 'set <option cone="pyramidal"/>, or model.opt.cone in load_model',
     r"mj(?:ENBL|DSBL)_(\w+)": "leave {} out of <flag>",
     r"Dense is": 'set <option jacobian="sparse"/>, or model.opt.jacobian in load_model',
-    r"sleeping requires|sleep and IPC": 'leave <flag sleep="enable"/> out',
     r"noslip": 'set <option noslip_iterations="0"/>, or model.opt.noslip_iterations in load_model',
     r"(\w+) plugins": "leave the {} plugins out",
     r"out of memory|overflow": 'raise <size memory="100M"/> in the MJCF',
