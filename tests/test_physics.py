@@ -10,7 +10,6 @@ from acting import random_actions, still
 from crowd import MOTOR, SCENE, Crowd
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.envs.physics.warp import WarpPhysics
 
 REFERENCE = Path(__file__).parent / "reference"
