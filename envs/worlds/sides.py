@@ -182,7 +182,7 @@ def _apart(
     highest = sizes.max(0) if largest is None else np.full(values.shape[1], largest)
     far = apart > ROUNDING * np.maximum(sizes, SMALLEST * highest if floor is None else floor)
     shares = np.where(far, apart / np.maximum(highest, 1e-300), 0.0)
-    for i in np.flatnonzero(far.any(1)):
+    for i in np.flatnonzero(far.any(1)).tolist():
         k, (name, other) = int(shares[i].argmax()), (each[i] for each in names)
         image = "its mirror image" if name == other else other
         words = f"{field} of {name} {values[i, k]:.6g}, of {image} {images[i, k]:.6g}"
@@ -225,7 +225,7 @@ def _of_geoms(
     touching = (model.geom_contype | model.geom_conaffinity) > 0
     touching[[*model.pair_geom1, *model.pair_geom2]] = True
     touching &= ~np.isin(model.geom_type, UNKNOWN)
-    shapes = {int(i): _shape(model, data, i) for i in np.flatnonzero(touching)}
+    shapes = {i: _shape(model, data, i) for i in np.flatnonzero(touching).tolist()}
     pairs = []
     for link, other in links.items():
         if link > other:
@@ -234,10 +234,10 @@ def _of_geoms(
         ours, free = ([i for i in shapes if model.geom_bodyid[i] in each] for each in bodies)
         for geom in ours:
             center, points = shapes[geom]
-            kind = model.geom_type[geom]
             distances = [
-                np.linalg.norm(center - shapes[i][0] * FLIP) + _gap(points, shapes[i][1] * FLIP)
-                if model.geom_type[i] == kind
+                float(np.linalg.norm(center - shapes[i][0] * FLIP))
+                + _gap(points, shapes[i][1] * FLIP)
+                if model.geom_type[i] == model.geom_type[geom]
                 else np.inf
                 for i in free
             ]
