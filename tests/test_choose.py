@@ -26,7 +26,9 @@ from morlax_torch.evaluation.names import Names
 from morlax_torch.evaluation.requirements import Requirements
 from morlax_torch.networks.agent import Agent
 from morlax_torch.reports.card import card
+from morlax_torch.runs import choosing
 from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
+from morlax_torch.runs.choosing import Simulated
 from morlax_torch.runs.loading import find_run
 from morlax_torch.runs.trials import CONDITIONS, EPISODES, USUAL, Trial, trials
 from morlax_torch.terminal import cli
@@ -332,6 +334,58 @@ def test_a_random_task_keeps_its_requirement_on_fresh_episodes(tmp_path, monkeyp
     assert reward.tolist() == pytest.approx(list(found.returns.values()), abs=0.06)
 
 
+def test_other_episodes_decide_than_those_that_chose_the_finalists(tmp_path, monkeypatch):
+    """Search episodes pay up to 1 more by luck, and what they earn is not told."""
+    run = separate(tmp_path / "run", "gusty", Gusty, monkeypatch)
+    chooser, finalists = Simulated(load(run)), []
+
+    def simulate(_chooser, evaluator, tradeoffs: np.ndarray) -> np.ndarray:
+        right = 1 - (tradeoffs[:, 0] - 0.3) ** 2
+        if evaluator is chooser._evaluator:
+            right = right + 61_803 * tradeoffs[:, 0] % 1
+        else:
+            assert evaluator._seed != chooser._evaluator._seed
+            finalists.extend(tradeoffs.tolist())
+        return np.stack([tradeoffs[:, 0], right], 1)
+
+    monkeypatch.setattr(Simulated, "_simulate", simulate)
+    found = chooser.choose({"left": 0.1}, "right", margin=0.0)
+    kept = [tradeoff for tradeoff in finalists if tradeoff[0] >= 0.1]
+    best = min(kept, key=lambda tradeoff: abs(tradeoff[0] - 0.3))
+    assert len({tuple(tradeoff) for tradeoff in kept}) > 3
+    assert list(found.tradeoff) == best != kept[0]
+    assert found.returns == pytest.approx({"left": best[0], "right": 1 - (best[0] - 0.3) ** 2})
+
+
+@pytest.mark.slow
+def test_the_search_comes_close_to_a_dense_scan(three, monkeypatch):
+    """Near trade-offs of a robot that hops differ by chance, so few are better than all others."""
+    random = np.random.default_rng(0)
+    share = np.linspace(0, 1, 20_001)
+    smooth = np.stack([share, 1 - share], 1) ** 0.5
+    every = 1000 * (2 + smooth + random.normal(scale=0.02, size=smooth.shape))
+
+    def simulate(_chooser, _evaluator, tradeoffs: np.ndarray) -> np.ndarray:
+        return every[np.rint(20_000 * tradeoffs[:, 0]).astype(int)]
+
+    monkeypatch.setattr(Simulated, "_simulate", simulate)
+    some, dense = np.arange(0, 20_001, 40), every[::5]
+    weights = np.stack([share, 1 - share], 1)[some]
+    lengths, reference = np.ones(len(some)), np.zeros(2)
+    front = Front(("left", "right"), weights, every[some], lengths, reference)
+    chooser = Simulated(load(three), front)
+    losses = []
+    for _ in range(40):
+        required, maximized = random.permutation(2)
+        least = random.uniform(*np.quantile(every[some, required], (0.2, 0.8)))
+        names = front.objectives[required], front.objectives[maximized]
+        found = chooser.choose({names[0]: least}, names[1])
+        assert found.returns[names[0]] >= least
+        best = dense[dense[:, required] >= least, maximized].max()
+        losses.append(1 - found.returns[names[1]] / best)
+    assert max(losses) < 0.01
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "constraints", "maximize"),
@@ -551,6 +605,7 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
 
 
 def test_choose_stores_a_bookmark_for_other_commands(tmp_path, make_run, monkeypatch, capsys):
+    monkeypatch.setattr(choosing, "MOST_BATCHES", 2)
     run = make_run(tmp_path / "run", "hopper", "best")
     typed = [str(run), "--maximize", "run", "--device", "cpu", "--bookmark"]
     monkeypatch.setattr("sys.argv", ["choose", *typed, "my best"])
@@ -568,6 +623,7 @@ def test_choose_stores_a_bookmark_for_other_commands(tmp_path, make_run, monkeyp
 def test_a_decision_card_tells_requirement_choice_and_other_conditions(
     tmp_path, make_run, monkeypatch, capsys
 ):
+    monkeypatch.setattr(choosing, "MOST_BATCHES", 2)
     run, card = make_run(tmp_path / "run", "hopper", "best"), tmp_path / "card.html"
     typed = ["choose", str(run), "--maximize", "run", "--device", "cpu", "--card"]
     monkeypatch.setattr("sys.argv", [*typed, str(card), "--at-least", "jump=-1e6"])

@@ -18,8 +18,9 @@ import search_methods
 import yaml
 from tiny import tiny
 
-from morlax_torch import MorlaxError, pareto
+from morlax_torch import MorlaxError, load, pareto, train
 from morlax_torch.configuration.config import Config
+from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.progress import Evaluation
 
@@ -47,6 +48,31 @@ def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
         for _ in range(int(0.25 * n)):
             left = left[1:-1]
         assert mean == pytest.approx(sum(left) / len(left))
+
+
+def test_a_bootstrap_draws_runs_of_each_task_with_replacement():
+    tasks = [np.arange(5.0), 10 + np.arange(8.0) ** 2]
+    drawn = compare_statistics.resampled(tasks, resamples=20_000)
+    assert drawn.shape == (20_000, 13)
+    for scores, part in zip(tasks, np.split(drawn, [5], axis=1), strict=True):
+        assert set(part.flat) == set(scores)
+        assert min(len(set(row)) for row in part) < len(scores)
+        error = scores.std() / len(scores) ** 0.5  # of a mean of independent draws
+        assert part.mean(1).std() == pytest.approx(error, rel=0.03)
+        low, high = compare_statistics.interval(part.mean(1))
+        assert (low + high) / 2 == pytest.approx(scores.mean(), abs=error / 4)
+        assert high - low == pytest.approx(2 * 1.96 * error, rel=0.1)
+
+
+def test_the_episodes_that_count_are_not_those_of_training(tmp_path):
+    config = tiny(**{"task.reset_noise": 0.1, "seed": 3})
+    folder = train(config, output=tmp_path / "run").folder
+    fresh = compare.fresh_front(folder, "cpu")
+    policy = load(folder)
+    for seed in (0, config.seed):
+        seen = evaluate(policy, device="cpu", seed=seed)
+        np.testing.assert_array_equal(seen.tradeoffs, fresh.tradeoffs)
+        assert (abs(seen.returns - fresh.returns) > 1e-3).all()
 
 
 def test_igd_plus_is_scaled_by_the_range_of_the_reference():

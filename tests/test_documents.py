@@ -4,6 +4,7 @@ import inspect
 import re
 import runpy
 import shlex
+import subprocess
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -25,7 +26,7 @@ from morlax_torch.runs.training import make_worlds
 ROOT = Path(__file__).parent.parent
 A_RUN = re.compile(r"runs/cheetah\b")  # names the newest run
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-SLOW = [("python", page) for page in ("export", "integrations", "tuning")]  # their code
+SLOW = ("export", "integrations", "tuning")  # their code only runs in fresh processes
 
 
 def blocks(language: str) -> list:
@@ -34,11 +35,7 @@ def blocks(language: str) -> list:
     The tutorial's blocks need each other: test_tutorial.py runs them.
     """
     return [
-        pytest.param(
-            block,
-            id=f"{page.stem}-{number}",
-            marks=[pytest.mark.slow] if (language, page.stem) in SLOW else [],
-        )
+        pytest.param(block, id=f"{page.stem}-{number}")
         for page in PAGES
         if page.stem != "tutorial"
         for number, block in enumerate(
@@ -88,9 +85,43 @@ def with_short_episodes(task: str, **changes) -> Config:
     return config_for(task, **{**length, **changes})
 
 
-@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
-@pytest.mark.filterwarnings("ignore:.*treespec:FutureWarning")
+ALONE = """
+import builtins
+usual = builtins.__import__
+def importing(name, *others, **named):
+    module = usual(name, *others, **named)
+    if name.partition(".")[0] == "morlax_torch":
+        builtins.__import__ = usual
+        import morlax_torch
+        given = morlax_torch.config_for
+        morlax_torch.config_for = lambda env, **changes: given(
+            env, **{**({} if ":" in env else {"task.episode_length": 20}), **changes}
+        )
+    return module
+builtins.__import__ = importing
+"""  # with short episodes, as soon as a block imports morlax_torch
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("code", blocks("python"))
+def test_python_runs_in_a_fresh_process(code, run, workplace, request):
+    """No block uses names, imports or filters of warnings of another one."""
+    for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
+        pytest.importorskip(module, reason=f"{module} is not installed")
+    if "import wandb" in code:
+        pytest.skip("test_hosts.py starts it")
+    if "import record" in code:
+        request.getfixturevalue("opengl")
+    exports = "export-" in request.node.callspec.id
+    folder = request.getfixturevalue("exported") if exports else workplace
+    code = ALONE + A_RUN.sub(str(run), code)
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "code", [x for x in blocks("python") if x.id.rpartition("-")[0] not in SLOW]
+)
 def test_python_runs(code, run, workplace, monkeypatch, request):
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
         pytest.importorskip(module, reason=f"{module} is not installed")
@@ -98,8 +129,6 @@ def test_python_runs(code, run, workplace, monkeypatch, request):
         request.getfixturevalue("opengl")
     # a task that one page registers must not exist on the next
     monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    exports = "export-" in request.node.callspec.id
-    monkeypatch.chdir(request.getfixturevalue("exported") if exports else workplace)
     monkeypatch.setattr(morlax_torch, "config_for", with_short_episodes)
     code = A_RUN.sub(str(run), code)
     if "import wandb" in code:  # test_hosts.py starts it

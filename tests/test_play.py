@@ -125,10 +125,11 @@ def test_an_observation_has_the_order_scales_clips_and_history_of_its_settings(c
 
 
 def test_gains_that_a_user_edits_are_those_of_the_motors(cart):
-    cart.settings.stiffness = [20.0, 9.0]
+    cart.settings.stiffness, cart.settings.damping = [20.0, 9.0], [3.0, 0.5]
     robot = Robot(cart)
     assert robot.model.actuator_gainprm[:, 0].tolist() == [20, 9]
     assert robot.model.actuator_biasprm[:, 1].tolist() == [-20, -9]
+    assert robot.model.actuator_biasprm[:, 2].tolist() == [-3, -0.5]
 
 
 def test_a_trade_off_changes_no_faster_than_its_limit(cart):

@@ -21,7 +21,7 @@ from .fronts import load_front
 from .loading import load
 
 BATCH = 64  # trade-offs that are simulated together
-MOST_BATCHES = 8
+MOST_BATCHES = 32
 SETTLED = 0.05  # chance of a gain below which nothing more is simulated
 FINALISTS, MOST_GROUPS = 8, 4  # simulated again on other episodes, if the task is random
 RANDOM_SEEDS = 8  # episodes per trade-off of a random task, at least
