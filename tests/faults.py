@@ -23,7 +23,6 @@ import pytest
 import yaml
 
 TESTS = Path(__file__).parent
-FAULTS = yaml.safe_load((TESTS / "faults.yaml").read_text())
 OPTIONS = ["-p", "no:cacheprovider", "-o", "addopts=", "-x", "-q", "--tb=line", "-m", "not long"]
 # what tests import of other packages, once for all forked processes
 SLOW_IMPORTS = (
@@ -37,8 +36,14 @@ def occurrences(fault: dict[str, str], checkout: Path) -> int:
     return path.read_text().count(fault["old"]) if path.is_file() else 0
 
 
-def chosen(words: list[str], fifth: int | None) -> list[dict[str, str]]:
-    part = FAULTS if fifth is None else FAULTS[fifth % 5 :: 5]
+def read() -> list[dict[str, str]]:
+    return yaml.safe_load((TESTS / "faults.yaml").read_text())
+
+
+def chosen(
+    every: list[dict[str, str]], words: list[str], fifth: int | None
+) -> list[dict[str, str]]:
+    part = every if fifth is None else every[fifth % 5 :: 5]
     return [f for f in part if not words or any(word in f["file"] for word in words)]
 
 
@@ -91,9 +96,10 @@ def main() -> int:
     parser.add_argument("words", nargs="*", help="parts of the names of the files with faults")
     parser.add_argument("--fifth", type=int, metavar="K", help="inject a fifth, the K-th modulo 5")
     arguments = parser.parse_args()
-    faults = chosen(arguments.words, arguments.fifth)
+    every = read()
+    faults = chosen(every, arguments.words, arguments.fifth)
     # those outside the fifth too: a change that makes a fault stale fails at once
-    stale = [f for f in FAULTS if f not in faults and occurrences(f, TESTS.parent) != 1]
+    stale = [f for f in every if f not in faults and occurrences(f, TESTS.parent) != 1]
     for fault in stale:
         print(f"STALE  {fault['file']}: {fault['old']}", flush=True)
     for name, value in (("OMP_NUM_THREADS", "1"), ("TRITON_INTERPRET", "1")):

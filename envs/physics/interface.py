@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from torch import Tensor
 from ..errors import unknown
 
 _ODD = {"WARMSTART": "qacc_warmstart", "PLUGIN": "plugin_state"}
-STATE = {  # the parts of MuJoCo's state, by the name of their array in MjData
+STATE: dict[str, Any] = {  # the parts of MuJoCo's state, by the name of their array in MjData
     _ODD.get(word, word.lower()): part
     for member, part in mujoco.mjtState.__members__.items()
     if (word := member.removeprefix("mjSTATE_")) != member and int(part).bit_count() == 1

@@ -42,7 +42,7 @@ def start(env: Any) -> np.ndarray:
 def state(env: Any) -> dict[str, Tensor]:
     """Return the command and `initial_state()`, if these are tensors (N, ...) on the device."""
     command, N = getattr(env, "command", None), env.num_worlds
-    tensors = {"command": command} if _shape(command)[:1] == (N,) else {}
+    tensors: dict[str, Any] = {"command": command} if _shape(command)[:1] == (N,) else {}
     for name, value in {**tensors, **env.initial_state()}.items():
         if not isinstance(value, Tensor) or value.shape[:1] != (N,) or value.device != env.device:
             kind = f"{_shape(value)} on {getattr(value, 'device', 'no device')}"
