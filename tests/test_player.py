@@ -16,6 +16,7 @@ CART = """
 <mujoco>
   <worldbody>
     <body><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1"/></body>
+    <body name="flag" mocap="true" pos="0 0 1"/>
   </worldbody>
   <actuator><general joint="x" dyntype="filter" dynprm="0.5" gainprm="10"/></actuator>
 </mujoco>
@@ -98,8 +99,10 @@ def test_motor_forces_include_activations(monkeypatch):
     monkeypatch.setattr(envs.registry, "_REGISTRY", {"cart-with-lag": Cart})
     config = load_config(task_values("cart-with-lag", "cpu"))
     player = Player(Policy(Agent(config, 2, 1, 2), config, ("far", "near")), (0.5, 0.5))
+    player.env.physics.part("mocap_pos")[0, 0, 2] = 3.0
     for _ in range(50):
         player.step()
+    assert player.data.body("flag").xpos[2] == 3.0
     activation = player.env.physics.act[0].item()
     assert 0.3 < activation < 1
     np.testing.assert_allclose(player.data.actuator_force, [10 * activation], rtol=1e-6)

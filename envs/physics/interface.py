@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,10 +13,10 @@ from torch import Tensor
 from ..errors import unknown
 
 _ODD = {"WARMSTART": "qacc_warmstart", "PLUGIN": "plugin_state"}
-STATE: dict[str, Any] = {  # the parts of MuJoCo's state, by the name of their array in MjData
-    _ODD.get(word, word.lower()): part
+STATE: dict[str, mujoco.mjtState] = {  # the parts of MuJoCo's state, by their names in MjData
+    _ODD.get(word := str(member)[8:]) or word.lower(): part
     for member, part in mujoco.mjtState.__members__.items()
-    if (word := member.removeprefix("mjSTATE_")) != member and int(part).bit_count() == 1
+    if member.startswith("mjSTATE_") and int(part).bit_count() == 1
 }
 MAIN = "qpos", "qvel", "act", "ctrl", "qacc_warmstart"  # those that `Physics` has by name
 

@@ -43,10 +43,11 @@ def state(env: Any) -> dict[str, Tensor]:
     """Return the command and `initial_state()`, if these are tensors (N, ...) on the device."""
     command, N = getattr(env, "command", None), env.num_worlds
     tensors: dict[str, Any] = {"command": command} if _shape(command)[:1] == (N,) else {}
+    device = env.device.type
     for name, value in {**tensors, **env.initial_state()}.items():
-        if not isinstance(value, Tensor) or value.shape[:1] != (N,) or value.device != env.device:
+        if not isinstance(value, Tensor) or value.shape[:1] != (N,) or value.device.type != device:
             kind = f"{_shape(value)} on {getattr(value, 'device', 'no device')}"
-            expected = f"({N}, ...) on {env.device}, one row per world"
+            expected = f"({N}, ...) on {device}, one row per world"
             raise _wrong(env, f"initial_state()[{name!r}]", kind, expected)
         tensors[name] = value
     return tensors

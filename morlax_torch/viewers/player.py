@@ -68,4 +68,7 @@ class Player:
         self.data.qvel[:] = self.env.physics.qvel[0].numpy()
         self.data.ctrl[:] = self.env.physics.ctrl[0].numpy()
         self.data.act[:] = self.env.physics.act[0].numpy()
+        parts = getattr(self.env.physics, "parts", {})  # mjlab's robots have none
+        for name in parts.keys() & {"mocap_pos", "mocap_quat"}:
+            getattr(self.data, name)[:] = parts[name][0][0].numpy()
         mujoco.mj_forward(self.model, self.data)
