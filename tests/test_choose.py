@@ -1,6 +1,7 @@
 """A trade-off is chosen by what its policy must reach, and its policy does reach it."""
 
 import shlex
+from collections import defaultdict
 from io import BytesIO
 from pathlib import Path
 from typing import ClassVar
@@ -338,6 +339,7 @@ def test_other_episodes_decide_than_those_that_chose_the_finalists(tmp_path, mon
     """Search episodes pay up to 1 more by luck, and what they earn is not told."""
     run = separate(tmp_path / "run", "gusty", Gusty, monkeypatch)
     chooser, finalists = Simulated(load(run)), []
+    chooser._falls = defaultdict(float)
 
     def simulate(_chooser, evaluator, tradeoffs: np.ndarray) -> np.ndarray:
         right = 1 - (tradeoffs[:, 0] - 0.3) ** 2
@@ -374,6 +376,7 @@ def test_the_search_comes_close_to_a_dense_scan(three, monkeypatch):
     lengths, reference = np.ones(len(some)), np.zeros(2)
     front = Front(("left", "right"), weights, every[some], lengths, reference)
     chooser = Simulated(load(three), front)
+    chooser._falls = defaultdict(float)
     losses = []
     for _ in range(40):
         required, maximized = random.permutation(2)
