@@ -1,6 +1,7 @@
 """The examples in docs/ run and learn."""
 
 import importlib.util
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import envs
+from morlax_torch import MORLAX, config_for, envs, pareto
 from morlax_torch.gpu.resources import one_thread
 
 EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
@@ -18,9 +19,70 @@ TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"
 def imported(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
     assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)  # dataclasses look there
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.mark.parametrize("task", ["cheetah", "hopper"])
+def test_morlax_in_one_file_trains_bit_for_bit_as_the_package(task):
+    changes = {"sampling.cells": False, "worlds": 64, "horizon": 8}
+    config = config_for(task, device="cpu", **changes)
+    ppo, network = config.ppo, config.network
+    example = imported("morlax")
+    options = example.Options(
+        task,
+        "cpu",
+        config.seed,
+        worlds=config.worlds,
+        clusters=config.sampling.clusters,
+        horizon=config.horizon,
+        epochs=ppo.epochs,
+        minibatches=ppo.minibatches,
+        width=network.actor[0],
+        hidden=network.hidden[0],
+        features=network.features,
+        learning_rate=ppo.learning_rate,
+        discount=ppo.discount,
+        gae_lambda=ppo.gae_lambda,
+        clip=ppo.clip,
+        entropy=ppo.entropy,
+        decay_fraction=ppo.decay_fraction,
+    )
+    ours = example.MORLAX(envs.make(task, 64, "cpu", seed=config.seed), options)
+    package = MORLAX(config.make_worlds(64, config.seed), config)
+    with one_thread(torch.device("cpu")):
+        for done in (0.0, 0.4, 0.8):
+            ours.iterate(done)
+            package.iterate(done)
+    agent = package.agent
+    for mine, theirs in (
+        (ours.actor, agent.actor),
+        (ours.critic, agent.critic),
+        (ours.observations, agent.observation_normalizer),
+        (ours.values, agent.value_normalizer),
+    ):
+        values = dict(theirs.named_parameters()) | dict(theirs.named_buffers())
+        for name, value in (*mine.named_parameters(), *mine.named_buffers()):
+            assert torch.equal(value, values[name]), name
+
+
+def test_morlax_in_one_file_measures_hypervolumes_as_the_package():
+    returns, reference = torch.randn(50, 2, dtype=torch.float64), (-0.5, 0.2)
+    expected = pareto.hypervolume(returns.numpy(), reference)
+    assert imported("morlax").hypervolume(returns, reference) == pytest.approx(expected)
+
+
+@pytest.mark.slow
+def test_morlax_in_one_file_learns_and_draws_its_front(tmp_path, capsys):
+    example = imported("morlax")
+    options = example.Options(device="cpu", max_seconds=6.0, tradeoffs=32, worlds=64)
+    with one_thread(torch.device("cpu")):
+        morlax, returns = example.train(options)
+    example.plot(returns, morlax.env.objectives, str(tmp_path / "front.png"))
+    volumes = [float(line.split()[-1]) for line in capsys.readouterr().out.splitlines()]
+    assert volumes[-1] > 1.5 * volumes[0]
+    assert (tmp_path / "front.png").stat().st_size > 5000
 
 
 @pytest.mark.slow
