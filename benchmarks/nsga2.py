@@ -93,7 +93,8 @@ class NSGA2:
         return {**named, "blowups": 0.0, "overflow": 0.0}
 
     def state_dict(self) -> dict[str, Any]:
-        return {"agent": {name: x.clone() for name, x in self.agent.state_dict().items()}}
+        agent = {name: x.clone() for name, x in self.agent.state_dict().items()}
+        return {"agent": agent, "iteration": self.iteration}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         raise NotImplementedError("runs of this benchmark cannot be resumed")
