@@ -23,6 +23,7 @@ from morlax_torch.configuration.sections import NetworkConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.resources import one_thread
 from morlax_torch.networks.agent import Agent
+from morlax_torch.terminal import cli
 from morlax_torch.viewers.filming.rendering import choose_opengl
 
 if not torch.cuda.is_available():
@@ -135,7 +136,7 @@ def refused(monkeypatch, capsys) -> Callable[..., str]:
     def run(module: ModuleType, *typed: object) -> str:
         monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, typed)])
         with pytest.raises(SystemExit) as stopped:
-            module.main()
+            cli.run(module.command)
         assert stopped.value.code == 2
         text = capsys.readouterr().err
         assert text.startswith("error: ") and text.count("\n") == 1

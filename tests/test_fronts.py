@@ -18,16 +18,15 @@ from morlax_torch.commands.choose import command as choose
 from morlax_torch.commands.evaluate import command as evaluate_command
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.exports.manifest import provenance
 from morlax_torch.files import AnyPath
-from morlax_torch.pack import pack
 from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.choosing import choose as choice_of
+from morlax_torch.runs.evaluating import evaluate, pack
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.runs.history import History, best_row, hypervolume_of, read_rows
 from morlax_torch.runs.loading import find_run

@@ -13,11 +13,11 @@ from morlax_torch.algorithms.pg_morl import learner as pg_morl
 from morlax_torch.algorithms.pg_morl import population, prediction, selection
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.exports.exporting import export
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_evaluator, make_worlds
 
