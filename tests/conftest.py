@@ -23,6 +23,7 @@ from morlax_torch.configuration.sections import NetworkConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.resources import one_thread
 from morlax_torch.networks.agent import Agent
+from morlax_torch.runs.checkpoint import fingerprint
 from morlax_torch.terminal import cli
 from morlax_torch.viewers.filming.rendering import choose_opengl
 
@@ -258,7 +259,8 @@ def make_run(make_front, make_policy) -> Callable[..., Path]:
         (folder / "checkpoints").mkdir(parents=True)
         for name in checkpoints:
             save(policy, folder / "checkpoints" / f"{name}.pt")
-        make_front(policy.objectives).save(folder / "front.npz")
+        mark = fingerprint(policy.agent.state_dict())
+        make_front(policy.objectives)._replace(fingerprint=mark).save(folder / "front.npz")
         return folder
 
     return make

@@ -246,14 +246,6 @@ def test_answers_about_one_objective_are_not_used_for_another(base, lesson):
     assert Comparisons.load(path).objective == "tall"
 
 
-def test_a_lesson_of_an_earlier_version_continues(base, lesson, tmp_path):
-    with np.load(lesson.folder / "comparisons.npz") as arrays:
-        np.savez(tmp_path / "comparisons.npz", **{k: arrays[k] for k in arrays if k != "objective"})
-    again = Lesson(str(base), tmp_path, "tall", clips=20)
-    assert again.comparisons.answers == lesson.comparisons.answers
-    assert Comparisons.load(tmp_path / "comparisons.npz").objective == "tall"
-
-
 def test_a_lesson_cannot_replace_an_objective_that_is_not_learned(base, tmp_path):
     with pytest.raises(MorlaxError, match="has an objective run already, which is not learned"):
         Lesson(str(base), tmp_path / "lesson", "run", clips=20)
