@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from gait_acceptance import LIMITS, MIN_WALKED, STEPS, measure
+from gait_planner import Planner
+from gait_walk import Walker
 from rich import box
 from rich.progress import track
 from rich.table import Table
 
-from morlax_torch.envs.robots.bruce.acceptance import LIMITS, MIN_WALKED, STEPS, measure
-from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Library
-from morlax_torch.envs.robots.bruce.planner import Gait, Planner
-from morlax_torch.envs.robots.bruce.walk import Walker
+from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Gait, Library
 from morlax_torch.files import replacing
 from morlax_torch.terminal.cli import console
 

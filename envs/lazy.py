@@ -1,9 +1,8 @@
-"""Modules that import what they offer at first use (PEP 562), or that can be called."""
+"""Modules that import what they offer at first use (PEP 562)."""
 
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 
@@ -14,14 +13,17 @@ def handed_on(
 
     Args:
         module: its `__name__`.
-        homes: where each name comes from, relative to the module's package.
+        homes: where each name comes from, relative to the module's package; a submodule of the
+            same name is meant itself.
     """
 
     def find(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
         own = sys.modules[module]
-        value = getattr(import_module(f".{homes[name]}", own.__package__), name)
+        value = import_module(f".{homes[name]}", own.__package__)
+        if homes[name] != name:
+            value = getattr(value, name)
         setattr(own, name, value)
         return value
 
@@ -29,17 +31,3 @@ def handed_on(
         return sorted({*vars(sys.modules[module]), *homes})
 
     return find, listed
-
-
-class _CallableModule(ModuleType):
-    def __call__(self, *args: Any, **options: Any) -> Any:
-        return getattr(self, self.__name__.rpartition(".")[2])(*args, **options)
-
-
-def make_callable(module: str) -> None:
-    """Let a module be called as the function of its own name.
-
-    `morlax_torch.train(config)` then works whether `morlax_torch.train` was imported or not, which
-    replaces the function of that name in the package with the module.
-    """
-    sys.modules[module].__class__ = _CallableModule

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from .envs.lazy import make_callable
-
 if TYPE_CHECKING:  # torch takes seconds to import: not before the command line is read
     from torch import nn
 
@@ -57,8 +55,6 @@ def train(
     assert session.run is not None
     return session.run
 
-
-make_callable(__name__)
 
 if __name__ == "__main__":
     from .commands.train import main

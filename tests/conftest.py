@@ -23,6 +23,8 @@ from morlax_torch.configuration.sections import NetworkConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.resources import one_thread
 from morlax_torch.networks.agent import Agent
+from morlax_torch.runs.checkpoint import fingerprint
+from morlax_torch.terminal import cli
 from morlax_torch.viewers.filming.rendering import choose_opengl
 
 if not torch.cuda.is_available():
@@ -135,7 +137,7 @@ def refused(monkeypatch, capsys) -> Callable[..., str]:
     def run(module: ModuleType, *typed: object) -> str:
         monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, typed)])
         with pytest.raises(SystemExit) as stopped:
-            module.main()
+            cli.run(module.command)
         assert stopped.value.code == 2
         text = capsys.readouterr().err
         assert text.startswith("error: ") and text.count("\n") == 1
@@ -257,7 +259,8 @@ def make_run(make_front, make_policy) -> Callable[..., Path]:
         (folder / "checkpoints").mkdir(parents=True)
         for name in checkpoints:
             save(policy, folder / "checkpoints" / f"{name}.pt")
-        make_front(policy.objectives).save(folder / "front.npz")
+        mark = fingerprint(policy.agent.state_dict())
+        make_front(policy.objectives)._replace(fingerprint=mark).save(folder / "front.npz")
         return folder
 
     return make

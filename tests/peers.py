@@ -4,11 +4,12 @@ from pathlib import Path
 
 import torch
 
-from morlax_torch import envs, load, train
+from morlax_torch import envs, load
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
-from morlax_torch.evaluate import evaluate
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.history import read_rows
+from morlax_torch.train import train
 
 
 def noise(env: envs.Worlds) -> torch.Tensor:

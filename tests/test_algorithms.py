@@ -23,10 +23,10 @@ from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.generated import Independent
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds

@@ -3,13 +3,13 @@
 import numpy as np
 import plan_gaits
 import pytest
+from gait_acceptance import LIMITS, MIN_WALKED, STEPS, measure
+from gait_planner import Planner, derivatives
+from gait_walk import Walker
 from numpy.typing import NDArray
 
 from morlax_torch import MorlaxError
-from morlax_torch.envs.robots.bruce.acceptance import LIMITS, MIN_WALKED, STEPS, measure
-from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Library
-from morlax_torch.envs.robots.bruce.planner import Gait, Planner, derivatives
-from morlax_torch.envs.robots.bruce.walk import Walker
+from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Gait, Library
 
 SOME = ((0, 8), (8, 4), (13, 5))  # rows and columns of the library: a corner, standing, walking
 

@@ -16,10 +16,8 @@ from PIL import Image
 from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
 from morlax_torch.__main__ import COMMANDS
 from morlax_torch.__main__ import command as run_command
-from morlax_torch.choose import choose
 from morlax_torch.commands.choose import command
 from morlax_torch.configuration.tradeoffs import parse_tradeoff
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.candidates import Candidates
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
@@ -29,7 +27,8 @@ from morlax_torch.networks.agent import Agent
 from morlax_torch.reports.card import card
 from morlax_torch.runs import choosing
 from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
-from morlax_torch.runs.choosing import Simulated
+from morlax_torch.runs.choosing import Simulated, choose
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import find_run
 from morlax_torch.runs.trials import CONDITIONS, EPISODES, USUAL, Trial, trials
 from morlax_torch.terminal import cli

@@ -23,7 +23,7 @@ TINY = (
 
 def run(monkeypatch, module, *arguments: str) -> None:
     monkeypatch.setattr(sys, "argv", [module.__name__, *arguments])
-    module.main()
+    cli.run(module.command)
 
 
 @pytest.fixture

@@ -18,11 +18,12 @@ import search_methods
 import yaml
 from tiny import tiny
 
-from morlax_torch import MorlaxError, load, pareto, train
+from morlax_torch import MorlaxError, load, pareto
 from morlax_torch.configuration.config import Config
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.front import Front
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Evaluation
+from morlax_torch.train import train
 
 SCRIPT = Path(compare.__file__)
 TRADEOFFS = np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])

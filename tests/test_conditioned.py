@@ -6,11 +6,12 @@ from tiny import tiny
 from torch import nn
 from torch.testing import assert_close
 
-from morlax_torch import MorlaxError, load, train
+from morlax_torch import MorlaxError, load
 from morlax_torch.commands.train import command as train_command
-from morlax_torch.evaluate import evaluate
 from morlax_torch.networks.conditioned import Conditioned
 from morlax_torch.networks.mlp import mlp
+from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.train import train
 
 TRADEOFFS = torch.tensor([[0.5, 1.5], [1.0, 0.0], [0.3, 0.7]])
 SIMPLEX = torch.tensor([[0.25, 0.75], [1.0, 0.0], [0.3, 0.7]])

@@ -106,21 +106,6 @@ def test_decay_requires_max_env_steps():
         load_config({"env": "ant", "ppo": {"decay_fraction": 0.3}})
 
 
-@pytest.mark.parametrize(("anneal", "fraction"), [(True, 1.0), (False, 0.0)])
-def test_configs_of_version_1_mean_what_they_meant(anneal, fraction, tmp_path):
-    values = {"env": "ant", "max_env_steps": 10**6, "ppo": {"anneal": anneal}}
-    file = tmp_path / "old.yaml"
-    file.write_text(yaml.safe_dump(values))
-    configs = [
-        load_config(values),
-        load_config(file_values(file, "cpu")),  # over today's config of the task
-        config_for("ant", device="cpu", **{"ppo.anneal": anneal}),
-    ]
-    option = "--ppo.anneal" if anneal else "--ppo.no-anneal"
-    configs.append(read(["--env", "ant", "--device", "cpu", option])[0])
-    assert [config.ppo.decay_fraction for config in configs] == [fraction] * 4
-
-
 UNUSABLE = {
     "an infinite start": ({"task": {"reset_noise": float("inf")}}, "reset_noise: Input should be"),
     "a NaN weight": (

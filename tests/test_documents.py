@@ -17,8 +17,8 @@ from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.commands import export
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import file_values, merged, space_values, task_values
-from morlax_torch.evaluate import evaluate
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import load
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_worlds

@@ -19,7 +19,6 @@ from morlax_torch import MorlaxError, load
 from morlax_torch.commands import evaluate, figures
 from morlax_torch.commands.train import command as train
 from morlax_torch.envs.worlds.learned import LearnedReward
-from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
@@ -37,6 +36,7 @@ from morlax_torch.reports.printing import latex
 from morlax_torch.reports.results import duration, steps
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
+from morlax_torch.runs.evaluating import evaluate as evaluate_run
 from morlax_torch.runs.history import History
 from morlax_torch.terminal.arguments import read
 

@@ -19,9 +19,9 @@ import pytest
 from browsing import PATIENCE, View, chromium, exploring
 from matplotlib.colors import to_rgb
 
-from morlax_torch.choose import choose
 from morlax_torch.commands import explore
 from morlax_torch.evaluation.front import Front
+from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import find_run
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.opening import free_port

@@ -12,6 +12,7 @@ import pytest
 from crowd import MOTOR, ROBOT, SCENE
 
 from morlax_torch import MorlaxError, evaluate
+from morlax_torch.configuration.files import RECORD
 from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.explaining import explain, is_told_velocity
@@ -199,7 +200,7 @@ def test_the_list_says_which_policies_cannot_be_shown_and_why(
     tasks["gymnasium:X"] = " (no MuJoCo robot)"
     for number, (task, told) in enumerate(tasks.items()):
         folder = make_run(workplace / f"runs/{number} (needs care)", "hopper", "best")
-        (folder / "config.yaml").write_text(f"env: {task}\nseed: 0\n")
+        (folder / "config.yaml").write_text(f"{RECORD}env: {task}\nseed: 0\n")
         reasons[f"runs/{number} (needs care)"] = told
     make_run(workplace / "runs/none", "hopper", "best")
     monkeypatch.setattr(library, "find_spec", lambda name: found)
@@ -246,7 +247,7 @@ def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypat
     front = front._replace(quantities=values, quantity_names=("speed (m/s)", "power (W)"))
 
     def evaluated(policy, front):
-        """Have a quantity that this front lacks, as a run of an earlier version."""
+        """Have a quantity that this front lacks, as a run of another task."""
         more = np.hstack([values, np.full((4, 1), np.nan)])
         names = *front.quantity_names, "gap (m)"
         return choosing.Evaluated(front._replace(quantities=more, quantity_names=names))

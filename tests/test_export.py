@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.commands import export
-from morlax_torch.export import export as export_run
+from morlax_torch.exports.exporting import export as export_run
 from morlax_torch.exports.formats import FORMATS, Format
 from morlax_torch.exports.manifest import control, manifest
 from morlax_torch.runs import checkpoint, loading

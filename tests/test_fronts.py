@@ -16,18 +16,17 @@ from tiny import tiny
 from morlax_torch import MORLAX, MorlaxError, load
 from morlax_torch.commands.choose import command as choose
 from morlax_torch.commands.evaluate import command as evaluate_command
-from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.exports.manifest import provenance
 from morlax_torch.files import AnyPath
-from morlax_torch.pack import pack
 from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.choosing import choose as choice_of
+from morlax_torch.runs.evaluating import evaluate, pack
 from morlax_torch.runs.fronts import load_front
 from morlax_torch.runs.history import History, best_row, hypervolume_of, read_rows
 from morlax_torch.runs.loading import find_run
@@ -68,14 +67,6 @@ def trained(tmp_path_factory) -> Path:
 @pytest.fixture
 def run(trained, tmp_path) -> Path:
     return shutil.copytree(trained, tmp_path / "run")
-
-
-def aged(run: Path) -> None:
-    """Turn a run into one of version 1.0: its front.npz is that of the last evaluation."""
-    front = Front.load(run / "checkpoints" / "latest.npz")
-    front._replace(fingerprint="", checkpoint="").save(run / "front.npz")
-    (run / "checkpoints" / "latest.npz").unlink()
-    write_rows(run, [{k: v for k, v in row.items() if k != "best"} for row in rows(run)])
 
 
 def test_each_checkpoint_has_its_own_front(run):
@@ -130,16 +121,6 @@ def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, tmp_path,
     assert len(load_front(other).returns) == 5
     assert [each.front.checkpoint for each in found.values()] == ["other.pt"]
     assert "other.pt" in (folder / "report.html").read_text()
-
-
-def test_an_old_run_s_front_says_if_it_is_of_the_last_evaluation(run):
-    aged(run)
-    assert load_front(run).checkpoint == "latest.pt"
-    with pytest.raises(MorlaxError, match=r"latest.pt has no front .*evaluate .*latest.pt$"):
-        load_front(run / "checkpoints/latest.pt")
-    table = rows(run)
-    write_rows(run, table[: 1 + best_row(table)])
-    assert load_front(run).checkpoint == "best.pt"
 
 
 def test_packed_and_shipped_policies_have_the_front_of_their_checkpoint(run, tmp_path):
@@ -284,18 +265,6 @@ def test_choose_counts_returns_by_the_run_s_own_protocol(discounted):
     np.testing.assert_allclose(usual.values, choice.values, rtol=1e-6)
 
 
-def test_runs_without_a_protocol_are_latched(run):
-    values = tiny(**WORSE).model_dump(mode="json")
-    del values["evaluation"]["protocol"]
-    assert load_config(values) == tiny(**WORSE)
-    path = run / "checkpoints/best.pt"
-    contents, front = checkpoint.load(path), load_front(run)
-    del contents.config["evaluation"]["protocol"]
-    checkpoint.write(path, contents.model_dump(exclude={"format", "policy"}))
-    assert load(run).config.evaluation.protocol == "latched" == load_front(run).protocol
-    np.testing.assert_array_equal(returns(run), front.returns)
-
-
 # Resumed runs
 
 
@@ -329,15 +298,7 @@ def test_another_protocol_begins_the_record_of_the_best_checkpoint_anew(interrup
     np.testing.assert_array_equal(load_front(discounted).returns, returns(discounted))
 
 
-@pytest.mark.parametrize("old", [False, True])
-def test_the_record_goes_on_if_evaluations_stay_comparable(old, run):
-    """Also that of version 1.0, which stored only one hypervolume."""
-    if old:
-        path = run / "checkpoints/latest.pt"
-        contents = checkpoint.load(path)
-        contents.progress.best_selection = None
-        del contents.config["evaluation"]["protocol"]
-        checkpoint.write(path, contents.model_dump(exclude={"format", "policy"}))
+def test_the_record_goes_on_if_evaluations_stay_comparable(run):
     before = checkpoint.load(run / "checkpoints/best.pt").progress
     resumed(run, **{"evaluation.every": 64})
     assert float(rows(run)[-1]["hypervolume"]) < before.best_hypervolume

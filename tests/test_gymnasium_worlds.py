@@ -19,7 +19,7 @@ from morlax_torch.commands import evaluate as evaluate_command
 from morlax_torch.commands import train
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import task_values
-from morlax_torch.evaluate import evaluate
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.viewers.player import Player
 
 CAR = "gymnasium:mo-mountaincarcontinuous-v0"

@@ -47,7 +47,7 @@ def test_a_run_that_is_resumed_elsewhere_names_both_machines_in_order(folder, tr
     assert restore(folder, trainer) == [here]
     hardware.write_machines(folder, [OTHER])
     assert restore(folder, trainer) == restore(folder, trainer) == [OTHER, here]
-    (folder / hardware.FILE).unlink()  # as in an older run
+    (folder / hardware.FILE).unlink()
     assert read_machines(folder) == []
     assert restore(folder, trainer) == [Machine(), here]
     assert Machine().hardware() == "unknown"

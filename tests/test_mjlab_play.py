@@ -15,7 +15,7 @@ from morlax_torch.playing.deployment import open_export
 from morlax_torch.playing.disturbances import Disturbances
 from morlax_torch.playing.episodes import policy_of, run, summary
 from morlax_torch.playing.robot import Robot
-from morlax_torch.record import record
+from morlax_torch.viewers.filming.recording import record
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")

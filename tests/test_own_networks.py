@@ -10,17 +10,18 @@ from tiny import learner as trainer
 from tiny import tiny
 from torch import nn
 
-from morlax_torch import MORLAX, MorlaxError, Policy, load, save, train
+from morlax_torch import MORLAX, MorlaxError, Policy, load, save
 from morlax_torch.algorithms import registry
 from morlax_torch.algorithms.base import BaseLearner
 from morlax_torch.commands import evaluate
 from morlax_torch.commands import train as train_command
 from morlax_torch.configuration.config import Config
-from morlax_torch.evaluate import evaluate as evaluate_run
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.evaluating import evaluate as evaluate_run
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_worlds
+from morlax_torch.train import train
 
 O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
 

@@ -9,16 +9,17 @@ from pathlib import Path
 import pytest
 from tiny import tiny
 
-from morlax_torch import MorlaxError, envs, load, save, train
+from morlax_torch import MorlaxError, envs, load, save
 from morlax_torch.commands import evaluate, explore, export, figures, pack, record, tune
 from morlax_torch.commands import train as train_command
 from morlax_torch.evaluation.front import Front
-from morlax_torch.pack import pack as pack_run
 from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import Run
+from morlax_torch.runs.evaluating import pack as pack_run
 from morlax_torch.runs.history import History
 from morlax_torch.runs.loading import find_run
-from morlax_torch.tune import tune as tune_run
+from morlax_torch.train import train
+from morlax_torch.tuning.searching import tune as tune_run
 from morlax_torch.viewers.web.writing import write_page
 
 LONG = "a" * 5000
@@ -117,7 +118,7 @@ def test_python_gets_one_sentence_for_an_impossible_path(name, tmp_path, monkeyp
 def test_a_full_device_for_the_output():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "morlax_torch.export", "--help"],
+            [sys.executable, "-m", "morlax_torch", "export", "--help"],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,

@@ -7,18 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, Policy, config_for, load
+from morlax_torch import Policy, config_for
 from morlax_torch.algorithms.base import make_agent
 from morlax_torch.algorithms.pg_morl import learner as pg_morl
 from morlax_torch.algorithms.pg_morl import population, prediction, selection
 from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation import pareto
-from morlax_torch.evaluation.front import Front
 from morlax_torch.exports.exporting import export
-from morlax_torch.runs import checkpoint
-from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_evaluator, make_worlds
 
 NAN = float("nan")
@@ -500,23 +496,3 @@ def test_exported_policies_have_their_own_statistics(format, tmp_path):
     torch.testing.assert_close(policy(seen, tradeoffs), torch.stack(each))
     for w in tradeoffs:
         torch.testing.assert_close(policy.specialize(w)(seen), policy(seen, w))
-
-
-def test_checkpoints_with_a_normalizer_for_all_policies_still_load(tmp_path):
-    learner = made(tiny(), 4)
-    contents = checkpoint.snapshot(learner)
-    state = contents["learner"]["agent"]
-    for name in list(state):
-        if "normalizer" in name:  # as up to version 0.3
-            state[name] = state[name][2].squeeze()
-    path = tmp_path / "old.pt"
-    checkpoint.write_snapshot(path, contents, Progress())
-    policy = load(path)
-    means = policy.agent.observation_normalizer.mean
-    assert torch.equal(means, state["observation_normalizer.mean"].expand_as(means))
-    seen = torch.randn(3, policy.agent.observation_size)
-    for tradeoff in ((0.1, 0.9), (0.8, 0.2)):
-        torch.testing.assert_close(policy.specialize(tradeoff)(seen), policy(seen, tradeoff))
-    assert isinstance(evaluate(path, tradeoffs=3, device="cpu"), Front)
-    with pytest.raises(MorlaxError, match="does not fit this learner"):
-        checkpoint.restore(checkpoint.load(path), path, learner)

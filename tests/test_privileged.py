@@ -7,10 +7,10 @@ from torch import Tensor
 
 from morlax_torch import Policy, envs, load, save
 from morlax_torch.configuration.config import Config
-from morlax_torch.evaluate import evaluate
-from morlax_torch.export import export
+from morlax_torch.exports.exporting import export
 from morlax_torch.exports.manifest import manifest
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import make_worlds
 

@@ -15,7 +15,7 @@ from morlax_torch import MORLAX, MorlaxError, envs
 from morlax_torch.configuration.config import load_config
 from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.envs.worlds.trees import base_of
-from morlax_torch.evaluate import evaluate
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.training import make_worlds
 
 BACKENDS = ("mujoco", "warp")

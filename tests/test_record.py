@@ -54,7 +54,7 @@ SMALL = ("--width", "95", "--height", "65", "--seconds", "0.4")
 )
 def test_without_opengl_the_error_is_one_line(backend, sentence, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "morlax_torch.record", "cheetah", "--output", "film.gif"],
+        [sys.executable, "-m", "morlax_torch", "record", "cheetah", "--output", "film.gif"],
         capture_output=True,
         text=True,
         cwd=tmp_path,

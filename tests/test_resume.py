@@ -129,20 +129,6 @@ def test_a_generators_state_of_another_device_becomes_its_seed():
     assert not torch.equal(draws[0], torch.rand(4, generator=torch.Generator()))
 
 
-def test_a_checkpoint_of_version_0_1_is_resumed(tmp_path):
-    """Format 1 called the learner "morlax" and had no activations."""
-    learner = trainer(tiny(), 3)
-    path = tmp_path / "old.pt"
-    checkpoint.save(path, learner, Progress())
-    contents = torch.load(path)
-    state = contents.pop("learner")
-    del state["scalarization"], state["environment"]["act"]
-    torch.save({**contents, "format": 1, "morlax": state}, path)
-    resumed = trainer(tiny(), 0)
-    checkpoint.restore(checkpoint.load(path), path, resumed)
-    assert_same(resumed.state_dict(), learner.state_dict())
-
-
 # A task's own tensors
 
 ARM = """
@@ -276,17 +262,7 @@ def test_shipped_tasks_keep_nothing_unsaved(task):
         env.step(torch.rand(3, env.action_size))
 
 
-def test_worlds_that_an_older_version_saved_are_restored():
-    """It knew no simulated time, and only BRUCE's own tensors, by plain names."""
-    env, other = (envs.make("bruce", 2, "cpu", "mujoco") for _ in range(2))
-    for _ in range(3):
-        env.step(torch.rand(2, env.action_size))
-    saved = {name.removeprefix("state."): value for name, value in env.state_dict().items()}
-    del saved["time"], saved["ctrl"]
-    other.load_state_dict({**saved, "starts": torch.zeros(2)})
-    action = torch.rand(2, env.action_size)
-    assert_same(env.step(action)._asdict(), other.step(action)._asdict())
-
+def test_what_saved_worlds_lack_of_a_task_is_reset():
     env, other = arms(Declared), arms(Declared)
     saved = env.state_dict()
     del saved["state.goal"]

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from morlax_torch import envs
-from morlax_torch.evaluate import evaluate
 from morlax_torch.evaluation.front import Front
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import SHIPPED, find_run, load
 from morlax_torch.terminal import arguments
 

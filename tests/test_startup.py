@@ -108,7 +108,7 @@ SCRIPT = "from morlax_torch.__main__ import main\nmain()\n"  # as pip installs i
 
 
 @pytest.mark.parametrize("library", ["pydantic", "tyro"])
-@pytest.mark.parametrize("words", [["-m", "morlax_torch.evaluate"], ["morlax", "evaluate"]])
+@pytest.mark.parametrize("words", [["-m", "morlax_torch", "evaluate"], ["morlax", "evaluate"]])
 def test_ctrl_c_while_a_command_imports_a_library_is_one_word(tmp_path, library, words):
     (tmp_path / "morlax").write_text(SCRIPT)
     interrupt = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
@@ -135,7 +135,9 @@ def test_beside_other_programs_torch_is_imported_with_threads_that_soon_sleep(
     (tmp_path / "torch.py").write_text(told)
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as other:
-        done = python(tmp_path, "-m", "morlax_torch.evaluate", "cheetah", first=tmp_path, **given)
+        done = python(
+            tmp_path, "-m", "morlax_torch", "evaluate", "cheetah", first=tmp_path, **given
+        )
         other.kill()
     assert done.stderr.split()[-1] == expected
 

@@ -18,12 +18,12 @@ from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import read_yaml
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs.worlds.learned import LIMITS, LearnedReward
-from morlax_torch.pack import pack
 from morlax_torch.preferences import reward
 from morlax_torch.preferences.clips import SECONDS, Clips, record
 from morlax_torch.preferences.comparisons import Comparisons
 from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import checkpoint
+from morlax_torch.runs.evaluating import pack
 from morlax_torch.runs.loading import start_from
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
@@ -244,14 +244,6 @@ def test_answers_about_one_objective_are_not_used_for_another(base, lesson):
         Lesson(str(base), lesson.folder, "calm", clips=20)
     assert path.read_bytes() == before
     assert Comparisons.load(path).objective == "tall"
-
-
-def test_a_lesson_of_an_earlier_version_continues(base, lesson, tmp_path):
-    with np.load(lesson.folder / "comparisons.npz") as arrays:
-        np.savez(tmp_path / "comparisons.npz", **{k: arrays[k] for k in arrays if k != "objective"})
-    again = Lesson(str(base), tmp_path, "tall", clips=20)
-    assert again.comparisons.answers == lesson.comparisons.answers
-    assert Comparisons.load(tmp_path / "comparisons.npz").objective == "tall"
 
 
 def test_a_lesson_cannot_replace_an_objective_that_is_not_learned(base, tmp_path):

@@ -19,7 +19,7 @@ import yaml
 
 pytest.importorskip("optuna", reason="needs the extra tune")
 
-from morlax_torch import MorlaxError, config_for, train
+from morlax_torch import MorlaxError, config_for
 from morlax_torch.commands import train as train_command
 from morlax_torch.commands import tune
 from morlax_torch.configuration.config import Config
@@ -27,8 +27,9 @@ from morlax_torch.configuration.files import space_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
-from morlax_torch.terminal import tune_arguments
+from morlax_torch.terminal import cli, tune_arguments
 from morlax_torch.terminal.tune_display import TuneDisplay
+from morlax_torch.train import train
 from morlax_torch.tuning import trial as trial_module
 from morlax_torch.tuning.plan import Indicator, Plan
 from morlax_torch.tuning.results import importances, write_results
@@ -58,13 +59,13 @@ def tiny(**changes: Any) -> Config:
 
 
 def typed(*arguments: str) -> list[str]:
-    command = [sys.executable, "-m", "morlax_torch.tune", *TINY, "--seconds", "0.1"]
+    command = [sys.executable, "-m", "morlax_torch", "tune", *TINY, "--seconds", "0.1"]
     return [*command, "--space", "space.yaml", *arguments]
 
 
 def run(monkeypatch, *arguments: str) -> None:
     monkeypatch.setattr(sys, "argv", typed(*arguments)[2:])
-    tune.main()
+    cli.run(tune.command)
 
 
 def refused(monkeypatch, capsys, *arguments: str) -> str:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import MORLAX, MorlaxError, config_for, envs, train
+from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.commands.train import command as train_command
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.train import train
 
 TINY = {
     "worlds": 16,

@@ -16,6 +16,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import pack
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
+from morlax_torch.terminal import cli
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.arrays import drawn_arrays
 from morlax_torch.viewers.web import writing
@@ -243,6 +244,6 @@ def test_a_folder_in_use_is_kept(tmp_path, no_libraries, monkeypatch):
 def test_the_command_asks_for_a_run_and_a_folder(arguments, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["pack", *arguments])
     with pytest.raises(SystemExit) as end:
-        pack.main()
+        cli.run(pack.command)
     assert end.value.code == 2
     assert "RUN ... --web FOLDER" in capsys.readouterr().err

@@ -402,15 +402,13 @@ class Environment(Robot):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state of the same number of worlds, in place.
 
-        The state may come from the other simulator or an older version: what it lacks of the
-        physics or of the task's own tensors is reset.
+        The state may come from the other simulator: what it lacks of the physics or of the task's
+        own tensors is reset.
 
         Raises:
             MorlaxError: the state was saved under other task options.
         """
         saved, parts = self._state(), self.physics.parts
-        plain = {f"state.{name}": state[name] for name in self.state if name in state}
-        state = {**plain, **state}  # up to version 1.0, BRUCE saved its tensors by plain names
         initial = {f"state.{name}": value for name, value in self._initial.items()}
         if new := [name for name in self.state if f"state.{name}" not in state]:
             warnings.warn(

@@ -155,10 +155,8 @@ class BaseLearner(Learner):
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])
             self.observation.copy_(state["observation"])
-            if "episodes" in state:  # checkpoints of version 0.1 lack it
-                self._episodes.running.copy_(state["episodes"])
+            self._episodes.running.copy_(state["episodes"])
         else:
             self._start_here()
         self._iterations, self.iteration = 0, state["iteration"]
-        # before several processes could train, every iteration had as many
-        self.env_steps = state.get("env_steps", self.iteration * self.steps_per_iteration)
+        self.env_steps = state["env_steps"]

@@ -175,8 +175,7 @@ class Trainer(BaseLearner):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         super().load_state_dict(state)
         self.ppo.restore(state["optimizers"])
-        stored = state.get("scalarization", [])
-        for mine, value in zip(self.scalarization.state(), stored, strict=True):
+        for mine, value in zip(self.scalarization.state(), state["scalarization"], strict=True):
             mine.copy_(value)
         for name, value in self._own_state.items():
             value.copy_(state[name])

@@ -169,7 +169,3 @@ def _show(choice: "Choice", required: "Requirements") -> None:
     if choice.falls:
         broken = ", which breaks every requirement" if required.limits else ""
         cli.console.print(f"falls: in {choice.falls:.0%} of its episodes{broken}")
-
-
-def main() -> None:
-    cli.run(command)

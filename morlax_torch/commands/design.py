@@ -182,7 +182,3 @@ def _write(
     write_file(folder / "body.xml", mjcf(get(designer.policy.config.env), design))
     save(designer.policy.for_design(design).cpu(), folder / "body.pt")
     copy_files(designer.policy.config, folder)
-
-
-def main() -> None:
-    cli.run(command)

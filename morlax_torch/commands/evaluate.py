@@ -127,7 +127,3 @@ def _portrait(policy: "Policy") -> bytes | None:
     drawn = BytesIO()
     Image.fromarray(last).save(drawn, format="PNG")
     return drawn.getvalue()
-
-
-def main() -> None:
-    cli.run(command)

@@ -71,7 +71,3 @@ def command(arguments: Sequence[str]) -> None:
         cli.skip_teardown()  # which would wait for the thread of a search
 
     call(main, arguments, program("explore"))
-
-
-def main() -> None:
-    cli.run(command)

@@ -77,7 +77,3 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(sentence)
 
     call(main, arguments, program("export"))
-
-
-def main() -> None:
-    cli.run(command)

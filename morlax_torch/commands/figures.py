@@ -52,7 +52,3 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(f"written: {output}/indicators.tex and figures (pdf, svg)")
 
     call(main, arguments, program("figures"))
-
-
-def main() -> None:
-    cli.run(command)

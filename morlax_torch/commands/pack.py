@@ -73,7 +73,3 @@ def _write_page(runs: Sequence[str], folder: Path, device: str | None) -> None:
     size = sum(write_page(runs, folder, device).values()) / 1e6
     cli.console.print(f"written: {folder} ({size:.1f} MB)")
     cli.print_command("see it", f"python -m http.server -d {shlex.quote(str(folder))}")
-
-
-def main() -> None:
-    cli.run(command)

@@ -88,7 +88,3 @@ def _table(episodes: Sequence) -> Table:
         numbers = f"{row.error:.3f}", f"{row.power:.1f}", f"{row.transport:.2f}"
         table.add_row(str(name), f"{row.falls:.0f}", f"{row.seconds:.1f}", *numbers)
     return table
-
-
-def main() -> None:
-    cli.run(command)

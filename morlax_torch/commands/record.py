@@ -74,7 +74,3 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(f"written: {place}")
 
     call(main, arguments, program("record"))
-
-
-def main() -> None:
-    cli.run(command)

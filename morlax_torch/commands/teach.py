@@ -84,7 +84,3 @@ def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:
         cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)")
         page.serve(ended)
         page.stop()
-
-
-def main() -> None:
-    cli.run(command)

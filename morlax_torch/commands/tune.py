@@ -100,7 +100,3 @@ def _search_together(
         statuses = run_workers(arguments, visible, lambda: interrupted.signal, printed, ended)
     if all(statuses) and not interrupted():
         raise MorlaxError(f"all {len(statuses)} workers ended early: see the lines above.")
-
-
-def main() -> None:
-    cli.run(command)

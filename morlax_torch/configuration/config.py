@@ -21,7 +21,7 @@ from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..files import exists
 from ..phases import phase
-from .files import algorithm_of, merged, nested, over_task_values, renamed, task_values
+from .files import algorithm_of, merged, nested, over_task_values, task_values
 from .sections import (
     DESIGNING,
     OPTIONS,
@@ -312,7 +312,7 @@ def load_config(values: dict[str, Any], context: str | None = None) -> Config:
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
     model = config_class(values["env"], algorithm_of(values))
     try:
-        return model.model_validate(renamed(values), context=context)
+        return model.model_validate(values, context=context)
     except ValidationError as error:
         raise explained(error, model) from None
 
@@ -334,7 +334,7 @@ def config_for(env: str, **changes: Any) -> Config:
     device_type = envs.resolve_device(changes.get("device")).type
     values: dict[str, Any] = {}
     for name, value in changes.items():
-        values = merged(values, renamed(nested(name, value)))
+        values = merged(values, nested(name, value))
     return load_config(over_task_values(env, values, device_type))
 
 

@@ -71,7 +71,7 @@ def file_values(
     Raises:
         MorlaxError: the file cannot be read, or is for another algorithm.
     """
-    values = renamed(_fitted(read_yaml(path), device_type))
+    values = _fitted(read_yaml(path), device_type)
     if algorithm is not None and values.setdefault("algorithm", algorithm) != algorithm:
         raise MorlaxError(
             f"{path} is for algorithm {values['algorithm']!r}, but --algorithm says {algorithm!r}."
@@ -191,15 +191,6 @@ def changes(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 def _by_section(key: str, value: Any, below: dict[str, Any]) -> bool:
     both = isinstance(value, dict) and isinstance(below.get(key), dict)
     return both and key not in ("objectives", "shared", "guide")
-
-
-def renamed(values: dict[str, Any]) -> dict[str, Any]:
-    """Return values with today's names for options of version 1.0: `ppo.anneal` is one."""
-    ppo = values.get("ppo")
-    if not isinstance(ppo, dict) or not isinstance(ppo.get("anneal"), bool):
-        return values
-    others = {name: value for name, value in ppo.items() if name != "anneal"}
-    return {**values, "ppo": {"decay_fraction": float(ppo["anneal"]), **others}}
 
 
 def nested(name: str, value: Any) -> dict[str, Any]:

@@ -103,12 +103,10 @@ class ClippedAdam:
         Raises:
             ValueError: the state is of another number of parameters.
         """
-        mean, square, steps, rate = state
-        for mine, stored in ((self.mean, mean), (self.square, square), (self.rate, rate)):
+        for mine, stored in zip(self.state(), state, strict=True):
             if stored.shape != mine.shape:
                 raise ValueError(f"Adam's state has shape {stored.shape}, not {mine.shape}")
             mine.copy_(stored)
-        self.steps.copy_(steps.flatten()[0])  # version 0.1 stored several equal counts
 
     def forget(self) -> None:
         """Reset moments and step count; keep the current parameters."""

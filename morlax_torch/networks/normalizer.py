@@ -1,6 +1,6 @@
 """Running mean and variance."""
 
-from typing import Any, Final
+from typing import Final
 
 import torch
 from torch import Tensor, nn
@@ -86,11 +86,3 @@ class Normalizer(nn.Module):
         self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
         self.mean.add_(shift * share)
         self.scale.copy_((self.variance + 1e-8).rsqrt())
-
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *others: Any) -> None:
-        """Copy the shared statistics of an earlier version's checkpoint to every row."""
-        for name, own in self.named_buffers():
-            stored = state_dict.get(prefix + name)
-            if self.rows and isinstance(stored, Tensor) and stored.dim() < own.dim():
-                state_dict[prefix + name] = stored.expand_as(own)
-        super()._load_from_state_dict(state_dict, prefix, *others)

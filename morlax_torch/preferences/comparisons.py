@@ -21,7 +21,7 @@ class Comparisons:
         clips: to compare.
         answers: pairs of indices of clips, the preferred one first.
         sources: names of where the clips come from.
-        objective: what the answers are about (None: an earlier version did not write it).
+        objective: what the answers are about (None: not told).
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Comparisons:
                 clips = Clips(*(arrays[name] for name in Clips._fields))
                 terms, answers = arrays["term_names"].tolist(), arrays["answers"]
                 task, sources = str(arrays["task"]), arrays["sources"].tolist()
-                objective = str(arrays["objective"]) or None if "objective" in arrays else None
+                objective = str(arrays["objective"]) or None
             _check(clips, terms, answers)
         except MemoryError:
             raise

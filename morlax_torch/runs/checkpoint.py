@@ -78,11 +78,10 @@ def write(path: AnyPath, contents: dict[str, Any]) -> None:
 
 
 def load(path: Path) -> Contents:
-    """Read a file that `save` or `write` wrote, in this or an earlier version, to the CPU.
+    """Read a file that `save` or `write` wrote, to the CPU.
 
     Raises:
-        MorlaxError: there is no file, it is damaged or not a checkpoint, or it has a format that
-            this version cannot read.
+        MorlaxError: there is no file, it is damaged or not a checkpoint, or it has another format.
     """
     whole = io.BytesIO(read(path, "checkpoint"))
     try:
@@ -97,13 +96,11 @@ def load(path: Path) -> Contents:
     if not isinstance(values, dict) or "format" not in values:
         raise MorlaxError(f"{path} is not a checkpoint of morlax_torch.")
     number = values["format"]
-    if not isinstance(number, int) or not 1 <= number <= FORMAT:
+    if not isinstance(number, int) or number != FORMAT:
         raise MorlaxError(
             f"the checkpoint {path} has format {shortened(number)}, but this version of "
-            f"morlax_torch reads formats up to {FORMAT}: use the version that wrote it."
+            f"morlax_torch reads format {FORMAT}: use the version that wrote it."
         )
-    if number == 1 and "morlax" in values:
-        values["learner"] = values.pop("morlax")
     try:
         return Contents.model_validate(values)
     except ValidationError as error:

@@ -19,7 +19,7 @@ from ..envs.worlds.designs import DesignParameter
 from ..envs.worlds.options import check_objectives
 from .progress import Progress
 
-FORMAT = 2  # 1, of version 0.1, called the learner "morlax"
+FORMAT = 2
 
 POLICY = ("actor.", "observation_normalizer.")  # beginnings of the names of what policies need
 

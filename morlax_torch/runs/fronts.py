@@ -8,7 +8,6 @@ from ..envs import MorlaxError
 from ..evaluation.front import Front
 from ..files import AnyPath
 from . import checkpoint
-from .history import best_row, read_rows
 from .loading import find_checkpoint
 
 
@@ -16,8 +15,6 @@ def load_front(run: AnyPath) -> Front:
     """Load the front of the policies that `load` loads.
 
     The front's `checkpoint` names the file whose policies reached its returns, such as "best.pt".
-    Version 1.0 stored only the front of a run's last evaluation: if a better one came before, it is
-    "latest.pt".
 
     Args:
         run: a run's folder, a checkpoint file, or a shipped name.
@@ -33,27 +30,16 @@ def load_front(run: AnyPath) -> Front:
     front, contents = Front.load(file), checkpoint.load(path)
     if front.objectives != contents.environment.objectives:
         raise MorlaxError(f"{file} has other objectives than {path}: {_remedy(path)}")
-    usual = EvaluationConfig().protocol  # of earlier versions
+    usual = EvaluationConfig().protocol  # of a config that does not name it
     own = contents.config.get("evaluation", {}).get("protocol", usual)
     if front.protocol != own:
         raise MorlaxError(
             f"{file} counts returns by the protocol {front.protocol}, but {path} by {own}: "
             f"{_remedy(path)}"
         )
-    if not front.fingerprint:
-        return front._replace(checkpoint=_of_earlier_version(path))
     if front.fingerprint != checkpoint.fingerprint(contents.agent):
         raise MorlaxError(f"{file} is of other policies than {path}: {_remedy(path)}")
     return front._replace(checkpoint=path.name)
-
-
-def _of_earlier_version(path: Path) -> str:
-    """Return the checkpoint that the front of a best.pt is of, in a run of version 1.0."""
-    metrics = checkpoint.folder_of(path) / "metrics.csv"
-    if not path.with_name("latest.pt").is_file() or not metrics.is_file():
-        return path.name  # packed, with a front of its own
-    rows = read_rows(metrics)
-    return path.name if best_row(rows) == len(rows) - 1 else "latest.pt"
 
 
 def _remedy(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""The machines that trained a run: hardware.yaml in its folder, which older runs lack."""
+"""The machines that trained a run: hardware.yaml in its folder."""
 
 import os
 import platform

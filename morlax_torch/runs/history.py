@@ -70,7 +70,7 @@ def hypervolume_of(row: Mapping[str, str]) -> float:
 def best_row(rows: Sequence[Mapping[str, str]]) -> int:
     """Return the index of the evaluation that best.pt was saved at.
 
-    Rows of earlier versions do not mark it; there it is the first with the highest hypervolume.
+    Without a mark, it is the first one with the highest hypervolume.
     """
     marked = [index for index, row in enumerate(rows) if float(row.get(BEST) or 0)]
     return marked[-1] if marked else int(np.argmax([hypervolume_of(row) for row in rows]))

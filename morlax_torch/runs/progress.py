@@ -74,7 +74,7 @@ class Progress(BaseModel):
     best_selection: float | None = None
     """Hypervolume of best.pt on the episodes that choose it (None: the next evaluation is best)."""
     evaluated: bool = True
-    """Whether metrics.csv has the row of the checkpoint; earlier versions did not say."""
+    """Whether metrics.csv has the row of the checkpoint."""
 
     def improved(self, selection: float, hypervolume: float) -> bool:
         """Store the hypervolumes of an evaluation; returns whether it is the best so far.

@@ -369,15 +369,12 @@ def _continued(contents: Contents, config: Config, changed: bool) -> Progress:
     """Return the progress of a checkpoint that a run with `config` goes on from.
 
     Another protocol, other trade-offs or episodes, and a `changed` model give other hypervolumes,
-    so with them the record of the best checkpoint begins anew. So it does after a version that
-    chose and reported checkpoints by the same random episodes.
+    so with them the record of the best checkpoint begins anew.
     """
     progress, given = contents.progress, contents.config.get("evaluation", {})
     evaluation = type(config.evaluation).model_validate(given)
     if changed or not evaluation.measures_like(config.evaluation):
         return progress.model_copy(update={"best_selection": None, "best_hypervolume": 0.0})
-    if progress.best_selection is None and not config.task.for_evaluation().varies:
-        return progress.model_copy(update={"best_selection": progress.best_hypervolume or None})
     return progress
 
 

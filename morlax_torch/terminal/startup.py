@@ -31,8 +31,8 @@ def command_words() -> list[str] | None:
             return [*module.split(".")[1:], *sys.orig_argv[position + 2 :]]
     for position, word in enumerate(sys.orig_argv[:2]):
         name, ending = os.path.splitext(os.path.basename(word))
-        if ending in ("", ".exe") and (name == "morlax" or name.startswith("morlax-")):
-            return [*name.split("-")[1:], *sys.orig_argv[position + 1 :]]
+        if ending in ("", ".exe") and name == "morlax":
+            return sys.orig_argv[position + 1 :]
     return None
 
 

@@ -66,10 +66,6 @@ Host = Annotated[str, tyro.conf.arg(metavar="ADDRESS", help=_HOST)]
 Port = Annotated[int, tyro.conf.arg(metavar="NUMBER", help=_PORT)]
 
 PLACES = {"cuda": "a GPU", "cpu": "the CPU"}
-RENAMED = {  # options of version 1.0
-    "--ppo.anneal": "--ppo.decay-fraction=1",
-    "--ppo.no-anneal": "--ppo.decay-fraction=0",
-}
 
 
 @_registry.struct_rule
@@ -156,8 +152,7 @@ class CommandLine:
         model = create_model("Command", __base__=(self._options, kind), env=_env())
         about = f"{self._about} The defaults below are those of --env {below.env}, from configs/."
         default = model.model_validate(below.model_dump(), context=DRAFT)
-        today = [RENAMED.get(argument, argument) for argument in arguments]
-        values = parse(default, today, self._program, about)
+        values = parse(default, arguments, self._program, about)
         return {name: values.pop(name) for name in self._options.model_fields}, values
 
     def help_for_any_task(self, device: str | None) -> NoReturn:

@@ -7,10 +7,34 @@ from typing import IO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .planner import Constants, Gait
-
 FORWARD = np.linspace(-0.2, 0.2, 17).round(3)  # m/s
 SIDEWAYS = np.linspace(-0.1, 0.1, 9).round(3)  # m/s
+DEGREE = 7  # of the Bezier curves
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Parameters of the gaits, in meters and seconds."""
+
+    step_time: float = 0.4
+    width: float = 0.2
+    """Lateral distance between the feet when walking straight."""
+    com_height: float = 0.385
+    """Height of the center of mass above the soles."""
+    apex: float = 0.035
+    """Largest height of the swing sole above the floor."""
+    pivot: float = -0.005
+    """Desired center of pressure, forward of the sole's center: 10 mm behind the box's center."""
+    rounds: int = 4
+    """Number of corrections of the center of mass."""
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Two steps that repeat, each a Bezier curve."""
+
+    joints: NDArray[np.float64]  # (2, 8, 16) control points in crank coordinates
+    base: NDArray[np.float64]  # (2, 8, 6) position and roll, pitch, yaw, in the stance sole's frame
 
 
 @dataclass(frozen=True)
@@ -22,7 +46,7 @@ class Library:
     joints: NDArray[np.float32]  # (X, Y, 2, 8, 16) control points, as in `Gait`
     base: NDArray[np.float32]  # (X, Y, 2, 8, 6)
     walked: NDArray[np.int64]  # (X, Y) steps walked in simulation before falling, at most 25
-    measured: dict[str, NDArray[np.float64]]  # (X, Y) each, named as in `acceptance.LIMITS`
+    measured: dict[str, NDArray[np.float64]]  # (X, Y) each, by the planner's limit
     constants: Constants  # of the planner
 
     def gait(self, i: int, j: int) -> Gait:

@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 
 from . import rotations
-from .gaits import Library
-from .planner import DEGREE
+from .gaits import DEGREE, Library
 
 JOINTS, POSITION, ANGLES = slice(16), slice(16, 19), slice(19, 22)  # of control points and rates
 BASE = slice(16, 23)  # of targets: position and quaternion

@@ -1,1 +1,1 @@
-"""The page of `morlax_torch.explore`: a session that needs no browser, and its widgets."""
+"""The page of `morlax explore`: a session that needs no browser, and its widgets."""

@@ -36,9 +36,10 @@ def named(label: str) -> str:
 def _reason(run: Path) -> str:
     try:
         with (run / "config.yaml").open() as config:
-            task = config.readline().removeprefix("env:").strip(" \n'\"")
+            line = next((line for line in config if line.startswith("env:")), "")
     except (OSError, UnicodeDecodeError):  # opening the run says why
         return ""
+    task = line.removeprefix("env:").strip(" \n'\"")
     if task.startswith((PLAYGROUND, GYMNASIUM)):
         return NO_ROBOT
     return NEEDS_MJLAB if task.startswith(MJLAB) and find_spec("mjlab") is None else ""

@@ -2,10 +2,11 @@
 
 import mujoco
 import numpy as np
+from gait_planner import GRAVITY, STANCE, Motion, Planner
 from numpy.typing import NDArray
 
-from . import model as bruce
-from .planner import GRAVITY, STANCE, Gait, Motion, Planner
+from morlax_torch.envs.robots.bruce import model as bruce
+from morlax_torch.envs.robots.bruce.gaits import Gait
 
 CONTROL_STEPS = 20  # per step of a gait, 20 ms each
 FALLEN = 0.2  # m; a robot with a lower base has fallen

@@ -14,37 +14,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from . import model as bruce
+from morlax_torch.envs.robots.bruce import model as bruce
+from morlax_torch.envs.robots.bruce.gaits import DEGREE, Constants, Gait
 
-DEGREE = 7
 STANCE = ("right", "left")  # stance foot of the two steps: the left foot swings first
 SAMPLES = 41  # per step, in planning
 GRAVITY = 9.81  # m/s^2
-
-
-@dataclass(frozen=True)
-class Constants:
-    """Parameters of the gaits, in meters and seconds."""
-
-    step_time: float = 0.4
-    width: float = 0.2
-    """Lateral distance between the feet when walking straight."""
-    com_height: float = 0.385
-    """Height of the center of mass above the soles."""
-    apex: float = 0.035
-    """Largest height of the swing sole above the floor."""
-    pivot: float = -0.005
-    """Desired center of pressure, forward of the sole's center: 10 mm behind the box's center."""
-    rounds: int = 4
-    """Number of corrections of the center of mass."""
-
-
-@dataclass(frozen=True)
-class Gait:
-    """Two steps that repeat, each a Bezier curve."""
-
-    joints: NDArray[np.float64]  # (2, 8, 16) control points in crank coordinates
-    base: NDArray[np.float64]  # (2, 8, 6) position and roll, pitch, yaw, in the stance sole's frame
 
 
 @dataclass(frozen=True)
