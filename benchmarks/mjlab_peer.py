@@ -20,7 +20,7 @@ import tyro
 import yaml
 from torch import Tensor
 
-from morlax_torch.envs import MorlaxError, resolve_device
+from morlax_torch.envs import MorlaxError, Worlds, resolve_device
 from morlax_torch.envs.worlds.mjlab.config import add_terms
 from morlax_torch.terminal.cli import console
 
@@ -34,6 +34,9 @@ class Peer(NamedTuple):
 
     policy: Callable[[dict[str, Tensor]], Tensor]
     parameters: dict[str, Tensor] = {}
+
+    def check_sizes(self, env: Worlds) -> None:
+        pass  # rsl_rl built the policy for this task
 
     def actors(self, tradeoffs: Tensor) -> Self:
         return self

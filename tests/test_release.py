@@ -82,3 +82,29 @@ def test_help_lists_every_command(monkeypatch, capsys):
 def test_an_extra_is_installed_from_pypi_or_a_checkout():
     sentence = installation("tune")
     assert "pip install 'morlax-torch[tune]'" in sentence and "pip install '.[tune]'" in sentence
+
+
+def test_ci_runs_each_part_once_lint_is_green():
+    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
+    usage = re.search(r"^# Usage: .ci/run \[(.*?)\]", (ROOT / ".ci/run").read_text(), re.MULTILINE)
+    parts = {name: job["steps"][-1]["with"]["name"] for name, job in jobs.items()}
+    assert parts == {part: part for part in usage[1].split(" | ")}
+    assert {job.get("needs") for name, job in jobs.items() if name != "lint"} == {"lint"}
+    assert jobs["tests"]["strategy"]["matrix"]["python"] == ["3.11", "3.13"]
+
+
+def test_ci_names_a_part_that_it_does_not_know():
+    done = subprocess.run(["bash", ROOT / ".ci/run", "lin"], capture_output=True, text=True)
+    assert done.returncode == 2 and "name lint, tests, slow or mjlab" in done.stderr
+
+
+def test_workflows_pin_actions():
+    for file in (ROOT / ".github").rglob("*.yml"):
+        for action in re.findall(r"uses: (.*)", file.read_text()):
+            assert re.match(r"\./|[\w-]+/[\w-]+@[0-9a-f]{40} # v", action), f"{file}: {action}"
+
+
+def test_uv_finds_pytorch_without_cuda_in_ci():
+    text = (ROOT / ".github/actions/part/action.yml").read_text()
+    (step,) = (s for s in yaml.safe_load(text)["runs"]["steps"] if ".ci/run" in s.get("run", ""))
+    assert step["env"]["UV_TORCH_BACKEND"] == "cpu"  # uv does not read PIP_EXTRA_INDEX_URL

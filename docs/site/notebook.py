@@ -1,7 +1,8 @@
 """Make a notebook of a page: `python docs/site/notebook.py` writes docs/tutorial.ipynb.
 
 Text becomes Markdown cells. Python blocks become cells of code, shell blocks cells of `!` commands,
-and blocks that start with a comment naming a file, cells that write it.
+and blocks that start with a comment naming a file, cells that write it. Colab opens the notebook on
+a GPU, and the first cell installs the package there.
 """
 
 import argparse
@@ -12,6 +13,7 @@ from typing import NamedTuple
 
 DOCS = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^```(python|xml|sh)\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
+INSTALL = re.compile(r"`pip install '\.\[(.*?)\]'`")  # from a checkout
 FILE = re.compile(r"(?:# |<!-- )([\w.]+\.\w+)(?: -->)?\n")
 
 
@@ -24,12 +26,17 @@ class Cell(NamedTuple):
 
 def cells(page: str) -> list[Cell]:
     """Split the text of a page into cells."""
-    found, position = [], 0
+    found, position = [_install(extras) for extras in INSTALL.findall(page)[:1]], 0
     for block in BLOCK.finditer(page):
         found += [Cell("markdown", page[position : block.start()]), _code(block[1], block[2])]
         position = block.end()
     found.append(Cell("markdown", page[position:]))
     return [Cell(kind, text.strip("\n")) for kind, text in found if text.strip()]
+
+
+def _install(extras: str) -> Cell:
+    reason = "# for Colab; changes nothing where the package is installed"
+    return Cell("code", f"%pip install --quiet 'morlax-torch[{extras}]'\n{reason}")
 
 
 def _code(language: str, text: str) -> Cell:
@@ -56,9 +63,10 @@ def notebook(page: str) -> str:
             }
         )
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    colab = {"accelerator": "GPU", "colab": {"gpuType": "T4", "provenance": []}}
     content = {
         "cells": described,
-        "metadata": {"kernelspec": kernel, "language_info": {"name": "python"}},
+        "metadata": {**colab, "kernelspec": kernel, "language_info": {"name": "python"}},
         "nbformat": 4,
         "nbformat_minor": 5,
     }

@@ -10,6 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 FROM_ROOT = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+GITHUB = "https://github.com/"
+COLAB = "https://colab.research.google.com/github/"
 PLAYER = DOCS / "player"  # made by `pack --web`, not part of the repository
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
@@ -52,7 +54,11 @@ def relinked(text: str, source: Path, repository: str | None) -> str:
             return f"[{label}]({FROM_ROOT[path.as_posix()]}{anchor})"
         if path.is_relative_to("docs") and (ROOT / path).is_file():
             place = os.path.relpath(ROOT / path, DOCS if source.parent == ROOT else source.parent)
-            return f"{image}[{label}]({Path(place).as_posix()}{anchor})"
+            colab = ""
+            if path.suffix == ".ipynb" and repository and repository.startswith(GITHUB):
+                address = f"{repository.replace(GITHUB, COLAB)}/blob/main/{path.as_posix()}"
+                colab = f" ([open in Colab]({address}))"
+            return f"{image}[{label}]({Path(place).as_posix()}{anchor}){colab}"
         if repository is None:
             return label
         return f"[{label}]({repository}/tree/main/{path.as_posix()}{anchor})"
