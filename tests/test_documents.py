@@ -44,6 +44,17 @@ def blocks(language: str) -> list:
     ]
 
 
+def _marked(every: list) -> list:
+    """Mark as long the blocks that `test_python_runs` runs, too, in less time."""
+    long = pytest.mark.long
+    return [
+        block
+        if block.id.rpartition("-")[0] in SLOW
+        else pytest.param(*block.values, id=block.id, marks=long)
+        for block in every
+    ]
+
+
 @pytest.fixture
 def workplace(tmp_path, monkeypatch) -> Path:
     """Return a folder with the files that pages show; each starts with a comment naming it."""
@@ -103,7 +114,7 @@ builtins.__import__ = importing
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", blocks("python"))
+@pytest.mark.parametrize("code", _marked(blocks("python")))
 def test_python_runs_in_a_fresh_process(code, run, workplace, request):
     """No block uses names, imports or filters of warnings of another one."""
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
