@@ -67,7 +67,7 @@ class Contents(BaseModel):
     config: dict[str, Any]
     environment: Task
     own_networks: dict[str, dict[str, list[NonNegativeInt]]] = {}
-    """DesignParameter shapes of user-made networks: network -> parameter -> shape."""
+    """Parameter shapes of user-made networks: network -> parameter -> shape."""
     progress: Progress = Progress()
     learner: Annotated[dict[str, Any], AfterValidator(_with_agent)] | None = None
     """`Learner.state_dict()`, with the agent's tensors by name as "agent"."""
