@@ -60,7 +60,7 @@ def serving(command: str, *arguments: str) -> Iterator[tuple[str, subprocess.Pop
     """Start a command that serves a page; yields the page's address and the process."""
     needs_page()
     process = subprocess.Popen(
-        [sys.executable, "-m", f"morlax_torch.{command}", *arguments, "--port", "0"],
+        [sys.executable, "-m", "morlax_torch", command, *arguments, "--port", "0"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

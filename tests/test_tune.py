@@ -64,7 +64,7 @@ def typed(*arguments: str) -> list[str]:
 
 
 def run(monkeypatch, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", typed(*arguments)[2:])
+    monkeypatch.setattr(sys, "argv", typed(*arguments)[3:])
     cli.run(tune.command)
 
 
