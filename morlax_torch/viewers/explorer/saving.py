@@ -60,7 +60,7 @@ class Saving:
             return
         self._busy, self._text = True, doing
         # the checkpoint's code, if it names any, runs in this process already
-        words = [sys.executable, "-m", f"morlax_torch.{command}", run, *arguments, "--trust"]
+        words = [sys.executable, "-m", "morlax_torch", command, run, *arguments, "--trust"]
         if moved := named_task(self._folder):
             words += ["--env", moved]
         threading.Thread(target=self._execute, args=[words], daemon=True).start()
