@@ -2,8 +2,8 @@
 #
 #   docker build -t morlax .
 #   mkdir -p runs
-#   docker run --rm --gpus all -v "$PWD/runs:/work/runs" -v morlax-cache:/work/cache morlax train --env ant
-#   docker run --rm --gpus all -v "$PWD/runs:/work/runs" -v morlax-cache:/work/cache -p 127.0.0.1:8080:8080 morlax explore latest --host 0.0.0.0
+#   docker run --rm --gpus all -v "$PWD/runs:/workspace/runs" -v morlax-cache:/workspace/cache morlax train --env ant
+#   docker run --rm --gpus all -v "$PWD/runs:/workspace/runs" -v morlax-cache:/workspace/cache -p 127.0.0.1:8080:8080 morlax explore latest --host 0.0.0.0
 #
 # The volume morlax-cache keeps compiled kernels: only the first training compiles. For a user whose ID is not 1000, build with
 # --build-arg USER_ID=$(id -u). For a driver older than 580, choose a build of PyTorch for an earlier CUDA, such as
@@ -20,12 +20,12 @@ RUN pip install --no-cache-dir $TORCH
 RUN --mount=type=bind,target=/src,rw pip install --no-cache-dir '/src[explore,video,onnx,tune]'
 
 ARG USER_ID=1000
-RUN useradd --create-home --uid "$USER_ID" morlax && install -d -o morlax /work /work/runs /work/cache
+RUN useradd --create-home --uid "$USER_ID" morlax && install -d -o morlax /workspace /workspace/runs /workspace/cache
 USER morlax
-WORKDIR /work
-ENV WARP_CACHE_PATH=/work/cache/warp TRITON_CACHE_DIR=/work/cache/triton XDG_CACHE_HOME=/work/cache \
+WORKDIR /workspace
+ENV WARP_CACHE_PATH=/workspace/cache/warp TRITON_CACHE_DIR=/workspace/cache/triton XDG_CACHE_HOME=/workspace/cache \
     NVIDIA_DRIVER_CAPABILITIES=all
-VOLUME ["/work/runs", "/work/cache"]
+VOLUME ["/workspace/runs", "/workspace/cache"]
 EXPOSE 8080
 ENTRYPOINT ["morlax"]
 CMD ["--help"]
