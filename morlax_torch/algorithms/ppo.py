@@ -182,8 +182,8 @@ class PPO:
     def _adapt(self, found: Tensor) -> None:
         """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule.
 
-        Before the first step on a rollout the KL is zero, whatever the rate is. So every minibatch
-        but that one shows the KL after the step before, and the last one is looked at again.
+        The first minibatch of a rollout is left out: before any step its KL is zero. Each later one
+        shows the KL after the previous step; the last is evaluated once more after its own step.
         """
         if self.config.desired_kl is None:
             return

@@ -104,7 +104,7 @@ def _copy(file: Path, more: list[str], copies: Path) -> None:
 
 
 def edited(name: str, copies: Path) -> list[Path] | None:
-    """Return the files of FILE.py:CLASS that differ from their copies; None: there are none."""
+    """Return the files of FILE.py:CLASS that differ from their copies (None: no copies)."""
     file, copy = Path(name.rpartition(":")[0]), _copy_of(name, copies)
     if copy is None:
         return None
