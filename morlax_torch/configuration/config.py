@@ -61,7 +61,7 @@ class Config(Section):
     scalarization: str = "linear"
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
     augmented-chebyshev, constrained:OBJECTIVE (at least so much of one objective), or
-    FILE.py:FUNCTION for your own (docs/scalarizations.md)."""
+    FILE.py:FUNCTION for your own (docs/algorithms.md)."""
     start_from: str | None = None
     """Start with the policies of this run, which may have fewer objectives: a folder, a checkpoint
     or a shipped name."""
