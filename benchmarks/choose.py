@@ -14,7 +14,7 @@ Robots with `+noise` start at random (task.reset_noise 0.1). Their choices are s
 
 Writes OUTPUT.csv, one row per requirement, and OUTPUT.md, the table. To merge rows:
 
-    python benchmarks/choose.py --robots --given first.csv second.csv --output benchmarks/results/choose
+    python benchmarks/choose.py --robots --given first.csv second.csv --output results
 """
 
 import csv

@@ -71,9 +71,9 @@ def worlds() -> str:
         text(
             28,
             262,
-            "Each world returns one reward per objective. Within a cluster, all worlds share",
+            "Each world returns one reward per objective. Worlds of a cluster share one",
         ),
-        text(28, 282, "one trade-off and one policy. The next iteration draws new trade-offs."),
+        text(28, 282, "trade-off and one policy. The next iteration draws new trade-offs."),
     ]
     return card(764, 304, "N worlds in K clusters, each with one trade-off", parts)
 
@@ -119,9 +119,7 @@ def run() -> str:
             f"{mono('explore')}, {mono('choose')}, {mono('record')}, {mono('export')} and "
             f"{mono('pack')} use best.pt.",
         ),
-        text(
-            28, 300, f"{mono('evaluate')} adds report.html, indicators.csv, front.csv and figures."
-        ),
+        text(28, 300, f"{mono('evaluate')} adds a report, indicators, front.csv and figures."),
     ]
     return card(764, 320, "The files of a run", parts)
 
