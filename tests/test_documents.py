@@ -93,7 +93,7 @@ def exported(run, tmp_path_factory) -> Path:
     page = (ROOT / "docs" / "export.md").read_text()
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for line in re.findall(r"^morlax export (.*)", page, re.MULTILINE):
+        for line in re.findall(r"^morlax export (runs/cheetah.*)", page, re.MULTILINE):
             export.command(shlex.split(A_RUN.sub(str(run), line)))
     return folder
 
