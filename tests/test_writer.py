@@ -2,7 +2,6 @@
 
 import csv
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +14,6 @@ import torch
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError
-from morlax_torch.commands.terminal.startup import command_began
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Progress
@@ -24,7 +22,6 @@ from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.runs.writer import Writer
 from morlax_torch.train import train
 
-IMPORTED = time.perf_counter()
 EVERY = 64  # steps, or two iterations
 
 
@@ -216,7 +213,7 @@ def planned(
 ) -> Schedule:
     """Return the schedule of a config that has these limits, and none else."""
     unlimited = {"max_env_steps": None, "max_seconds": None, "evaluation.every": None}
-    config = tiny(**{**unlimited, "ppo.decay_fraction": 0.0, **limits})
+    config = tiny(**{**unlimited, "decay_fraction": 0.0, **limits})
     env = SimpleNamespace(device=torch.device(device), recordable=False, episode_length=40)
     learner = SimpleNamespace(
         config=config,
@@ -294,10 +291,3 @@ def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tm
     resumed = train(longer, Run.open(run.folder))
     reached = [int(row["iteration"]) for row in rows(resumed)]
     assert reached == sorted(set(reached)) and {0, 2, 10} <= set(reached)
-
-
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
-def test_a_command_s_clock_starts_before_its_imports(monkeypatch):
-    assert command_began() > IMPORTED
-    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "morlax_torch.train"])
-    assert 0 < command_began() < IMPORTED
