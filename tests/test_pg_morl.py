@@ -400,13 +400,16 @@ TINY: dict[str, Any] = {
     "network.critic": (16,),
     "ppo.minibatches": 2,
     "ppo.learning_rate": 3e-3,
-    "method.generation": 4,
-    "method.warmup": 8,
-    "method.bins": 10,
     "evaluation.tradeoffs": 12,
     "task.episode_length": 50,
     "max_env_steps": 20_000,
 }
+
+
+@pytest.fixture(autouse=True)
+def brief(constants) -> None:
+    """Let generations be short."""
+    constants("pg-morl", generation=4, warmup=8, bins=10)
 
 
 def tiny(**changes: Any) -> Config:
@@ -460,7 +463,8 @@ def test_policies_that_return_to_training_are_what_was_stored():
 
 
 @pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])
-def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatch):
+def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, constants):
+    constants("pg-morl", generation=None)
     sizes = {"worlds": 4096, "horizon": 32, "sampling.clusters": 16, "device": "cpu"}
     config = config_for(task, algorithm="pg-morl", max_env_steps=10**9, **sizes)
     length = config.task.episode_length

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from same import assert_same
-from tiny import learner, tiny
+from tiny import learner, scaled, tiny
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
@@ -23,7 +23,8 @@ TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
 
 
 def made(env: str = "hopper", **changes: object) -> MORLAX:
-    return learner(tiny(env, **{"network.scale": 0.3, **changes}))
+    with scaled():
+        return learner(tiny(env, **changes))
 
 
 @pytest.fixture(scope="module")

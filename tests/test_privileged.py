@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from tiny import Blind, learner, tiny
+from tiny import Blind, learner, scaled, tiny
 from torch import Tensor
 
 from morlax_torch import Policy, envs, load, save
@@ -81,8 +81,9 @@ def test_a_rollout_stores_the_critics_observations():
     assert rollout.truncated.any()
 
 
+@scaled()
 def test_only_critics_see_privileged_observations(generator):
-    agent = learner(blind(network={"scale": 0.3}), 1).agent
+    agent = learner(blind(), 1).agent
     seen = torch.randn(4, 5, O + P, generator=generator)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
     policies, values = agent.policies(tradeoffs), agent.values(tradeoffs)

@@ -23,7 +23,7 @@ from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
 CASES: dict[str, dict[str, Any]] = {
-    "hopper": {"ppo.decay_fraction": 0.5, "max_env_steps": 224},
+    "hopper": {"decay_fraction": 0.5, "max_env_steps": 224},
     "ant": {"task.reset_noise": 0.01},
     "humanoid": {"task.stagger": True},
     "design/hopper": {"sampling.designs": 8, "task.episode_length": 20},
@@ -33,7 +33,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def tiny(env: str = "hopper", **changes: Any) -> Config:
-    more = {"sampling.clusters": 8, "evaluation.tradeoffs": 8, "ppo.decay_fraction": 0.0}
+    more = {"sampling.clusters": 8, "evaluation.tradeoffs": 8, "decay_fraction": 0.0}
     return small.tiny(env, **{**more, **changes})
 
 

@@ -60,12 +60,14 @@ def test_mirrored_observations_give_mirrored_actions_and_equal_values(tmp_path, 
 
 
 @pytest.mark.parametrize("algorithm", LEARNERS)
-def test_every_algorithm_trains_symmetric_policies(algorithm, generator):
+def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constants):
     own = {
-        "hyper-sac": {"method.start": 32, "method.batch": 8, "method.updates": 2},
-        "pd-morl": {"method.start": 32, "method.batch": 8, "method.updates": 2},
-        "pg-morl": {"method.warmup": 1, "method.generation": 1},
+        "hyper-sac": {"method.batch": 8, "method.updates": 2},
+        "pd-morl": {"method.batch": 8, "method.updates": 2},
     }
+    constants("hyper-sac", start=32)
+    constants("pd-morl", start=32)
+    constants("pg-morl", warmup=1, generation=1)
     changes = {"network.symmetric": True, "task.reset_noise": 0.3, **own.get(algorithm, {})}
     config = tiny("mirrored", algorithm=algorithm, **changes)
     learner = make_learner(config.make_worlds(config.worlds, config.seed), config)

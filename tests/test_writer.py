@@ -20,7 +20,6 @@ from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import Schedule, Session, Writer, make_evaluator
 from morlax_torch.train import train
 
-IMPORTED = time.perf_counter()
 EVERY = 64  # steps, or two iterations
 
 
@@ -195,7 +194,7 @@ def planned(
 ) -> Schedule:
     """Return the schedule of a config that has these limits, and none else."""
     unlimited = {"max_env_steps": None, "max_seconds": None, "evaluation.every": None}
-    config = tiny(**{**unlimited, "ppo.decay_fraction": 0.0, **limits})
+    config = tiny(**{**unlimited, "decay_fraction": 0.0, **limits})
     env = SimpleNamespace(device=torch.device(device), recordable=False, episode_length=40)
     learner = SimpleNamespace(
         config=config,

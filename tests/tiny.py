@@ -1,11 +1,15 @@
 """A hopper that trains in a second, and one whose critic sees more than its policies."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import pytest
 from torch import Tensor, nn
 
 from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.sections import NetworkConfig
 
 TYPED = (  # on the command line
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
@@ -42,6 +46,14 @@ def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> MORLA
     for _ in range(iterations):
         made.iterate()
     return made
+
+
+@contextmanager
+def scaled(scale: float = 0.3) -> Iterator[None]:
+    """Start hypernetworks whose networks depend on the trade-off."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(NetworkConfig, "scale", scale)
+        yield
 
 
 class Blind(envs.get("hopper")):
