@@ -15,7 +15,7 @@ from pydantic import (
 from torch import Tensor
 
 from ..envs.errors import shortened
-from ..envs.worlds.designs import DesignParameter
+from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import check_objectives
 from .progress import Progress
 
