@@ -177,16 +177,10 @@ def test_a_design_keeps_the_parts_of_the_robot(monkeypatch):
         bank_of(env)
 
 
-@pytest.mark.parametrize(
-    ("parameter", "sentence"),
-    [
-        (DesignParameter(0.3, 0.1, float("inf")), "goes from 0.1 to inf, with the default 0.3"),
-        (DesignParameter(0.3, 0.5, 0.9), "needs finite bounds, and a default between them"),
-    ],
-)
-def test_a_parameter_needs_bounds(parameter, sentence):
-    with pytest.raises(MorlaxError, match=sentence):
-        DesignSpace({"shin": parameter})
+@pytest.mark.parametrize(("low", "high"), [(0.1, float("inf")), (0.5, 0.9)])
+def test_a_parameter_needs_bounds(low, high):
+    with pytest.raises(MorlaxError, match="needs finite bounds, and a default between them"):
+        DesignSpace({"shin": DesignParameter(0.3, low, high)})
 
 
 @pytest.mark.parametrize(
@@ -208,8 +202,6 @@ def test_a_wrong_design_is_one_sentence(task, design, sentence):
         (None, r"a design is numbers by name, such as \{'thigh': 0\.33\}, not None\."),
         ("thigh", r"a design is numbers by name, such as .*, not 'thigh'\."),
         ({"thigh": "x"}, r"the design parameter 'thigh' must be a number, not 'x'\."),
-        ({"thigh": "0.3"}, r"the design parameter 'thigh' must be a number, not '0\.3'\."),
-        ({"thigh": None}, r"the design parameter 'thigh' must be a number, not None\."),
         ({"thigh": True}, r"the design parameter 'thigh' must be a number, not True\."),
         ({"thigh": np.zeros(3)}, r"the design parameter 'thigh' must be a number, not array"),
         ({"thigh": float("nan")}, r"'thigh' is nan m: it must be from 0\.2 to 0\.5 m"),
@@ -469,14 +461,11 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
     [
         (["--at-least", "run=1"], "name what to maximize"),
         (["--bodies", "1"], "--bodies is 1: it must be at least 2"),
-        (["--rounds", "-1"], "--rounds is -1: it must be 0 or more"),
+        (["--rounds", "-1"], "--rounds is -1: it must be at least 0"),
     ],
 )
 def test_a_wrong_search_is_one_sentence(run, words, sentence, refused):
     assert sentence in refused(searching, str(run), *words)
-
-
-def test_a_run_with_one_body_cannot_be_searched(refused):
     assert "were trained with one body" in refused(searching, "hopper")
 
 

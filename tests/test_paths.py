@@ -18,7 +18,7 @@ from morlax_torch.runs.evaluating import pack as pack_run
 from morlax_torch.runs.history import History
 from morlax_torch.runs.loading import find_run
 from morlax_torch.train import train
-from morlax_torch.tuning.searching import tune as tune_run
+from morlax_torch.tuning.study import Search
 from morlax_torch.viewers.preferences.teaching import Lesson
 from morlax_torch.viewers.web.writing import write_page
 
@@ -99,8 +99,8 @@ PYTHON: dict[str, Callable[[str], object]] = {
     "pack": lambda path: pack_run("hopper", Path(path), "cpu"),
     "a web page": lambda path: write_page(["hopper"], Path(path), "cpu"),
     "a lesson": lambda path: Lesson("hopper", Path(path), "tall", clips=8),
-    "tune": lambda path: tune_run(tiny(), {"ppo.epochs": [2]}, path, trials=1, seconds=0.1),
-    "a storage": lambda path: tune_run(tiny(), {"ppo.epochs": [2]}, storage=path, seconds=0.1),
+    "tune": lambda path: Search(tiny(), {"ppo.epochs": [2]}, path),
+    "a storage": lambda path: Search(tiny(), {"ppo.epochs": [2]}, storage=path),
 }
 
 

@@ -23,7 +23,8 @@ from tiny import tiny
 
 from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS, command
-from morlax_torch.commands.terminal import arguments, live, tune_arguments
+from morlax_torch.commands import tune
+from morlax_torch.commands.terminal import arguments, live
 from morlax_torch.commands.terminal.display import Display
 from morlax_torch.commands.terminal.task_arguments import text_of
 from morlax_torch.configuration.config import config_class
@@ -245,7 +246,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
-    models = [arguments.Command, tune_arguments.TuneOptions]
+    models = [arguments.Command, tune.TuneOptions]
     models += [config_class(env, name) for name in ("morlax", *OPTIONS)]
     for model in models:
         assert not undescribed(model)
