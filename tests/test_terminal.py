@@ -23,7 +23,8 @@ from tiny import tiny
 
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
-from morlax_torch.commands.terminal import arguments, live, tune_arguments
+from morlax_torch.commands import tune
+from morlax_torch.commands.terminal import arguments, live
 from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.commands.terminal.display import Display
 from morlax_torch.configuration.config import Config, config_class, flat
@@ -235,7 +236,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
-    models = [arguments.Train, tune_arguments.TuneOptions]
+    models = [arguments.Train, tune.TuneOptions]
     models += [config_class(env, name) for name in ("morlax", *OPTIONS)]
     for model in models:
         assert not undescribed(model)
