@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pytest
-from browsing import PATIENCE, View, chromium, exploring
+from browsing import PATIENCE, View, chromium, exploring, needs_page
 from matplotlib.colors import to_rgb
 
 from morlax_torch.commands import explore
@@ -24,7 +24,6 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import find_run
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.opening import free_port
 
 
 def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refused):
@@ -36,10 +35,14 @@ def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refus
 
 
 def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, refused):
+    needs_page()
+    from morlax_torch.viewers.explorer.server import listening
+
     make_run(workplace / "run", "hopper", "best")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert port < free_port("127.0.0.1", port) < port + 20
+        with listening("127.0.0.1", port) as other:
+            assert port < other.getsockname()[1] < port + 20
     assert "from 0 to 65535" in refused(explore, "run", "--port", "70000")
     for host in ("192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""):
         text = refused(explore, "run", "--host", host)
@@ -48,7 +51,7 @@ def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, 
 
 def test_without_websockets_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
     make_run(workplace / "run", "hopper", "best")
-    ours = [f"morlax_torch.viewers.explorer.{name}" for name in ("access", "page", "server")]
+    ours = [f"morlax_torch.viewers.explorer.{name}" for name in ("page", "server")]
     for name in [name for name in sys.modules if name.startswith("websockets.") or name in ours]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
@@ -58,7 +61,8 @@ def test_without_websockets_the_error_names_the_extra(workplace, make_run, monke
 
 WAITING = """
 import signal, threading, time
-from morlax_torch.viewers.explorer.requests import Requests
+from queue import Queue
+from morlax_torch.viewers.explorer.page import drained
 
 def interrupt(thread):
     while True:
@@ -72,9 +76,9 @@ def keep_busy():
 signal.signal(signal.SIGINT, lambda number, frame: None)
 threading.Thread(target=keep_busy, daemon=True).start()
 threading.Thread(target=interrupt, args=(threading.get_ident(),), daemon=True).start()
-requests = Requests(None)
+queue = Queue()
 for _ in range(200):
-    requests.execute(0.002)
+    drained(queue, 0.002)
 """
 
 

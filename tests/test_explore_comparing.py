@@ -15,9 +15,8 @@ from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import read_yaml
 from morlax_torch.preferences.comparisons import Comparisons
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.clip import Clip
 from morlax_torch.viewers.explorer.comparisons import ClipComparisons, PolicyComparisons
-from morlax_torch.viewers.explorer.session import Session
+from morlax_torch.viewers.explorer.session import Clip, Session
 
 BOXES = """
 <mujoco><worldbody>

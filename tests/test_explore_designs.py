@@ -11,7 +11,7 @@ import morlax_torch
 from morlax_torch import Front, Policy
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.train import train
-from morlax_torch.viewers.explorer import bodies, messages
+from morlax_torch.viewers.explorer import lineup, messages
 from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
 
@@ -77,7 +77,7 @@ def test_of_many_bodies_the_first_and_the_last_are_evaluated(folder, monkeypatch
         evaluated.append(policy.config.task.design["thigh"])
         return evaluate(policy, *others, **named)
 
-    monkeypatch.setattr(bodies, "evaluate", counted)
+    monkeypatch.setattr(lineup, "evaluate", counted)
     exhibit = RunExhibit(choose(folder, None), waiting.put)
     for value in (0.4, 0.42, 0.44, 0.46):
         exhibit.react(messages.Reshape(act="reshape", index=0, value=value))

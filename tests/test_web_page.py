@@ -21,8 +21,7 @@ from morlax_torch.runs.bookmarks import bookmark
 from morlax_torch.train import train
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.player import Player
-from morlax_torch.viewers.web.robot import build
-from morlax_torch.viewers.web.writing import write_page
+from morlax_torch.viewers.web.writing import build, write_page
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -17,7 +17,6 @@ from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice, Requirements
-    from ..networks.policy import Policy
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -90,11 +89,14 @@ def command(arguments: Sequence[str]) -> None:
         commands = _commands(run, weights, trust, env, policy.config.env)
         if card is not None:
             with Live():
-                page = _card(run, policy, choice, required, seed, list(commands.values()))
+                from ..viewers.explorer.saving import decision_card
+
+                typed = list(commands.values())
+                page = decision_card(run, policy, choice, required, typed, seed)
                 write_file(card, page.encode())
             cli.console.print(f"written: {card}", soft_wrap=True)
-        for purpose, typed in commands.items():
-            cli.print_command(purpose, typed)
+        for purpose, line in commands.items():
+            cli.print_command(purpose, line)
 
     call(main, arguments, program("choose"))
 
@@ -112,36 +114,6 @@ def _commands(run: str, weights: str, trust: bool, moved: str | None, task: str)
         "to export the policy": f"{program('export')} {named} --tradeoff {weights}",
         "to see the robot": f"{program('explore')} {named}",
     }
-
-
-def _card(
-    run: str,
-    policy: "Policy",
-    choice: "Choice",
-    required: "Requirements",
-    seed: int,
-    commands: Sequence[str],
-) -> str:
-    """Simulate the choice under other conditions, and describe it."""
-    from ..envs.making import has_robot
-    from ..envs.naming import title
-    from ..reports.card import card
-    from ..runs.checkpoint import fingerprint
-    from ..runs.loading import find_checkpoint
-    from ..runs.trials import trials
-    from ..version import __version__
-    from ..viewers.filming.recording import strip
-
-    tried = trials(policy, choice.tradeoff, seed)
-    about = {
-        "run": run,
-        "checkpoint": str(find_checkpoint(run)),
-        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
-        "morlax-torch": __version__,
-    }
-    env = policy.config.env
-    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
-    return card(title(env), choice, required, tried, about, commands, picture)
 
 
 def _show(choice: "Choice", required: "Requirements") -> None:

@@ -11,7 +11,6 @@ from ..terminal.interrupt import interruptible
 from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Moved, Port, Trust, call
-from ..viewers.explorer.opening import free_port, importing_page
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -30,13 +29,11 @@ def explore(run: str, host: str, port: int) -> None:
         from ..viewers.explorer import library
 
         choice = library.choose(run)
-        port = free_port(host, port)
-        with importing_page():
-            from ..viewers.explorer.exhibits import RunExhibit
-            from ..viewers.explorer.page import Page
         import torch
 
         from ..gpu.resources import one_thread
+        from ..viewers.explorer.exhibits import RunExhibit
+        from ..viewers.explorer.page import Page
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         with Live():

@@ -13,7 +13,6 @@ from ..terminal.interrupt import interruptible
 from ..terminal.live import Live
 from ..terminal.startup import program
 from ..terminal.task_arguments import Host, Moved, Port, Trust, call
-from ..viewers.explorer.opening import free_port, importing_page
 
 if TYPE_CHECKING:
     from ..preferences.teaching import Lesson
@@ -51,8 +50,6 @@ def command(arguments: Sequence[str]) -> None:
             from ..runs.loading import trust_run
 
             trust_run(run, trust, env)
-            if serves:
-                port = free_port(host, port)
             lesson = Lesson(run, folder, objective, clips, seed)
         if answers < 0:
             raise MorlaxError(f"there are {answers} answers to give: name 0 or more.")
@@ -74,10 +71,9 @@ def command(arguments: Sequence[str]) -> None:
 
 def _ask(lesson: "Lesson", answers: int, host: str, port: int) -> None:
     """Serve a page that asks a user, until Ctrl-C."""
-    with importing_page():
-        from ..viewers.explorer.comparisons import questions
-        from ..viewers.explorer.exhibits import ComparisonExhibit
-        from ..viewers.explorer.page import Page
+    from ..viewers.explorer.comparisons import questions
+    from ..viewers.explorer.exhibits import ComparisonExhibit
+    from ..viewers.explorer.page import Page
 
     with interruptible() as ended:
         page = Page(lambda _: ComparisonExhibit(questions(lesson, answers)), host, port)

@@ -18,14 +18,19 @@ def shipped() -> list[str]:
     return sorted(folder.parent.name for folder in SHIPPED.glob("*/checkpoints"))
 
 
+def trained() -> list[str]:
+    """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
+    return [str(run) for run in newest_runs(RUNS)]
+
+
 def labels() -> list[str]:
     """Return the shipped policies, then the runs, as a list shows them; see `named`.
 
     A label other than the name ends with the reason why that run cannot be shown.
     """
-    return [name + _reason(SHIPPED / name) for name in shipped()] + [
-        name + _reason(Path(name)) for name in trained()
-    ]
+    folders = {name: SHIPPED / name for name in shipped()}
+    folders |= {name: Path(name) for name in trained()}
+    return [name + _reason(folder) for name, folder in folders.items()]
 
 
 def named(label: str) -> str:
@@ -43,11 +48,6 @@ def _reason(run: Path) -> str:
     if task.startswith((PLAYGROUND, GYMNASIUM)):
         return NO_ROBOT
     return NEEDS_MJLAB if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
-
-
-def trained() -> list[str]:
-    """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
-    return [str(run) for run in newest_runs(RUNS)]
 
 
 def first() -> str:
@@ -89,9 +89,9 @@ def choose(run: str, checkpoint: str | None = None) -> Choice:
     """
     run = str(named_run(run))
     file = find_checkpoint(run)
-    if Path(run).is_file() and file.parent.name != "checkpoints":
-        return Choice(run, file.stem, {file.stem: file})
     if Path(run).is_file():
+        if file.parent.name != "checkpoints":
+            return Choice(run, file.stem, {file.stem: file})
         run = str(find_run(run))
     files = {file.stem: file for file in sorted(file.parent.glob("*.pt"))}
     name = checkpoint or file.stem

@@ -5,10 +5,11 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
 
 LONGEST = 400  # characters of a name, and numbers in a trade-off
+Name = Annotated[str, Field(max_length=LONGEST)]
 
 
 class Message(BaseModel):
-    """A message of a browser; numbers are finite."""
+    """A message of a browser; numbers are finite. Values are clamped to their range."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
@@ -21,7 +22,7 @@ class Steer(Message):
 
 
 class Tell(Message):
-    """Set one number of the command of all robots; it is clamped to its limits."""
+    """Set one number of the command of all robots."""
 
     act: Literal["tell"]
     index: NonNegativeInt
@@ -29,7 +30,7 @@ class Tell(Message):
 
 
 class Nudge(Message):
-    """Change one number of the command of all robots; it is clamped to its limits."""
+    """Change one number of the command of all robots."""
 
     act: Literal["nudge"]
     index: NonNegativeInt
@@ -37,7 +38,7 @@ class Nudge(Message):
 
 
 class Reshape(Message):
-    """Set one design parameter of all robots' body; it is clamped to its range."""
+    """Set one design parameter of all robots' body."""
 
     act: Literal["reshape"]
     index: NonNegativeInt
@@ -77,14 +78,14 @@ class Open(Message):
     """Show another run or checkpoint; no checkpoint means the best."""
 
     act: Literal["open"]
-    run: Annotated[str, Field(max_length=LONGEST)]
-    checkpoint: Annotated[str, Field(max_length=LONGEST)] | None
+    run: Name
+    checkpoint: Name | None
 
 
 class Require(Message):
     """Require the return of an objective, or a quantity, whose indices follow the objectives'.
 
-    The level is clamped to the front's range; null requires nothing.
+    A level of null requires nothing.
     """
 
     act: Literal["require"]
@@ -108,24 +109,11 @@ class Bookmark(Message):
     """Keep the selected robot's trade-off under a name."""
 
     act: Literal["bookmark"]
-    name: Annotated[str, Field(max_length=LONGEST)]
+    name: Name
 
 
-Request = (
-    Steer
-    | Tell
-    | Nudge
-    | Reshape
-    | Pause
-    | Pace
-    | Press
-    | Select
-    | Open
-    | Require
-    | Maximize
-    | Answer
-    | Bookmark
-)
+Robots = Steer | Tell | Nudge | Reshape | Pause | Pace | Press | Select | Open
+Request = Robots | Require | Maximize | Answer | Bookmark
 _READER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="act")])
 
 

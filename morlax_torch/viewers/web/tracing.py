@@ -1,6 +1,8 @@
-"""Trace a task's control step into two graphs: before the physics, and after it."""
+"""Trace a task's control step into two graphs, before the physics and after it, and check them."""
 
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, NamedTuple
 
 import mujoco
@@ -12,8 +14,9 @@ from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
 from ...envs.physics.interface import Physics
 from ...envs.replacing import replaced
-from ...exports.formats import onnx_model, quiet
-from .recording import Recorder, Writes, flat, storage
+from ...exports.formats import onnx_model, onnxruntime, quiet
+from ...phases import phase
+from .recording import Draws, Recorder, Writes, flat, storage
 
 ARRAYS = {  # of `Physics`, and their names in mjData
     "qpos": "qpos",
@@ -24,6 +27,8 @@ ARRAYS = {  # of `Physics`, and their names in mjData
     "sensors": "sensordata",
 }
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
+STEPS, EPISODES = 60, 3  # of the check
+TOLERANCE = 1e-4  # of numbers below 1; relative above
 
 
 class PagePhysics(Physics):
@@ -118,13 +123,13 @@ def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
     state = {name: flat(values) for name, values in physics.arrays.items()}
     if env.command_limits:
         state["command"] = flat(env.command)
-    known = {storage(values) for values in state.values()}
+    named = {storage(values) for values in state.values()}
     for act in (lambda: env.step(action), env.reset):
         with Writes() as writes, torch.no_grad():
             act()
-        for where, values in writes.found.items():
-            if where not in known:
-                known.add(where)
+        for memory, values in writes.found.items():
+            if memory not in named:
+                named.add(memory)
                 state[f"state_{len(state)}"] = values
     return state
 
@@ -172,3 +177,77 @@ def _graph(recorder: Recorder) -> OnnxGraph:
         node.doc_string = ""
     del model.graph.value_info[:]
     return OnnxGraph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))
+
+
+def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
+    """Compare the graphs with `env.step` for some episodes of random actions.
+
+    Returns the largest difference, relative where numbers exceed 1; raises MorlaxError if it is
+    more than TOLERANCE.
+    """
+    replica = Replica(env, traced)
+    for episode in range(EPISODES):
+        env.reset()
+        for step in range(STEPS):
+            phase("checking the traced task", (episode * STEPS + step) / (EPISODES * STEPS))
+            draws = torch.rand(1, env.action_size, generator=generator, dtype=torch.float32)
+            action = 2 * draws - 1
+            replica.step(action if episode else torch.zeros_like(action))
+    return replica.largest
+
+
+class Replica:
+    """The traced step, run from copies of the task's state; `largest` is its largest difference."""
+
+    def __init__(self, env: Environment, traced: Traced):
+        self._env, self._traced, self.largest = env, traced, 0.0
+        self._values: dict[str, np.ndarray] = {}  # of all inputs and outputs, by name
+        start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
+        self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
+
+    def step(self, action: Tensor) -> None:
+        """Take one control step twice, and compare."""
+        env, (before, after, *_) = self._env, self._traced
+        simulate = env.physics.step
+        self._copy(self._traced.state)
+        self._values["action"] = action.numpy()
+
+        def switch() -> None:
+            self._run(before, draws.values)
+            draws.values.clear()
+            simulate()
+            self._copy(ARRAYS)
+
+        with Draws() as draws, torch.no_grad(), replaced(env.physics, "step", switch):
+            step = env.step(action)
+        results = {name: getattr(step, name) for name in RESULTS}
+        self._run(after, draws.values, results | {"terms": torch.stack([*step.terms.values()], -1)})
+
+    def _copy(self, names: Iterable[str]) -> None:
+        for name in names:
+            self._values[name] = self._traced.state[name].numpy().copy()
+
+    def _run(
+        self, graph: OnnxGraph, draws: list[Tensor], results: Mapping[str, Tensor] | None = None
+    ) -> None:
+        """Run a graph on copies, with the task's draws; compare its outputs with the task."""
+        for name, drawn in zip(graph.draws, draws, strict=True):
+            self._values[name] = drawn.numpy()
+        inputs = {name: self._values[name] for name in graph.inputs}
+        outputs = self._sessions[id(graph)].run(None, inputs)
+        self._values |= dict(zip(graph.outputs, outputs, strict=True))
+        for name, exact in {**self._traced.state, **(results or {})}.items():
+            if name in graph.outputs:
+                self._compare(name, exact.numpy())
+
+    def _compare(self, name: str, exact: np.ndarray) -> None:
+        exact, traced = (x.astype(np.float64).ravel() for x in (exact, self._values[name]))
+        gaps = np.abs(exact - traced) / np.maximum(1.0, np.abs(exact))
+        gap = float(np.where(np.isnan(exact) & np.isnan(traced), 0.0, gaps).max(initial=0.0))
+        if not gap <= TOLERANCE:
+            raise cannot(
+                self._env,
+                f"its traced {name} differs by {gap:.1e}; keep all state in tensors that are "
+                "changed in place, and compute with torch only",
+            )
+        self.largest = max(self.largest, gap)
