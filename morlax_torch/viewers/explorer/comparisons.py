@@ -36,10 +36,7 @@ class Comparisons(Protocol):
 class PolicyComparisons:
     """Compare policies of a front to find the one that the user likes best.
 
-    Args:
-        front: evaluated trade-offs.
-        sessions: two robots with the policies of that front; their trade-offs are set.
-        seed: random seed of the questions.
+    The two robots have the policies of that front; their trade-offs are set.
 
     Raises:
         MorlaxError: the front has fewer than two non-dominated policies.

@@ -8,7 +8,7 @@ from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...runs.bookmarks import bookmark, bookmarks
 from ...runs.loading import own_folder
-from . import library, messages
+from . import library
 from .asking import Asking
 from .comparisons import Comparisons, PolicyComparisons
 from .lineup import Lineup
@@ -22,24 +22,19 @@ NO_FRONT = "This checkpoint has no front. To write one: morlax evaluate RUN"
 
 
 class Exhibit(Protocol):
-    """Robots, and what users may do with them."""
+    """Robots, and what users may do with them.
+
+    `behaviors` are the robots to move and show, at least one; of equal models. `state` describes
+    everything that can change, apart from poses, as JSON. `react` does what a user asks for, or
+    raises MorlaxError, and then everything is as before.
+    """
 
     @property
-    def behaviors(self) -> Sequence[Behavior]:
-        """The robots to move and show, at least one; of equal models."""
-        ...
+    def behaviors(self) -> Sequence[Behavior]: ...
 
-    def state(self) -> dict[str, Any]:
-        """Describe everything that can change, apart from poses; JSON."""
-        ...
+    def state(self) -> dict[str, Any]: ...
 
-    def react(self, request: Request) -> None:
-        """Do what a user asks for.
-
-        Raises:
-            MorlaxError: it cannot be done; everything is as before.
-        """
-        ...
+    def react(self, request: Request) -> None: ...
 
 
 class ComparisonExhibit:
@@ -54,7 +49,7 @@ class ComparisonExhibit:
 
     def react(self, request: Request) -> None:
         _answer(self._asking, request)
-        if isinstance(request, messages.Press) and request.name == "reset":
+        if request.get("name") == "reset":
             for behavior in self.behaviors:
                 behavior.reset()
         self.behaviors = self._asking.behaviors or self.behaviors  # the last ones stay
@@ -63,17 +58,12 @@ class ComparisonExhibit:
 class RunExhibit:
     """A run's robots: one, several to compare, or the two of "A or B?".
 
-    Args:
-        choice: the checkpoint to show.
-        put: queues what other threads do with the robots.
-
-    Raises:
-        MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
+    `put` queues what other threads do with the robots. For errors see `Session.open`.
     """
 
     def __init__(self, choice: library.Choice, put: Put):
         self._put, self._scanned = put, -SCAN
-        self._labels: list[str] = []  # of runs to choose from
+        self._labels: dict[str, str] = {}  # of runs to choose from
         self._open(choice, Session.open(choice))
 
     @property
@@ -101,39 +91,39 @@ class RunExhibit:
 
     def react(self, request: Request) -> None:
         lineup, thresholds = self._lineup, self._thresholds()
-        steered = lineup.steered
+        steered, command = lineup.steered, lineup.steered.player.command
         match request:
-            case messages.Steer(weights=weights) if len(weights) == len(steered.objectives):
+            case {"act": "steer", "weights": weights} if len(weights) == len(steered.objectives):
                 self._steer(normalized(weights) or steered.tradeoff)
-            case messages.Tell(index=index) if index < len(steered.player.command):
+            case {"act": "tell", "index": i, "value": value} if i < len(command):
                 for session in self._sessions():
-                    session.tell(index, request.value)
-            case messages.Nudge(index=index) if index < len(steered.player.command):
+                    session.tell(i, value)
+            case {"act": "nudge", "index": i, "change": change} if i < len(command):
                 for session in self._sessions():
-                    session.tell(index, session.player.command[index] + request.change)
-            case messages.Reshape(index=index) if index < len(steered.design):
+                    session.tell(i, session.player.command[i] + change)
+            case {"act": "reshape", "index": i, "value": value} if i < len(steered.design):
                 self._asking = self._source = None
-                lineup.reshape(index, request.value)
-            case messages.Select(robot=robot) if robot < len(lineup.sessions):
+                lineup.reshape(i, value)
+            case {"act": "select", "robot": robot} if robot < len(lineup.sessions):
                 lineup.selected = robot
-            case messages.Open(run=run, checkpoint=checkpoint) if run in self._runs():
+            case {"act": "open", "run": run, "checkpoint": checkpoint} if run in self._runs():
                 choice = library.choose(run, checkpoint)
                 session = Session.open(choice)
                 if session.objectives == steered.objectives:
                     session.tradeoff = steered.tradeoff
                 if session.player.env.command_limits == steered.player.env.command_limits:
-                    session.player.command = list(steered.player.command)
+                    session.player.command = list(command)
                 if thresholds is not None:
                     thresholds.stop()
                 self._open(choice, session)
-            case messages.Require(index=index) if thresholds and index < len(thresholds.names):
-                thresholds.require(index, request.level)
-            case messages.Maximize(index=index) if thresholds and index < len(thresholds.names):
-                thresholds.maximize(index)
-            case messages.Bookmark(name=name):
+            case {"act": "require", "index": i} if thresholds and i < len(thresholds.names):
+                thresholds.require(i, request["level"])
+            case {"act": "maximize", "index": i} if thresholds and i < len(thresholds.names):
+                thresholds.maximize(i)
+            case {"act": "bookmark", "name": name}:
                 bookmark(self._choice.run, name, steered.tradeoff)
                 self._bookmarks = bookmarks(self._choice.run)
-            case messages.Press(name=name):
+            case {"act": "press", "name": name}:
                 self._press(name)
         if self._asking is not None:
             _answer(self._asking, request)
@@ -163,8 +153,7 @@ class RunExhibit:
         """Return the runs to choose from: how each is called in a list, by its name."""
         if time.monotonic() > self._scanned + SCAN:
             self._scanned, self._labels = time.monotonic(), library.labels()
-        listed = {library.named(label): label for label in self._labels}
-        return {self._choice.run: self._choice.run, **listed}
+        return {self._choice.run: self._choice.run, **self._labels}
 
     def _steer(self, tradeoff: Weights) -> None:
         self._lineup.steered.tradeoff = tradeoff
@@ -188,8 +177,8 @@ class RunExhibit:
                 lineup.measure()
             case "export":
                 self._saving.export(lineup.steered.tradeoff, lineup.steered.reshaped)
-            case "card" if thresholds is not None:
-                self._saving.card(*thresholds.wanted())
+            case "card" if thresholds is not None and thresholds.found is not None:
+                self._saving.card(thresholds.found, *thresholds.wanted())
             case "find" | "again":
                 self._find()
             case "use" | "leave":
@@ -214,9 +203,9 @@ class RunExhibit:
 
 def _answer(asking: Asking, request: Request) -> None:
     match request:
-        case messages.Answer(preferred=preferred):
+        case {"act": "answer", "preferred": preferred}:
             asking.answer(preferred)
-        case messages.Press(name="skip"):
+        case {"act": "press", "name": "skip"}:
             asking.skip()
 
 

@@ -10,8 +10,6 @@ from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND
 from ...runs.checkpoint import RUNS, named_run, newest_runs
 from ...runs.loading import SHIPPED, find_checkpoint, find_run
 
-NEEDS_MJLAB, NO_ROBOT = " (needs mjlab)", " (no MuJoCo robot)"
-
 
 def shipped() -> list[str]:
     """Return the names of the shipped policies."""
@@ -23,19 +21,14 @@ def trained() -> list[str]:
     return [str(run) for run in newest_runs(RUNS)]
 
 
-def labels() -> list[str]:
-    """Return the shipped policies, then the runs, as a list shows them; see `named`.
+def labels() -> dict[str, str]:
+    """Return how a list calls the shipped policies, then the runs, by name.
 
     A label other than the name ends with the reason why that run cannot be shown.
     """
     folders = {name: SHIPPED / name for name in shipped()}
     folders |= {name: Path(name) for name in trained()}
-    return [name + _reason(folder) for name, folder in folders.items()]
-
-
-def named(label: str) -> str:
-    """Return the run or shipped policy of a label."""
-    return label.removesuffix(NEEDS_MJLAB).removesuffix(NO_ROBOT)
+    return {name: name + _reason(folder) for name, folder in folders.items()}
 
 
 def _reason(run: Path) -> str:
@@ -46,8 +39,8 @@ def _reason(run: Path) -> str:
         return ""
     task = line.removeprefix("env:").strip(" \n'\"")
     if task.startswith((PLAYGROUND, GYMNASIUM)):
-        return NO_ROBOT
-    return NEEDS_MJLAB if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
+        return " (no MuJoCo robot)"
+    return " (needs mjlab)" if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
 
 
 def first() -> str:

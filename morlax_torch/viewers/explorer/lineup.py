@@ -13,14 +13,7 @@ TRADEOFFS = 33  # of the front of a new body: few, so that it follows soon
 
 
 class Lineup:
-    """The robots of a run.
-
-    `stale` is whether the page shows the front of a former body.
-
-    Args:
-        session: the first of them.
-        put: queues a call.
-    """
+    """The robots of a run; `stale` is whether the page shows the front of a former body."""
 
     def __init__(self, session: Session, put: Put):
         self.sessions, self.selected = [session], 0

@@ -30,10 +30,7 @@ class Page:
     so that nothing interrupts a step. A step that fails also pauses the robots, and browsers that
     connect later are told why. `address` is what a browser must open; it contains a secret token.
 
-    Args:
-        make: makes what is shown, given a way to queue calls.
-        host: address to listen on.
-        port: TCP port to listen on, or the next free one; 0 selects any.
+    `make` makes what is shown, given a way to queue calls. The port may be the next free one.
 
     Raises:
         MorlaxError: `make` failed, three.js cannot be downloaded, or the address cannot be
@@ -117,29 +114,27 @@ class Page:
 
     def _work(self, queued: list[Heard | Callable[[], None]]) -> None:
         """Do what browsers and other threads have asked for."""
-        asked: list[Any] = []
-        for item in queued:
-            new = not isinstance(item, Heard) or item.message is None
-            asked.append(item if new else messages.accepted(item.message))
-        last = next((x for x in reversed(asked) if isinstance(x, messages.Open)), None)
-        for item in asked:
-            if isinstance(item, Heard):
-                self._attempt(partial(self._show, item.tab))
-            elif callable(item):
+        texts = [item.message if isinstance(item, Heard) else None for item in queued]
+        asked = [None if text is None else messages.accepted(text) for text in texts]
+        opening = next((each for each in reversed(asked) if each and each["act"] == "open"), None)
+        for item, request in zip(queued, asked, strict=True):
+            if not isinstance(item, Heard):
                 self._attempt(item)
+            elif item.message is None:
+                self._attempt(partial(self._show, item.tab))
             # to open a run takes a second; it is left out if another one follows
-            elif item is not None and (item is last or not isinstance(item, messages.Open)):
-                self._attempt(partial(self._react, item))
+            elif request is not None and (request is opening or request["act"] != "open"):
+                self._attempt(partial(self._react, request))
 
-    def _react(self, message: messages.Request) -> None:
-        match message:
-            case messages.Pause(on=on):
+    def _react(self, request: messages.Request) -> None:
+        match request:
+            case {"act": "pause", "on": on}:
                 self._paused, self._failure = on, None
-            case messages.Pace(value=value):
+            case {"act": "pace", "value": value}:
                 self._pace = min(max(value, SLOWEST), 1.0)
             case _:
-                self._exhibit.react(message)
-                if isinstance(message, messages.Open):
+                self._exhibit.react(request)
+                if request["act"] == "open":
                     self._failure = None
         self._show()
 
@@ -167,11 +162,7 @@ def drained(queue: Queue, seconds: float) -> list:
 
 
 def files() -> dict[str, bytes]:
-    """Return what the server serves, by path.
-
-    Raises:
-        MorlaxError: three.js is neither in the cache nor can it be downloaded.
-    """
+    """Return what the server serves, by path."""
     ours = libraries.page_files()
     ours[""] = ours.pop("index.html").replace(b'lang="en"', b'lang="en" data-engine="remote"')
     return ours | {f"libraries/{name}": data for name, data in libraries.files("three").items()}

@@ -17,9 +17,7 @@ from ...evaluation.requirements import Requirements, shown
 from ...files import write_file
 from ...networks.policy import Policy
 from ...runs.checkpoint import fingerprint
-from ...runs.choosing import chooser
-from ...runs.fronts import load_front
-from ...runs.loading import find_checkpoint, load, own_folder, save, trust_run
+from ...runs.loading import find_checkpoint, load, own_folder, save
 from ...runs.references import named_task
 from ...version import __version__
 from .library import Choice
@@ -30,13 +28,9 @@ BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
 class Saving:
-    """Writes one file at a time.
+    """Writes files of a checkpoint, one at a time.
 
-    Files lie in the run's folder, or in the working directory for a shipped policy.
-
-    Args:
-        choice: the checkpoint whose policies are written.
-        put: queues a call.
+    They lie in the run's folder, or in the working directory for a shipped policy.
     """
 
     def __init__(self, choice: Choice, put: Put):
@@ -59,11 +53,16 @@ class Saving:
         self._start("Exporting the policy…", write_policy, run, self._folder / POLICY, tradeoff)
 
     def card(
-        self, at_least: Mapping[str, float], maximize: str, at_most: Mapping[str, float]
+        self,
+        found: Chosen,
+        at_least: Mapping[str, float],
+        maximize: str,
+        at_most: Mapping[str, float],
     ) -> None:
-        """Write the decision card of required values, and of the value to maximize, by name."""
+        """Write the decision card of a choice and what was required of it, by name."""
+        required = Requirements.of(found.names, at_least, at_most, maximize)
         doing, file = "Trying the policy under other conditions…", self._folder / CARD
-        self._start(doing, write_card, self._run, file, at_least, maximize, at_most)
+        self._start(doing, write_card, self._run, file, found, required)
 
     def _start(self, doing: str, write: Callable[..., list[Path]], *arguments: Any) -> None:
         if self._busy:
@@ -103,18 +102,10 @@ def write_policy(task: str | None, run: str, output: Path, tradeoff: Weights) ->
 
 
 def write_card(
-    task: str | None,
-    run: str,
-    output: Path,
-    at_least: Mapping[str, float],
-    maximize: str,
-    at_most: Mapping[str, float],
+    task: str | None, run: str, output: Path, choice: Chosen, required: Requirements
 ) -> list[Path]:
-    """Choose a trade-off and write its card as `morlax choose --card` does; return the file."""
-    trust_run(run, True, task)
-    policy, front = load(run, resolve_device(None)), load_front(run)
-    choice = chooser(policy, front).choose(at_least, maximize, at_most)
-    required = Requirements.of(choice.names, at_least, at_most, maximize)
+    """Write the card of a choice as `morlax choose --card` does; return the file."""
+    policy = load(run, resolve_device(None), trust=True, env=task)
     quoted = shlex.quote(run) + (" --trust" if runs_code(policy.config.env) else "")
     commands = [
         f"morlax export {quoted} --tradeoff {shown(choice.tradeoff)}",

@@ -86,11 +86,8 @@ class Heard(NamedTuple):
 class Server:
     """Serves files and websockets, from a thread of its own. `address` is what browsers open.
 
-    Args:
-        files: by path; "" is the page.
-        host: address to listen on.
-        port: TCP port to listen on, or the next free one; 0 selects any.
-        put: called with what is heard, in the server's thread.
+    The files are given by path; "" is the page. The port may be the next free one; 0 selects any.
+    `put` is called with what is heard, in the server's thread.
 
     Raises:
         MorlaxError: the address cannot be listened on.

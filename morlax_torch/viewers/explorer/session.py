@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
@@ -71,12 +72,7 @@ class Behavior(ABC):
 
 
 class Clip(Behavior):
-    """A robot that repeats recorded positions.
-
-    Args:
-        model: the robot.
-        qpos: (T, nq) positions, finite.
-        dt: seconds between two of them.
+    """A robot that repeats recorded positions (T, nq), which are finite.
 
     Raises:
         MorlaxError: the positions do not fit the model, or one is not finite.
@@ -116,12 +112,8 @@ class Episode:
 class Session(Behavior):
     """A robot and its trade-off.
 
-    Callers may set `tradeoff` at any time; a new one acts from the next control step.
-
-    Args:
-        policy: as `morlax_torch.load` returns it.
-        front: of these policies, if it was evaluated.
-        seed: random seed of the world and of the pushes.
+    Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
+    that of the policies, if it was evaluated; `seed` that of the world and of the pushes.
 
     Raises:
         MorlaxError: the task has no MuJoCo robot.
@@ -145,11 +137,11 @@ class Session(Behavior):
             MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
         """
         policy = load(choice.file)
-        try:
+        with suppress(MorlaxError):
             front = load_front(choice.file)
-        except MorlaxError:
-            return cls(policy, None)
-        return cls(policy, front if np.isfinite(front.returns).all() else None)
+            if np.isfinite(front.returns).all():
+                return cls(policy, front)
+        return cls(policy, None)
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off, command and pace."""
