@@ -75,32 +75,6 @@ def test_an_mp4_plays_in_browsers_in_real_time(saved, capsys):
 
 
 @pytest.mark.usefixtures("opengl")
-@pytest.mark.slow
-def test_slow_motion_shows_every_step(make_policy, tmp_path):
-    shares, path = [], tmp_path / "slow.MP4"
-    options = {"width": 64, "height": 64, "speed": 0.1}
-    with heard_by(lambda name, share: shares.append(share)):
-        recording.record(make_policy(), path, [(1, 0)], 0.4, **options)
-    about, frames = decoded(path)
-    assert " 10 fps" in about
-    assert len(frames) == 41
-    assert shares == [number / 41 for number in range(41)]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("opengl")
-def test_a_gif_suffix_writes_an_animated_gif(saved):
-    tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
-    record.command(["policy.pt", *SMALL, *tradeoffs, "--output", "film.gif"])
-    with Image.open("film.gif") as image:
-        assert image.format == "GIF"
-        assert image.size == (2 * 95 + GAP, 65)
-        assert image.n_frames == 9
-        assert image.info["duration"] == 50  # milliseconds
-        assert image.info["loop"] == 0  # forever
-
-
-@pytest.mark.usefixtures("opengl")
 def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     tradeoffs = ("--tradeoff", "0.8,0.2", "--tradeoff", "1,3")
     strip = ("--output", "strip.png", "--pictures", "5")
@@ -155,6 +129,8 @@ def test_gifs_are_small(tmp_path):
     assert fps == 20 and len(frames) == 21
     assert (tmp_path / "film.gif").stat().st_size < 190_000
     with Image.open(tmp_path / "film.gif") as image:
+        assert image.n_frames == 21 and image.info["duration"] == 50  # milliseconds
+        assert image.info["loop"] == 0  # forever
         image.seek(20)
         shown = np.asarray(image.convert("RGB")).astype(float)
     assert np.sqrt(np.square(shown - frames[20]).mean()) < 4  # of 255
@@ -170,8 +146,6 @@ def test_frames_show_different_motion_per_tradeoff(make_policy):
     picture = slice(60, 100)  # rows between the table and the clock
     assert (start[picture, :160] == start[picture, -160:]).all()
     assert (end[picture, :160] != end[picture, -160:]).mean() > 0.02
-    assert (end[picture, :160] != start[picture, :160]).mean() > 0.02
-    assert (end[:55, :160] != start[:55, :160]).any()  # the displayed returns grow
     film = Film(make_policy(), [(1.0, share) for share in range(5)], 64, 80)
     assert next(film.frames()).shape == (2 * 80 + GAP, 3 * 64 + 2 * GAP, 3)
 
@@ -262,12 +236,10 @@ MISTAKES = {
     "nowhere": "nowhere does not exist",
     "policy.pt --tradeoff fast": "2 numbers (run, jump)",
     "policy.pt --seconds 0": "at least one control step (0.01 s)",
-    "policy.pt --seconds inf": "not inf s",
     "policy.pt --seconds 1e12": "at most 3600 s, not 1e+12 s",
     "policy.pt --speed -1": "the speed must be above 0",
     "policy.pt --width 0": "from 64 to 4096 pixels",
     "policy.pt --output film.avi": "must end in .mp4 or .gif",
-    "policy.pt --output no/film.gif": "cannot write no/film.gif",
     "policy.pt --output x.png --pictures 1": "2 to 100 pictures",
 }
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..envs import MorlaxError
-from ..files import write_file
+from ..files import make_folder, write_file
 from ..phases import phase
 
 REGISTRY = "https://registry.npmjs.org"
@@ -122,12 +122,7 @@ def _archive(library: Library) -> bytes:
             f"{library.address} has another SHA-512 than expected: it was changed on the way, try "
             "another network."
         )
-    try:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MorlaxError(
-            f"cannot make the cache {kept.parent} ({error.strerror}): set XDG_CACHE_HOME."
-        ) from None
+    make_folder(kept.parent)
     write_file(kept, data)
     return data
 

@@ -3,9 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
-import matplotlib
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 COLUMNS = 4  # panels per row, at most
 GAP = 4  # pixels between panels
+_font = cache(ImageFont.load_default)  # by size in pixels
 INK, PALE, PAPER = (32, 38, 46), (105, 113, 123), (255, 255, 255)
 Row = tuple[str, str, str]  # name, weight and return of an objective
 HEAD: Row = ("", "trade-off", "return")
@@ -104,12 +103,6 @@ def strip(rows: Sequence[Sequence[Image.Image]], labels: Sequence[str]) -> NDArr
 def _large(picture: Image.Image) -> int:
     """Return a size of letters that is readable when a strip is scaled to page width."""
     return max(11, picture.height // 9)
-
-
-@cache
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), size)
 
 
 def joint_positions(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
-from ...envs.physics.interface import Physics
+from ...envs.physics.mujoco import MujocoPhysics
 from ...envs.replacing import replaced
 from ...exports.formats import onnx_model, onnxruntime, quiet
 from ...phases import phase
@@ -31,22 +31,17 @@ STEPS, EPISODES = 60, 3  # of the check
 TOLERANCE = 1e-4  # of numbers below 1; relative above
 
 
-class PagePhysics(Physics):
+class PagePhysics(MujocoPhysics):
     """One world whose tensors are float32, as in training, while MuJoCo computes in float64.
 
-    Browsers run every operation in float32, but not all of them in float64. `vary` and
-    `choose` are ignored, because the page shows the robot of the MJCF.
+    Browsers run every operation in float32, but not all of them in float64.
     """
 
-    name = "C MuJoCo"
-
     def __init__(self, model: mujoco.MjModel, substeps: int):
-        self.model, self.num_worlds, self.device = model, 1, torch.device("cpu")
-        self.substeps, self._data = substeps, mujoco.MjData(model)
-        self._no_overflow = torch.zeros(1, dtype=torch.int32)
-        for name, field in ARRAYS.items():
-            size = len(getattr(self._data, field))
-            setattr(self, name, torch.zeros(1, size, dtype=torch.float32))
+        super().__init__(model, 1, substeps)
+        self._exact = {name: getattr(self, name).numpy() for name in ARRAYS if name != "sensors"}
+        for name, values in self.arrays.items():
+            setattr(self, name, values.to(torch.float32))
 
     @property
     def arrays(self) -> dict[str, Tensor]:
@@ -54,26 +49,12 @@ class PagePhysics(Physics):
         return {name: getattr(self, name) for name in ARRAYS}
 
     def step(self) -> None:
-        for name, field in ARRAYS.items():
-            getattr(self._data, field)[:] = getattr(self, name)[0].numpy()
-        mujoco.mj_step(self.model, self._data, self.substeps)
-        for name, field in ARRAYS.items():
-            getattr(self, name)[0] = torch.from_numpy(getattr(self._data, field))
-
-    def vary(self, fields: dict[str, np.ndarray]) -> None:
-        pass
-
-    def keep(self, models: list[mujoco.MjModel]) -> None:
-        pass
-
-    def choose(self, rows: Tensor) -> None:
-        pass
-
-    def overflow(self) -> Tensor:
-        return self._no_overflow
-
-    def remedy(self, bits: int) -> str:
-        return ""
+        # by NumPy, because a recorder must not see it
+        for name, exact in self._exact.items():
+            exact[:] = getattr(self, name).numpy()
+        super().step()
+        for name, exact in self._exact.items():
+            getattr(self, name).numpy()[:] = exact
 
 
 class OnnxGraph(NamedTuple):
