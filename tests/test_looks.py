@@ -128,7 +128,7 @@ def test_a_ground_is_drawn_below_the_robot_where_there_is_none(world, ground):
     model, data = built(world)
     low, size = reach(model, data)
     assert -0.8 < low < -0.6  # the pole can hang down
-    assert 0.6 < size < 0.8  # the rail is not the robot
+    assert 1.2 < size < 1.6  # the rail is not the robot
     with Scene(model, 64, 64) as scene:
         assert (scene._ground is not None) == ground
 

@@ -32,13 +32,8 @@ WHOLE = Area(0.0, 0.0, 1.0, 1.0)
 class FollowingCamera:
     """A camera that moves with a robot's center of mass, and back when the robot stretches.
 
-    `camera` is its current pose.
-
-    Args:
-        model: of the robot and its scene.
-        aspect: the picture's width by its height.
-        areas: free parts of the picture; the robot is placed where it is largest.
-        base: a body of the robot (None: see `base_of`).
+    `camera` is its current pose. The aspect is the picture's width by its height. Of the free areas
+    of the picture, the robot is placed where it is largest. `base` is a body of the robot.
     """
 
     def __init__(
@@ -49,7 +44,7 @@ class FollowingCamera:
         base: int | None = None,
     ):
         self.base = base_of(model) if base is None else base
-        self._geoms, self._rounds = robot_geoms(model, self.base), model.geom_rbound
+        self._model, self._geoms = model, robot_geoms(model, self.base)
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth, self.camera.elevation = direction(model)
         half = math.tan(math.radians(model.vis.global_.fovy) / 2)  # height at a distance of 1 m
@@ -86,9 +81,8 @@ class FollowingCamera:
 
     def _needed(self, data: mujoco.MjData, share: float) -> float:
         """Return the distance at which a ball around the robot fills a share of its area."""
-        away = np.linalg.norm(data.geom_xpos[self._geoms] - self._center, axis=1)
-        radius = float((away + self._rounds[self._geoms]).max(initial=0.1))
-        return radius * math.hypot(1.0, 1 / (share * self._room))
+        ball = _reach(self._model, data, self._geoms, self._center)
+        return ball * math.hypot(1.0, 1 / (share * self._room))
 
 
 def cameras_for(
@@ -148,7 +142,12 @@ def robot_geoms(model: mujoco.MjModel, base: int) -> NDArray[np.intp]:
 def reach(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, float]:
     """Return the least height that the robot can reach in m, and the size of its pose in `data`."""
     base = base_of(model)
-    geoms = robot_geoms(model, base)
-    away = np.linalg.norm(data.geom_xpos[geoms] - data.xpos[base], axis=1)
-    radius = float((away + model.geom_rbound[geoms]).max(initial=0.1))
-    return float(data.xpos[base, 2]) - radius, radius
+    radius = _reach(model, data, robot_geoms(model, base), data.xpos[base])
+    return float(data.xpos[base, 2]) - radius, 2 * radius
+
+
+def _reach(
+    model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.intp], center: NDArray[np.float64]
+) -> float:
+    away = np.linalg.norm(data.geom_xpos[geoms] - center, axis=1)
+    return float((away + model.geom_rbound[geoms]).max(initial=0.1))

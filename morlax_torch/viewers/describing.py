@@ -74,12 +74,7 @@ def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> d
 
     Its axes are the objectives' rewards per second, weighted as in the returns, then measured
     quantities such as "power (W)"; `pair` are the axes to show first. `measured` are the quantities
-    that can be required; their indices count the objectives first.
-
-    Args:
-        front: evaluated trade-offs.
-        dt: seconds of a control step.
-        lower_is_better: names of quantities.
+    that can be required; their indices count the objectives first. A control step takes `dt` s.
     """
     m, steps = len(front.objectives), front.lengths.clip(1)[:, None]
     if front.protocol == "discounted":

@@ -61,10 +61,7 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
 
 
 def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
-    """Return steps, poses of bodies and forces at contacts of each robot, as 32-bit floats.
-
-    None if a state is not finite, since nothing can be drawn then.
-    """
+    """Return steps, poses of bodies and forces at contacts, as 32-bit floats; None: not finite."""
     parts = [np.array([FRAME], np.int32).tobytes()]
     for behavior in behaviors:
         model, data = behavior.model, behavior.data

@@ -44,11 +44,7 @@ def _reason(run: Path) -> str:
 
 
 def first() -> str:
-    """Return the default choice: the first shipped policy, or else the latest run.
-
-    Raises:
-        MorlaxError: there is neither.
-    """
+    """Return the default choice: the first shipped policy, or else the latest run."""
     for run in [*shipped(), *trained()]:
         return run
     raise MorlaxError(
@@ -70,15 +66,10 @@ class Choice(NamedTuple):
 
 
 def choose(run: str, checkpoint: str | None = None) -> Choice:
-    """Find a checkpoint to show.
+    """Find a checkpoint of a run's folder or of a shipped policy, or a checkpoint file.
 
-    Args:
-        run: a run's folder, a shipped policy, or a checkpoint file.
-        checkpoint: name of a checkpoint of the run, such as "latest" (None: the best one, or the
-            file that `run` names).
-
-    Raises:
-        MorlaxError: there is no such run or checkpoint.
+    `checkpoint` is its name, such as "latest" (None: the best one, or the file). Raises MorlaxError
+    if there is no such run or checkpoint.
     """
     run = str(named_run(run))
     file = find_checkpoint(run)

@@ -26,11 +26,7 @@ class Lineup:
         return self.sessions[self.selected]
 
     def add(self) -> None:
-        """Add a robot with the selected one's trade-off and select it; all start anew.
-
-        Raises:
-            MorlaxError: there are `MOST` robots.
-        """
+        """Add a robot with the selected one's trade-off and select it; all start anew."""
         if len(self.sessions) == MOST:
             raise MorlaxError(f"the page shows at most {MOST} robots: remove one first.")
         self.sessions.append(self.steered.twin())
@@ -45,11 +41,7 @@ class Lineup:
             self.selected = min(self.selected, len(self.sessions) - 1)
 
     def reshape(self, index: int, value: float) -> None:
-        """Set one design parameter of all robots; it is clamped to its range.
-
-        Raises:
-            MorlaxError: there is no such body; the robots keep theirs.
-        """
+        """Set one design parameter of all robots; it is clamped to its range."""
         policy, design = self.steered.player.policy, self.steered.design
         parameters = policy.agent.designs
         _, low, high, _ = list(parameters.values())[index]

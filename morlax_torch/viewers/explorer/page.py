@@ -28,7 +28,7 @@ class Page:
 
     Only the thread of `serve` uses the robots: what browsers and other threads ask for is queued,
     so that nothing interrupts a step. A step that fails also pauses the robots, and browsers that
-    connect later are told why. `address` is what a browser must open; it contains a secret token.
+    connect later are told why. `address`, which a browser must open, contains a secret token.
 
     `make` makes what is shown, given a way to queue calls. The port may be the next free one.
 

@@ -177,11 +177,7 @@ class Server:
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Return a socket that listens on the first free port from `port` on, of a few.
-
-    Raises:
-        MorlaxError: the port is out of range, or the address cannot be listened on.
-    """
+    """Return a socket that listens on the first free port from `port` on, of a few."""
     if not 0 <= port < 2**16:
         raise MorlaxError(f"--port must be from 0 to 65535, not {port}.")
     last = min(port + MOST_TAKEN, 2**16 - 1)

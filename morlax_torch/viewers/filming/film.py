@@ -79,9 +79,6 @@ class Film:
         """Render frames (H, W, 3) RGB: all panels, with trade-offs and running returns.
 
         The first frame shows the start, and `stride` control steps lie between two frames.
-
-        Raises:
-            MorlaxError: an unusable duration or size, or no OpenGL.
         """
         for take in self._takes:
             take.reset()
@@ -102,9 +99,6 @@ class Film:
 
         A row shows the last gait cycle of the simulated time, or the last two if the cycle has
         fewer control steps than pictures.
-
-        Raises:
-            MorlaxError: an unusable duration, number or size, or no OpenGL.
         """
         if not 2 <= pictures <= MOST_PICTURES:
             raise MorlaxError(
@@ -117,14 +111,12 @@ class Film:
             moments += take.moments(steps, pictures)
         aspect, base = self._size[0] / self._size[1], player.env.base
         cameras = cameras_for(player.model, aspect, [data for data, *_ in moments], base)
-        shown = []
+        rows: list[list[Image.Image]] = [[] for _ in self._takes]
         with self._scenes() as scenes:
-            for number, ((data, time, failed), camera) in enumerate(
-                zip(moments, cameras, strict=True)
-            ):
-                picture = Image.fromarray(scenes[number // pictures].draw(data, camera))
-                shown.append(panels.timed(panels.dimmed(picture) if failed else picture, time))
-        rows = [shown[i : i + pictures] for i in range(0, len(shown), pictures)]
+            for i, (data, time, failed) in enumerate(moments):
+                picture = Image.fromarray(scenes[i // pictures].draw(data, cameras[i]))
+                picture = panels.dimmed(picture) if failed else picture
+                rows[i // pictures].append(panels.timed(picture, time))
         return panels.strip(rows, [take.label() for take in self._takes])
 
     @contextmanager

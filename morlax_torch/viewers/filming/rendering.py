@@ -21,7 +21,7 @@ SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
 DIM = 0.8  # ambient plus diffuse; headlights dimmer than this do not light a scene
 AMBIENT, SUN = 0.4, np.array([0.25, 0.35, -1.0])  # of an added light; the direction of its rays
 SKY, FLOOR, LINE = (0.62, 0.72, 0.84, 1.0), (0.87, 0.90, 0.94, 1.0), (0.6, 0.64, 0.7, 1.0)
-LINES, FAR = 24, 20.0  # lines of an added grid to each side; sizes of the robot to an added sky
+LINES, FAR = 24, 10.0  # lines of an added grid to each side; sizes of the robot to an added sky
 
 
 class Scene:
@@ -48,15 +48,15 @@ class Scene:
         self._sun = not bright and not model.light_active.any()
         if self._sun:
             head.active, head.ambient[:], head.diffuse[:] = 1, AMBIENT, 0.0
-            visual.map.shadowclip = max(visual.map.shadowclip, 3.0)
+            visual.map.shadowclip = max(visual.map.shadowclip, 2.0)
         self._sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX not in model.tex_type
         planes = (model.geom_type == mjtGeom.mjGEOM_PLANE) & (data.geom_xmat[:, 8] > 0.95)
-        wide = model.geom_aabb[:, 3:5].min(1) > self._size
+        wide = model.geom_aabb[:, 3:5].min(1) > self._size / 2
         still = (model.body_weldid[model.geom_bodyid] == 0) & shown_geoms(model)
         floors = still & (planes | wide | (model.geom_type == mjtGeom.mjGEOM_HFIELD))
         plain = floors & planes & (model.geom_matid < 0)
         model.geom_rgba[plain & (model.geom_rgba == GRAY).all(1)] = FLOOR
-        self._ground = None if floors.any() else low - 0.02 * self._size  # to be added, in m
+        self._ground = None if floors.any() else low - 0.01 * self._size  # to be added, in m
         self._grid = data.geom_xpos[plain, 2].max() if plain.any() else self._ground  # of lines
         self._renderer = mujoco.Renderer(model, height, width)
 
@@ -64,13 +64,13 @@ class Scene:
         """Render the state in `data` as `camera` sees it: (height, width, 3) RGB."""
         self._renderer.update_scene(data, camera)
         scene, size = self._renderer.scene, self._size
-        step = 2.0 ** round(np.log2(size / 2))  # m between lines
+        step = 2.0 ** round(np.log2(size / 4))  # m between lines
         x, y, _ = np.round(camera.lookat / step) * step  # lines stay in place
         if self._ground is not None:
-            half = 40 * size
+            half = 20 * size
             self._add(mjtGeom.mjGEOM_PLANE, (half, half, 1), (x, y, self._ground), FLOOR)
         if self._grid is not None:
-            z, half, thin, flat = self._grid, LINES * step, 0.01 * size, 1e-3 * size
+            z, half, thin, flat = self._grid, LINES * step, 0.005 * size, 5e-4 * size
             for at in step * np.arange(-LINES, LINES + 1):
                 self._add(mjtGeom.mjGEOM_BOX, (thin, half, flat), (x + at, y, z), LINE)
                 self._add(mjtGeom.mjGEOM_BOX, (half, thin, flat), (x, y + at, z), LINE)
@@ -80,7 +80,7 @@ class Scene:
             light.type, light.castshadow = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, 1
             light.id, light.headlight, light.texid, light.attenuation[:] = -1, 0, -1, (1, 0, 0)
             light.ambient[:], light.diffuse[:], light.specular[:] = 0.0, 0.5, 0.3
-            light.pos[:], light.dir[:] = camera.lookat - 4 * size * SUN, SUN
+            light.pos[:], light.dir[:] = camera.lookat - 2 * size * SUN, SUN
         if self._sky:  # a wall far behind the robot
             eye, half = scene.camera[0], FAR * size
             axes = np.stack([np.cross(eye.forward, eye.up), eye.up, -eye.forward], 1)

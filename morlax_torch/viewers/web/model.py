@@ -32,11 +32,7 @@ class WebModel(NamedTuple):
 
 
 def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjModel, WebModel]:
-    """Compile a task's model, in any way that MuJoCo offers, and describe it.
-
-    Raises:
-        MorlaxError: the model cannot be written as MJCF.
-    """
+    """Compile a task's model, in any way that MuJoCo offers, and describe it."""
     with _watching() as made:
         model = task.compile_model(options)
     name = f"{task.__name__} cannot run in a browser"
@@ -54,12 +50,7 @@ def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjMo
 
 
 def describe(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
-    """Describe `model`, which `spec` was compiled to.
-
-    Raises:
-        ValueError: MuJoCo cannot write the model, or reads it back as another one.
-        OSError: an asset cannot be read.
-    """
+    """Describe `model`, which `spec` was compiled to; ValueError or OSError: it cannot be."""
     assets = dict(_flattened(spec))
     spec.compiler.meshdir = spec.compiler.texturedir = ""
     spec.assets = assets

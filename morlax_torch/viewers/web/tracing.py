@@ -80,11 +80,7 @@ class Traced(NamedTuple):
 
 
 def trace(env: Environment) -> Traced:
-    """Trace `env.step` in its own float32 physics.
-
-    Raises:
-        MorlaxError: the task does something that no graph can express.
-    """
+    """Trace `env.step`; raises MorlaxError if the task does what no graph can express."""
     try:
         return _traced(env)
     except MorlaxError as error:

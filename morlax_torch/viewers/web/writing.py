@@ -100,9 +100,6 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     """Write the files that the page needs of one run into a new folder, see `write_page`.
 
     Returns the run's title and objectives, for a list of runs.
-
-    Raises:
-        MorlaxError: there is no such run, or its task cannot run in a browser.
     """
     policy = load(run)
     env, model = build(policy)
@@ -127,12 +124,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
 
 
 def build(policy: Policy) -> tuple[Environment, WebModel]:
-    """Build the policy's task in float32, without domain randomization of the model.
-
-    Raises:
-        MorlaxError: the task is no MuJoCo robot of this package's kind, or its model cannot be
-            written as MJCF.
-    """
+    """Build the policy's task in float32, without domain randomization of the model."""
     name, options = policy.config.env, policy.config.task.for_evaluation()
     task = get(name)
     if not issubclass(task, Environment):
