@@ -1,6 +1,5 @@
 """The explorer's server: who may use it, and what it does with input that no page would send."""
 
-import json
 import math
 import signal
 import socket
@@ -290,12 +289,3 @@ def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_poli
         client.moves()
         client.close()
         assert ended(process).count("RuntimeError: a joint broke") == 1
-
-
-def test_messages_are_json_of_known_kinds():
-    from morlax_torch.viewers.explorer.messages import accepted
-
-    for request in ({"act": "press", "name": "push"}, {"act": "steer", "weights": [1, 0.5]}):
-        assert accepted(json.dumps(request)) == request == accepted(json.dumps(request).encode())
-    for text in ("{}", "[]", '{"act": "steer"}', '{"act": "press", "name": "open"}'):
-        assert accepted(text) is None
