@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ..envs import MorlaxError
-from ..files import write_file
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.named_numbers import AtLeast, AtMost, limits
-from ..terminal.startup import program
-from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
+from ..host.files import write_file
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.named_numbers import AtLeast, AtMost, limits
+from .terminal.startup import program
+from .terminal.task_arguments import Device, Moved, RunName, Trust, call
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice, Requirements

@@ -6,11 +6,11 @@ from typing import Annotated
 
 import tyro
 
-from ..terminal import cli
-from ..terminal.interrupt import interruptible
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.task_arguments import Host, Moved, Port, Trust, call
+from .terminal import cli
+from .terminal.interrupt import interruptible
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.task_arguments import Host, Moved, Port, Trust, call
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -31,7 +31,7 @@ def explore(run: str, host: str, port: int) -> None:
         choice = library.choose(run)
         import torch
 
-        from ..gpu.resources import one_thread
+        from ..host.resources import one_thread
         from ..viewers.explorer.exhibits import RunExhibit
         from ..viewers.explorer.page import Page
 

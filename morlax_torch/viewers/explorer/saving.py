@@ -14,12 +14,12 @@ from ...envs.making import has_robot
 from ...envs.naming import runs_code, title
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import Requirements, shown
-from ...files import write_file
+from ...host.files import write_file
+from ...host.version import __version__
 from ...networks.policy import Policy
 from ...runs.checkpoint import fingerprint
 from ...runs.loading import find_checkpoint, load, own_folder, save
 from ...runs.references import named_task
-from ...version import __version__
 from .library import Choice
 from .session import Put, Weights
 

@@ -13,8 +13,8 @@ from ...envs import MorlaxError
 from ...evaluation.figures.front import map_figure
 from ...evaluation.figures.style import pixels
 from ...evaluation.front import Front
+from ...host.phases import phase
 from ...networks.policy import Policy
-from ...phases import phase
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for
 from ..player import Player
 from . import panels

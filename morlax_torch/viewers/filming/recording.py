@@ -16,9 +16,9 @@ from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs import MorlaxError
 from ...envs.errors import installation
 from ...evaluation.front import Front
-from ...files import replacing
+from ...host.files import replacing
+from ...host.phases import phase
 from ...networks.policy import Policy
-from ...phases import phase
 from .film import Film, Sweep
 
 # The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.

@@ -15,7 +15,7 @@ from ...envs.errors import LONGEST
 from ...envs.physics.mujoco import MujocoPhysics
 from ...envs.replacing import replaced
 from ...exports.formats import onnx_model, onnxruntime, quiet
-from ...phases import phase
+from ...host.phases import phase
 from .recording import Draws, Recorder, Writes, flat, storage
 
 ARRAYS = {  # of `Physics`, and their names in mjData

@@ -18,9 +18,9 @@ from ...envs.naming import title
 from ...envs.registry import get
 from ...exports.exporting import export
 from ...exports.formats import onnxruntime
-from ...files import making
+from ...host.files import making
+from ...host.phases import phase, within
 from ...networks.policy import Policy
-from ...phases import phase, within
 from ...runs.bookmarks import bookmarks
 from ...runs.evaluating import front_of
 from ...runs.loading import load
