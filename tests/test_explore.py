@@ -184,6 +184,9 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
             "Type 3 weights, none negative, for run, energy, height: such as 0.333, 0.333, 0.333."
         )
         assert view.text("mistyped") == told
+    view.tab.evaluate("navigator.clipboard.writeText = async (text) => (self.copied = text)")
+    view.press("copy")
+    view.until(lambda: view.tab.evaluate("self.copied") == "0.75, 0.25, 0", "nonsense is copied")
     view.until(lambda: view.text("mistyped") == "", "a mistake is still told")
     assert view.value("run") == 0.75 and view.value("energy") == 0.25
 
