@@ -63,14 +63,13 @@ def command(arguments: Sequence[str]) -> None:
         with Live():
             from ..envs.devices import resolve_device
             from ..evaluation.requirements import Requirements, shown
-            from ..runs import bookmarks
+            from ..runs import loading
             from ..runs.choosing import chooser
-            from ..runs.fronts import load_front
-            from ..runs.loading import find_checkpoint, load, trust_run
+            from ..runs.loading import find_checkpoint, load, load_front, trust_run
 
             trust_run(run, trust, env)
             if bookmark is not None:
-                bookmarks.check_bookmark(run, bookmark)
+                loading.check_bookmark(run, bookmark)
             if card is not None and card.suffix != ".html":
                 raise MorlaxError(f"the decision card {card} must end in .html.")
             policy = load(run, resolve_device(device), trust=trust)
@@ -82,9 +81,9 @@ def command(arguments: Sequence[str]) -> None:
         how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
         cli.console.print(f"trade-off: {weights} (best of {how})")
         if bookmark is not None:
-            file = bookmarks.bookmark(run, bookmark, choice.tradeoff)
+            file = loading.bookmark(run, bookmark, choice.tradeoff)
             cli.console.print(f"written: {file}", soft_wrap=True)
-            weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
+            weights = shlex.quote(f"@{bookmark}")
         cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
         commands = _commands(run, weights, trust, env, policy.config.env)
         if card is not None:

@@ -6,8 +6,7 @@ from typing import Any, Protocol
 
 from ...envs import MorlaxError
 from ...evaluation.front import Front
-from ...runs.bookmarks import bookmark, bookmarks
-from ...runs.loading import own_folder
+from ...runs.loading import bookmark, bookmarks, own_folder
 from . import library
 from .asking import Asking
 from .comparisons import Comparisons, PolicyComparisons

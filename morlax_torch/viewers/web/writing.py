@@ -21,9 +21,8 @@ from ...exports.formats import onnxruntime
 from ...host.files import making
 from ...host.phases import phase, within
 from ...networks.policy import Policy
-from ...runs.bookmarks import bookmarks
 from ...runs.evaluating import front_of
-from ...runs.loading import load
+from ...runs.loading import bookmarks, load
 from .. import libraries
 from ..describing import array_bytes, described_task, drawn_arrays, front_map
 from ..player import PUSH
