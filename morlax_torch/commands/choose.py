@@ -20,7 +20,6 @@ from .terminal.live import Live
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice, Requirements
-    from ..networks.policy import Policy
 
 
 class Choose(OfRun, Limits):
@@ -89,43 +88,14 @@ def command(arguments: Sequence[str]) -> None:
         }
     if options.card is not None:
         with Live():
-            page = _card(
-                options.run, policy, choice, required, options.seed, list(commands.values())
-            )
+            from ..viewers.explorer.saving import decision_card
+
+            typed = list(commands.values())
+            page = decision_card(options.run, policy, choice, required, typed, options.seed)
             write_file(options.card, page.encode())
         cli.console.print(f"written: {options.card}", soft_wrap=True)
     for purpose, typed in commands.items():
         cli.print_command(purpose, typed)
-
-
-def _card(
-    run: str,
-    policy: "Policy",
-    choice: "Choice",
-    required: "Requirements",
-    seed: int,
-    commands: Sequence[str],
-) -> str:
-    """Simulate the choice under other conditions, and describe it."""
-    from ..envs.making import has_robot
-    from ..envs.naming import title
-    from ..host.version import __version__
-    from ..reports.card import card
-    from ..runs.checkpoint import fingerprint
-    from ..runs.loading import find_checkpoint
-    from ..runs.trials import trials
-    from ..viewers.filming.recording import strip
-
-    tried = trials(policy, choice.tradeoff, seed)
-    about = {
-        "run": run,
-        "checkpoint": str(find_checkpoint(run)),
-        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
-        "morlax-torch": __version__,
-    }
-    env = policy.config.env
-    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
-    return card(title(env), choice, required, tried, about, commands, picture)
 
 
 def _show(choice: "Choice", required: "Requirements") -> None:

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from .behavior import Behavior
 from .comparisons import Comparisons, Question
+from .session import Behavior
 
 
 class Asking:

@@ -10,8 +10,7 @@ from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
 from ...networks.policy import Policy
 from ...runs.choosing import Evaluated, Simulated, chooser
-from .requests import Put
-from .session import Weights
+from .session import Put, Weights
 
 
 class Wanted(NamedTuple):
@@ -65,15 +64,6 @@ class Thresholds:
             "reason": self.reason,
         }
 
-    def options(self) -> list[str]:
-        """Return options of `morlax choose` that require the same."""
-        wanted = self._collected()
-        words = ["--maximize", wanted.maximize]
-        for option, levels in (("--at-least", wanted.at_least), ("--at-most", wanted.at_most)):
-            for name, level in levels.items():
-                words += [option, f"{name}={level}"]
-        return words
-
     def stop(self) -> None:
         """Require nothing, and ignore what the current search will find."""
         self.levels.clear()
@@ -97,7 +87,8 @@ class Thresholds:
         if self.levels:
             self._choose()
 
-    def _collected(self) -> Wanted:
+    def wanted(self) -> Wanted:
+        """Return what is required and maximized, by name."""
         named = {self.names[index]: level for index, level in self.levels.items()}
         least = {name: level for name, level in named.items() if name not in self._lower}
         most = {name: level for name, level in named.items() if name in self._lower}
@@ -105,7 +96,7 @@ class Thresholds:
 
     def _choose(self) -> None:
         """Search for the trade-off that meets the thresholds, now or after the current search."""
-        self._wanted = self._collected()
+        self._wanted = self.wanted()
         self.found, self.reason = None, ""
         if not self.searching:
             self.searching = True

@@ -100,7 +100,7 @@ def film(
     Raises:
         MorlaxError: no OpenGL, no ffmpeg, or `output` cannot be written.
     """
-    from ..filming.video import ENDINGS, write_video
+    from ..filming.recording import ENDINGS, write_video
 
     check_times(deployment, seconds)
     if output.suffix.lower() not in ENDINGS:
