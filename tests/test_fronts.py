@@ -25,6 +25,7 @@ from morlax_torch.exports.manifest import provenance
 from morlax_torch.files import AnyPath
 from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.choosing import USUAL, trials
 from morlax_torch.runs.choosing import choose as choice_of
 from morlax_torch.runs.evaluating import evaluate, pack
 from morlax_torch.runs.fronts import load_front
@@ -33,7 +34,6 @@ from morlax_torch.runs.loading import find_run
 from morlax_torch.runs.progress import Evaluation
 from morlax_torch.runs.session import Session
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
-from morlax_torch.runs.trials import USUAL, trials
 from morlax_torch.train import train
 
 WORSE = {"max_env_steps": 192, "ppo.learning_rate": 0.1}  # the best evaluation is not the last

@@ -16,8 +16,7 @@ from ..terminal.startup import program
 from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
 
 if TYPE_CHECKING:
-    from ..evaluation.requirements import Choice, Requirements
-    from ..networks.policy import Policy
+    from ..evaluation.requirements import Choice
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -61,36 +60,55 @@ def command(arguments: Sequence[str]) -> None:
                 with other friction, masses and motors, a film strip, and commands.
         """
         least, most = limits(at_least, at_most, constrain)
+        if card is not None and card.suffix != ".html":
+            raise MorlaxError(f"the decision card {card} must end in .html.")
         with Live():
-            from ..envs.devices import resolve_device
-            from ..evaluation.requirements import Requirements, shown
+            from ..envs.making import has_robot
+            from ..evaluation.requirements import shown
             from ..runs import bookmarks
-            from ..runs.choosing import chooser
+            from ..runs.choosing import chooser, trials
             from ..runs.fronts import load_front
-            from ..runs.loading import find_checkpoint, load, trust_run
+            from ..runs.loading import find_checkpoint, load
 
-            trust_run(run, trust, env)
             if bookmark is not None:
                 bookmarks.check_bookmark(run, bookmark)
-            if card is not None and card.suffix != ".html":
-                raise MorlaxError(f"the decision card {card} must end in .html.")
-            policy = load(run, resolve_device(device), trust=trust)
-            choosing = chooser(policy, load_front(run), seeds, seed)
-            choice = choosing.choose(least, maximize, most, margin)
-            required = Requirements.of(choice.names, least, most, maximize)
-        _show(choice, required)
-        weights = shown(choice.tradeoff)
+            policy = load(run, device, trust=trust, env=env)
+            choice = chooser(policy, load_front(run), seeds, seed)(least, maximize, most, margin)
+        _show(choice)
+        weights, checkpoint = shown(choice.tradeoff), find_checkpoint(run)
         how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
         cli.console.print(f"trade-off: {weights} (best of {how})")
         if bookmark is not None:
             file = bookmarks.bookmark(run, bookmark, choice.tradeoff)
             cli.console.print(f"written: {file}", soft_wrap=True)
             weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
-        cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
-        commands = _commands(run, weights, trust, env, policy.config.env)
+        cli.console.print(f"checkpoint: {checkpoint}", soft_wrap=True)
+        words = shlex.quote(run) + (" --trust" if trust else "")
+        words += "" if env is None else f" --env {shlex.quote(env)}"
+        commands = {"to evaluate the run": f"{program('evaluate')} {words}"}
+        if has_robot(policy.config.env):
+            commands = {
+                "to export the policy": f"{program('export')} {words} --tradeoff {weights}",
+                "to see the robot": f"{program('explore')} {words}",
+            }
         if card is not None:
             with Live():
-                page = _card(run, policy, choice, required, seed, list(commands.values()))
+                from ..envs.naming import title
+                from ..reports import card as cards
+                from ..runs.checkpoint import fingerprint
+                from ..version import __version__
+                from ..viewers.filming.recording import strip
+
+                facts = {
+                    "run": run,
+                    "checkpoint": str(checkpoint),
+                    "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
+                    "morlax-torch": __version__,
+                }
+                name, tried = title(policy.config.env), trials(policy, choice.tradeoff, seed)
+                robot = has_robot(policy.config.env)
+                film = strip(policy.cpu(), choice.tradeoff) if robot else None
+                page = cards.card(name, choice, tried, facts, list(commands.values()), film)
                 write_file(card, page.encode())
             cli.console.print(f"written: {card}", soft_wrap=True)
         for purpose, typed in commands.items():
@@ -99,72 +117,27 @@ def command(arguments: Sequence[str]) -> None:
     call(main, arguments, program("choose"))
 
 
-def _commands(run: str, weights: str, trust: bool, moved: str | None, task: str) -> dict[str, str]:
-    """Return the command lines that use the policy, by their purpose."""
-    from ..envs.making import has_robot
-
-    named = shlex.quote(run) + (" --trust" if trust else "")
-    if moved is not None:
-        named += f" --env {shlex.quote(moved)}"
-    if not has_robot(task):
-        return {"to evaluate the run": f"{program('evaluate')} {named}"}
-    return {
-        "to export the policy": f"{program('export')} {named} --tradeoff {weights}",
-        "to see the robot": f"{program('explore')} {named}",
-    }
-
-
-def _card(
-    run: str,
-    policy: "Policy",
-    choice: "Choice",
-    required: "Requirements",
-    seed: int,
-    commands: Sequence[str],
-) -> str:
-    """Simulate the choice under other conditions, and describe it."""
-    from ..envs.making import has_robot
-    from ..envs.naming import title
-    from ..reports.card import card
-    from ..runs.checkpoint import fingerprint
-    from ..runs.loading import find_checkpoint
-    from ..runs.trials import trials
-    from ..version import __version__
-    from ..viewers.filming.recording import strip
-
-    tried = trials(policy, choice.tradeoff, seed)
-    about = {
-        "run": run,
-        "checkpoint": str(find_checkpoint(run)),
-        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
-        "morlax-torch": __version__,
-    }
-    env = policy.config.env
-    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
-    return card(title(env), choice, required, tried, about, commands, picture)
-
-
-def _show(choice: "Choice", required: "Requirements") -> None:
+def _show(choice: "Choice") -> None:
     """Print promised and simulated, or evaluated values, margins and the cost."""
     from rich.table import Table  # takes a while to import
 
-    table = Table(box=None)
+    required, table = choice.required, Table(box=None)
     kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
     for column in ("value", *kinds, "required", "margin"):
         table.add_column(column, justify="left" if column == "value" else "right")
     for index in required.used:
-        name = required.names.all[index]
+        name = required.names[index]
         promised = f"{choice.promised[name]:.5g}" if name in choice.promised else ""
-        told = [promised, f"{choice.values[index]:.5g}"][-len(kinds) :]
+        values = [promised, f"{choice.values[index]:.5g}"][-len(kinds) :]
         limits = [limit.shown() for limit in required.limits if limit.index == index]
-        margin = [f"{choice.margins[name]:+.4g}"] if limits else []
-        table.add_row(name, *told, " and ".join(limits), *margin)
+        margin = f"{choice.margins[name]:+.4g}" if limits else ""
+        table.add_row(name, *values, " and ".join(limits), margin)
     cli.console.print(table)
     if required.limits:
         best = choice.values[required.maximized] + choice.cost
         cli.console.print(
             f"cost of the requirements: {choice.cost:.4g} of "
-            f"{required.names.all[required.maximized]}, which reaches {best:.5g} without them"
+            f"{required.names[required.maximized]}, which reaches {best:.5g} without them"
         )
     if choice.falls:
         broken = ", which breaks every requirement" if required.limits else ""

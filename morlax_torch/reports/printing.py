@@ -10,7 +10,7 @@ import matplotlib as mpl
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
 from ..evaluation import figures
-from ..evaluation.representatives import representatives
+from ..evaluation.front import representatives
 from ..files import make_folder, write_file
 from ..runs.fronts import load_front
 from ..runs.history import History

@@ -1,22 +1,23 @@
 """Choose a trade-off whose policy keeps requirements in simulation."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
 from ..configuration.tradeoffs import even_tradeoffs
-from ..envs import MorlaxError, get, resolve_device
-from ..evaluation.candidates import Candidates, rounded
+from ..envs import MorlaxError, Worlds, get, resolve_device
+from ..envs.worlds.options import TaskOptions
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
 from ..evaluation.making import evaluation_worlds
-from ..evaluation.names import Names
 from ..evaluation.requirements import Choice, Requirements
 from ..files import AnyPath
 from ..networks.policy import Policy
+from ..phases import phase
 from .fronts import load_front
 from .loading import load
 
@@ -27,6 +28,28 @@ FINALISTS, MOST_GROUPS = 8, 4  # simulated again on other episodes, if the task 
 RANDOM_SEEDS = 8  # episodes per trade-off of a random task, at least
 RANDOM_MARGIN = 0.02
 NOTHING: Mapping[str, float] = MappingProxyType({})
+
+# proposals
+NEIGHBORS = 8  # of each trade-off, if there are more than two objectives
+FRACTIONS = np.linspace(0, 1, 20, endpoint=False)[1:, None]  # between two neighbors
+DECIMALS = 5  # of weights; what is simulated can be printed
+ERROR = 0.005  # of an evaluated value: least standard error, as a share of the range
+LEAST_ERROR = 1e-6  # of one interpolated between simulated ones, likewise
+GAIN = 0.005  # improvement that is worth a simulation, likewise
+UNCONSTRAINED = 4  # candidates of the first batch that ignore the requirements, to know their cost
+
+# other conditions
+EPISODES = 32
+USUAL = "as in evaluations"
+# changes of `task.randomization`, on top of the task's own
+CONDITIONS: dict[str, dict[str, Any]] = {
+    "other starts": {},
+    "pushes of 0.5 m/s": {"push": 0.5, "push_every": 100},
+    "friction times 0.5 to 1.5": {"friction": (0.5, 1.5)},
+    "masses times 0.8 to 1.2": {"mass": (0.8, 1.2)},
+    "motors times 0.8 to 1.2": {"strength": (0.8, 1.2)},
+}
+STARTS = 0.01  # least spread of starts, so that episodes differ
 
 
 def choose(
@@ -69,60 +92,52 @@ def choose(
             or no policy keeps the requirements.
     """
     if isinstance(run, Front):
-        return Evaluated(run).choose(constraints, maximize, at_most, margin)
-    place = resolve_device(device)
+        return choose_evaluated(run, 0.0, constraints, maximize, at_most, margin)
+    torch_device = resolve_device(device)
     front = None if isinstance(run, Policy) else load_front(run)
-    policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    return chooser(policy, front, seeds, seed).choose(constraints, maximize, at_most, margin)
+    policy = (run if isinstance(run, Policy) else load(run, torch_device)).to(torch_device)
+    return chooser(policy, front, seeds, seed)(constraints, maximize, at_most, margin)
 
 
 def chooser(
     policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
-) -> "Evaluated | Simulated":
-    """Return what chooses: only of a front if the task needs a GPU and the policy is on a CPU.
+) -> Callable[..., Choice]:
+    """Return a function that chooses, such as `Simulated.choose`.
+
+    It chooses from the front alone if the task needs a GPU and the policy is on a CPU.
 
     Raises:
         MorlaxError: `seeds` is given, and nothing is simulated.
     """
     on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
-    if front is not None and on_cpu and get(policy.config.env).needs_gpu:
-        if seeds is not None:
-            raise MorlaxError(
-                f"{policy.config.env} is only simulated on a GPU, so seeds has no effect here: "
-                "leave it out."
-            )
-        varies = policy.config.task.for_evaluation().varies
-        return Evaluated(front, RANDOM_MARGIN if varies else 0.0)
-    return Simulated(policy, front, seeds, seed)
+    if front is None or not (on_cpu and get(policy.config.env).needs_gpu):
+        return Simulated(policy, front, seeds, seed).choose
+    if seeds is not None:
+        raise MorlaxError(
+            f"{policy.config.env} is only simulated on a GPU, so seeds has no effect here: leave "
+            "it out."
+        )
+    varies = policy.config.task.for_evaluation().varies
+    return partial(choose_evaluated, front, RANDOM_MARGIN if varies else 0.0)
 
 
-class Evaluated(NamedTuple):
-    """Chooses among the evaluated trade-offs of a front."""
-
-    front: Front
-    margin: float = 0.0  # unless told otherwise
-
-    def choose(
-        self,
-        constraints: Mapping[str, float],
-        maximize: str,
-        at_most: Mapping[str, float] = NOTHING,
-        margin: float | None = None,
-    ) -> Choice:
-        front = self.front
-        names = Names(front.objectives, front.quantity_names)
-        required = Requirements.of(names, constraints, at_most, maximize)
-        finite = required.finite(front.values)
-        if not finite.any():
-            raise required.missed(front.tradeoffs, front.values, "evaluated")
-        tradeoffs, values = front.tradeoffs[finite], front.values[finite]
-        required = required.with_margin(self.margin if margin is None else margin, values)
-        best, most = required.best(values), float(values[:, required.maximized].max())
-        if best is None:
-            raise required.missed(tradeoffs, values, "evaluated")
-        choice = required.choice(tradeoffs[best], values[best], values[best], most, 0)
-        falls = 0.0 if front.falls is None else float(front.falls[finite][best])
-        return choice._replace(falls=falls)
+def choose_evaluated(
+    front: Front,
+    usual_margin: float,
+    constraints: Mapping[str, float],
+    maximize: str,
+    at_most: Mapping[str, float] = NOTHING,
+    margin: float | None = None,
+) -> Choice:
+    """Choose among the evaluated trade-offs of a front; see `choose`."""
+    names, values = (front.objectives, front.quantity_names), front.values
+    required = Requirements.of(*names, constraints, maximize, at_most)
+    margin = usual_margin if margin is None else margin
+    strict = required.with_margin(margin, required.span(values))
+    best = strict.ranked(front.tradeoffs, values, "evaluated")[0]
+    most = values[required.finite(values), required.maximized].max()
+    falls = 0.0 if front.falls is None else float(front.falls[best])
+    return Choice.of(required, front.tradeoffs[best], values[best], values[best], most, 0, falls)
 
 
 class Simulated:
@@ -135,17 +150,12 @@ class Simulated:
     def __init__(
         self, policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
     ):
-        self._policy, self._seed = policy, seed
+        self._policy, self._front, self._seed = policy, front, seed
         self._random = policy.config.task.for_evaluation().varies
-        usual = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
-        self._seeds = usual if seeds is None else seeds
-        place = str(policy.agent.observation_normalizer.mean.device)
-        config = policy.config.model_copy(update={"device": place, "backend": None})
-        self._env = evaluation_worlds(config, BATCH, self._seeds, seed)
-        self._evaluator = self._make_evaluator(BATCH, seed)
-        self._front = front
-        self._names = Names(policy.objectives, self._env.quantities, policy.config.env)
-        self._even: tuple[np.ndarray, np.ndarray] | None = None
+        if seeds is None:
+            seeds = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
+        self._evaluator = _evaluator(policy, BATCH, seeds, seed)
+        self._evaluator.compile()
         self._falls: dict[tuple[float, ...], float] = {}  # by trade-off, in its last simulation
 
     def choose(
@@ -155,83 +165,267 @@ class Simulated:
         at_most: Mapping[str, float] = NOTHING,
         margin: float | None = None,
     ) -> Choice:
+        """Simulate until a gain is unlikely, and return the best; see `choose` of this module."""
         if margin is None:
             margin = RANDOM_MARGIN if self._random else 0.0
-        required = Requirements.of(self._names, constraints, at_most, maximize)
-        tradeoffs, values, simulated = self._start(required)
-        known = values[required.finite(values)]
-        if len(known) == 0:
-            raise required.missed(tradeoffs, values, "simulated")
-        required = required.with_margin(margin, known)
-        found = Candidates(tradeoffs, values, simulated, required)
+        names = self._policy.objectives, self._evaluator.env.quantities
+        required = Requirements.of(*names, constraints, maximize, at_most)
+        candidates = Candidates(*self._start(required), required, margin)
         for batch in range(MOST_BATCHES):
-            proposed, promised, chance = found.propose(BATCH)
+            proposed, promised, chance = candidates.propose(BATCH)
             if len(proposed) == 0 or (batch > 0 and chance < SETTLED):
                 break
-            found.tell(proposed, promised, self._simulate(self._evaluator, proposed))
-        choice = self._best(found, required)
-        return choice._replace(falls=self._falls[choice.tradeoff])
-
-    def _best(self, found: Candidates, required: Requirements) -> Choice:
-        """Return the best simulated trade-off that keeps the requirements.
-
-        Of a random task, those that a few episodes show as the best are also the luckiest, so
-        other episodes decide.
-        """
-        ranked, free = found.ranked(), found.unconstrained()
-        simulated = int(found.simulated.sum())
-        if not self._random:
-            best = ranked[0]
-            most = float(found.values[free, required.maximized])
-            row = found.tradeoffs[best], found.values[best], found.promised[best]
-            return required.choice(*row, most, simulated)
-        evaluator = self._make_evaluator(FINALISTS, self._seed + 1)
-        groups = [ranked[i : i + FINALISTS - 1] for i in range(0, len(ranked), FINALISTS - 1)]
-        tried = np.empty(0, dtype=int)
-        values = np.empty((0, len(self._names.all)))
-        for group in groups[:MOST_GROUPS]:
-            finalists = np.append(group, free)
-            again = self._simulate(evaluator, found.tradeoffs[finalists])
-            tried, values = np.append(tried, finalists), np.vstack([values, again])
-            if (best := required.best(values)) is not None:
-                row = found.tradeoffs[tried[best]], values[best], found.promised[tried[best]]
-                most = float(values[-1, required.maximized])
-                return required.choice(*row, most, simulated)
-        raise required.missed(found.tradeoffs[tried], values, "simulated")
+            candidates.tell(proposed, promised, self._simulate(self._evaluator, proposed))
+        best, values, most = self._best(candidates)
+        tradeoff, promised = candidates.tradeoffs[best], candidates.promised[best]
+        falls, simulated = self._falls[tuple(tradeoff.tolist())], int(candidates.simulated.sum())
+        return Choice.of(required, tradeoff, values, promised, most, simulated, falls)
 
     def _start(self, required: Requirements) -> tuple[np.ndarray, np.ndarray, bool]:
         """Return trade-offs (n, m), values (n, m + q), and whether they were simulated here."""
-        if self._front is not None:
-            values = self._evaluated(self._front)
+        if (front := self._front) is not None:
+            names = (*front.objectives, *front.quantity_names)
+            columns = dict(zip(names, front.values.T, strict=True))
+            lacking = np.full(len(front.returns), np.nan)
+            values = np.stack([columns.get(name, lacking) for name in required.names], 1)
             if required.finite(values).any():
-                return self._front.tradeoffs, values, False
-        if self._even is None:
-            even = rounded(even_tradeoffs(BATCH, len(self._names.objectives)).double().numpy())
-            self._even = even, self._simulate(self._evaluator, even)
-        return *self._even, True
+                return front.tradeoffs, values, False
+        even = rounded(even_tradeoffs(BATCH, len(required.objectives)).double().numpy())
+        return even, self._simulate(self._evaluator, even), True
 
-    def _evaluated(self, front: Front) -> np.ndarray:
-        """Return the values (K, m + q) of a front; NaN where it lacks a quantity of the task."""
-        quantities = np.full((len(front.returns), len(self._names.quantities)), np.nan)
-        for column, name in enumerate(self._names.quantities):
-            if front.quantities is not None and name in front.quantity_names:
-                quantities[:, column] = front.quantities[:, front.quantity_names.index(name)]
-        return np.hstack([front.returns, quantities])
+    def _best(self, candidates: "Candidates") -> tuple[int, np.ndarray, float]:
+        """Return the best simulated candidate that keeps the requirements, and its values (m + q,).
 
-    def _make_evaluator(self, tradeoffs: int, seed: int) -> Evaluator:
-        """Evaluate so many trade-offs at once, each in an equal share of the worlds."""
-        some = torch.ones(tradeoffs, len(self._policy.objectives), dtype=torch.float32)
-        seeds = self._env.num_worlds // tradeoffs
-        protocol = self._policy.config.evaluation.protocol
-        made = Evaluator(self._policy.agent, self._env, some, protocol, seed, seeds, alone=True)
-        made.compile()
-        return made
+        The last number is the most of the maximized value without requirements. Of a random task,
+        the candidates that a few episodes show as the best are also the luckiest, so other episodes
+        decide.
+        """
+        ranked, free = candidates.ranked(), candidates.unconstrained()
+        required, values = candidates.required, candidates.values
+        if not self._random:
+            return ranked[0], values[ranked[0]], float(values[free, required.maximized])
+        evaluator = self._evaluator
+        seeds = evaluator.env.num_worlds // FINALISTS
+        evaluator = _evaluator(self._policy, FINALISTS, seeds, self._seed + 1, evaluator.env)
+        evaluator.compile()
+        finalists, values = np.empty(0, dtype=int), np.empty((0, len(required.names)))
+        for first in range(0, min(len(ranked), MOST_GROUPS * (FINALISTS - 1)), FINALISTS - 1):
+            group = np.append(ranked[first : first + FINALISTS - 1], free)
+            again = self._simulate(evaluator, candidates.tradeoffs[group])
+            finalists, values = np.append(finalists, group), np.vstack([values, again])
+            if required.kept(values).any():
+                break
+        best = required.ranked(candidates.tradeoffs[finalists], values, "simulated")[0]
+        return finalists[best], values[best], float(values[-1, required.maximized])
 
     def _simulate(self, evaluator: Evaluator, tradeoffs: np.ndarray) -> np.ndarray:
         """Return the values (n, m + q) of at most as many trade-offs (n, m) as an evaluator has."""
-        filled = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))  # repeats them
-        evaluator.retarget(torch.from_numpy(filled).float())
+        repeated = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))
+        evaluator.retarget(torch.from_numpy(repeated).float())
         front = evaluator.evaluate()
         assert front.falls is not None
         self._falls |= dict(zip(map(tuple, tradeoffs.tolist()), front.falls.tolist(), strict=False))
         return front.values[: len(tradeoffs)]
+
+
+class Candidates:
+    """Trade-offs with known values, and the ones between them.
+
+    Known values promise something for a trade-off that was not simulated: those of an evaluation,
+    or those interpolated between two neighbors. Promises are wrong by about as much as values
+    differ between neighbors. A candidate's score is the probability that it keeps every
+    requirement and gains on the best simulated one, if errors are independent and normal.
+    (Constrained probability of improvement, as in Bayesian optimization.)
+
+    Trade-offs, on the simplex, are (K, m), and values (K, m + q); `simulated` says whether the
+    values are those of the simulation. A trade-off whose values are not finite is passed over: the
+    trade-offs on both sides of it count as neighbors.
+
+    Raises:
+        MorlaxError: no values are finite, or the margin is out of range.
+    """
+
+    def __init__(
+        self,
+        tradeoffs: np.ndarray,
+        values: np.ndarray,
+        simulated: bool,
+        required: Requirements,
+        margin: float = 0.0,
+    ):
+        self._span = required.span(values)
+        self.required = required.with_margin(margin, self._span)
+        self.tradeoffs, first = np.unique(rounded(tradeoffs), axis=0, return_index=True)
+        self.values = values[first].astype(float)
+        self.promised = self.values.copy()  # (n, m + q)
+        self.simulated = np.full(len(first), simulated)  # (n,)
+
+    def tell(self, tradeoffs: np.ndarray, promised: np.ndarray, values: np.ndarray) -> None:
+        """Add simulated values (n, m + q) of proposed trade-offs (n, m)."""
+        for tradeoff, promise, value in zip(tradeoffs, promised, values, strict=True):
+            same = (self.tradeoffs == tradeoff).all(1)
+            if same.any():
+                self.values[same], self.simulated[same] = value, True
+                continue
+            self.tradeoffs = np.vstack([self.tradeoffs, tradeoff])
+            self.promised = np.vstack([self.promised, promise])
+            self.values = np.vstack([self.values, value])
+            self.simulated = np.append(self.simulated, True)
+
+    def propose(self, number: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return up to `number` trade-offs (n, m), promises (n, m + q) and the best's chance.
+
+        There is at most one between each two neighbors, and one for equal values, so that the
+        trade-offs are not all in one place.
+        """
+        tradeoffs, promised, errors = self._pool()
+        scores = self._scores(promised, errors)
+        order = (-scores).argsort(kind="stable")
+        if not self.simulated.any():
+            freely = (-promised[:, self.required.maximized]).argsort(kind="stable")
+            order = np.concatenate([freely[:UNCONSTRAINED], order])
+        _, first = np.unique(tradeoffs[order], axis=0, return_index=True)
+        best = order[np.sort(first)[:number]]
+        return tradeoffs[best], promised[best], float(np.exp(scores.max(initial=-np.inf)))
+
+    def ranked(self) -> np.ndarray:
+        """Return which simulated trade-offs keep the requirements, best first."""
+        rows = self.simulated.nonzero()[0]
+        return rows[self.required.ranked(self.tradeoffs[rows], self.values[rows], "simulated")]
+
+    def unconstrained(self) -> int:
+        """Return the index of the simulated trade-off that has most of the maximized value."""
+        value = self.values[:, self.required.maximized]
+        return int(np.where(self.simulated & np.isfinite(value), value, -np.inf).argmax())
+
+    def _pool(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return trade-offs to simulate (n, m), promises and standard errors (n, m + q)."""
+        finite = self.required.finite(self.values)
+        tradeoffs, simulated = self.tradeoffs[finite], self.simulated[finite]
+        values = self.required.relevant(self.values[finite])
+        one, other = _neighbors(tradeoffs)
+        steps = values[other] - values[one]
+        differences = np.zeros_like(values)
+        for end in (one, other):
+            np.add.at(differences, end, np.abs(steps))
+        pairs = np.bincount(np.concatenate([one, other]), minlength=len(differences))
+        rough = differences / pairs.clip(min=1)[:, None]  # (n, m + q) mean difference to neighbors
+        unsure = np.where(simulated[:, None], LEAST_ERROR, ERROR) * self._span
+
+        # trade-offs with equal values share a policy, and so do those between them
+        _, different = np.unique(values, axis=0, return_index=True)
+        alone = different[~simulated[different]]
+        moving = steps.any(1)
+        one, other, steps = one[moving], other[moving], steps[moving]
+
+        t = FRACTIONS[None]
+        between = (1 - t) * tradeoffs[one, None] + t * tradeoffs[other, None]
+        promised = values[one, None] + t * steps[:, None]
+        spread = (rough[one] + rough[other])[:, None] / 2
+        least = np.maximum(unsure[one], unsure[other])[:, None]
+        errors = np.hypot(least, spread * np.sqrt(0.25 + 2 * t * (1 - t)))  # most in the middle
+        top = np.arange(len(one)), self._scores(promised, errors).argmax(1)
+
+        proposed = rounded(np.concatenate([tradeoffs[alone], between[top]]))
+        promised = np.concatenate([values[alone], promised[top]])
+        errors = np.concatenate([np.hypot(unsure, rough / 2)[alone], errors[top]])
+        seen = set(map(tuple, self.tradeoffs[self.simulated]))
+        new = np.array([tuple(row) not in seen for row in proposed], dtype=bool)
+        return proposed[new], promised[new], errors[new]
+
+    def _scores(self, promised: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """Return log probabilities (...) of promises and standard errors (..., m + q)."""
+        required = self.required
+        score = _log_normal(required.excess(promised) / errors[..., required.limited]).sum(-1)
+        rivals = required.kept(self.values) & (self.simulated | ~self.simulated.any())
+        if rivals.any():
+            index = required.maximized
+            best = self.values[rivals, index].max() + GAIN * self._span[index]
+            score = score + _log_normal((promised[..., index] - best) / errors[..., index])
+        return score
+
+
+def _neighbors(tradeoffs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of both trade-offs (n, m) of each pair of neighbors."""
+    if tradeoffs.shape[1] == 2:
+        order = tradeoffs[:, 0].argsort(kind="stable")
+        return order[:-1], order[1:]
+    squares = (tradeoffs**2).sum(1)
+    distances = squares[:, None] + squares - 2 * tradeoffs @ tradeoffs.T
+    np.fill_diagonal(distances, np.inf)
+    near = distances.argsort(1, kind="stable")[:, : min(NEIGHBORS, len(squares) - 1)]
+    pairs = np.stack([np.arange(len(near)).repeat(near.shape[1]), near.ravel()], 1)
+    pairs = np.unique(np.sort(pairs, 1), axis=0)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def rounded(tradeoffs: np.ndarray) -> np.ndarray:
+    """Scale trade-offs (n, m) to sum to one and round them, so that the decimals sum to one too."""
+    scaled = tradeoffs / tradeoffs.sum(1, keepdims=True)
+    units = np.rint(scaled * 10**DECIMALS)
+    rows = np.arange(len(units))
+    units[rows, units.argmax(1)] += 10**DECIMALS - units.sum(1)
+    return units / 10**DECIMALS
+
+
+def _log_normal(values: np.ndarray) -> np.ndarray:
+    return torch.special.log_ndtr(torch.from_numpy(np.ascontiguousarray(values))).numpy()
+
+
+class Trial(NamedTuple):
+    """Means over the episodes of one trade-off."""
+
+    values: np.ndarray  # (m + q,) returns by objective, then measured quantities
+    falls: float  # share of episodes that failed
+    episodes: int
+
+
+def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str, Trial]:
+    """Simulate a trade-off (m,) under conditions that training may not have had.
+
+    Only the options of this package's own kind of robot can be changed: other tasks are simulated
+    as usual. Conditions in which a task's worlds cannot differ are left out.
+
+    Args:
+        policy: simulated on its device.
+        tradeoff: not negative.
+        seed: random seed of the worlds.
+    """
+    task = policy.config.task.for_evaluation()
+    tasks = {USUAL: task}
+    if isinstance(task, TaskOptions):
+        for name, changes in CONDITIONS.items():
+            varied = task.randomization.model_copy(update=changes)
+            update = {"randomization": varied, "reset_noise": max(task.reset_noise, STARTS)}
+            tasks[name] = task.model_copy(update=update)
+    results: dict[str, Trial] = {}
+    for number, (name, options) in enumerate(tasks.items()):
+        phase("trying other conditions", number / len(tasks))
+        config = policy.config.model_copy(update={"task": options})
+        episodes = EPISODES if options.varies else 1
+        try:
+            changed = Policy(policy.agent, config, policy.objectives)
+            evaluator = _evaluator(changed, 1, episodes, seed)
+            evaluator.retarget(torch.tensor([tradeoff], dtype=torch.float32))
+            front = evaluator.evaluate()
+        except MorlaxError:  # worlds of this task cannot differ in this
+            if name == USUAL:
+                raise
+            continue
+        falls = 0.0 if front.falls is None else float(front.falls[0])
+        results[name] = Trial(front.values[0], falls, episodes)
+    return results
+
+
+def _evaluator(
+    policy: Policy, tradeoffs: int, seeds: int, seed: int, env: Worlds | None = None
+) -> Evaluator:
+    """Make the evaluator of so many trade-offs at once, each in an equal share of the worlds."""
+    config = policy.config
+    if env is None:
+        device = str(policy.agent.observation_normalizer.mean.device)
+        config = config.model_copy(update={"device": device, "backend": None})
+        env = evaluation_worlds(config, tradeoffs, seeds, seed)
+    ones = torch.ones(tradeoffs, len(policy.objectives), dtype=torch.float32)
+    protocol = config.evaluation.protocol
+    return Evaluator(policy.agent, env, ones, protocol, seed, seeds, alone=True)

@@ -13,7 +13,6 @@ from ..envs.worlds.environment import Environment
 from ..evaluation import pareto
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.making import embody, evaluation_worlds
-from ..evaluation.names import Names
 from ..evaluation.requirements import Requirements
 from ..networks.policy import Policy
 from ..phases import phase
@@ -160,15 +159,9 @@ class Designer:
         Raises:
             MorlaxError: none keeps them, or a name is unknown.
         """
-        names = Names(self.policy.objectives, self.quantities, self.policy.config.env)
-        required = Requirements.of(names, at_least, at_most, maximize)
-        best = required.best(simulated.values)
-        if best is None:
-            finite = required.finite(simulated.values)
-            values = simulated.values[finite]
-            scaled = required.with_margin(0.0, values)
-            raise scaled.missed(simulated.tradeoffs[finite], values, "simulated")
-        return best
+        names = self.policy.objectives, self.quantities
+        required = Requirements.of(*names, at_least, maximize, at_most)
+        return int(required.ranked(simulated.tradeoffs, simulated.values, "simulated")[0])
 
 
 def best_first(returns: np.ndarray) -> np.ndarray:

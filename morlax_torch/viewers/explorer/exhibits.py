@@ -10,10 +10,9 @@ from ...networks.policy import Policy
 from ...runs.bookmarks import bookmark, bookmarks
 from ...runs.loading import own_folder
 from . import library, messages
-from .asking import Asking
 from .behavior import Behavior
 from .bodies import Bodies
-from .comparisons import Comparisons, PolicyComparisons
+from .comparisons import Asking, Comparisons, PolicyComparisons
 from .lineup import Lineup
 from .messages import Request
 from .requests import Put
