@@ -1,7 +1,6 @@
 """A trade-off is chosen by what its policy must reach, and its policy does reach it."""
 
 import shlex
-from collections import defaultdict
 from io import BytesIO
 from pathlib import Path
 from typing import ClassVar
@@ -30,7 +29,7 @@ from morlax_torch.runs.choosing import (
     EPISODES,
     USUAL,
     Candidates,
-    Simulated,
+    Chooser,
     Trial,
     choose,
     trials,
@@ -326,8 +325,7 @@ def test_a_random_task_keeps_its_requirement_on_fresh_episodes(tmp_path, monkeyp
 def test_other_episodes_decide_than_those_that_chose_the_finalists(tmp_path, monkeypatch):
     """Search episodes pay up to 1 more by luck, and what they earn is not told."""
     run = separate(tmp_path / "run", "gusty", Gusty, monkeypatch)
-    chooser, finalists = Simulated(load(run)), []
-    chooser._falls = defaultdict(float)
+    chooser, finalists = Chooser(load(run), None), []
 
     def simulate(_chooser, evaluator, tradeoffs: np.ndarray) -> np.ndarray:
         right = 1 - (tradeoffs[:, 0] - 0.3) ** 2
@@ -338,7 +336,7 @@ def test_other_episodes_decide_than_those_that_chose_the_finalists(tmp_path, mon
             finalists.extend(tradeoffs.tolist())
         return np.stack([tradeoffs[:, 0], right], 1)
 
-    monkeypatch.setattr(Simulated, "_simulate", simulate)
+    monkeypatch.setattr(Chooser, "_simulate", simulate)
     found = chooser.choose({"left": 0.1}, "right", margin=0.0)
     kept = [tradeoff for tradeoff in finalists if tradeoff[0] >= 0.1]
     best = min(kept, key=lambda tradeoff: abs(tradeoff[0] - 0.3))
@@ -358,13 +356,12 @@ def test_the_search_comes_close_to_a_dense_scan(three, monkeypatch):
     def simulate(_chooser, _evaluator, tradeoffs: np.ndarray) -> np.ndarray:
         return every[np.rint(20_000 * tradeoffs[:, 0]).astype(int)]
 
-    monkeypatch.setattr(Simulated, "_simulate", simulate)
+    monkeypatch.setattr(Chooser, "_simulate", simulate)
     some, dense = np.arange(0, 20_001, 40), every[::5]
     weights = np.stack([share, 1 - share], 1)[some]
     lengths, reference = np.ones(len(some)), np.zeros(2)
     front = Front(("left", "right"), weights, every[some], lengths, reference)
-    chooser = Simulated(load(three), front)
-    chooser._falls = defaultdict(float)
+    chooser = Chooser(load(three), front)
     losses = []
     for _ in range(40):
         required, maximized = random.permutation(2)
@@ -508,7 +505,7 @@ def test_without_a_gpu_a_task_that_needs_one_is_not_simulated(monkeypatch, capsy
     chosen = parse_tradeoff(printed.split("trade-off: ")[1].split()[0], ("run", "energy"))
     expected = choose(Front.load(find_run("cheetah") / "front.npz"), {"run": 1000}, "energy")
     assert chosen == pytest.approx(expected.tradeoff, abs=1e-4)
-    with pytest.raises(MorlaxError, match="leave it out"):
+    with pytest.raises(MorlaxError, match="leave seeds out"):
         choose("cheetah", {}, "energy", seeds=3, device="cpu")
 
 

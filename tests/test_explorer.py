@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import time
-from functools import partial
 from unittest.mock import Mock
 
 import mujoco
@@ -228,7 +227,7 @@ def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     assert time.perf_counter() - began < 1
     assert thresholds.state()["searching"]
     wait()
-    expected = choosing.chooser(policy, front)({"run": middle}, "run")
+    expected = choosing.Chooser(policy, front).choose({"run": middle}, "run")
     assert found == [expected.tradeoff]
     assert thresholds.state()["found"]["returns"] == expected.returns
     thresholds.require(1, 1e9)  # is cut to the front's best
@@ -252,9 +251,9 @@ def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypat
         more = np.hstack([values, np.full((4, 1), np.nan)])
         names = *front.quantity_names, "gap (m)"
         other = front._replace(quantities=more, quantity_names=names)
-        return partial(choosing.choose_evaluated, other, 0.0)
+        return choosing.Chooser(None, other)
 
-    monkeypatch.setattr(thresholds_module, "chooser", evaluated)
+    monkeypatch.setattr(thresholds_module, "Chooser", evaluated)
     requests, found = Requests(pytest.fail), []
     thresholds = Thresholds(None, front, requests.put, found.append, ["power (W)"])
     thresholds.maximize(2)

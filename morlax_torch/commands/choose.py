@@ -66,14 +66,15 @@ def command(arguments: Sequence[str]) -> None:
             from ..envs.making import has_robot
             from ..evaluation.requirements import shown
             from ..runs import bookmarks
-            from ..runs.choosing import chooser, trials
+            from ..runs.choosing import Chooser, trials
             from ..runs.fronts import load_front
             from ..runs.loading import find_checkpoint, load
 
             if bookmark is not None:
                 bookmarks.check_bookmark(run, bookmark)
             policy = load(run, device, trust=trust, env=env)
-            choice = chooser(policy, load_front(run), seeds, seed)(least, maximize, most, margin)
+            chooser = Chooser(policy, load_front(run), seeds, seed)
+            choice = chooser.choose(least, maximize, most, margin)
         _show(choice)
         weights, checkpoint = shown(choice.tradeoff), find_checkpoint(run)
         how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"

@@ -91,7 +91,7 @@ class Requirements(NamedTuple):
 
     def finite(self, values: np.ndarray) -> np.ndarray:
         """Return (n,) whether all but the ignored of values (n, m + q) are finite."""
-        return np.isfinite(values[:, self.used]).all(1)
+        return np.all(np.isfinite(values[:, self.used]), axis=1)
 
     def span(self, values: np.ndarray) -> np.ndarray:
         """Return the range (m + q,) of each of values (n, m + q), above zero.
@@ -115,6 +115,14 @@ class Requirements(NamedTuple):
         """
         signs = np.array([limit.sign for limit in self.limits])
         return signs * (values[..., self.limited] - [limit.bound for limit in self.limits])
+
+    def margins(self, values: np.ndarray) -> dict[str, float]:
+        """Return by how much values (m + q,) keep the nearest bound, by the value's name."""
+        margins: dict[str, float] = {}
+        for index, distance in zip(self.limited, self.excess(values).tolist(), strict=True):
+            name = self.names[index]
+            margins[name] = min(distance, margins.get(name, distance))
+        return margins
 
     def kept(self, values: np.ndarray) -> np.ndarray:
         """Return (n,) whether values (n, m + q) keep every requirement, margins included."""
@@ -169,39 +177,6 @@ class Choice(NamedTuple):
     def values(self) -> np.ndarray:
         """(m + q,) returns, then quantities."""
         return np.array([*self.returns.values(), *self.quantities.values()])
-
-    @classmethod
-    def of(
-        cls,
-        required: Requirements,
-        tradeoff: np.ndarray,
-        values: np.ndarray,
-        promised: np.ndarray,
-        unconstrained: float,
-        simulated: int,
-        falls: float,
-    ) -> Self:
-        """Describe the choice of a trade-off with values and promised values, (m + q,) each.
-
-        `unconstrained`: best maximized value without requirements.
-        """
-        m = len(required.objectives)
-        margins: dict[str, float] = {}
-        for limit in required.limits:
-            name = required.names[limit.index]
-            distance = limit.sign * (float(values[limit.index]) - limit.level)
-            margins[name] = min(distance, margins.get(name, distance))
-        return cls(
-            tuple(tradeoff.tolist()),
-            dict(zip(required.objectives, values[:m].tolist(), strict=True)),
-            dict(zip(required.objectives, promised[:m].tolist(), strict=True)),
-            margins,
-            max(0.0, unconstrained - float(values[required.maximized])),
-            simulated,
-            dict(zip(required.quantities, values[m:].tolist(), strict=True)),
-            falls,
-            required,
-        )
 
 
 def index_of(name: str, objectives: Sequence[str], quantities: Sequence[str]) -> int:

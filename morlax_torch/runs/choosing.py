@@ -1,7 +1,6 @@
 """Choose a trade-off whose policy keeps requirements in simulation."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -9,7 +8,7 @@ import numpy as np
 import torch
 
 from ..configuration.tradeoffs import even_tradeoffs
-from ..envs import MorlaxError, Worlds, get, resolve_device
+from ..envs import MorlaxError, get, resolve_device
 from ..envs.worlds.options import TaskOptions
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
@@ -92,71 +91,42 @@ def choose(
             or no policy keeps the requirements.
     """
     if isinstance(run, Front):
-        return choose_evaluated(run, 0.0, constraints, maximize, at_most, margin)
+        return Chooser(None, run).choose(constraints, maximize, at_most, margin)
     torch_device = resolve_device(device)
     front = None if isinstance(run, Policy) else load_front(run)
     policy = (run if isinstance(run, Policy) else load(run, torch_device)).to(torch_device)
-    return chooser(policy, front, seeds, seed)(constraints, maximize, at_most, margin)
+    return Chooser(policy, front, seeds, seed).choose(constraints, maximize, at_most, margin)
 
 
-def chooser(
-    policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
-) -> Callable[..., Choice]:
-    """Return a function that chooses, such as `Simulated.choose`.
+class Chooser:
+    """Chooses trade-offs of a policy by simulation on its device.
 
-    It chooses from the front alone if the task needs a GPU and the policy is on a CPU.
+    It starts from an evaluated front; without one, or if the front lacks a required quantity, it
+    simulates some trade-offs first. It chooses from the front alone if there is no policy, or if
+    the task needs a GPU and the policy is on a CPU.
 
     Raises:
         MorlaxError: `seeds` is given, and nothing is simulated.
     """
-    on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
-    if front is None or not (on_cpu and get(policy.config.env).needs_gpu):
-        return Simulated(policy, front, seeds, seed).choose
-    if seeds is not None:
-        raise MorlaxError(
-            f"{policy.config.env} is only simulated on a GPU, so seeds has no effect here: leave "
-            "it out."
-        )
-    varies = policy.config.task.for_evaluation().varies
-    return partial(choose_evaluated, front, RANDOM_MARGIN if varies else 0.0)
-
-
-def choose_evaluated(
-    front: Front,
-    usual_margin: float,
-    constraints: Mapping[str, float],
-    maximize: str,
-    at_most: Mapping[str, float] = NOTHING,
-    margin: float | None = None,
-) -> Choice:
-    """Choose among the evaluated trade-offs of a front; see `choose`."""
-    names, values = (front.objectives, front.quantity_names), front.values
-    required = Requirements.of(*names, constraints, maximize, at_most)
-    margin = usual_margin if margin is None else margin
-    strict = required.with_margin(margin, required.span(values))
-    best = strict.ranked(front.tradeoffs, values, "evaluated")[0]
-    most = values[required.finite(values), required.maximized].max()
-    falls = 0.0 if front.falls is None else float(front.falls[best])
-    return Choice.of(required, front.tradeoffs[best], values[best], values[best], most, 0, falls)
-
-
-class Simulated:
-    """Chooses trade-offs of a policy by simulation on its device.
-
-    It starts from an evaluated front; without one, or if the front lacks a required quantity, it
-    simulates some trade-offs first.
-    """
 
     def __init__(
-        self, policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
+        self, policy: Policy | None, front: Front | None, seeds: int | None = None, seed: int = 0
     ):
-        self._policy, self._front, self._seed = policy, front, seed
-        self._random = policy.config.task.for_evaluation().varies
-        if seeds is None:
-            seeds = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
-        self._evaluator = _evaluator(policy, BATCH, seeds, seed)
-        self._evaluator.compile()
-        self._falls: dict[tuple[float, ...], float] = {}  # by trade-off, in its last simulation
+        self._front, self._seed = front, seed
+        self._random = policy is not None and policy.config.task.for_evaluation().varies
+        self._falls: dict[tuple[float, ...], float] = {}  # by trade-off, in its last episodes
+        self._evaluator: Evaluator | None = None
+        if front is not None and (policy is None or _lacks_gpu(policy)):
+            if seeds is not None:
+                raise MorlaxError("nothing is simulated without a GPU: leave seeds out.")
+            self._names = front.objectives, front.quantity_names
+            self._remember(front.tradeoffs, front)
+        elif policy is not None:
+            if seeds is None:
+                seeds = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
+            self._evaluator = _evaluator(policy, BATCH, seeds, seed)
+            self._evaluator.compile()
+            self._names = policy.objectives, self._evaluator.env.quantities
 
     def choose(
         self,
@@ -166,47 +136,62 @@ class Simulated:
         margin: float | None = None,
     ) -> Choice:
         """Simulate until a gain is unlikely, and return the best; see `choose` of this module."""
+        required = Requirements.of(*self._names, constraints, maximize, at_most)
         if margin is None:
             margin = RANDOM_MARGIN if self._random else 0.0
-        names = self._policy.objectives, self._evaluator.env.quantities
-        required = Requirements.of(*names, constraints, maximize, at_most)
         candidates = Candidates(*self._start(required), required, margin)
         for batch in range(MOST_BATCHES):
+            if self._evaluator is None:
+                break
             proposed, promised, chance = candidates.propose(BATCH)
             if len(proposed) == 0 or (batch > 0 and chance < SETTLED):
                 break
             candidates.tell(proposed, promised, self._simulate(self._evaluator, proposed))
         best, values, most = self._best(candidates)
-        tradeoff, promised = candidates.tradeoffs[best], candidates.promised[best]
-        falls, simulated = self._falls[tuple(tradeoff.tolist())], int(candidates.simulated.sum())
-        return Choice.of(required, tradeoff, values, promised, most, simulated, falls)
+        tradeoff, promised = candidates.tradeoffs[best].tolist(), candidates.promised[best]
+        m = len(required.objectives)
+        return Choice(
+            tuple(tradeoff),
+            returns=dict(zip(required.objectives, values[:m].tolist(), strict=True)),
+            promised=dict(zip(required.objectives, promised[:m].tolist(), strict=True)),
+            margins=required.margins(values),
+            cost=max(0.0, most - float(values[required.maximized])),
+            simulated=int(candidates.final.sum()) if self._evaluator else 0,
+            quantities=dict(zip(required.quantities, values[m:].tolist(), strict=True)),
+            falls=self._falls.get(tuple(tradeoff), 0.0),
+            required=required,
+        )
 
     def _start(self, required: Requirements) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Return trade-offs (n, m), values (n, m + q), and whether they were simulated here."""
+        """Return trade-offs (n, m), values (n, m + q), and whether these may be chosen."""
         if (front := self._front) is not None:
             names = (*front.objectives, *front.quantity_names)
             columns = dict(zip(names, front.values.T, strict=True))
             lacking = np.full(len(front.returns), np.nan)
             values = np.stack([columns.get(name, lacking) for name in required.names], 1)
+            if self._evaluator is None:
+                return front.tradeoffs, values, True
             if required.finite(values).any():
-                return front.tradeoffs, values, False
+                return rounded(front.tradeoffs), values, False
+        assert self._evaluator is not None
         even = rounded(even_tradeoffs(BATCH, len(required.objectives)).double().numpy())
         return even, self._simulate(self._evaluator, even), True
 
     def _best(self, candidates: "Candidates") -> tuple[int, np.ndarray, float]:
-        """Return the best simulated candidate that keeps the requirements, and its values (m + q,).
+        """Return the best final candidate that keeps the requirements, and its values (m + q,).
 
         The last number is the most of the maximized value without requirements. Of a random task,
         the candidates that a few episodes show as the best are also the luckiest, so other episodes
         decide.
         """
-        ranked, free = candidates.ranked(), candidates.unconstrained()
+        source = "simulated" if self._evaluator else "evaluated"
+        ranked, free = candidates.ranked(source), candidates.unconstrained()
         required, values = candidates.required, candidates.values
-        if not self._random:
-            return ranked[0], values[ranked[0]], float(values[free, required.maximized])
-        evaluator = self._evaluator
-        seeds = evaluator.env.num_worlds // FINALISTS
-        evaluator = _evaluator(self._policy, FINALISTS, seeds, self._seed + 1, evaluator.env)
+        if not self._random or self._evaluator is None:
+            return int(ranked[0]), values[ranked[0]], float(values[free, required.maximized])
+        agent, env, protocol = self._evaluator.agent, self._evaluator.env, self._evaluator.protocol
+        points, seeds = torch.ones(FINALISTS, len(required.objectives)), env.num_worlds // FINALISTS
+        evaluator = Evaluator(agent, env, points, protocol, self._seed + 1, seeds, alone=True)
         evaluator.compile()
         finalists, values = np.empty(0, dtype=int), np.empty((0, len(required.names)))
         for first in range(0, min(len(ranked), MOST_GROUPS * (FINALISTS - 1)), FINALISTS - 1):
@@ -215,17 +200,20 @@ class Simulated:
             finalists, values = np.append(finalists, group), np.vstack([values, again])
             if required.kept(values).any():
                 break
-        best = required.ranked(candidates.tradeoffs[finalists], values, "simulated")[0]
-        return finalists[best], values[best], float(values[-1, required.maximized])
+        best = required.ranked(candidates.tradeoffs[finalists], values, source)[0]
+        return int(finalists[best]), values[best], float(values[-1, required.maximized])
 
     def _simulate(self, evaluator: Evaluator, tradeoffs: np.ndarray) -> np.ndarray:
         """Return the values (n, m + q) of at most as many trade-offs (n, m) as an evaluator has."""
         repeated = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))
         evaluator.retarget(torch.from_numpy(repeated).float())
         front = evaluator.evaluate()
-        assert front.falls is not None
-        self._falls |= dict(zip(map(tuple, tradeoffs.tolist()), front.falls.tolist(), strict=False))
+        self._remember(tradeoffs, front)
         return front.values[: len(tradeoffs)]
+
+    def _remember(self, tradeoffs: np.ndarray, front: Front) -> None:
+        falls = np.zeros(len(tradeoffs)) if front.falls is None else front.falls
+        self._falls |= dict(zip(map(tuple, tradeoffs.tolist()), falls.tolist(), strict=False))
 
 
 class Candidates:
@@ -237,9 +225,9 @@ class Candidates:
     requirement and gains on the best simulated one, if errors are independent and normal.
     (Constrained probability of improvement, as in Bayesian optimization.)
 
-    Trade-offs, on the simplex, are (K, m), and values (K, m + q); `simulated` says whether the
-    values are those of the simulation. A trade-off whose values are not finite is passed over: the
-    trade-offs on both sides of it count as neighbors.
+    Trade-offs, on the simplex, are (K, m), and values (K, m + q); `final` says whether the values
+    are those of the simulation, so that the trade-off may be chosen. A trade-off whose values are
+    not finite is passed over: the trade-offs on both sides of it count as neighbors.
 
     Raises:
         MorlaxError: no values are finite, or the margin is out of range.
@@ -249,28 +237,28 @@ class Candidates:
         self,
         tradeoffs: np.ndarray,
         values: np.ndarray,
-        simulated: bool,
+        final: bool,
         required: Requirements,
         margin: float = 0.0,
     ):
         self._span = required.span(values)
         self.required = required.with_margin(margin, self._span)
-        self.tradeoffs, first = np.unique(rounded(tradeoffs), axis=0, return_index=True)
+        self.tradeoffs, first = np.unique(tradeoffs, axis=0, return_index=True)
         self.values = values[first].astype(float)
         self.promised = self.values.copy()  # (n, m + q)
-        self.simulated = np.full(len(first), simulated)  # (n,)
+        self.final = np.full(len(first), final)  # (n,)
 
     def tell(self, tradeoffs: np.ndarray, promised: np.ndarray, values: np.ndarray) -> None:
         """Add simulated values (n, m + q) of proposed trade-offs (n, m)."""
         for tradeoff, promise, value in zip(tradeoffs, promised, values, strict=True):
             same = (self.tradeoffs == tradeoff).all(1)
             if same.any():
-                self.values[same], self.simulated[same] = value, True
+                self.values[same], self.final[same] = value, True
                 continue
             self.tradeoffs = np.vstack([self.tradeoffs, tradeoff])
             self.promised = np.vstack([self.promised, promise])
             self.values = np.vstack([self.values, value])
-            self.simulated = np.append(self.simulated, True)
+            self.final = np.append(self.final, True)
 
     def propose(self, number: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return up to `number` trade-offs (n, m), promises (n, m + q) and the best's chance.
@@ -281,40 +269,39 @@ class Candidates:
         tradeoffs, promised, errors = self._pool()
         scores = self._scores(promised, errors)
         order = (-scores).argsort(kind="stable")
-        if not self.simulated.any():
+        if not self.final.any():
             freely = (-promised[:, self.required.maximized]).argsort(kind="stable")
             order = np.concatenate([freely[:UNCONSTRAINED], order])
         _, first = np.unique(tradeoffs[order], axis=0, return_index=True)
         best = order[np.sort(first)[:number]]
         return tradeoffs[best], promised[best], float(np.exp(scores.max(initial=-np.inf)))
 
-    def ranked(self) -> np.ndarray:
-        """Return which simulated trade-offs keep the requirements, best first."""
-        rows = self.simulated.nonzero()[0]
-        return rows[self.required.ranked(self.tradeoffs[rows], self.values[rows], "simulated")]
+    def ranked(self, source: str = "simulated") -> np.ndarray:
+        """Return which final trade-offs keep the requirements, best first."""
+        rows = self.final.nonzero()[0]
+        return rows[self.required.ranked(self.tradeoffs[rows], self.values[rows], source)]
 
     def unconstrained(self) -> int:
-        """Return the index of the simulated trade-off that has most of the maximized value."""
+        """Return the index of the final trade-off that has most of the maximized value."""
         value = self.values[:, self.required.maximized]
-        return int(np.where(self.simulated & np.isfinite(value), value, -np.inf).argmax())
+        return int(np.where(self.final & np.isfinite(value), value, -np.inf).argmax())
 
     def _pool(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return trade-offs to simulate (n, m), promises and standard errors (n, m + q)."""
         finite = self.required.finite(self.values)
-        tradeoffs, simulated = self.tradeoffs[finite], self.simulated[finite]
+        tradeoffs, final = self.tradeoffs[finite], self.final[finite]
         values = self.required.relevant(self.values[finite])
         one, other = _neighbors(tradeoffs)
         steps = values[other] - values[one]
-        differences = np.zeros_like(values)
-        for end in (one, other):
-            np.add.at(differences, end, np.abs(steps))
-        pairs = np.bincount(np.concatenate([one, other]), minlength=len(differences))
+        ends, differences = np.concatenate([one, other]), np.zeros_like(values)
+        np.add.at(differences, ends, np.abs(np.tile(steps, (2, 1))))
+        pairs = np.bincount(ends, minlength=len(values))
         rough = differences / pairs.clip(min=1)[:, None]  # (n, m + q) mean difference to neighbors
-        unsure = np.where(simulated[:, None], LEAST_ERROR, ERROR) * self._span
+        unsure = np.where(final[:, None], LEAST_ERROR, ERROR) * self._span
 
         # trade-offs with equal values share a policy, and so do those between them
         _, different = np.unique(values, axis=0, return_index=True)
-        alone = different[~simulated[different]]
+        alone = different[~final[different]]
         moving = steps.any(1)
         one, other, steps = one[moving], other[moving], steps[moving]
 
@@ -329,15 +316,14 @@ class Candidates:
         proposed = rounded(np.concatenate([tradeoffs[alone], between[top]]))
         promised = np.concatenate([values[alone], promised[top]])
         errors = np.concatenate([np.hypot(unsure, rough / 2)[alone], errors[top]])
-        seen = set(map(tuple, self.tradeoffs[self.simulated]))
-        new = np.array([tuple(row) not in seen for row in proposed], dtype=bool)
+        new = ~(proposed[:, None] == self.tradeoffs[self.final]).all(2).any(1)
         return proposed[new], promised[new], errors[new]
 
     def _scores(self, promised: np.ndarray, errors: np.ndarray) -> np.ndarray:
         """Return log probabilities (...) of promises and standard errors (..., m + q)."""
         required = self.required
         score = _log_normal(required.excess(promised) / errors[..., required.limited]).sum(-1)
-        rivals = required.kept(self.values) & (self.simulated | ~self.simulated.any())
+        rivals = required.kept(self.values) & (self.final | ~self.final.any())
         if rivals.any():
             index = required.maximized
             best = self.values[rivals, index].max() + GAIN * self._span[index]
@@ -417,15 +403,15 @@ def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str
     return results
 
 
-def _evaluator(
-    policy: Policy, tradeoffs: int, seeds: int, seed: int, env: Worlds | None = None
-) -> Evaluator:
-    """Make the evaluator of so many trade-offs at once, each in an equal share of the worlds."""
-    config = policy.config
-    if env is None:
-        device = str(policy.agent.observation_normalizer.mean.device)
-        config = config.model_copy(update={"device": device, "backend": None})
-        env = evaluation_worlds(config, tradeoffs, seeds, seed)
-    ones = torch.ones(tradeoffs, len(policy.objectives), dtype=torch.float32)
-    protocol = config.evaluation.protocol
-    return Evaluator(policy.agent, env, ones, protocol, seed, seeds, alone=True)
+def _lacks_gpu(policy: Policy) -> bool:
+    on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
+    return on_cpu and get(policy.config.env).needs_gpu
+
+
+def _evaluator(policy: Policy, tradeoffs: int, seeds: int, seed: int) -> Evaluator:
+    """Make the evaluator of so many trade-offs at once on the policy's device."""
+    device = str(policy.agent.observation_normalizer.mean.device)
+    config = policy.config.model_copy(update={"device": device, "backend": None})
+    env = evaluation_worlds(config, tradeoffs, seeds, seed)
+    points, protocol = torch.ones(tradeoffs, len(policy.objectives)), config.evaluation.protocol
+    return Evaluator(policy.agent, env, points, protocol, seed, seeds, alone=True)

@@ -1,7 +1,7 @@
 """Numbers by name on the command line, such as requirements: --at-least run=2000."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
@@ -20,18 +20,18 @@ def limits(
     Raises:
         MorlaxError: a text is not a requirement.
     """
-    above = [text for text in constrain if "<=" not in text]
-    below = [text for text in constrain if "<=" in text]
-    least = _strictest(
-        [_required(text, "=", "--at-least run=2000") for text in at_least]
-        + [_required(text, ">=", "--constrain 'run >= 2000'") for text in above],
-        max,
-    )
-    most = _strictest(
-        [_required(text, "=", "--at-most power=60") for text in at_most]
-        + [_required(text, "<=", "--constrain 'power <= 60'") for text in below],
-        min,
-    )
+    least: dict[str, float] = {}
+    most: dict[str, float] = {}
+    rows = [(text, "=", "--at-least run=2000", least, max) for text in at_least]
+    rows += [(text, "=", "--at-most power=60", most, min) for text in at_most]
+    for text in constrain:
+        if "<=" in text:
+            rows.append((text, "<=", "--constrain 'power <= 60'", most, min))
+        else:
+            rows.append((text, ">=", "--constrain 'run >= 2000'", least, max))
+    for text, sign, example, levels, strictest in rows:
+        name, level = _required(text, sign, example)
+        levels[name] = strictest(level, levels.get(name, level))
     return least, most
 
 
@@ -54,12 +54,3 @@ def _required(
         return name.strip(), float(level)
     except ValueError:
         raise MorlaxError(f"{text!r} {problem}: write for example {example}.") from None
-
-
-def _strictest(
-    levels: Sequence[tuple[str, float]], strictest: Callable[[float, float], float]
-) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for name, level in levels:
-        found[name] = strictest(level, found.get(name, level))
-    return found

@@ -9,11 +9,11 @@ from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
 from ...networks.policy import Policy
-from ...runs.choosing import chooser
+from ...runs.choosing import Chooser
 from .requests import Put
 from .session import Weights
 
-Wanted = tuple[dict[str, float], str, dict[str, float]]  # arguments of a chooser
+Wanted = tuple[dict[str, float], str, dict[str, float]]  # arguments of `Chooser.choose`
 
 
 class Thresholds:
@@ -41,7 +41,7 @@ class Thresholds:
         self._policy, self._front, self._put, self._steer = policy, front, put, steer
         self._lower = lower_is_better
         self.names = *front.objectives, *front.quantity_names
-        self._chooser: Callable[..., Choice] | None = None
+        self._chooser: Chooser | None = None
         self.searching = False
         self.levels: dict[int, float] = {}  # required values by index
         self.maximized = 0
@@ -101,8 +101,8 @@ class Thresholds:
         """Choose in another thread, and queue what follows."""
         try:
             if self._chooser is None:
-                self._chooser = chooser(self._policy, self._front)
-            result = self._chooser(*wanted)
+                self._chooser = Chooser(self._policy, self._front)
+            result = self._chooser.choose(*wanted)
         except Exception as error:  # raised again where it can be shown
             result = error
         self._put(lambda: self._end(wanted, result))
