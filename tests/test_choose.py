@@ -92,6 +92,18 @@ class GustyPowered(Gusty, Powered):
 
 
 @pytest.fixture
+def typed(monkeypatch, capsys):
+    """Return a function that runs the command on the CPU, and returns the lines it prints."""
+
+    def run(*words: object) -> list[str]:
+        monkeypatch.setattr("sys.argv", ["choose", *map(str, words), "--device", "cpu"])
+        cli.run(command)
+        return capsys.readouterr().out.splitlines()
+
+    return run
+
+
+@pytest.fixture
 def three(tmp_path, monkeypatch) -> Path:
     """Return a run with three separate policies: the trade-off only selects one of them."""
     return separate(tmp_path / "run", "certain", Certain, monkeypatch)
@@ -161,9 +173,9 @@ def test_of_a_front_the_best_evaluated_policy_is_chosen(circle, least):
     found = choose(circle, {"run": least}, "save")
     reached = circle.returns[circle.returns[:, 0] >= least]
     assert list(found.returns.values()) == reached[reached[:, 1].argmax()].tolist()
-    index = (circle.tradeoffs == found.tradeoff).all(1).argmax()
-    assert found.returns == found.promised and found.simulated == 0
+    (index,) = (circle.tradeoffs == found.tradeoff).all(1).nonzero()[0]
     assert circle.returns[index].tolist() == list(found.returns.values())
+    assert found.returns == found.promised and found.simulated == 0
     assert found.margins == {"run": found.returns["run"] - least}
     assert found.cost == pytest.approx(100 - found.returns["save"])
 
@@ -403,11 +415,8 @@ def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize):
 
 
 @pytest.mark.slow
-def test_the_command_prints_values_that_other_commands_take(monkeypatch, capsys):
-    arguments = ["cheetah", "--at-least", "run=2000", "--maximize", "energy", "--device", "cpu"]
-    monkeypatch.setattr("sys.argv", ["choose", *arguments])
-    cli.run(command)
-    lines = capsys.readouterr().out.splitlines()
+def test_the_command_prints_values_that_other_commands_take(typed):
+    lines = typed("cheetah", "--at-least", "run=2000", "--maximize", "energy")
     _, promised, value, least, margin = next(x for x in lines if x.split()[0] == "run").split()
     assert float(value) >= 2000 and float(least) == 2000 and float(promised) > 1000
     assert float(margin) == pytest.approx(float(value) - 2000, abs=0.1)
@@ -444,12 +453,9 @@ def test_mistakes_are_one_sentence(circle, constraints, maximize, message):
         choose(circle, constraints, maximize)
 
 
-def test_a_margin_out_of_range_is_refused(circle):
+def test_numbers_out_of_range_are_refused(circle):
     with pytest.raises(MorlaxError, match=r"margin is -0\.1: it must be from 0 to 1"):
         choose(circle, {"run": 1.0}, "save", margin=-0.1)
-
-
-def test_several_seeds_of_a_task_without_randomness_are_refused():
     with pytest.raises(MorlaxError, match="would only repeat the same episode"):
         choose("cheetah", {}, "run", seeds=2, device="cpu")
 
@@ -458,11 +464,8 @@ def test_several_seeds_of_a_task_without_randomness_are_refused():
     "required",
     ["--at-least left=0.4 --at-least left=0.1", "--at-least left=0.1 --constrain left>=0.4"],
 )
-def test_the_largest_requirement_of_an_objective_counts(required, three, monkeypatch, capsys):
-    words = ["choose", str(three), *required.split(), "--maximize", "right", "--device", "cpu"]
-    monkeypatch.setattr("sys.argv", words)
-    cli.run(command)
-    lines = capsys.readouterr().out.splitlines()
+def test_the_largest_requirement_of_an_objective_counts(required, three, typed):
+    lines = typed(three, *required.split(), "--maximize", "right")
     assert next(x for x in lines if x.split()[0] == "left").split()[3] == "0.4"
 
 
@@ -475,21 +478,17 @@ def test_the_largest_requirement_of_an_objective_counts(required, three, monkeyp
         ("--at-most", "power (W)=inf", "power=60"),
     ],
 )
-def test_a_requirement_that_cannot_be_read_is_refused(option, text, remedy, monkeypatch, capsys):
-    arguments = ["cheetah", option, text, "--maximize", "energy"]
-    monkeypatch.setattr("sys.argv", ["choose", *arguments])
+def test_a_requirement_that_cannot_be_read_is_refused(option, text, remedy, typed, capsys):
     with pytest.raises(SystemExit):
-        cli.run(command)
+        typed("cheetah", option, text, "--maximize", "energy")
     said = " ".join(capsys.readouterr().err.split())
     assert said == f"error: {text!r} is not a requirement: write for example {option} {remedy}."
 
 
 @pytest.mark.parametrize("option", [("--at-most", "power=10"), ("--constrain", "power (W) <= 10")])
-def test_the_command_limits_a_quantity(option, powered, monkeypatch, capsys):
-    words = ["choose", str(powered), *option, "--maximize", "speed (m/s)", "--device", "cpu"]
-    monkeypatch.setattr("sys.argv", words)
-    cli.run(command)
-    lines = [line.split("  ") for line in capsys.readouterr().out.splitlines()]
+def test_the_command_limits_a_quantity(option, powered, typed):
+    printed = typed(powered, *option, "--maximize", "speed (m/s)")
+    lines = [line.split("  ") for line in printed]
     cells = {line[0].strip(): [x.strip() for x in line[1:] if x.strip()] for line in lines}
     assert cells["power (W)"] == ["1", "at most 10", "+9"]
     assert cells["speed (m/s)"] == ["1.1"] and len(cells["right"]) == 2
@@ -497,10 +496,9 @@ def test_the_command_limits_a_quantity(option, powered, monkeypatch, capsys):
     assert ["cost of the requirements: 0.4 of speed (m/s), which reaches 1.5 without them"] in lines
 
 
-def test_without_a_gpu_a_task_that_needs_one_is_not_simulated(monkeypatch, capsys):
+def test_without_a_gpu_a_task_that_needs_one_is_not_simulated(monkeypatch, typed):
     monkeypatch.setattr(envs.get("cheetah"), "needs_gpu", True)
-    command(["cheetah", "--maximize", "energy", "--at-least", "run=1000", "--device", "cpu"])
-    printed = capsys.readouterr().out
+    printed = "\n".join(typed("cheetah", "--maximize", "energy", "--at-least", "run=1000"))
     assert "evaluated" in printed and "simulated" not in printed
     chosen = parse_tradeoff(printed.split("trade-off: ")[1].split()[0], ("run", "energy"))
     expected = choose(Front.load(find_run("cheetah") / "front.npz"), {"run": 1000}, "energy")
@@ -509,13 +507,10 @@ def test_without_a_gpu_a_task_that_needs_one_is_not_simulated(monkeypatch, capsy
         choose("cheetah", {}, "energy", seeds=3, device="cpu")
 
 
-def test_only_commands_that_work_for_the_run_are_printed(three, monkeypatch, capsys):
+def test_only_commands_that_work_for_the_run_are_printed(three, typed):
     """A task without a MuJoCo robot can neither be shown nor exported."""
     card = three / "card.html"
-    typed = [str(three), "--maximize", "right", "--device", "cpu", "--card", str(card)]
-    monkeypatch.setattr("sys.argv", ["choose", *typed])
-    cli.run(command)
-    lines = capsys.readouterr().out.splitlines()
+    lines = typed(three, "--maximize", "right", "--card", card)
     printed = [x.split(": ", 1)[1] for x in lines if "morlax_torch " in x or "morlax " in x]
     assert printed and all(line in card.read_text() for line in printed)
     for line in printed:
@@ -574,14 +569,14 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
         tradeoff_of("@fast", run, names)
 
 
-def test_the_command_writes_a_bookmark_and_a_decision_card(tmp_path, make_run, monkeypatch, capsys):
+def test_the_command_writes_a_bookmark_and_a_decision_card(
+    tmp_path, make_run, monkeypatch, typed, capsys
+):
     monkeypatch.setattr(choosing, "MOST_BATCHES", 2)
     run, card = make_run(tmp_path / "run", "hopper", "best"), tmp_path / "card.html"
-    typed = ["choose", str(run), "--maximize", "run", "--device", "cpu"]
-    written = ["--at-least", "jump=-1e6", "--bookmark", "my best", "--card", str(card)]
-    monkeypatch.setattr("sys.argv", [*typed, *written])
-    cli.run(command)
-    said, page = capsys.readouterr().out, card.read_text()
+    words = run, "--maximize", "run"
+    written = "--at-least", "jump=-1e6", "--bookmark", "my best", "--card", card
+    said, page = "\n".join(typed(*words, *written)), card.read_text()
     assert "--tradeoff '@my best'" in said and f"written: {card}" in said.replace("\n", "")
     weights = next(x for x in said.splitlines() if x.startswith("trade-off: ")).split()[1]
     chosen = tradeoff_of("@my best", run, ("run", "jump"))
@@ -595,10 +590,9 @@ def test_the_command_writes_a_bookmark_and_a_decision_card(tmp_path, make_run, m
     simulated = next(x.split()[2] for x in said.splitlines() if x.split()[:1] == ["run"])
     assert f"<td>{float(simulated):,.4g}</td>" in page
     assert str(run / "checkpoints/best.pt") in page and "export" in page
-    for option in (["--card", str(tmp_path / "card.pdf")], ["--bookmark", "a/b"]):
-        monkeypatch.setattr("sys.argv", [*typed, *option])
+    for option in (("--card", tmp_path / "card.pdf"), ("--bookmark", "a/b")):
         with pytest.raises(SystemExit):
-            cli.run(command)
+            typed(*words, *option)
     said = capsys.readouterr().err
     assert "must end in .html" in said and "cannot name a bookmark" in said
 

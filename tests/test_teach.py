@@ -138,6 +138,17 @@ def test_a_wrong_file_is_one_sentence(make, message, tmp_path):
         envs.make("cheetah", 1, "cpu", objectives=THREE, learned=path)
 
 
+def test_a_task_may_not_have_a_term_of_that_name(tmp_path, monkeypatch):
+    class Named(envs.get("cheetah")):  # type: ignore[misc]
+        def terms(self):
+            return {**super().terms(), "learned": self.physics.qpos[:, 0]}
+
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    envs.register("named", Named)
+    with pytest.raises(MorlaxError, match="a reward term of its own with the name learned"):
+        envs.make("named", 1, "cpu", learned=saved(tmp_path / "learned.pt"))
+
+
 # clips and comparisons
 
 
