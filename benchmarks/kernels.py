@@ -13,9 +13,9 @@ import tyro
 from throughput import milliseconds
 
 from morlax_torch import MORLAX, config_for
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs.replacing import replaced
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.terminal.cli import console
 
 KERNELS = {  # name of the kernel: where its definition stands
     "mlps": ("gpu.fused", "mlps"),

@@ -9,14 +9,14 @@ from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
 from ..envs.worlds.environment import Environment
 from ..gpu.group import ALONE, Group
-from ..gpu.resources import one_thread
-from ..scalarizations.registry import make_scalarization
+from ..host.resources import one_thread
 from .base import BaseLearner, make_agent
 from .batch import Table, expected_returns, make_batch
 from .designs import DesignDraws
 from .metrics import read
 from .ppo import PPO
 from .rollout import collect
+from .scalarizations.registry import make_scalarization
 
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
 

@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ..envs import MorlaxError
-from ..files import write_file
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.named_numbers import AtLeast, AtMost, limits
-from ..terminal.startup import program
-from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
+from ..host.files import write_file
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.named_numbers import AtLeast, AtMost, limits
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Device,
+    Moved,
+    RunName,
+    Trust,
+    call,
+)
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice
@@ -95,9 +101,9 @@ def command(arguments: Sequence[str]) -> None:
         if card is not None:
             with Live():
                 from ..envs.naming import title
+                from ..host.version import __version__
                 from ..reports import card as cards
                 from ..runs.checkpoint import fingerprint
-                from ..version import __version__
                 from ..viewers.filming.recording import strip
 
                 facts = {

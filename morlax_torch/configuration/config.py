@@ -19,8 +19,8 @@ from ..envs import MorlaxError, ObjectiveOptions
 from ..envs.errors import explained, shortened, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
-from ..files import exists
-from ..phases import phase
+from ..host.files import exists
+from ..host.phases import phase
 from .files import algorithm_of, merged, nested, over_task_values, task_values
 from .sections import (
     DESIGNING,
@@ -61,7 +61,7 @@ class Config(Section):
     scalarization: str = "linear"
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
     augmented-chebyshev, constrained:OBJECTIVE (at least so much of one objective), or
-    FILE.py:FUNCTION for your own (docs/scalarizations.md)."""
+    FILE.py:FUNCTION for your own (docs/algorithms.md)."""
     start_from: str | None = None
     """Start with the policies of this run, which may have fewer objectives: a folder, a checkpoint
     or a shipped name."""

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from ..files import write_file
-from ..version import __version__
+from ..host.files import write_file
+from ..host.version import __version__
 
 if TYPE_CHECKING:
     from ..envs import Robot  # imports torch, which playing an export does without
 
 SETTINGS, MODEL = "deploy.yaml", "robot.zip"
-HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/mjlab.md.\n"
+HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/export.md.\n"
 
 
 def deploy(

@@ -14,9 +14,9 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
 from ..evaluation.making import evaluation_worlds
 from ..evaluation.requirements import Choice, Requirements
-from ..files import AnyPath
+from ..host.files import AnyPath
+from ..host.phases import phase
 from ..networks.policy import Policy
-from ..phases import phase
 from .fronts import load_front
 from .loading import load
 

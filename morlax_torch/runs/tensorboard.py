@@ -1,4 +1,4 @@
-"""The TensorBoard events of a run. docs/experiment-tools.md lists the tags."""
+"""The TensorBoard events of a run. docs/training.md lists the tags."""
 
 import json
 import math
