@@ -13,13 +13,7 @@ from .terminal import cli
 from .terminal.live import Live
 from .terminal.named_numbers import AtLeast, AtMost, limits
 from .terminal.startup import program
-from .terminal.task_arguments import (
-    Device,
-    Moved,
-    RunName,
-    Trust,
-    call,
-)
+from .terminal.task_arguments import Device, Moved, RunName, Trust, call
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice

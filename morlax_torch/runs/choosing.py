@@ -69,13 +69,12 @@ def choose(
     unit.
 
     Simulates evaluated trade-offs and others between them, and returns the best that keeps every
-    requirement in simulation. If the task is random, the best ones are simulated again on other
-    episodes, more of them, and these decide.
+    requirement in simulation. If the task is random, more episodes decide among the best ones.
 
     Args:
         run: a run's folder, a checkpoint file, a shipped name, or a policy, which is moved to the
-            device. Of a `Front`, evaluated trade-offs are returned, and nothing is simulated; so,
-            too, of a run on a CPU whose task needs a GPU.
+            device. Of a `Front`, or of a run on a CPU whose task needs a GPU, nothing is simulated:
+            the best evaluated trade-off is returned.
         constraints: least value by name.
         maximize: name of a value.
         at_most: largest value by name.
@@ -219,11 +218,10 @@ class Chooser:
 class Candidates:
     """Trade-offs with known values, and the ones between them.
 
-    Known values promise something for a trade-off that was not simulated: those of an evaluation,
-    or those interpolated between two neighbors. Promises are wrong by about as much as values
-    differ between neighbors. A candidate's score is the probability that it keeps every
-    requirement and gains on the best simulated one, if errors are independent and normal.
-    (Constrained probability of improvement, as in Bayesian optimization.)
+    Values of a trade-off that was not simulated are promises: evaluated, or interpolated between
+    two neighbors. They are wrong by about as much as neighbors differ. A candidate's score is the
+    probability that it keeps every requirement and gains on the best simulated one, if errors are
+    independent and normal (constrained probability of improvement, as in Bayesian optimization).
 
     Trade-offs, on the simplex, are (K, m), and values (K, m + q); `final` says whether the values
     are those of the simulation, so that the trade-off may be chosen. A trade-off whose values are

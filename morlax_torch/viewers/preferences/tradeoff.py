@@ -101,7 +101,8 @@ class Preference:
 
     def _chances(self) -> NDArray[np.float64]:
         """Return the probability (n,) that each of `policies` is the user's best."""
-        return np.bincount(self._favorite, self._posterior(), len(self.policies))
+        chances = np.bincount(self._favorite, self._posterior(), len(self.policies))
+        return chances.astype(np.float64)
 
     def _posterior(self) -> NDArray[np.float64]:
         likelihood = np.exp(self._log_posterior - self._log_posterior.max())
