@@ -28,8 +28,7 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.generated import Independent
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.schedule import Schedule
-from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.runs.training import Schedule, make_evaluator
 from morlax_torch.train import train
 
 TASK = f"{Path(__file__).with_name('closed_form.py')}:{Quadratic.__name__}"
@@ -80,7 +79,7 @@ def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
 
 
 def trained(config: Config, iterations: int) -> Any:
-    learner = make_learner(make_worlds(config, config.worlds), config)
+    learner = make_learner(config.make_worlds(config.worlds, config.seed), config)
     if config.device != "cpu":
         learner.compile()
     iterate(learner, iterations)
@@ -285,7 +284,7 @@ def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
 def test_hyper_morl_keeps_the_exploration_of_a_user_s_own_actor():
     config = small("hyper-morl", 20)
     actor = torch.nn.Sequential(torch.nn.Linear(1, 8), torch.nn.Tanh(), torch.nn.Linear(8, 4))
-    learner = HyperMORL(make_worlds(config, config.worlds), config, actor=actor)
+    learner = HyperMORL(config.make_worlds(config.worlds, config.seed), config, actor=actor)
     learner.iterate()
     seen, w = torch.ones(1, 5, 1), torch.tensor([[0.5, 0.5]])
     before = learner.agent.actors(w).distribution(seen).output

@@ -24,7 +24,6 @@ from morlax_torch.evaluation.requirements import Requirements, index_of
 from morlax_torch.networks.agent import Agent
 from morlax_torch.reports.card import card
 from morlax_torch.runs import choosing
-from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
 from morlax_torch.runs.choosing import (
     CONDITIONS,
     EPISODES,
@@ -36,7 +35,7 @@ from morlax_torch.runs.choosing import (
     trials,
 )
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.loading import find_run
+from morlax_torch.runs.loading import bookmark, find_run, tradeoff_of
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
 SHARES = torch.tensor([0.0, 0.4, 1.0])

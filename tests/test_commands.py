@@ -213,7 +213,7 @@ def test_a_run_refuses_the_current_directory_as_output(workplace, monkeypatch, c
     with pytest.raises(SystemExit) as exit:
         run(monkeypatch, train, "--env", "hopper", *TINY, "--output", ".")
     assert exit.value.code == 2
-    assert "a run needs its own folder" in sentence(capsys)
+    assert ". exists already: choose another --output" in sentence(capsys)
     assert not list(workplace.iterdir())
 
 

@@ -28,7 +28,7 @@ from morlax_torch.envs.worlds.designs import (
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.making import held_out, make_evaluator
 from morlax_torch.networks.hypernetwork import Hypernetwork
-from morlax_torch.runs.session import Session
+from morlax_torch.runs.training import Session
 from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer
 from morlax_torch.viewers.filming.film import Film

@@ -17,8 +17,7 @@ from morlax_torch.algorithms.off_policy.replay import Replay, Transitions
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
-from morlax_torch.runs.contents import check_state
-from morlax_torch.runs.training import make_worlds
+from morlax_torch.runs.checkpoint import check_state
 
 N, T, DISCOUNT, STEPS = 4, 3, 0.9, 3
 SIZES = SimpleNamespace(
@@ -286,7 +285,7 @@ def test_exploration_holds_its_noise_for_a_time(task, hold, share, generator):
 def test_a_run_without_its_replay_fills_it_before_it_learns():
     config = small("hyper-sac", 20, **{"method.start": 600})
     learner = trained(config, 3)
-    other = make_learner(make_worlds(config, config.worlds), config)
+    other = make_learner(config.make_worlds(config.worlds, config.seed), config)
     other._keeps_replay = False  # as on a GPU
     other.load_state_dict(learner.state_dict())
     before = other.agent.actor.bias.detach().clone()
@@ -336,7 +335,7 @@ def test_a_replay_that_does_not_fit_is_refused_and_one_that_does_is_named():
 @pytest.mark.parametrize("algorithm", ["hyper-sac", "pd-morl"])
 def test_own_critics_and_worlds_that_hide_endings_are_refused(algorithm, monkeypatch):
     config = config_for(TASK, device="cpu", algorithm=algorithm)
-    worlds = make_worlds(config, config.worlds)
+    worlds = config.make_worlds(config.worlds, config.seed)
     with pytest.raises(MorlaxError, match="makes its own critics"):
         make_learner(worlds, config, critic=torch.nn.Linear(3, 2))
     monkeypatch.setattr(type(worlds), "shows_endings", False)

@@ -15,7 +15,7 @@ from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation import pareto
 from morlax_torch.exports.exporting import export
-from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.runs.training import make_evaluator
 
 NAN = float("nan")
 
@@ -414,7 +414,7 @@ def tiny(**changes: Any) -> Config:
 
 
 def made(config: Config, iterations: int = 0) -> PGMORL:
-    learner = PGMORL(make_worlds(config, config.worlds), config)
+    learner = PGMORL(config.make_worlds(config.worlds, config.seed), config)
     for _ in range(iterations):
         learner.iterate()
     return learner

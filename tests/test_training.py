@@ -26,11 +26,9 @@ from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.history import read_rows
-from morlax_torch.runs.progress import Evaluation, Progress
+from morlax_torch.runs.progress import Evaluation, Progress, read_rows
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.schedule import Schedule
-from morlax_torch.runs.training import make_evaluator, training
+from morlax_torch.runs.training import Schedule, Session, make_evaluator
 from morlax_torch.train import train
 
 
@@ -211,7 +209,7 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
     def interrupted(morlax: MORLAX, done: float = 0.0) -> None:
         iterate(morlax, done)
         if morlax.iteration == 3:
-            held = rf"is being trained by process {os.getpid()}: wait"
+            held = r"is being trained by another process: wait"
             with pytest.raises(MorlaxError, match=held):
                 Run.open("run").restore(small.learner(morlax.config))
             os.kill(os.getpid(), number)
@@ -309,12 +307,12 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
 def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     morlax = trainer(tiny(max_seconds=0.3, max_env_steps=None), 0)
-    evaluations = training(morlax, make_evaluator(morlax), evaluate_at=(0.1, 0.2))
+    evaluations = Session(morlax, make_evaluator(morlax)).training(evaluate_at=(0.1, 0.2))
     *_, last = evaluations
     assert last.train_seconds >= 0.3
     assert last.iteration == morlax.iteration > 0
     morlax = trainer(tiny(evaluation={"every": 64}), 0)
-    evaluations = training(morlax, make_evaluator(morlax))
+    evaluations = Session(morlax, make_evaluator(morlax)).training()
     assert [next(evaluations).iteration for _ in range(3)] == [0, 2, 4]
     evaluations.close()
     assert morlax.iteration == 4

@@ -6,7 +6,6 @@ from torch import Tensor, nn
 
 from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.configuration.config import Config
-from morlax_torch.runs.training import make_worlds
 
 TYPED = (  # on the command line
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
@@ -39,7 +38,7 @@ def tiny(env: str = "hopper", **changes: Any) -> Config:
 
 def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> MORLAX:
     """Return a learner after so many iterations."""
-    made = MORLAX(make_worlds(config, config.worlds), config, **networks)
+    made = MORLAX(config.make_worlds(config.worlds, config.seed), config, **networks)
     for _ in range(iterations):
         made.iterate()
     return made

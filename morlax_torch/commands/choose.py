@@ -65,13 +65,12 @@ def command(arguments: Sequence[str]) -> None:
         with Live():
             from ..envs.making import has_robot
             from ..evaluation.requirements import shown
-            from ..runs import bookmarks
+            from ..runs import loading
             from ..runs.choosing import Chooser, trials
-            from ..runs.fronts import load_front
-            from ..runs.loading import find_checkpoint, load
+            from ..runs.loading import find_checkpoint, load, load_front
 
             if bookmark is not None:
-                bookmarks.check_bookmark(run, bookmark)
+                loading.check_bookmark(run, bookmark)
             policy = load(run, device, trust=trust, env=env)
             chooser = Chooser(policy, load_front(run), seeds, seed)
             choice = chooser.choose(least, maximize, most, margin)
@@ -80,9 +79,9 @@ def command(arguments: Sequence[str]) -> None:
         how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
         cli.console.print(f"trade-off: {weights} (best of {how})")
         if bookmark is not None:
-            file = bookmarks.bookmark(run, bookmark, choice.tradeoff)
+            file = loading.bookmark(run, bookmark, choice.tradeoff)
             cli.console.print(f"written: {file}", soft_wrap=True)
-            weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
+            weights = shlex.quote(f"@{bookmark}")
         cli.console.print(f"checkpoint: {checkpoint}", soft_wrap=True)
         words = shlex.quote(run) + (" --trust" if trust else "")
         words += "" if env is None else f" --env {shlex.quote(env)}"

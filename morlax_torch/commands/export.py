@@ -57,8 +57,7 @@ def command(arguments: Sequence[str]) -> None:
             from ..exports.formats import FORMATS
             from ..exports.manifest import provenance, robot_of
             from ..host.files import make_folder
-            from ..runs.bookmarks import tradeoff_of
-            from ..runs.loading import load, objectives_of, own_folder
+            from ..runs.loading import load, objectives_of, own_folder, tradeoff_of
 
             weights = None if tradeoff is None else tradeoff_of(tradeoff, run, objectives_of(run))
             policy = load(run, trust=trust, env=env)

@@ -62,9 +62,14 @@ def command(arguments: Sequence[str]) -> None:
             sweep: Film one robot whose trade-off moves along the front, beside the front.
         """
         with Live():
-            from ..runs.bookmarks import tradeoff_of
-            from ..runs.fronts import load_front
-            from ..runs.loading import find_run, load, objectives_of, own_folder  # imports torch
+            from ..runs.loading import (  # imports torch
+                find_run,
+                load,
+                load_front,
+                objectives_of,
+                own_folder,
+                tradeoff_of,
+            )
             from ..viewers.filming.recording import record
 
             objectives = objectives_of(run)

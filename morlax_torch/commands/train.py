@@ -22,7 +22,7 @@ def command(arguments: Sequence[str]) -> None:
     from .terminal.live import Live
 
     with Live():
-        from ..runs.session import Session  # imports torch
+        from ..runs.training import Session  # imports torch
         from .terminal.display import Display
 
         session = Session.of(config, run, output)

@@ -19,7 +19,6 @@ from ..envs import MorlaxError, ObjectiveOptions
 from ..envs.errors import explained, shortened, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
-from ..host.files import exists
 from ..host.phases import phase
 from .files import algorithm_of, merged, nested, over_task_values, task_values
 from .sections import (
@@ -101,7 +100,7 @@ class Config(Section):
     @field_validator("start_from")
     @classmethod
     def _from_any_folder(cls, run: str | None) -> str | None:
-        return str(Path(run).absolute()) if run and exists(run) else run
+        return str(Path(run).absolute()) if run and Path(run).exists() else run
 
     @field_validator("scalarization")
     @classmethod

@@ -11,7 +11,7 @@ from ...envs import MorlaxError, TaskOptions
 from ...envs.making import check_seed
 from ...envs.worlds.learned import TERM
 from ...envs.worlds.options import check_objectives
-from ...host.files import exists, make_folder, write_file
+from ...host.files import make_folder, write_file
 from ...host.phases import phase
 from ...runs.loading import find_checkpoint, load
 from . import reward
@@ -74,7 +74,7 @@ class Lesson:
     def _comparisons(self, number: int) -> Comparisons:
         """Return the folder's comparisons, with clips of the run."""
         path, comparisons = self.folder / "comparisons.npz", None
-        if exists(path):
+        if path.exists():
             comparisons = Comparisons.load(path)
             told = comparisons.objective if comparisons.answers else None
             if told not in (None, self.objective):
