@@ -207,9 +207,9 @@ def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     assert time.perf_counter() - began < 1
     assert thresholds.state()["searching"]
     wait()
-    expected = choosing.chooser(policy, front).choose({"run": middle}, "run")
+    expected = choosing.Chooser(policy, front).choose({"run": middle}, "run")
     assert found == [expected.tradeoff]
-    assert thresholds.state()["found"] == expected._asdict()
+    assert thresholds.state()["found"]["returns"] == expected.returns
     thresholds.require(1, 1e9)  # is cut to the front's best
     assert thresholds.levels[1] == front.returns[:, 1].max()
     thresholds.require(0, 1e9)
@@ -230,9 +230,10 @@ def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypat
         """Have a quantity that this front lacks, as a run of another task."""
         more = np.hstack([values, np.full((4, 1), np.nan)])
         names = *front.quantity_names, "gap (m)"
-        return choosing.Evaluated(front._replace(quantities=more, quantity_names=names))
+        other = front._replace(quantities=more, quantity_names=names)
+        return choosing.Chooser(None, other)
 
-    monkeypatch.setattr(thresholds_module, "chooser", evaluated)
+    monkeypatch.setattr(thresholds_module, "Chooser", evaluated)
     requests, found = Queue(), []
     thresholds = Thresholds(None, front, requests.put, found.append, ["power (W)"])
     thresholds.maximize(2)

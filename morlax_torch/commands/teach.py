@@ -64,7 +64,7 @@ def command(arguments: Sequence[str]) -> None:
     with Live():
         fitted = lesson.finish()
     cli.console.print(
-        f"{len(lesson.comparisons)} answers; the learned reward agrees with "
+        f"{len(lesson.comparisons.answers)} answers; the learned reward agrees with "
         f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"
     )
     config = shlex.quote(str(options.folder / "config.yaml"))

@@ -4,14 +4,13 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from ..evaluation.requirements import Choice, Requirements
-from ..runs.trials import CONDITIONS, Trial
+from ..runs.choosing import CONDITIONS, Trial
 from .html import document, facts, number, row, scrolled, table
 
 
 def card(
     task: str,
     choice: Choice,
-    required: Requirements,
     trials: Mapping[str, Trial],
     about: Mapping[str, str],
     commands: Sequence[str],
@@ -22,13 +21,12 @@ def card(
     Args:
         task: its name.
         choice: what was chosen.
-        required: what it keeps, without a margin.
         trials: the choice under other conditions, by their names.
         about: checkpoint and the like, by name.
         commands: command lines that use the choice.
         strip: film strip as PNG (None: leave it out).
     """
-    names = required.names.all
+    required, names = choice.required, choice.required.names
     wanted = " and ".join(
         f"{'at least' if limit.sign > 0 else 'at most'} {number(limit.level)} of "
         f"{names[limit.index]}"
@@ -43,8 +41,8 @@ def card(
         f'<p class="verdict">{escape(asked)}.<br>The trade-off {escape(weights)}.</p>',
         "" if strip is None else f"<figure>{scrolled('film strip', 'png', strip)}</figure>",
         "<h2>Result</h2>",
-        _values(choice, required),
-        f"<p>{escape(_cost(choice, required))}</p>",
+        _values(choice),
+        f"<p>{escape(_cost(choice))}</p>",
         "<h2>Under other conditions</h2>",
         _trials(trials, required),
         f"<p>{escape(_kept(trials, required))}</p>",
@@ -56,10 +54,11 @@ def card(
     return document(f"{task}: {asked}", parts)
 
 
-def _values(choice: Choice, required: Requirements) -> str:
+def _values(choice: Choice) -> str:
+    required = choice.required
     rows = [row("th", ["value", "required", "promised", "simulated", "margin", ""])]
     for index in required.used:
-        name = required.names.all[index]
+        name = required.names[index]
         limits = [limit.shown(",.4g") for limit in required.limits if limit.index == index]
         promised = number(choice.promised[name]) if name in choice.promised else ""
         margin = f"{choice.margins[name]:+.4g}" if limits else ""
@@ -68,19 +67,20 @@ def _values(choice: Choice, required: Requirements) -> str:
     return table(rows, "facts")
 
 
-def _cost(choice: Choice, required: Requirements) -> str:
+def _cost(choice: Choice) -> str:
+    required = choice.required
     if not required.limits:
         return "Nothing is required."
     best = number(choice.values[required.maximized] + choice.cost)
     return (
         f"The requirements cost {number(choice.cost)} of "
-        f"{required.names.all[required.maximized]}, which reaches {best} without them. "
+        f"{required.names[required.maximized]}, which reaches {best} without them. "
         f"{choice.simulated} trade-offs were simulated."
     )
 
 
 def _trials(trials: Mapping[str, Trial], required: Requirements) -> str:
-    names = [required.names.all[index] for index in required.used]
+    names = [required.names[index] for index in required.used]
     rows = [row("th", ["condition", *names, "falls", "keeps all", ""])]
     for name, trial in trials.items():
         told = "yes" if _keeps(trial, required) else "no"

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from ..configuration.config import Config
 from ..configuration.files import write_yaml
 from ..evaluation.figures.colors import of_objectives
-from ..evaluation.front import Front
-from ..evaluation.representatives import representatives
+from ..evaluation.front import Front, representatives
 from .chart import chart, svg
 from .comparison import Evaluated, Quartiles
 from .html import document, facts, image, number, row, scrolled, table

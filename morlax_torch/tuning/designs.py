@@ -18,7 +18,6 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.figures import designs_figure
 from ..evaluation.figures import save as save_figure
 from ..evaluation.making import embody, evaluation_worlds
-from ..evaluation.names import Names
 from ..evaluation.requirements import Requirements
 from ..host.files import write_file
 from ..host.phases import phase
@@ -153,16 +152,14 @@ class Designer:
         at_most: Mapping[str, float],
         maximize: str,
     ) -> int:
-        """Return the policy that keeps requirements and has most of a value; else MorlaxError."""
-        names = Names(self.policy.objectives, self.quantities, self.policy.config.env)
-        required = Requirements.of(names, at_least, at_most, maximize)
-        best = required.best(simulated.values)
-        if best is None:
-            finite = required.finite(simulated.values)
-            values = simulated.values[finite]
-            scaled = required.with_margin(0.0, values)
-            raise scaled.missed(simulated.tradeoffs[finite], values, "simulated")
-        return best
+        """Return which of the simulated policies keeps requirements and has most of one value.
+
+        Raises:
+            MorlaxError: none keeps them, or a name is unknown.
+        """
+        names = self.policy.objectives, self.quantities
+        required = Requirements.of(*names, at_least, maximize, at_most)
+        return int(required.ranked(simulated.tradeoffs, simulated.values, "simulated")[0])
 
     def write(
         self, folder: Path, simulated: Simulated, default: Simulated, best: np.ndarray

@@ -1,4 +1,4 @@
-"""Which two behaviors a user compares next, and who learns from the answer."""
+"""Questions "A or B?" to a user: which two behaviors to compare next, and who learns from it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -31,6 +31,39 @@ class Comparisons(Protocol):
     def answer(self, preferred: int) -> None:
         """Learn that the user prefers behavior 0 (A) or 1 (B) of the last question."""
         ...
+
+
+class Asking:
+    """Asks "A or B?" until a source has no more questions.
+
+    `behaviors` are A and B, which may be others after each answer, and none at the end.
+    """
+
+    def __init__(self, source: Comparisons):
+        self._source, self.answers = source, 0
+        self._question = source.ask()
+        self._told: dict[str, Any] | None = None  # the answer before
+
+    @property
+    def behaviors(self) -> tuple[Behavior, ...]:
+        return self._question.behaviors if self._question else ()
+
+    def answer(self, preferred: int) -> None:
+        """Learn that the user prefers A (0) or B (1), and ask the next question."""
+        if self._question is not None:
+            self._told = {"preferred": preferred, "policies": self._question.policies}
+            self._source.answer(preferred)
+            self.answers += 1
+            self._question = self._source.ask()
+
+    def skip(self) -> None:
+        """Ask another question."""
+        if self._question is not None:
+            self._told, self._question = None, self._source.ask()
+
+    def state(self) -> dict[str, Any]:
+        """Describe the question for a page."""
+        return {"answers": self.answers, "over": self._question is None, "told": self._told}
 
 
 class PolicyComparisons:

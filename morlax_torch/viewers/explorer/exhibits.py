@@ -8,8 +8,7 @@ from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...runs.loading import bookmark, bookmarks, own_folder
 from . import library
-from .asking import Asking
-from .comparisons import Comparisons, PolicyComparisons
+from .comparisons import Asking, Comparisons, PolicyComparisons
 from .lineup import Lineup
 from .messages import Request
 from .saving import Saving
@@ -176,8 +175,8 @@ class RunExhibit:
                 lineup.measure()
             case "export":
                 self._saving.export(lineup.steered.tradeoff, lineup.steered.reshaped)
-            case "card" if thresholds is not None and thresholds.found is not None:
-                self._saving.card(thresholds.found, *thresholds.wanted())
+            case "card" if thresholds is not None and thresholds.choice is not None:
+                self._saving.card(thresholds.choice)
             case "find" | "again":
                 self._find()
             case "use" | "leave":

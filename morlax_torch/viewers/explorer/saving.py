@@ -2,7 +2,7 @@
 
 import shlex
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -13,7 +13,7 @@ from ...envs import MorlaxError, resolve_device
 from ...envs.making import has_robot
 from ...envs.naming import runs_code, title
 from ...evaluation.requirements import Choice as Chosen
-from ...evaluation.requirements import Requirements, shown
+from ...evaluation.requirements import shown
 from ...host.files import write_file
 from ...host.version import __version__
 from ...networks.policy import Policy
@@ -52,17 +52,10 @@ class Saving:
             save(body, run)
         self._start("Exporting the policy…", write_policy, run, self._folder / POLICY, tradeoff)
 
-    def card(
-        self,
-        found: Chosen,
-        at_least: Mapping[str, float],
-        maximize: str,
-        at_most: Mapping[str, float],
-    ) -> None:
-        """Write the decision card of a choice and what was required of it, by name."""
-        required = Requirements.of(found.names, at_least, at_most, maximize)
+    def card(self, choice: Chosen) -> None:
+        """Write the decision card of a choice."""
         doing, file = "Trying the policy under other conditions…", self._folder / CARD
-        self._start(doing, write_card, self._run, file, found, required)
+        self._start(doing, write_card, self._run, file, choice)
 
     def _start(self, doing: str, write: Callable[..., list[Path]], *arguments: Any) -> None:
         if self._busy:
@@ -101,9 +94,7 @@ def write_policy(task: str | None, run: str, output: Path, tradeoff: Weights) ->
     return [output] if lacks is None else [output, output.with_name(SETTINGS)]
 
 
-def write_card(
-    task: str | None, run: str, output: Path, choice: Chosen, required: Requirements
-) -> list[Path]:
+def write_card(task: str | None, run: str, output: Path, choice: Chosen) -> list[Path]:
     """Write the card of a choice as `morlax choose --card` does; return the file."""
     policy = load(run, resolve_device(None), trust=True, env=task)
     quoted = shlex.quote(run) + (" --trust" if runs_code(policy.config.env) else "")
@@ -111,7 +102,7 @@ def write_card(
         f"morlax export {quoted} --tradeoff {shown(choice.tradeoff)}",
         f"morlax explore {quoted}",
     ]
-    write_file(output, decision_card(run, policy, choice, required, commands).encode())
+    write_file(output, decision_card(run, policy, choice, commands).encode())
     return [output]
 
 
@@ -119,7 +110,6 @@ def decision_card(
     run: str,
     policy: Policy,
     choice: Chosen,
-    required: Requirements,
     commands: Sequence[str],
     seed: int = 0,
 ) -> str:
@@ -128,15 +118,15 @@ def decision_card(
     `commands` are command lines that use it. The policy ends on the CPU.
     """
     from ...reports.card import card  # takes a while to import
-    from ...runs.trials import trials
+    from ...runs.choosing import trials
     from ..filming.recording import strip
 
     tried, env = trials(policy, choice.tradeoff, seed), policy.config.env
-    about = {
+    facts = {
         "run": run,
         "checkpoint": str(find_checkpoint(run)),
         "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
         "morlax-torch": __version__,
     }
     picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
-    return card(title(env), choice, required, tried, about, commands, picture)
+    return card(title(env), choice, tried, facts, commands, picture)

@@ -14,10 +14,9 @@ from ...envs import MorlaxError
 from ...host.phases import phase
 from .deployment import Export
 from .disturbances import Disturbances
-from .episodes import check_times, policy_of
+from .episodes import Wishes, check_times, policy_of
 from .robot import Robot
 from .steering import Gamepad, Steering
-from .wishes import Wishes
 
 SIZE = 480, 360  # pixels of a film
 FASTEST = 30.0  # frames per second of a film
