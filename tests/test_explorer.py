@@ -242,7 +242,7 @@ def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypat
     while thresholds.searching:
         requests.get(timeout=PATIENCE)()
     wanted = {"speed (m/s)": 1.0}, "speed (m/s)", {"power (W)": 45.0}
-    assert thresholds.wanted() == wanted
+    assert thresholds._wanted() == wanted
     assert found == [tuple(front.tradeoffs[2])]
     told = thresholds.state()
     assert told["levels"] == {"3": 45.0, "2": 1.0} and told["maximized"] == 2
