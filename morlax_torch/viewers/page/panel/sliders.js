@@ -30,10 +30,8 @@ export class Sliders {
   /** Show the values of all sliders; one that a visitor holds stays under the hand. */
   show(values) {
     values.forEach((value, i) => {
-      const { limits: [min, max], format } = this.rows[i];
       if (!this.inputs[i].matches(":active")) this.inputs[i].value = value;
-      this.outputs[i].textContent = format(value);
-      this.elements[i].style.setProperty("--share", (value - min) / (max - min));
+      this.outputs[i].textContent = this.rows[i].format(value);
     });
   }
 }
