@@ -31,7 +31,9 @@ export class Sliders {
   show(values) {
     values.forEach((value, i) => {
       if (!this.inputs[i].matches(":active")) this.inputs[i].value = value;
-      this.outputs[i].textContent = this.rows[i].format(value);
+      const { limits: [min, max], format } = this.rows[i];
+      this.outputs[i].textContent = format(value);
+      this.elements[i].style.setProperty("--share", (value - min) / (max - min));
     });
   }
 }
