@@ -17,6 +17,7 @@ export class Surroundings {
    */
   constructor(scene, size, floorHeight, lanes, gap) {
     this.scene = scene;
+    this.scene.backgroundRotation.x = Math.PI / 2; // three.js's sky is above y, MuJoCo's above z
     this.size = size;
     this.tile = size > 1 ? 1 : 0.25;
     this.sun = sunlight(size, lanes.at(-1));
