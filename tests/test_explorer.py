@@ -274,7 +274,7 @@ def test_files_are_written_while_the_robots_go_on(tmp_path, make_run):
     assert json.loads(about["run"])["sha256"] == latest
 
     saving = Saving(library.choose(str(run)), requests.put)
-    saving.card(choosing.choose(str(run), {}, "run", device="cpu"), {}, "run", {})
+    saving.card(choosing.choose(str(run), {}, "run", device="cpu"))
     assert wait() == f"written: {run / 'decision.html'}"
     assert "As much run as possible" in (run / "decision.html").read_text()
 
