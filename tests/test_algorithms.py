@@ -17,11 +17,12 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from morlax_torch import MorlaxError, config_for, load, save
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.methods import AMOR, HyperMORL
-from morlax_torch.algorithms.pg_morl.learner import PGMORL
-from morlax_torch.algorithms.registry import LEARNERS, make_learner
+from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.baselines.pg_morl.learner import PGMORL
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
@@ -51,14 +52,14 @@ SCALAR: dict[str, Any] = {"ppo.critic": "scalar", "ppo.optimizer": "joint"}
 SPARSE: dict[str, Any] = {"sampling.mode": "sparse"}
 LONGER = {"env": TASK.replace(Quadratic.__name__, Sprint.__name__)}  # than one step
 CASES = [
-    *((name, {}) for name in LEARNERS),
+    *((name, {}) for name in ALGORITHMS),
     ("morlax", SCALAR),
     ("amor", SPARSE),
     ("hyper-sac", LONGER),
     ("pd-morl", LONGER),
 ]
 NAMES = [
-    *LEARNERS,
+    *ALGORITHMS,
     "as released",
     "sparse amor",
     "hyper-sac in longer episodes",
@@ -97,7 +98,7 @@ def iterate(learner: Any, iterations: int) -> None:
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize(
     "algorithm",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name != "morlax")) for name in LEARNERS],
+    [pytest.param(name, marks=[pytest.mark.slow] * (name != "morlax")) for name in ALGORITHMS],
 )
 def test_it_finds_the_front(algorithm, device):
     if device == "cuda" and not torch.cuda.is_available():
@@ -377,7 +378,7 @@ def test_an_independent_policy_is_that_of_plain_ppo():
     assert_close(alone.agent.critic.rows[2], learner.agent.critic.rows[2])
 
 
-@pytest.mark.parametrize("algorithm", LEARNERS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_resumed_run_s_policies_still_return_what_was_measured(algorithm, tmp_path):
     """Loaded, saved without training's state and loaded again, and as the policy of a trade-off."""
     folder = train(small(algorithm, 6, **LONGER), output=tmp_path / "run").folder

@@ -12,10 +12,10 @@ from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, config_for
 from morlax_torch.algorithms.off_policy.hyper_sac import HyperSAC
-from morlax_torch.algorithms.off_policy.interpolator import Interpolator, angle
 from morlax_torch.algorithms.off_policy.replay import Replay, Transitions
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.baselines.pd_morl.interpolator import Interpolator, angle
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
 from morlax_torch.runs.contents import check_state
 from morlax_torch.runs.training import make_worlds

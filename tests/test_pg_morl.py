@@ -9,9 +9,10 @@ import torch
 
 from morlax_torch import Policy, config_for
 from morlax_torch.algorithms.base import make_agent
-from morlax_torch.algorithms.pg_morl import learner as pg_morl
-from morlax_torch.algorithms.pg_morl import population, prediction, selection
-from morlax_torch.algorithms.pg_morl.learner import PGMORL
+from morlax_torch.baselines.pg_morl import learner as pg_morl
+from morlax_torch.baselines.pg_morl import population, prediction, selection
+from morlax_torch.baselines.pg_morl.agent import belongings
+from morlax_torch.baselines.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation import pareto
 from morlax_torch.exports.exporting import export
@@ -30,13 +31,7 @@ def angle(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(a @ b / np.sqrt((a @ a) * (b @ b)), -1, 1))))
 
 
-def test_two_objectives_have_directions_at_the_centers_of_equal_angles():
-    x, y = population.directions(9, 2).T
-    assert np.degrees(np.arctan2(x, y)) == pytest.approx(5 + 10 * np.arange(9))
-    assert x**2 + y**2 == pytest.approx(np.ones(9))
-
-
-@pytest.mark.parametrize(("number", "m"), [(1, 3), (6, 3), (50, 3), (30, 4), (20, 6)])
+@pytest.mark.parametrize(("number", "m"), [(1, 3), (9, 2), (50, 3), (20, 6)])
 def test_directions_are_unit_vectors_of_the_positive_orthant_that_share_it_evenly(number, m):
     directions = population.directions(number, m)
     assert directions.shape == (number, m)
@@ -60,8 +55,7 @@ def slow_buffer(
     return [i for content in bins for _, i in sorted(content)[:size]]
 
 
-@pytest.mark.parametrize("m", (2, 3, 4))
-@pytest.mark.parametrize("size", (1, 2, 5))
+@pytest.mark.parametrize(("m", "size"), [(2, 1), (3, 2), (4, 5)])
 def test_each_bin_keeps_its_policies_farthest_from_the_reference(m, size):
     random = np.random.default_rng(m)
     returns = random.normal(2, 1, (150, m)) * 10.0 ** np.arange(m)
@@ -110,14 +104,6 @@ def test_candidates_of_more_objectives_lie_within_45_degrees(m):
         assert min(different) > 5
 
 
-def test_the_corner_farthest_from_the_current_tradeoff_is_turned_to_45_degrees():
-    center = np.array([[0.6, 0.3, 0.1]])
-    turned = population.turned_towards(center / np.linalg.norm(center), np.eye(3))[0]
-    assert angle(center[0], turned[2]) == pytest.approx(45)
-    # the center, the turned vector and the corner lie in one plane
-    assert np.linalg.det([center[0], turned[1], np.eye(3)[1]]) == pytest.approx(0, abs=1e-12)
-
-
 def hyperbolic(x: np.ndarray, A: float, a: float, b: float, c: float) -> np.ndarray:
     return A * (np.exp(a * (x - b)) - 1) / (np.exp(a * (x - b)) + 1) + c
 
@@ -135,16 +121,11 @@ def history(
     return before, weights, change + random.normal(0, 1, change.shape) * noise
 
 
-def test_the_model_is_the_one_of_the_paper_and_its_derivatives_are_right():
+def test_the_model_is_the_one_of_the_paper():
     random = np.random.default_rng(0)
-    parameters = random.uniform([0, 0.1, -1, -1], [1, 20, 2, 2], (50, 4))
-    x = random.random(50)
+    parameters, x = random.uniform([0, 0.1, -1, -1], [1, 20, 2, 2], (50, 4)), random.random(50)
     expected = [hyperbolic(value, *row) for value, row in zip(x, parameters, strict=True)]
     assert prediction.hyperbolic(parameters, x) == pytest.approx(expected)
-    derivatives = prediction.jacobian(parameters, x)
-    for k, step in enumerate(np.eye(4) * 1e-6):
-        above, below = (prediction.hyperbolic(parameters + s * step, x) for s in (1, -1))
-        assert derivatives[:, k] == pytest.approx((above - below) / 2e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
@@ -215,35 +196,6 @@ def test_neighborhoods_equal_a_slow_search(m, kinds):
         assert {i: found[i] for i in expected} == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(("number", "noise"), [(6, 0.1), (60, 0.2)])
-def test_fits_are_as_good_as_those_of_scipy(number, noise):
-    optimize = pytest.importorskip("scipy.optimize")
-    random = np.random.default_rng(number)
-    shape = 16, number
-    x, closeness = random.random(shape), np.exp(-3 * random.random(shape) ** 2)
-    y = [hyperbolic(row, random.uniform(0.2, 0.6), random.uniform(2, 15), 0.5, 0.5) for row in x]
-    y = np.stack(y) + random.normal(0, noise, shape)
-    y[:, 0] += random.normal(0, 3, 16)
-    fits = prediction.fitted(x, y, closeness)
-    assert (fits >= prediction.LOWEST).all()
-    assert (fits <= prediction.HIGHEST).all()
-    losses = prediction.soft_l1(closeness * (prediction.hyperbolic(fits[:, None], x) - y))
-    others = []
-    for row in range(16):
-        arguments = x[row], y[row], closeness[row]
-        found = optimize.least_squares(
-            lambda p, x, y, closeness: closeness * (hyperbolic(x, *p) - y),
-            prediction.START,
-            bounds=(prediction.LOWEST, prediction.HIGHEST),
-            loss="soft_l1",
-            f_scale=prediction.SOFT,
-            args=arguments,
-        )
-        others.append(found.cost)
-    assert losses.sum() < 1.01 * sum(others)
-    assert np.quantile(losses / others, 0.9) < 1.01
-
-
 @pytest.mark.parametrize("m", (2, 3))
 def test_predictions_scale_with_the_units_of_the_returns(m):
     before, weights, change = history(50, m, noise=3)
@@ -263,7 +215,7 @@ def test_without_differences_the_same_change_is_predicted_everywhere(m):
     points = np.full((3, m), 5.0)
     candidates = np.random.default_rng(0).dirichlet(np.ones(m), (3, 4))
     change = np.arange(1.0, m + 1)
-    nothing, lost = np.zeros((0, m)), np.full((1, m), NAN)
+    nothing, lost = np.zeros((0, m)), np.full((1, m), NAN)  # what is not finite is ignored
     for before, weights, changes, expected in (
         (nothing, nothing, nothing, 5),
         (lost, candidates[0, :1], lost, 5),
@@ -274,16 +226,6 @@ def test_without_differences_the_same_change_is_predicted_everywhere(m):
         assert predicted == pytest.approx(np.broadcast_to(expected, (3, 4, m)))
     none = prediction.predict(points, points, points, np.zeros((0, m)), np.zeros((0, 7, m)))
     assert none.shape == (0, 7, m)
-
-
-def test_stretches_that_are_not_finite_are_ignored():
-    before, weights, change = history(30, 2, noise=1)
-    points, candidates = np.full((1, 2), 100.0), weights[None, :5]
-    expected = prediction.predict(before, weights, change, points, candidates)
-    before = np.concatenate([before, [[NAN, 1], [1, 1]]])
-    change = np.concatenate([change, [[0, 0], [np.inf, 0]]])
-    weights = np.concatenate([weights, weights[:2]])
-    assert (prediction.predict(before, weights, change, points, candidates) == expected).all()
 
 
 def slow_selection(
@@ -422,10 +364,8 @@ def made(config: Config, iterations: int = 0) -> PGMORL:
 
 def simulated_again(learner: PGMORL, number: int) -> np.ndarray:
     """Return what the policies of the archive return in episodes of their own, (number, m)."""
-    again = make_agent(learner.env, learner.config, number)
-    for own, archived in zip(
-        pg_morl.belongings(again), pg_morl.belongings(learner.agent), strict=True
-    ):
+    again = make_agent(learner.env, learner.config, in_order=number)
+    for own, archived in zip(belongings(again), belongings(learner.agent), strict=True):
         own.copy_(archived[:number])
     return pg_morl.measuring(again, learner.config, 2).evaluate().returns
 
@@ -457,25 +397,6 @@ def test_policies_that_return_to_training_are_what_was_stored():
     assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
     means = learner.agent.observation_normalizer.mean[: learner._archived]
     assert len(means.unique(dim=0)) > 1
-
-
-@pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])
-def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatch):
-    sizes = {"worlds": 4096, "horizon": 32, "sampling.clusters": 16, "device": "cpu"}
-    config = config_for(task, algorithm="pg-morl", max_env_steps=10**9, **sizes)
-    length = config.task.episode_length
-    generation, spacing = pg_morl.intervals(config, length, device)
-    assert spacing == 20
-    worlds = max(16 * generation / spacing, pg_morl.LATENCY[device])
-    spent, trained = worlds * length, generation * 4096 * 32
-    assert spent <= 0.08 * (spent + trained)
-    if generation > spacing:
-        fewer = (generation - 1) * 4096 * 32
-        assert spent > 0.08 * (spent + fewer)
-    small = config.model_copy(update={"worlds": 64})
-    generation, spacing = pg_morl.intervals(small, length, "cpu")
-    assert generation == spacing
-    assert 16 * length <= 0.08 * (16 * length + generation * 64 * 32)
 
 
 @pytest.mark.parametrize("format", ["onnx", "torchscript"])

@@ -24,7 +24,7 @@ from tiny import tiny
 from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.configuration.config import config_class
-from morlax_torch.configuration.sections import OPTIONS, SamplingConfig
+from morlax_torch.configuration.sections import ALGORITHMS, SamplingConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.phases import phase, within
 from morlax_torch.runs.progress import Evaluation, Progress
@@ -246,7 +246,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
     models = [arguments.Command, tune_arguments.TuneOptions]
-    models += [config_class(env, name) for name in ("morlax", *OPTIONS)]
+    models += [config_class(env, name) for name in ALGORITHMS]
     for model in models:
         assert not undescribed(model)
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ..configuration.sections import PPOConfig
-from ..gpu.fused import kernel
+from ..gpu import fused
 from ..gpu.graph import Branch
 from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
@@ -17,7 +17,6 @@ from .batch import Batch
 RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learning rate
 
 
-@kernel("loss_kernels.policy_loss")
 def policy_loss(
     output: Tensor,
     action: Tensor,
@@ -91,6 +90,8 @@ class PPO:
         self.entropy = actor[0].new_tensor(config.entropy)
         self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
         self._branch = Branch(actor[0].device)
+        kernels = fused.kernels(actor[0].device)
+        self._policy_loss = kernels.policy_loss if kernels else policy_loss
 
     def state(self) -> list[Tensor]:
         """Return every tensor of the optimizers, in a fixed order; all are updated in place."""
@@ -162,7 +163,7 @@ class PPO:
     def policy_loss(self, conditions: Tensor, batch: Batch, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Compute `policy_loss` of the current actors on a minibatch with noise (K, S, A)."""
         policy = self.agent.policies(conditions)(batch.observation)
-        return policy_loss(
+        return self._policy_loss(
             policy.output,
             batch.action,
             noise,

@@ -7,27 +7,69 @@ from torch import Tensor, nn
 
 from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
+from ..envs.worlds import sides
+from ..envs.worlds.designs import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
 from ..gpu.group import ALONE, Group
 from ..gpu.resources import one_thread
+from ..networks.agent import Agent
 from ..scalarizations.registry import make_scalarization
 from .base import BaseLearner, make_agent
 from .batch import Table, expected_returns, make_batch
-from .designs import DesignDraws
-from .metrics import read
 from .ppo import PPO
 from .rollout import collect
 
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
 
 
+class DesignDraws:
+    """Gives each of K clusters a body, for as long as an episode may last, and then another one.
+
+    Clusters begin at even distances in time, so that a few of them change in each iteration.
+
+    Args:
+        env: the worlds, which adopt a bank of `config.sampling.designs` bodies.
+        config: with K clusters.
+        seed: of the bank.
+    """
+
+    def __init__(self, env: Environment, config: Config, seed: int):
+        space, K = DesignSpace(env.designs), config.num_clusters
+        self.env, self._each = env, config.worlds // K
+        self.bank = compile_bank(env, space.spread(config.sampling.designs, seed))
+        if config.network.symmetric and type(env).mirror is Environment.mirror:
+            for row in {*self.bank.designs.argmin(0), *self.bank.designs.argmax(0)}:
+                body = self.bank.models[row]
+                sides.check(body, sides.motion_of(body), config.network.symmetry_tolerance)
+        contexts = torch.from_numpy(space.scaled(self.bank.designs)).float()
+        self._contexts = contexts.to(env.device)  # (D, d)
+        env.adopt(self.bank)
+        self.rows = torch.zeros(K, dtype=torch.int64, device=env.device)  # of the bank
+        # steps until a cluster changes its body; at first, all get one
+        self.left = -(torch.arange(K, device=env.device) * env.episode_length // K)
+        self.state = {"design_rows": self.rows, "design_steps": self.left}
+
+    @property
+    def context(self) -> Tensor:
+        """(K, d)"""
+        return self._contexts[self.rows]
+
+    def draw(self, steps: int, generator: torch.Generator) -> Tensor:
+        """Change the bodies that are due, before so many steps; returns which worlds, (N,) bool."""
+        due = self.left <= 0
+        drawn = torch.empty_like(self.rows).random_(0, len(self._contexts), generator=generator)
+        self.rows.copy_(torch.where(due, drawn, self.rows))
+        self.left.add_(torch.where(due, self.env.episode_length, 0)).sub_(steps)
+        bodies, fresh = (x[:, None].expand(-1, self._each).flatten() for x in (self.rows, due))
+        self.env.embody(bodies, fresh)
+        return fresh
+
+
 class Trainer(BaseLearner):
     """Trains an agent with PPO, as all methods do. Subclasses say what is special about them.
 
-    Arguments and errors are those of `MORLAX`.
+    Arguments and errors are those of `MORLAX`; `agent` replaces the one of the config.
     """
-
-    in_order = False  # trains K independent networks, each with the trade-off in its place
 
     def __init__(
         self,
@@ -37,14 +79,14 @@ class Trainer(BaseLearner):
         critic: nn.Module | None = None,
         *,
         group: Group = ALONE,
+        agent: Agent | None = None,
     ):
         if config.ppo.truncation == "bootstrap" and not env.shows_endings:
             raise MorlaxError(
                 "these worlds do not show how an episode ended, so there is no value to bootstrap "
                 "from: set ppo.truncation to mask."
             )
-        number = config.num_clusters if self.in_order else 0
-        agent = make_agent(env, config, number, actor=actor, critic=critic)
+        agent = agent or make_agent(env, config, actor=actor, critic=critic)
         super().__init__(env, config, agent, group)
         self.ppo = PPO(agent, config.ppo, group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
@@ -152,11 +194,11 @@ class Trainer(BaseLearner):
             **{f"gradient_norm/{name}": own.norms / updates for name, own in optimizers.items()},
             **self.scalarization.metrics(self.env.objectives),
         }
-        found = read(parts, self.env, self._episodes, self.group)
+        metrics = self._read(parts)
         if self.designs:
-            found["bodies"] = len(self.designs.bank.models)
+            metrics["bodies"] = len(self.designs.bank.models)
         self._restart_metrics()
-        return found
+        return metrics
 
     def _restart_metrics(self) -> None:
         self._iterations = 0

@@ -1,12 +1,21 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from typing import Annotated, Any, Literal, Self
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 
 from ..envs.worlds.options import Count, Section
 
+if TYPE_CHECKING:
+    from .config import Config
+
+Algorithm = Literal[
+    "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent"
+]
+ALGORITHMS: tuple[str, ...] = get_args(Algorithm)
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 
 Width = Annotated[int, Field(ge=1, le=65536)]
@@ -149,17 +158,57 @@ class EvaluationConfig(Section):
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
 
+    required: ClassVar[dict[str, Any]] = {}  # values that the algorithm cannot do without
+    weighted_sums: ClassVar[bool] = False  # whether it knows no other scalarization
+
+    @property
+    def num_networks(self) -> int:
+        """R of the algorithm's own number of independent networks; 0: as `sampling` says."""
+        return 0
+
+    def check(self, config: "Config") -> None:
+        """Raise ValueError unless the options fit the config."""
+
+    def agent_class(self) -> Any:
+        """Return the class of the algorithm's own kind of `Agent`, which imports torch, or None."""
+        return None
+
+
+class AMOROptions(MethodOptions):
+    """AMOR has no options."""
+
+    required: ClassVar[dict[str, Any]] = {"network.type": "conditioned"}
+
+
+class IndependentOptions(MethodOptions):
+    """Independent policies have no options."""
+
+    required: ClassVar[dict[str, Any]] = {
+        "network.type": "independent",
+        "sampling.mode": "sparse",
+        "sampling.corners": 0,
+    }
+
 
 class HyperMORLOptions(MethodOptions):
     """Options of HYPER-MORL."""
 
+    required: ClassVar[dict[str, Any]] = {
+        "network.type": "single",
+        "sampling.mode": "sparse",
+        "sampling.corners": 0,
+    }
     warmup: float = Field(default=0.1, ge=0, le=1)
     """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
+
+    def check(self, config: "Config") -> None:
+        check_end(config)
 
 
 class OffPolicyOptions(MethodOptions):
     """Options of the algorithms that learn from a replay."""
 
+    weighted_sums: ClassVar[bool] = True
     updates: Count = 128
     """Gradient steps per iteration."""
     replay: int = Field(default=500_000, gt=0, lt=2**40)
@@ -180,6 +229,11 @@ class OffPolicyOptions(MethodOptions):
 class HyperSACOptions(OffPolicyOptions):
     """Options of hyper-sac."""
 
+    required: ClassVar[dict[str, Any]] = {
+        "network.type": "dual",
+        "sampling.mode": "sparse",
+        "ppo.critic": "vector",
+    }
     batch: Count = 1024
     """Transitions of a gradient step; must be a multiple of sampling.clusters."""
     target_rate: float = Field(default=0.01, gt=0, le=1)
@@ -196,93 +250,44 @@ class HyperSACOptions(OffPolicyOptions):
     """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
 
-
-class PDMORLOptions(OffPolicyOptions):
-    """Options of PD-MORL."""
-
-    updates: Count = 200
-    """Gradient steps of the critics per iteration; must be a multiple of method.delay."""
-    batch: Count = 256
-    """Samples of a gradient step; must be a multiple of method.relabels + 1."""
-    start: int = Field(default=5_000, gt=0, lt=2**40)
-    """Transitions to store, with uniformly random actions, before the first gradient step."""
-    learning_rate: float = Field(default=3e-4, gt=0, le=1)
-    discount: float = Field(default=0.995, ge=0, le=1)
-    target_rate: float = Field(default=0.005, gt=0, le=1)
-    """Step of the target networks towards the networks, per gradient step of the actor."""
-    delay: Count = 2
-    """Gradient steps of the critics per gradient step of the actor."""
-    relabels: NonNegativeInt = 3
-    """Samples with a random trade-off per sample with the trade-off that acted."""
-    exploration: float = Field(default=0.1, ge=0, le=1)
-    """Standard deviation of the noise on actions in (-1, 1) that explore."""
-    smoothing: float = Field(default=0.2, ge=0, le=1)
-    """Standard deviation of the noise on actions in (-1, 1) that targets value."""
-    clip: float = Field(default=0.5, ge=0, le=1)
-    """Largest noise of method.smoothing."""
-    warmup: float = Field(default=0.4, ge=0, le=1)
-    """Share of max_env_steps or max_seconds for which only the key trade-offs, the corners and the
-    balanced one, are trained, without angles in the losses."""
-    refresh: int = Field(default=20_000, gt=0, lt=2**40)
-    """Environment steps between evaluations of the key trade-offs."""
-    critic_angle: NonNegativeFloat = 1.0
-    """Weight of the angle in the critics' loss, per degree."""
-    actor_angle: NonNegativeFloat = 10.0
-    """Weight of the angle in the actor's loss, in units of weighted returns per degree."""
-
-    @property
-    def rounds(self) -> int:
-        return self.updates // self.delay
-
-
-class PGMORLOptions(MethodOptions):
-    """Options of PG-MORL."""
-
-    generation: Count | None = None
-    """Iterations between two selections of what to train (None: at least 20, and so many that
-    measuring the policies takes at most about 8 % of the time)."""
-    warmup: Count = 80
-    """Iterations for which each policy keeps its trade-off of an even grid."""
-    bins: Annotated[int, Field(ge=1, le=10_000)] = 100
-    """Directions of the objective space in which policies are kept."""
-    bin_size: Annotated[int, Field(ge=1, le=100)] = 2
-    """Number of policies kept per direction."""
-    candidates: Annotated[int, Field(ge=2, le=1000)] = 7
-    """Trade-offs considered for each of the kept policies."""
-    sparsity: NonNegativeFloat = 1.0
-    """Weight of the front's sparsity, beside its hypervolume, in the selection."""
+    def check(self, config: "Config") -> None:
+        check_multiple("batch", self.batch, "sampling.clusters", config.num_clusters)
 
 
 OPTIONS: dict[str, type[MethodOptions]] = {
+    "morlax": MethodOptions,
     "hyper-sac": HyperSACOptions,
-    "pd-morl": PDMORLOptions,
+    "amor": AMOROptions,
     "hyper-morl": HyperMORLOptions,
-    "pg-morl": PGMORLOptions,
+    "independent": IndependentOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
-REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
-    "amor": {"network.type": "conditioned"},
-    "hyper-morl": {"network.type": "single", "sampling.mode": "sparse", "sampling.corners": 0},
-    "independent": {
-        "network.type": "independent",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-    },
-    "hyper-sac": {
-        "network.type": "dual",
-        "sampling.mode": "sparse",
-        "ppo.critic": "vector",
-    },
-    "pd-morl": {
-        "network.type": "conditioned",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-        "ppo.critic": "vector",
-    },
-    "pg-morl": {
-        "network.type": "independent",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-        "ppo.optimizer": "separate",
-    },
-}
+
+
+def baseline(algorithm: str, module: str) -> ModuleType | None:
+    """Import a module of `morlax_torch.baselines` by the algorithm's name; None of others."""
+    if algorithm not in ALGORITHMS or algorithm in OPTIONS:
+        return None
+    package = __package__.rpartition(".")[0]
+    return import_module(f"{package}.baselines.{algorithm.replace('-', '_')}.{module}")
+
+
+def options_class(algorithm: str) -> type[MethodOptions]:
+    """Return the class of an algorithm's options."""
+    module = baseline(algorithm, "options")
+    return module.OPTIONS if module else OPTIONS.get(algorithm, MethodOptions)
+
+
+def check_multiple(name: str, value: int, other: str, factor: int) -> None:
+    """Raise ValueError unless an option of the algorithm is a multiple of another number."""
+    if value % factor:
+        raise ValueError(
+            f"method.{name} ({value}) must be a multiple of {other} ({factor}): "
+            f"try --method.{name} {max(1, value // factor) * factor}"
+        )
+
+
+def check_end(config: "Config") -> None:
+    """Raise ValueError unless the run has an end, of which a warm-up can be a share."""
+    if not config.ends:
+        raise ValueError("method.warmup needs max_env_steps or max_seconds: it is a share of them")

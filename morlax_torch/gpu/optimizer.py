@@ -7,13 +7,12 @@ import torch
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
-from .fused import kernel
+from . import fused
 from .group import ALONE, Group
 
 DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of the moments, per step; keeps steps finite
 
 
-@kernel("adam_kernels.step")
 def step(
     vector: Tensor,
     gradients: Sequence[Tensor],
@@ -90,6 +89,8 @@ class ClippedAdam:
             parameter.data = part.view_as(parameter)
         self.mean, self.square = torch.zeros_like(self.vector), torch.zeros_like(self.vector)
         self.steps, self.rate = self.vector.new_zeros(()), self.vector.new_tensor(rate)
+        kernels = fused.kernels(self.vector.device)
+        self._step = kernels.step if kernels else step
         self.norms = torch.zeros_like(self.rate)
         """Sum over steps of the gradients' norm before clipping, a mean over networks."""
 
@@ -121,7 +122,7 @@ class ClippedAdam:
         if self.networks > 1:
             gradients, max_norm, norms = self._clipped(gradients), math.inf, None
         state = self.mean, self.square, self.steps, self.rate
-        step(self.vector, gradients, *state, max_norm, norms)
+        self._step(self.vector, gradients, *state, max_norm, norms)
 
     def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
         """Average gradients over the processes, in one collective."""

@@ -75,7 +75,7 @@ class Hypernetwork(Generated):
     def flat(self, conditions: Tensor) -> Tensor:
         inputs = on_simplex(conditions, self._num_objectives)
         features = fused.mlp(inputs, self._features_mlp, self.features)  # (K, F)
-        return fused.affine(features, self.weight, self.bias)
+        return torch.addmm(self.bias, features, self.weight.t())
 
     @torch.no_grad()
     def collapse(self, condition: Tensor) -> None:

@@ -11,7 +11,7 @@ from ..algorithms.learner import Learner
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
 from ..files import AnyPath, exists, is_file, is_folder
-from ..networks.agent import Agent
+from ..networks.agent import Sizes, agent_class
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
 from . import checkpoint, models
@@ -99,15 +99,14 @@ def load(
     contents = checkpoint.load(path)
     config = checkpoint.read_config(contents, path, trust, env)
     task = contents.environment
-    agent = Agent(
-        config,
+    sizes = Sizes(
         task.observation_size,
         task.action_size,
         len(task.objectives),
-        privileged_size=task.privileged_size,
-        actor=actor,
-        designs=task.designs,
+        task.privileged_size,
+        task.designs,
     )
+    agent = agent_class(config)(config, sizes, actor=actor)
     own = dict(contents.own_networks)
     own_critic = own.pop("critic", None)
     checkpoint.check_networks(own, agent.own_networks(), path)

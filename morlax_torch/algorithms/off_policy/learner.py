@@ -14,7 +14,6 @@ from ...gpu.group import ALONE, Group
 from ...gpu.optimizer import ClippedAdam
 from ...gpu.resources import one_thread
 from ..base import BaseLearner, make_agent
-from ..metrics import read
 from ..rollout import Explore, Rollout, collect
 from .replay import Replay
 
@@ -124,9 +123,9 @@ class OffPolicy(BaseLearner):
             **dict(zip(rewards, self._rewards / max(1, self._iterations), strict=True)),
             **self._other_metrics(),
         }
-        found = read(parts, self.env, self._episodes, self.group)
+        metrics = self._read(parts)
         self._restart_metrics()
-        return found
+        return metrics
 
     def _other_metrics(self) -> dict[str, Tensor]:
         return {}

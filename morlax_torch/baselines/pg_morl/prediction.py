@@ -6,6 +6,7 @@ authors' code has constants in units of their rewards, objectives are scaled by 
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -23,8 +24,6 @@ LOWEST = np.array([0.0, 0.1, -5.0, -1.0])
 HIGHEST = np.array([1.0, 20.0, 5.0, 2.0])
 START = np.array([0.5, 5.0, 0.5, 0.5])
 SOFT = 0.1  # scaled residual at which the loss turns from quadratic to linear
-FIT_STEPS = 50
-FIT_TOLERANCE = 1e-6  # relative decrease of the loss at which a fit ends
 
 
 def predict(
@@ -68,8 +67,8 @@ def predict(
     closeness = np.broadcast_to(closeness[:, None], y.shape)
     low, extent = trimmed_range(y, closeness > 0)
     scaled = (y - low[..., None]) / np.where(extent > 0, extent, 1)[..., None]
-    size = y.shape[-1]
-    fits = fitted(*(array.reshape(-1, size) for array in (x, scaled, closeness)))
+    rows = (array.reshape(-1, y.shape[-1]) for array in (x, scaled, closeness))
+    fits = np.stack([fitted(*row) for row in zip(*rows, strict=True)])
     fits = fits.reshape(*low.shape, 1, len(START))
     predicted = hyperbolic(fits, np.moveaxis(candidates, 1, 2))
     return points[:, None] + np.moveaxis(low[..., None] + extent[..., None] * predicted, 2, 1)
@@ -146,80 +145,15 @@ def hyperbolic(parameters: Array, x: Array) -> Array:
     return A * np.tanh(a * (x - b) / 2) + c
 
 
-def jacobian(parameters: Array, x: Array) -> Array:
-    """Return the derivatives (..., 4) of `hyperbolic` by its parameters."""
-    A, a, b, _ = np.moveaxis(parameters, -1, 0)
-    t = np.tanh(a * (x - b) / 2)
-    slope = A * (1 - t * t) / 2
-    return np.stack([t, slope * (x - b), -slope * a, np.ones_like(t)], -1)
-
-
 def fitted(x: Array, y: Array, closeness: Array) -> Array:
-    """Fit n hyperbolic models at once, each to its own k points, and return parameters (n, 4).
+    """Fit a hyperbolic model to k points, all (k,), and return its parameters (4,).
 
-    Minimizes sum_i L(closeness_i (f(x_i) - y_i)) within the bounds, where L is the soft-L1 loss
-
-        L(r) = s^2 (sqrt(1 + (r / s)^2) - 1),
-
-    by Levenberg-Marquardt steps on iteratively reweighted least squares. A fit ends when a step
-    improves its loss no more than the tolerance. All arguments are (n, k).
+    Minimizes sum_i L(closeness_i (f(x_i) - y_i)) within the bounds, where L is the soft-L1 loss.
     """
-    result = np.tile(START, (len(x), 1))
-    running = np.arange(len(x))
-    parameters, damping = result.copy(), np.full(len(x), 1e-2)
-    residuals = closeness * (hyperbolic(parameters[:, None], x) - y)
-    loss = soft_l1(residuals)
-    for _ in range(FIT_STEPS):
-        step = damped_step(parameters, x, residuals, closeness, damping)
-        trial = np.clip(parameters + step, LOWEST, HIGHEST)
-        trial_residuals = closeness * (hyperbolic(trial[:, None], x) - y)
-        trial_loss = soft_l1(trial_residuals)
-        better = trial_loss < loss
-        ended = better & (trial_loss > (1 - FIT_TOLERANCE) * loss) | (damping > 1e6)
-        parameters[better] = trial[better]
-        residuals[better] = trial_residuals[better]
-        loss[better] = trial_loss[better]
-        damping = np.maximum(damping * np.where(better, 0.2, 5), 1e-9)
-        result[running] = parameters
-        if ended.any():
-            running = running[~ended]
-            parameters, damping, residuals, loss, x, y, closeness = (
-                array[~ended] for array in (parameters, damping, residuals, loss, x, y, closeness)
-            )
-        if not len(running):
-            break
-    return result
-
-
-def soft_l1(residuals: Array) -> Array:
-    """Compute the loss (n,) of residuals (n, k)."""
-    return np.square(SOFT) * (np.sqrt(1 + np.square(residuals / SOFT)) - 1).sum(-1)
-
-
-def damped_step(
-    parameters: Array, x: Array, residuals: Array, closeness: Array, damping: Array
-) -> Array:
-    """Return a Levenberg-Marquardt step (n, 4) of each fit.
-
-    A parameter that is at a bound and would cross it is held, so that the others move as they would
-    without it.
-
-    Args:
-        parameters: Parameters (n, 4) within the bounds.
-        x: Weights (n, k) of the objective.
-        residuals: Residuals (n, k), multiplied by closeness.
-        closeness: Factors (n, k) of the residuals.
-        damping: Shares (n,) of the diagonal to add to it.
-    """
-    slopes = jacobian(parameters[:, None], x) * closeness[..., None]
-    robust = 1 / np.sqrt(1 + np.square(residuals / SOFT))
-    gradient = ((robust * residuals)[:, None] @ slopes)[:, 0]
-    squares = slopes.mT @ (robust[..., None] * slopes)
-    held = (parameters <= LOWEST) & (gradient > 0) | (parameters >= HIGHEST) & (gradient < 0)
-    free = ~held
-    squares *= free[:, None] & free[..., None]
-    axis = np.arange(len(START))
-    # the constant keeps the system solvable where the data do not determine a parameter
-    squares[:, axis, axis] += damping[:, None] * squares[:, axis, axis] + 1e-12
-    step = np.linalg.solve(squares, np.where(free, -gradient, 0)[..., None])
-    return step[..., 0].astype(np.float64, copy=False)
+    return least_squares(
+        lambda parameters: closeness * (hyperbolic(parameters, x) - y),
+        START,
+        bounds=(LOWEST, HIGHEST),
+        loss="soft_l1",
+        f_scale=SOFT,
+    ).x
