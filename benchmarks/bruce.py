@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 from walks import Array, Walks, walks
 
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs import resolve_device
 from morlax_torch.envs.robots.bruce.gaits import Library
@@ -27,7 +28,6 @@ from morlax_torch.evaluation.figures.style import RUNS, blank
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import load
-from morlax_torch.terminal.cli import console
 
 SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
 # The trade-offs of the paper's three policies, in the order of the task's objectives, and two

@@ -28,13 +28,13 @@ import torch
 import tyro
 
 from morlax_torch import MorlaxError, Policy, envs, load
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.fronts import load_front
-from morlax_torch.terminal.cli import console
 
 ROBOTS = (
     *("cheetah", "walker", "hopper", "ant", "humanoid", "cheetah3", "bruce", "go1"),

@@ -36,14 +36,14 @@ from compare_rows import gather, write_rows
 from filelock import FileLock, Timeout
 
 from morlax_torch import MorlaxError, load
+from morlax_torch.commands.terminal import cli
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
 from morlax_torch.evaluation.front import Front
-from morlax_torch.files import write_file
-from morlax_torch.gpu.resources import release_memory
+from morlax_torch.host.files import write_file
+from morlax_torch.host.resources import release_memory
+from morlax_torch.host.torchrun import FIRST, SEVERAL
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.terminal import cli
-from morlax_torch.terminal.cli import console
-from morlax_torch.torchrun import FIRST, SEVERAL
 
 METHODS = Path(__file__).with_name("compare_methods.yaml")
 FRESH = 1000  # seed of the episodes that count; no training or choice of a checkpoint sees them

@@ -14,7 +14,7 @@ from compare_statistics import scaled_igd_plus
 from morlax_torch import MorlaxError, pareto
 from morlax_torch.configuration.files import read_yaml
 from morlax_torch.evaluation.front import Front
-from morlax_torch.files import write_file
+from morlax_torch.host.files import write_file
 from morlax_torch.reports.comparison import union
 from morlax_torch.runs.history import hypervolume_of, read_rows
 

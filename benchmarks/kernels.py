@@ -15,11 +15,11 @@ from throughput import milliseconds
 
 from morlax_torch import MORLAX, config_for
 from morlax_torch.algorithms import ppo
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs.replacing import replaced
 from morlax_torch.gpu import fused, optimizer
 from morlax_torch.networks import gaussian
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.terminal.cli import console
 
 DEFINITIONS = {  # of the kernels, in torch
     "step": optimizer.step,

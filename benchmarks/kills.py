@@ -30,7 +30,7 @@ import yaml
 from rich.table import Table
 from torch import Tensor
 
-from morlax_torch.terminal.cli import console
+from morlax_torch.commands.terminal.cli import console
 
 KILLS_PER_RUN = 3
 FILES = ("checkpoints/latest.pt", "checkpoints/best.pt", "metrics.csv", "front.npz")

@@ -13,10 +13,10 @@ import tyro
 
 from morlax_torch import envs
 from morlax_torch.algorithms.base import make_agent
+from morlax_torch.commands.terminal import cli
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
-from morlax_torch.terminal import cli
-from morlax_torch.terminal.cli import console
 
 WIDEST = 4096
 

@@ -12,8 +12,8 @@ from mjlab_walks import dominated, walk
 from rich.table import Table
 
 from morlax_torch import load
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
-from morlax_torch.terminal.cli import console
 
 
 def main(

@@ -14,11 +14,11 @@ import yaml
 from mjlab_walks import dominated, walk
 
 from morlax_torch import MORLAX, config_for
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import save
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.terminal.cli import console
 
 SHOWN = ("mean_reward", "terminated", "entropy", "kl", "learning_rate")
 

@@ -17,9 +17,9 @@ import tyro
 from rich.table import Table
 
 from morlax_torch import MORLAX, config_for
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.terminal.cli import console
 
 
 def main(

@@ -19,9 +19,9 @@ import numpy as np
 import tyro
 
 from morlax_torch import envs
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.evaluation.pareto import hypervolume
-from morlax_torch.terminal.cli import console
 
 COLUMNS = "task", "algorithm", "seed", "env_steps", "train_seconds", "hypervolume"
 

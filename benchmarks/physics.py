@@ -17,11 +17,11 @@ import tyro
 from throughput import milliseconds
 
 from morlax_torch import config_for
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import MorlaxError, resolve_device
 from morlax_torch.envs.physics.warp import WarpPhysics
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.terminal.cli import console
 
 COLUMNS = "task", "trial", "steps/s before", "steps/s", "steps/s after", "ratio", "MuJoCo Warp"
 STEPS = 20  # control steps of a recorded graph

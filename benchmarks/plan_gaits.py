@@ -16,9 +16,9 @@ from rich import box
 from rich.progress import track
 from rich.table import Table
 
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Gait, Library
-from morlax_torch.files import replacing
-from morlax_torch.terminal.cli import console
+from morlax_torch.host.files import replacing
 
 
 def plan(planner: Planner) -> Library:

@@ -12,10 +12,10 @@ from rich.table import Table
 from torch.profiler import ProfilerActivity, profile
 
 from morlax_torch import MORLAX, config_for
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.terminal.cli import console
 
 REPEATS = 5
 

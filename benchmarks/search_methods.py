@@ -25,12 +25,12 @@ import yaml
 from compare_jobs import read_methods
 from compare_report import Trained, read_runs
 
+from morlax_torch.commands.terminal import cli
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import flat
 from morlax_torch.configuration.files import merged, read_yaml
-from morlax_torch.files import write_file
-from morlax_torch.terminal import cli
-from morlax_torch.terminal.cli import console
-from morlax_torch.torchrun import FIRST
+from morlax_torch.host.files import write_file
+from morlax_torch.host.torchrun import FIRST
 
 Settings = dict[str, dict[str, Any]]  # name of the setting -> changes that are searched
 

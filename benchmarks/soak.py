@@ -19,7 +19,7 @@ from typing import NamedTuple
 import tyro
 from rich.table import Table
 
-from morlax_torch.terminal.cli import console
+from morlax_torch.commands.terminal.cli import console
 
 SAMPLES, SHOWN = 240, 20
 MOST_GROWTH = 5.0  # % of memory

@@ -13,14 +13,14 @@ import time
 import tyro
 from rich.table import Table
 
-from morlax_torch.terminal.cli import console
+from morlax_torch.commands.terminal.cli import console
 
 FIRST_ITERATION = """
 import os, sys, time
 import torch
 from morlax_torch import MORLAX
 from morlax_torch.runs.training import make_worlds
-from morlax_torch.terminal.arguments import read
+from morlax_torch.commands.terminal.arguments import read
 config, _, _ = read(sys.argv[1:])
 morlax = MORLAX(make_worlds(config, config.worlds), config)
 morlax.compile()

@@ -24,9 +24,9 @@ from typing import Literal, NamedTuple
 
 import tyro
 
+from morlax_torch.commands.terminal.cli import console
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.history import best_row, hypervolume_of, read_rows
-from morlax_torch.terminal.cli import console
 
 Goal = Literal["hyper-morl", "morlax"]
 

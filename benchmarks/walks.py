@@ -12,7 +12,7 @@ from torch import Tensor
 
 from morlax_torch import envs
 from morlax_torch.envs.robots.bruce import rotations
-from morlax_torch.gpu.resources import one_thread
+from morlax_torch.host.resources import one_thread
 from morlax_torch.networks.policy import Policy
 
 COMMAND = (0.12, 0.0)  # m/s forward and to the left

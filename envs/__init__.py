@@ -14,16 +14,16 @@ from .naming import check_trusted, trust
 from .worlds.options import ObjectiveOptions, Randomization, TaskOptions
 
 if TYPE_CHECKING:
+    from .bridges.gymnasium import from_gymnasium
+    from .bridges.vecenv import from_vecenv
     from .devices import resolve_device
     from .making import make, make_robot
     from .physics.interface import Physics
     from .registry import get, names, register
     from .worlds.designs import DesignParameter
     from .worlds.environment import Environment
-    from .worlds.gymnasium import from_gymnasium
     from .worlds.interface import TimeStep, Worlds
     from .worlds.robot import Part, Robot, positions, velocities
-    from .worlds.vecenv import from_vecenv
 
 __getattr__, __dir__ = handed_on(
     __name__,
@@ -35,8 +35,8 @@ __getattr__, __dir__ = handed_on(
         "Robot": "worlds.robot",
         "TimeStep": "worlds.interface",
         "Worlds": "worlds.interface",
-        "from_gymnasium": "worlds.gymnasium",
-        "from_vecenv": "worlds.vecenv",
+        "from_gymnasium": "bridges.gymnasium",
+        "from_vecenv": "bridges.vecenv",
         "get": "registry",
         "make": "making",
         "make_robot": "making",

@@ -12,10 +12,10 @@ from types import ModuleType
 
 from pydantic import ValidationError
 
+from .bridges.gymnasium import GymnasiumWorlds
 from .errors import MorlaxError, line_in, shortened, unknown, words
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
-from .worlds.gymnasium import GymnasiumWorlds
 from .worlds.interface import Worlds
 
 MODELS = (".xml", ".mjcf", ".urdf")  # endings of files that MuJoCo loads

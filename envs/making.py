@@ -91,7 +91,7 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
     """
     check_name(name)
     if name.startswith(MJLAB):
-        from .worlds.mjlab.robot import robot_of
+        from .bridges.mjlab.robot import robot_of
 
         robot = robot_of(name)
         return robot(_checked(robot, task_options), 1, torch.device("cpu"), seed, auto_reset=False)

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from .worlds.interface import Worlds
 
 _LIBRARIES = {  # prefix of their names: what returns the class of a task
-    GYMNASIUM: "worlds.gymnasium:from_id",
-    MJLAB: "worlds.mjlab.worlds:from_task",
-    PLAYGROUND: "worlds.playground:from_task",
+    GYMNASIUM: "bridges.gymnasium:from_id",
+    MJLAB: "bridges.mjlab.worlds:from_task",
+    PLAYGROUND: "bridges.playground:from_task",
 }
 _REGISTRY: dict[str, "type[Worlds]"] = {}  # built-in tasks once they are used, and registered ones
 _LISTENERS: list[Callable[[str], None]] = []  # called with the name of each task

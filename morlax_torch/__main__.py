@@ -3,10 +3,10 @@
 import importlib
 from collections.abc import Sequence
 
+from .commands.terminal import cli
+from .commands.terminal.startup import program
 from .envs import MorlaxError
 from .envs.errors import unknown
-from .terminal import cli
-from .terminal.startup import program
 
 COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",

@@ -11,7 +11,7 @@ if TYPE_CHECKING:  # torch takes seconds to import: not before the command line 
     from torch import nn
 
     from .configuration.config import Config
-    from .files import AnyPath
+    from .host.files import AnyPath
     from .runs.progress import Evaluation
     from .runs.run import Run
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import torch
 
-from morlax_torch.envs.worlds.mjlab.config import load
-from morlax_torch.envs.worlds.mjlab.worlds import build
+from morlax_torch.envs.bridges.mjlab.config import load
+from morlax_torch.envs.bridges.mjlab.worlds import build
 
 
 def calm(

@@ -17,14 +17,14 @@ from crowd import Bowling, Crowd
 
 from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.configuration.sections import NetworkConfig
 from morlax_torch.evaluation.front import Front
-from morlax_torch.gpu.resources import one_thread
+from morlax_torch.host.resources import one_thread
 from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.runs.checkpoint import fingerprint
-from morlax_torch.terminal import cli
 from morlax_torch.viewers.filming.rendering import choose_opengl
 
 if not torch.cuda.is_available():

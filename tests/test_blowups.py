@@ -192,7 +192,7 @@ def test_blow_ups_of_earlier_sessions_count(kept, slider):
 
 
 def test_the_terminal_names_blow_ups(slider, tmp_path, capsys):
-    from morlax_torch.terminal.display import Display
+    from morlax_torch.commands.terminal.display import Display
 
     learner = MORLAX(envs.make("slider", 8, "cpu"), config_for("slider", **SMALL))
     front = Front(("go", "save"), np.eye(2), np.ones((2, 2)), np.ones(2), np.zeros(2))

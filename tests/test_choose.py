@@ -17,6 +17,7 @@ from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
 from morlax_torch.__main__ import COMMANDS
 from morlax_torch.__main__ import command as run_command
 from morlax_torch.commands.choose import command
+from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.tradeoffs import parse_tradeoff
 from morlax_torch.evaluation.candidates import Candidates
 from morlax_torch.evaluation.front import Front
@@ -31,7 +32,6 @@ from morlax_torch.runs.choosing import Simulated, choose
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import find_run
 from morlax_torch.runs.trials import CONDITIONS, EPISODES, USUAL, Trial, trials
-from morlax_torch.terminal import cli
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
 SHARES = torch.tensor([0.0, 0.4, 1.0])

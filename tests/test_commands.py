@@ -12,8 +12,8 @@ import yaml
 
 from morlax_torch import load, save
 from morlax_torch.commands import evaluate, export, record, train
+from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.config import Config
-from morlax_torch.terminal import cli
 
 TINY = (
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),

@@ -9,12 +9,12 @@ import yaml
 from closed_form import Quadratic
 
 from morlax_torch import MorlaxError, config_for, envs
+from morlax_torch.commands.terminal import tune_arguments
+from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.configuration import files as config_files
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import file_values, task_values
 from morlax_torch.envs.registry import TASKS
-from morlax_torch.terminal import tune_arguments
-from morlax_torch.terminal.arguments import read
 
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])

@@ -17,12 +17,12 @@ from tiny import TYPED
 
 from morlax_torch import MorlaxError, load
 from morlax_torch.commands import evaluate, figures
+from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.commands.train import command as train
 from morlax_torch.envs.worlds.learned import LearnedReward
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
-from morlax_torch.preferences import reward
 from morlax_torch.reports.chart import descriptions
 from morlax_torch.reports.comparison import (
     Evaluated,
@@ -38,7 +38,7 @@ from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.evaluating import evaluate as evaluate_run
 from morlax_torch.runs.history import History
-from morlax_torch.terminal.arguments import read
+from morlax_torch.viewers.preferences import reward
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")
 THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from morlax_torch import MORLAX, config_for, envs, pareto
-from morlax_torch.gpu.resources import one_thread
+from morlax_torch.host.resources import one_thread
 
 EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
 TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"

@@ -13,11 +13,11 @@ from browsing import PATIENCE, Client, needs_page, serving
 from morlax_torch import MorlaxError
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import read_yaml
-from morlax_torch.preferences.comparisons import Comparisons
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.clip import Clip
 from morlax_torch.viewers.explorer.comparisons import ClipComparisons, PolicyComparisons
 from morlax_torch.viewers.explorer.session import Session
+from morlax_torch.viewers.preferences.comparisons import Comparisons
 
 BOXES = """
 <mujoco><worldbody>

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from morlax_torch import MorlaxError
-from morlax_torch.colors import of_objectives
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation import figures
+from morlax_torch.evaluation.figures.colors import of_objectives
 from morlax_torch.evaluation.figures.front import MOST_PAIRS
 from morlax_torch.evaluation.figures.hypervolume import Band
 from morlax_torch.evaluation.figures.style import colors_of, limits

@@ -8,7 +8,12 @@ import sys
 import pytest
 
 from morlax_torch import MorlaxError
-from morlax_torch.files import Taken, making, remove_drafts, replacing
+from morlax_torch.host.files import (
+    Taken,
+    making,
+    remove_drafts,
+    replacing,
+)
 
 
 def write(path, text: bytes = b"new") -> None:

@@ -17,17 +17,17 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import Front, MorlaxError, Policy, config_for, envs, evaluate, load
+from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import task_values
-from morlax_torch.envs.worlds.mjlab import quantities, worlds
-from morlax_torch.envs.worlds.mjlab.mirror import mirror_of
-from morlax_torch.envs.worlds.mjlab.step import MaskedStep
+from morlax_torch.envs.bridges.mjlab import quantities, worlds
+from morlax_torch.envs.bridges.mjlab.mirror import mirror_of
+from morlax_torch.envs.bridges.mjlab.step import MaskedStep
 from morlax_torch.evaluation import figures
 from morlax_torch.exports.exporting import export
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.fronts import load_front
-from morlax_torch.terminal.arguments import read
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 

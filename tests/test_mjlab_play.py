@@ -11,11 +11,11 @@ from calm import calm
 
 from morlax_torch import load
 from morlax_torch.commands import export
-from morlax_torch.playing.deployment import open_export
-from morlax_torch.playing.disturbances import Disturbances
-from morlax_torch.playing.episodes import policy_of, run, summary
-from morlax_torch.playing.robot import Robot
 from morlax_torch.viewers.filming.recording import record
+from morlax_torch.viewers.playing.deployment import open_export
+from morlax_torch.viewers.playing.disturbances import Disturbances
+from morlax_torch.viewers.playing.episodes import policy_of, run, summary
+from morlax_torch.viewers.playing.robot import Robot
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")

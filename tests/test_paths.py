@@ -13,13 +13,13 @@ from morlax_torch import MorlaxError, envs, load, save
 from morlax_torch.commands import evaluate, explore, export, figures, pack, record, tune
 from morlax_torch.commands import train as train_command
 from morlax_torch.evaluation.front import Front
-from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import Run
 from morlax_torch.runs.evaluating import pack as pack_run
 from morlax_torch.runs.history import History
 from morlax_torch.runs.loading import find_run
 from morlax_torch.train import train
 from morlax_torch.tuning.searching import tune as tune_run
+from morlax_torch.viewers.preferences.teaching import Lesson
 from morlax_torch.viewers.web.writing import write_page
 
 LONG = "a" * 5000

@@ -15,15 +15,22 @@ import yaml
 
 from morlax_torch import MorlaxError
 from morlax_torch.commands import export, play
-from morlax_torch.envs.worlds.mjlab.deployment import motor
+from morlax_torch.envs.bridges.mjlab.deployment import motor
 from morlax_torch.envs.worlds.robot import Deployment
 from morlax_torch.exports.deployment import deploy
-from morlax_torch.playing.deployment import Export, open_export
-from morlax_torch.playing.disturbances import Disturbances
-from morlax_torch.playing.episodes import policy_of, run
-from morlax_torch.playing.robot import Robot
-from morlax_torch.playing.showing import show
-from morlax_torch.playing.steering import ENTER, EVENT, LEFT, UP, Gamepad, Steering
+from morlax_torch.viewers.playing.deployment import Export, open_export
+from morlax_torch.viewers.playing.disturbances import Disturbances
+from morlax_torch.viewers.playing.episodes import policy_of, run
+from morlax_torch.viewers.playing.robot import Robot
+from morlax_torch.viewers.playing.showing import show
+from morlax_torch.viewers.playing.steering import (
+    ENTER,
+    EVENT,
+    LEFT,
+    UP,
+    Gamepad,
+    Steering,
+)
 
 onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
@@ -215,7 +222,7 @@ def test_a_window_shows_the_robot_in_real_time(cart, monkeypatch):
 @pytest.mark.usefixtures("opengl")
 def test_without_a_display_a_film_is_written(cart, tmp_path, monkeypatch, capsys):
     pytest.importorskip("imageio_ffmpeg", reason="needs the extra video")
-    monkeypatch.setattr("morlax_torch.playing.showing.has_display", lambda: False)
+    monkeypatch.setattr("morlax_torch.viewers.playing.showing.has_display", lambda: False)
     monkeypatch.chdir(tmp_path)
     play.command([str(cart.policy.parent), "--seconds", "0.2"])
     assert "written: film.mp4" in capsys.readouterr().out

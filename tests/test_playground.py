@@ -8,7 +8,7 @@ from peers import check_blown_up, check_run, noise
 from tiny import tiny
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.terminal.arguments import read
+from morlax_torch.commands.terminal.arguments import read
 
 playground = pytest.importorskip("mujoco_playground", reason="needs the extra playground")
 jax = pytest.importorskip("jax")

@@ -19,7 +19,7 @@ import torch
 import warp as wp
 
 from morlax_torch import __file__ as package
-from morlax_torch.envs.worlds import playground
+from morlax_torch.envs.bridges import playground
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = (Path(package).parent, ROOT / "envs")

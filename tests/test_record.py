@@ -12,7 +12,7 @@ from PIL import Image
 
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
-from morlax_torch.phases import heard_by
+from morlax_torch.host.phases import heard_by
 from morlax_torch.runs import loading
 from morlax_torch.viewers.filming import panels, recording, video
 from morlax_torch.viewers.filming.film import Film

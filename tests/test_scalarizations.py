@@ -10,20 +10,25 @@ from same import assert_same
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.algorithms.batch import expected_returns
 from morlax_torch.algorithms.registry import make_learner
+from morlax_torch.algorithms.scalarizations.chebyshev import (
+    AUGMENTATION,
+    FORGETTING,
+    SMOOTHNESS,
+    SmoothChebyshev,
+)
+from morlax_torch.algorithms.scalarizations.constrained import (
+    LEVELS,
+    MOST,
+    RATE,
+    Constrained,
+)
+from morlax_torch.algorithms.scalarizations.registry import make_scalarization
 from morlax_torch.configuration.config import SCALARIZATIONS
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
-from morlax_torch.scalarizations.chebyshev import (
-    AUGMENTATION,
-    FORGETTING,
-    SMOOTHNESS,
-    SmoothChebyshev,
-)
-from morlax_torch.scalarizations.constrained import LEVELS, MOST, RATE, Constrained
-from morlax_torch.scalarizations.registry import make_scalarization
 from morlax_torch.train import train
 
 CPU = torch.device("cpu")

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from morlax_torch.__main__ import COMMANDS
-from morlax_torch.terminal import startup
+from morlax_torch.commands.terminal import startup
 
 HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "websockets", "tensorboard", "onnx"}
 TINY = (

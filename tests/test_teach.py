@@ -18,16 +18,16 @@ from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import read_yaml
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs.worlds.learned import LIMITS, LearnedReward
-from morlax_torch.preferences import reward
-from morlax_torch.preferences.clips import SECONDS, Clips, record
-from morlax_torch.preferences.comparisons import Comparisons
-from morlax_torch.preferences.teaching import Lesson
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.evaluating import pack
 from morlax_torch.runs.loading import start_from
 from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
+from morlax_torch.viewers.preferences import reward
+from morlax_torch.viewers.preferences.clips import SECONDS, Clips, record
+from morlax_torch.viewers.preferences.comparisons import Comparisons
+from morlax_torch.viewers.preferences.teaching import Lesson
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 SMALL = {

@@ -23,14 +23,14 @@ from tiny import tiny
 
 from morlax_torch import envs
 from morlax_torch.__main__ import COMMANDS, command
+from morlax_torch.commands.terminal import arguments, live, tune_arguments
+from morlax_torch.commands.terminal.display import Display
+from morlax_torch.commands.terminal.task_arguments import text_of
 from morlax_torch.configuration.config import config_class
 from morlax_torch.configuration.sections import ALGORITHMS, SamplingConfig
 from morlax_torch.evaluation.front import Front
-from morlax_torch.phases import phase, within
+from morlax_torch.host.phases import phase, within
 from morlax_torch.runs.progress import Evaluation, Progress
-from morlax_torch.terminal import arguments, live, tune_arguments
-from morlax_torch.terminal.display import Display
-from morlax_torch.terminal.task_arguments import text_of
 from morlax_torch.train import train
 
 COLUMNS = 80

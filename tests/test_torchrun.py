@@ -17,8 +17,8 @@ from same import assert_same
 
 from morlax_torch import MorlaxError
 from morlax_torch.commands import train
+from morlax_torch.commands.terminal import arguments
 from morlax_torch.runs import checkpoint
-from morlax_torch.terminal import arguments
 
 TORCHRUN = (sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2")
 RESTARTING = ("--max-restarts=1", "--monitor-interval=0.2")
@@ -233,7 +233,7 @@ def test_restarts_do_not_continue_a_run_of_another_launch(whole):
 WAITING = """
 from datetime import timedelta
 from torch.distributed import TCPStore
-from morlax_torch.terminal.interrupt import exiting_on_signals, exiting_when_stuck
+from morlax_torch.commands.terminal.interrupt import exiting_on_signals, exiting_when_stuck
 
 with exiting_on_signals(), exiting_when_stuck():
     store = TCPStore("127.0.0.1", 0, is_master=True, timeout=timedelta(seconds=90))

@@ -19,6 +19,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.commands import train as train_command
+from morlax_torch.commands.terminal.display import Display
+from morlax_torch.commands.terminal.interrupt import exiting_on_signals, interruptible
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
@@ -29,8 +31,6 @@ from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, training
-from morlax_torch.terminal.display import Display
-from morlax_torch.terminal.interrupt import exiting_on_signals, interruptible
 from morlax_torch.train import train
 
 

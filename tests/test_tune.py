@@ -22,13 +22,13 @@ pytest.importorskip("optuna", reason="needs the extra tune")
 from morlax_torch import MorlaxError, config_for
 from morlax_torch.commands import train as train_command
 from morlax_torch.commands import tune
+from morlax_torch.commands.terminal import cli, tune_arguments
+from morlax_torch.commands.terminal.tune_display import TuneDisplay
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.files import space_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
-from morlax_torch.terminal import cli, tune_arguments
-from morlax_torch.terminal.tune_display import TuneDisplay
 from morlax_torch.train import train
 from morlax_torch.tuning import trial as trial_module
 from morlax_torch.tuning.plan import Indicator, Plan

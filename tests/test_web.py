@@ -14,9 +14,9 @@ import web_robots
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import pack
+from morlax_torch.commands.terminal import cli
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
-from morlax_torch.terminal import cli
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.arrays import drawn_arrays
 from morlax_torch.viewers.web import writing

@@ -15,13 +15,13 @@ import torch
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError
+from morlax_torch.commands.terminal.startup import command_began
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.schedule import Schedule
 from morlax_torch.runs.training import make_evaluator, make_worlds, training
 from morlax_torch.runs.writer import Writer
-from morlax_torch.terminal.startup import command_began
 from morlax_torch.train import train
 
 IMPORTED = time.perf_counter()

@@ -22,7 +22,8 @@ class LearnedReward(nn.Module):
     """An ensemble of small networks that rate control steps; the reward is their mean.
 
     A step is the observation before it, its action, and the observation after it.
-    `morlax_torch.preferences.reward.fit` trains one from comparisons (Christiano et al., 2017).
+    `morlax_torch.viewers.preferences.reward.fit` trains one from comparisons (Christiano et al.,
+    2017).
 
     There are E = `members` networks with layers of `hidden` sizes.
     """

@@ -14,9 +14,9 @@ from .. import envs
 from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import installation, shortened, unknown
+from ..envs.gymnasium_ids import WithSpec
 from ..gpu.graph import Graph
-from ..gpu.resources import one_thread
-from ..gymnasium_ids import WithSpec
+from ..host.resources import one_thread
 
 
 def require(name: str, package: str, least: str, extra: str) -> None:

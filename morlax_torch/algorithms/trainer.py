@@ -11,13 +11,13 @@ from ..envs.worlds import sides
 from ..envs.worlds.designs import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
 from ..gpu.group import ALONE, Group
-from ..gpu.resources import one_thread
+from ..host.resources import one_thread
 from ..networks.agent import Agent
-from ..scalarizations.registry import make_scalarization
 from .base import BaseLearner, make_agent
 from .batch import Table, expected_returns, make_batch
 from .ppo import PPO
 from .rollout import collect
+from .scalarizations.registry import make_scalarization
 
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
 

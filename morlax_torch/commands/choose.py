@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ..envs import MorlaxError
-from ..files import write_file
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.named_numbers import AtLeast, AtMost, limits
-from ..terminal.startup import program
-from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
+from ..host.files import write_file
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.named_numbers import AtLeast, AtMost, limits
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Device,
+    Moved,
+    RunName,
+    Trust,
+    call,
+)
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice, Requirements
@@ -125,11 +131,11 @@ def _card(
     """Simulate the choice under other conditions, and describe it."""
     from ..envs.making import has_robot
     from ..envs.naming import title
+    from ..host.version import __version__
     from ..reports.card import card
     from ..runs.checkpoint import fingerprint
     from ..runs.loading import find_checkpoint
     from ..runs.trials import trials
-    from ..version import __version__
     from ..viewers.filming.recording import strip
 
     tried = trials(policy, choice.tradeoff, seed)

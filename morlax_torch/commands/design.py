@@ -10,12 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ..envs import MorlaxError
-from ..files import make_folder, write_file
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.named_numbers import AtLeast, AtMost, limits
-from ..terminal.startup import program
-from ..terminal.task_arguments import Device, Moved, RunName, Trust, call
+from ..host.files import make_folder, write_file
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.named_numbers import AtLeast, AtMost, limits
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Device,
+    Moved,
+    RunName,
+    Trust,
+    call,
+)
 
 FILES = "designs.csv", "designs.png", "designs.pdf", "body.xml", "body.pt"
 

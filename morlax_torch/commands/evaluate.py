@@ -10,11 +10,16 @@ import tyro
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError
-from ..phases import phase
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.task_arguments import Device, Moved, Trust, call
+from ..host.phases import phase
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Device,
+    Moved,
+    Trust,
+    call,
+)
 
 PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 

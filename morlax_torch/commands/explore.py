@@ -6,12 +6,18 @@ from typing import Annotated
 
 import tyro
 
-from ..terminal import cli
-from ..terminal.interrupt import interruptible
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.task_arguments import Host, Moved, Port, Trust, call
 from ..viewers.explorer.opening import free_port, importing_page
+from .terminal import cli
+from .terminal.interrupt import interruptible
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Host,
+    Moved,
+    Port,
+    Trust,
+    call,
+)
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -36,7 +42,7 @@ def explore(run: str, host: str, port: int) -> None:
             from ..viewers.explorer.page import Page
         import torch
 
-        from ..gpu.resources import one_thread
+        from ..host.resources import one_thread
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         with Live():

@@ -8,10 +8,15 @@ from typing import Annotated, Literal
 import tyro
 
 from ..envs import MorlaxError
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.task_arguments import Moved, RunName, Trust, call
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Moved,
+    RunName,
+    Trust,
+    call,
+)
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -51,7 +56,7 @@ def command(arguments: Sequence[str]) -> None:
             from ..exports.exporting import export  # imports torch
             from ..exports.formats import FORMATS
             from ..exports.manifest import provenance, robot_of
-            from ..files import make_folder
+            from ..host.files import make_folder
             from ..runs.bookmarks import tradeoff_of
             from ..runs.loading import load, objectives_of, own_folder
 

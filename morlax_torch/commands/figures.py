@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import tyro
 
 from ..envs import MorlaxError
-from ..terminal import cli
-from ..terminal.startup import program
-from ..terminal.task_arguments import Moved, Trust, call
+from .terminal import cli
+from .terminal.startup import program
+from .terminal.task_arguments import Moved, Trust, call
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -8,10 +8,10 @@ from typing import Annotated
 import tyro
 
 from ..envs import MorlaxError
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.task_arguments import Moved, call
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.task_arguments import Moved, call
 
 
 def command(arguments: Sequence[str]) -> None:

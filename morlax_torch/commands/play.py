@@ -7,10 +7,10 @@ from typing import Annotated
 import tyro
 from rich.table import Column, Table
 
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.task_arguments import call
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.task_arguments import call
 
 Pair = tuple[float, float]
 
@@ -49,11 +49,11 @@ def command(arguments: Sequence[str]) -> None:
             friction: Range of the sliding friction, drawn once per episode.
             seed: Random seed of commands, trade-offs and disturbances.
         """
-        from ..playing.deployment import open_export  # imports MuJoCo
-        from ..playing.disturbances import Disturbances
-        from ..playing.episodes import run
-        from ..playing.showing import film, has_display, show
-        from ..playing.steering import HELP
+        from ..viewers.playing.deployment import open_export  # imports MuJoCo
+        from ..viewers.playing.disturbances import Disturbances
+        from ..viewers.playing.episodes import run
+        from ..viewers.playing.showing import film, has_display, show
+        from ..viewers.playing.steering import HELP
 
         strengths, deployment = Disturbances(delay, noise, push, friction), open_export(export)
         if episodes is not None:
@@ -79,7 +79,7 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _table(episodes: Sequence) -> Table:
-    from ..playing.episodes import summary
+    from ..viewers.playing.episodes import summary
 
     heads = ("episode", "falls", "time, s", "error, m/s", "power, W", "cost of transport")
     table = Table(*(Column(head, justify="right") for head in heads))

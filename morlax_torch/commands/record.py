@@ -6,11 +6,16 @@ from typing import Annotated
 
 import tyro
 
-from ..terminal import cli
-from ..terminal.live import Live
-from ..terminal.named_numbers import numbers
-from ..terminal.startup import program
-from ..terminal.task_arguments import Moved, RunName, Trust, call
+from .terminal import cli
+from .terminal.live import Live
+from .terminal.named_numbers import numbers
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Moved,
+    RunName,
+    Trust,
+    call,
+)
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -8,15 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ..envs import MorlaxError
-from ..terminal import cli
-from ..terminal.interrupt import interruptible
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.task_arguments import Host, Moved, Port, Trust, call
 from ..viewers.explorer.opening import free_port, importing_page
+from .terminal import cli
+from .terminal.interrupt import interruptible
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.task_arguments import (
+    Host,
+    Moved,
+    Port,
+    Trust,
+    call,
+)
 
 if TYPE_CHECKING:
-    from ..preferences.teaching import Lesson
+    from ..viewers.preferences.teaching import Lesson
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -47,8 +53,8 @@ def command(arguments: Sequence[str]) -> None:
         """
         serves = judge is None and answers > 0
         with Live():
-            from ..preferences.teaching import Lesson
             from ..runs.loading import trust_run
+            from ..viewers.preferences.teaching import Lesson
 
             trust_run(run, trust, env)
             if serves:

@@ -4,10 +4,10 @@ import sys
 from collections.abc import Sequence
 from contextlib import closing
 
-from ..terminal import cli
-from ..terminal.arguments import read
-from ..terminal.interrupt import interruptible
-from ..terminal.startup import announce_training, command_began
+from .terminal import cli
+from .terminal.arguments import read
+from .terminal.interrupt import interruptible
+from .terminal.startup import announce_training, command_began
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -19,11 +19,11 @@ def command(arguments: Sequence[str]) -> None:
             f"{run.folder} has reached its limit: raise --{limit} to train it further."
         )
         return
-    from ..terminal.live import Live
+    from .terminal.live import Live
 
     with Live():
         from ..runs.session import Session  # imports torch
-        from ..terminal.display import Display
+        from .terminal.display import Display
 
         session = Session.of(config, run, output)
     assert session.run is not None

@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..envs import MorlaxError
-from ..phases import heard_by
-from ..terminal import cli
-from ..terminal.interrupt import Interruption, interruptible
-from ..terminal.live import Live
-from ..terminal.startup import program
-from ..terminal.tune_arguments import read
-from ..torchrun import SEVERAL
+from ..host.phases import heard_by
+from ..host.torchrun import SEVERAL
+from .terminal import cli
+from .terminal.interrupt import Interruption, interruptible
+from .terminal.live import Live
+from .terminal.startup import program
+from .terminal.tune_arguments import read
 
 if TYPE_CHECKING:
-    from ..terminal.tune_display import TuneDisplay
+    from .terminal.tune_display import TuneDisplay
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -26,10 +26,10 @@ def command(arguments: Sequence[str]) -> None:
         raise MorlaxError("tune has --workers of its own: start it without torchrun.")
     config, options, one_gpu = read(arguments)
     from ..envs import resolve_device  # imports torch
-    from ..terminal.tune_display import TuneDisplay
     from ..tuning import workers
     from ..tuning.results import write_results
     from ..tuning.searching import folder_of, open_study, search
+    from .terminal.tune_display import TuneDisplay
 
     folder = folder_of(config, options.output)
     study = open_study(

@@ -19,8 +19,8 @@ from ..envs import MorlaxError, ObjectiveOptions
 from ..envs.errors import explained, shortened, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
-from ..files import exists
-from ..phases import phase
+from ..host.files import exists
+from ..host.phases import phase
 from .files import algorithm_of, merged, nested, over_task_values, task_values
 from .sections import (
     DESIGNING,

@@ -11,8 +11,8 @@ from .. import envs
 from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import is_file
-from ..files import AnyPath, read, write_file
-from ..torchrun import PROCESSES
+from ..host.files import AnyPath, read, write_file
+from ..host.torchrun import PROCESSES
 
 RECORD = """\
 # A record: the checkpoints hold the config that counts. Only --resume reads this file, for the

@@ -9,9 +9,9 @@ from ..envs import MorlaxError, Worlds
 from ..envs.devices import EVALUATION_SEEDS
 from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
-from ..gpu.resources import one_thread
+from ..host.phases import phase
+from ..host.resources import one_thread
 from ..networks.agent import Agent
-from ..phases import phase
 from .front import Front
 
 DISCOUNT, HORIZON, REFERENCE = 0.99, 500, -100.0  # of the protocol "discounted"

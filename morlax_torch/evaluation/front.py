@@ -11,7 +11,7 @@ from ..configuration.sections import Protocol
 from ..envs import MorlaxError
 from ..envs.errors import LONGEST
 from ..envs.worlds.options import check_objectives
-from ..files import AnyPath, read, replacing
+from ..host.files import AnyPath, read, replacing
 from . import pareto
 
 TEXTS = ("fingerprint", "checkpoint", "protocol")

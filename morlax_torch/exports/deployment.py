@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from ..files import write_file
-from ..version import __version__
+from ..host.files import write_file
+from ..host.version import __version__
 
 if TYPE_CHECKING:
     from ..envs import Robot  # imports torch, which playing an export does without

@@ -10,10 +10,10 @@ from torch.export import ExportedProgram
 from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import MorlaxError, Robot
 from ..envs.errors import unknown
-from ..files import AnyPath, write_file
+from ..host.files import AnyPath, write_file
+from ..host.phases import phase
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
-from ..phases import phase
 from .formats import FORMATS, quiet
 from .manifest import manifest
 

@@ -10,11 +10,11 @@ import torch
 
 from .. import envs
 from ..envs import Environment, Robot
-from ..files import AnyPath
+from ..host.files import AnyPath
+from ..host.version import __version__
 from ..networks.policy import Policy
 from ..runs.history import best_row, hypervolume_of, read_rows
 from ..runs.loading import find_checkpoint, find_run
-from ..version import __version__
 
 STEP = 2**-6  # of an action, to measure the slope of its control; exact in binary
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 
 import torch
 
-from ..phases import phase
+from ..host.phases import phase
 
 
 class Branch:

@@ -15,7 +15,7 @@ from torch.distributed import Store
 from torch.distributed.rendezvous import rendezvous
 
 from ..envs import MorlaxError, resolve_device
-from ..torchrun import LOCAL_RANK, PROCESSES, SEVERAL
+from ..host.torchrun import LOCAL_RANK, PROCESSES, SEVERAL
 
 T = TypeVar("T")
 

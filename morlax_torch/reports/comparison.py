@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..envs.naming import movable
 from ..evaluation import pareto
 from ..evaluation.front import Front
-from ..files import AnyPath, read
+from ..host.files import AnyPath, read
 from ..networks.policy import Policy
 from ..runs.hardware import Machine
 from ..runs.history import History

@@ -12,9 +12,9 @@ from ..configuration.sections import Protocol
 from ..envs import MorlaxError, resolve_device
 from ..evaluation.front import Front
 from ..evaluation.making import usual_tradeoffs
-from ..files import unused
+from ..host.files import unused
+from ..host.phases import phase, within
 from ..networks.policy import Policy
-from ..phases import phase, within
 from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines

@@ -6,9 +6,9 @@ from importlib import resources
 
 from matplotlib.figure import Figure
 
-from ..colors import of_objectives
 from ..configuration.config import Config
 from ..configuration.files import write_yaml
+from ..evaluation.figures.colors import of_objectives
 from ..evaluation.front import Front
 from ..evaluation.representatives import representatives
 from .chart import chart, svg

@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..envs.naming import movable, title
 from ..evaluation import figures
 from ..evaluation.representatives import representatives
-from ..files import make_folder, write_file
+from ..host.files import make_folder, write_file
 from ..runs.fronts import load_front
 from ..runs.history import History
 from ..runs.loading import find_run, load

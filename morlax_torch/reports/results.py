@@ -13,7 +13,7 @@ from ..configuration.config import Config
 from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front, hypervolume_in
-from ..files import make_folder, write_file
+from ..host.files import make_folder, write_file
 from ..runs.hardware import Machine
 from ..runs.history import History
 from .comparison import Evaluated, quartiles

@@ -9,7 +9,7 @@ from ..configuration.tradeoffs import parse_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import unknown
 from ..envs.worlds.options import PLAIN_NAME
-from ..files import AnyPath, read, write_file
+from ..host.files import AnyPath, read, write_file
 from .loading import find_run, own_folder
 
 FILE = "bookmarks.yaml"

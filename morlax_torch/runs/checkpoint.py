@@ -19,7 +19,13 @@ from ..envs import MorlaxError, Worlds
 from ..envs import trust as trust_task
 from ..envs.errors import LONGEST, explained, shortened
 from ..envs.naming import is_file, movable
-from ..files import AnyPath, exists, is_folder, read, write_file
+from ..host.files import (
+    AnyPath,
+    exists,
+    is_folder,
+    read,
+    write_file,
+)
 from . import models
 from .contents import FORMAT, POLICY, Contents, Task, check_state
 from .progress import Progress

@@ -15,7 +15,7 @@ from ..evaluation.front import Front
 from ..evaluation.making import evaluation_worlds
 from ..evaluation.names import Names
 from ..evaluation.requirements import Choice, Requirements
-from ..files import AnyPath
+from ..host.files import AnyPath
 from ..networks.policy import Policy
 from .fronts import load_front
 from .loading import load

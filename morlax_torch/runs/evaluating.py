@@ -7,7 +7,7 @@ from ..configuration.sections import Protocol
 from ..envs import resolve_device
 from ..evaluation.front import Front
 from ..evaluation.making import make_evaluator
-from ..files import AnyPath, making, read
+from ..host.files import AnyPath, making, read
 from ..networks.policy import Policy
 from . import bookmarks
 from .checkpoint import fingerprint, front_path

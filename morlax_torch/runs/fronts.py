@@ -6,7 +6,7 @@ from pathlib import Path
 from ..configuration.sections import EvaluationConfig
 from ..envs import MorlaxError
 from ..evaluation.front import Front
-from ..files import AnyPath
+from ..host.files import AnyPath
 from . import checkpoint
 from .loading import find_checkpoint
 

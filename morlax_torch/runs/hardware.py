@@ -12,7 +12,7 @@ from ..algorithms.learner import Learner
 from ..configuration.files import read_yaml, write_yaml
 from ..envs import MorlaxError
 from ..envs.errors import explained
-from ..files import write_file
+from ..host.files import write_file
 
 FILE = "hardware.yaml"
 CPUS = Path("/proc/cpuinfo")

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..envs import MorlaxError
 from ..evaluation.front import hypervolume_in
-from ..files import AnyPath, read
+from ..host.files import AnyPath, read
 
 BEST = "best"  # column: 1 if the checkpoint of the evaluation became best.pt, else 0
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume

@@ -10,7 +10,7 @@ from .. import envs
 from ..algorithms.learner import Learner
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST
-from ..files import AnyPath, exists, is_file, is_folder
+from ..host.files import AnyPath, exists, is_file, is_folder
 from ..networks.agent import Sizes, agent_class
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy

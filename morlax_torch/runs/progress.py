@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..evaluation.front import Front, hypervolume_in
-from ..torchrun import launch
+from ..host.torchrun import launch
 from .history import BEST
 
 

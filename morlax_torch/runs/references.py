@@ -16,7 +16,12 @@ from ..configuration.config import Config
 from ..envs import MorlaxError, TaskOptions
 from ..envs.errors import MorlaxWarning, shortened
 from ..envs.naming import absolute, is_file, title
-from ..files import attempting, make_folder, read, write_file
+from ..host.files import (
+    attempting,
+    make_folder,
+    read,
+    write_file,
+)
 
 NAMES_CODE = {"env": "task", "scalarization": "utility"}
 """Fields of a config that may name a file or module, and a run's folder for a copy of it."""

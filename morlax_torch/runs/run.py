@@ -20,7 +20,7 @@ from ..envs import MorlaxError
 from ..envs.errors import shortened
 from ..envs.naming import movable, title
 from ..evaluation.front import Front
-from ..files import (
+from ..host.files import (
     AnyPath,
     Taken,
     attempting,

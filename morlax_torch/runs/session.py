@@ -11,8 +11,8 @@ from ..algorithms.registry import make_learner
 from ..configuration.config import Config
 from ..envs import MorlaxError
 from ..evaluation.evaluator import Evaluator
-from ..files import AnyPath
 from ..gpu.group import Group, join
+from ..host.files import AnyPath
 from .loading import start_from
 from .progress import Evaluation, Progress
 from .run import Run

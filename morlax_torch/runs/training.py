@@ -13,8 +13,8 @@ from ..envs.devices import seed_of
 from ..evaluation import making
 from ..evaluation.evaluator import SETS, Evaluator
 from ..evaluation.front import Front, mean_indicators
-from ..phases import phase
-from ..torchrun import launch
+from ..host.phases import phase
+from ..host.torchrun import launch
 from . import checkpoint
 from .progress import Evaluation, Progress
 from .run import Run

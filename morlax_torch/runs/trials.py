@@ -10,8 +10,8 @@ from ..envs import MorlaxError
 from ..envs.worlds.options import TaskOptions
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.making import evaluation_worlds
+from ..host.phases import phase
 from ..networks.policy import Policy
-from ..phases import phase
 
 EPISODES = 32
 USUAL = "as in evaluations"

@@ -15,8 +15,8 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.making import embody, evaluation_worlds
 from ..evaluation.names import Names
 from ..evaluation.requirements import Requirements
+from ..host.phases import phase
 from ..networks.policy import Policy
-from ..phases import phase
 from .storage import optuna, quiet
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together

@@ -12,7 +12,7 @@ from filelock import FileLock
 from ..configuration.config import Config, load_config
 from ..configuration.files import changes, task_values
 from ..envs import resolve_device
-from ..files import attempting, make_folder, write_file
+from ..host.files import attempting, make_folder, write_file
 from .storage import optuna, quiet
 from .study import Result, Study
 

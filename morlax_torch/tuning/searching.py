@@ -8,8 +8,8 @@ from ..configuration.config import Config
 from ..configuration.files import space_values
 from ..envs import resolve_device
 from ..envs.naming import title
-from ..files import AnyPath
-from ..phases import within
+from ..host.files import AnyPath
+from ..host.phases import within
 from .plan import Indicator, Plan
 from .results import write_results
 from .storage import optuna, unusable

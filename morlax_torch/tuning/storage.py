@@ -10,7 +10,7 @@ from typing import Any
 
 from ..envs import MorlaxError
 from ..envs.errors import installation
-from ..files import exists, is_file, make_folder
+from ..host.files import exists, is_file, make_folder
 
 try:
     import optuna

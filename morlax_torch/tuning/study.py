@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from ..configuration.config import Config, flat
 from ..envs import MorlaxError
 from ..envs.naming import title
-from ..files import runs
+from ..host.files import runs
 from .plan import Plan, make_pruner, step
 from .sampling import ATTEMPTS, Sampler
 from .storage import open_storage, optuna, quiet

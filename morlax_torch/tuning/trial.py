@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from ..configuration.config import Config
 from ..envs import MorlaxError
-from ..gpu.resources import release_memory, shortage_of_memory
-from ..phases import within
+from ..host.phases import within
+from ..host.resources import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
 from ..runs.session import Session
 from .plan import EVALUATED

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..envs import MorlaxError
-from ..files import write_file
-from ..phases import phase
+from ..host.files import write_file
+from ..host.phases import phase
 
 REGISTRY = "https://registry.npmjs.org"
 PATIENCE = 60  # s without an answer

@@ -12,7 +12,7 @@ from ...configuration.sections import OffPolicyOptions
 from ...envs import MorlaxError, Worlds
 from ...gpu.group import ALONE, Group
 from ...gpu.optimizer import ClippedAdam
-from ...gpu.resources import one_thread
+from ...host.resources import one_thread
 from ..base import BaseLearner, make_agent
 from ..rollout import Explore, Rollout, collect
 from .replay import Replay

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ...envs import MorlaxError, Worlds
-from ...gpu.resources import memory_of
+from ...host.resources import memory_of
 from ..rollout import Rollout
 
 MOST = 0.5  # share of the memory that a replay may take

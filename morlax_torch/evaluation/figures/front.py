@@ -13,9 +13,9 @@ from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ...colors import of_objectives
 from ..front import Front
 from ..pareto import conflicts, most_conflicting_pair
+from .colors import of_objectives
 from .style import (
     LEGEND_LETTER,
     between,

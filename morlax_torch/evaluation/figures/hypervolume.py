@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...colors import INK
+from .colors import INK
 from .style import blank, lattice, printed
 
 SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))

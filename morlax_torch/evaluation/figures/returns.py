@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from ...colors import of_objectives
 from ..front import Front
+from .colors import of_objectives
 from .style import (
     Apart,
     blank,

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ... import envs
 from ...evaluation.front import Front
-from ...preferences.teaching import Lesson
-from ...preferences.tradeoff import Preference
+from ..preferences.teaching import Lesson
+from ..preferences.tradeoff import Preference
 from .behavior import Behavior
 from .clip import Clip
 from .session import Session, Weights

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ...envs import MorlaxError
+from ...host.phases import phase
 from ...networks.policy import Policy
-from ...phases import phase
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for
 from ..player import Player
 from . import panels

@@ -11,9 +11,9 @@ from PIL import Image
 from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs import MorlaxError
 from ...evaluation.front import Front
-from ...files import replacing
+from ...host.files import replacing
+from ...host.phases import phase
 from ...networks.policy import Policy
-from ...phases import phase
 from .film import Film
 from .sweep import Sweep
 from .video import ENDINGS, FASTEST, write_video

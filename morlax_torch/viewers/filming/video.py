@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...envs import MorlaxError
 from ...envs.errors import installation
-from ...files import replacing
+from ...host.files import replacing
 
 # The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
 _ENCODERS = {

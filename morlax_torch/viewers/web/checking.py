@@ -10,7 +10,7 @@ from torch import Tensor
 from ...envs import Environment
 from ...envs.replacing import replaced
 from ...exports.formats import onnxruntime
-from ...phases import phase
+from ...host.phases import phase
 from .recording import Draws
 from .tracing import ARRAYS, RESULTS, OnnxGraph, Traced, cannot
 

@@ -13,8 +13,8 @@ from ...envs.naming import title
 from ...envs.registry import get
 from ...envs.worlds.trees import horizontal
 from ...exports.exporting import export
+from ...host.phases import phase
 from ...networks.policy import Policy
-from ...phases import phase
 from ...runs.bookmarks import bookmarks
 from ...runs.evaluating import front_of
 from ...runs.loading import load

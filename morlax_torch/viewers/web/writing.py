@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ...exports.formats import onnxruntime
-from ...files import making
-from ...phases import within
+from ...host.files import making
+from ...host.phases import within
 from .. import libraries
 from ..page_files import page_files
 from .robot import START, write_robot

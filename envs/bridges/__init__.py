@@ -1,0 +1,1 @@
+"""Worlds that other libraries step, behind the interface of ours."""

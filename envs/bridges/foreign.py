@@ -1,0 +1,168 @@
+"""Worlds that another library steps."""
+
+from abc import abstractmethod
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..errors import MorlaxError, words
+from ..worlds.interface import TimeStep, Worlds
+
+ACTORS = ("actor", "policy")  # names of the group that a policy sees
+CRITIC = "critic"  # what only critics see
+
+
+def imported(name: str) -> str:
+    """Return TASK of "LIBRARY:TASK" or "LIBRARY:MODULE:TASK", and import the module.
+
+    Raises:
+        MorlaxError: the module cannot be imported.
+    """
+    module, _, task = name.partition(":")[2].rpartition(":")
+    if module:
+        try:
+            import_module(module)
+        except (Exception, SystemExit) as error:  # any error of the user's own code
+            raise MorlaxError(f"{name} cannot import {module}: {words(error)}") from None
+    return task
+
+
+class Outcome(NamedTuple):
+    """The outcome of one step of N worlds."""
+
+    seen: Tensor  # (N, O + P) after restarts, if there were any
+    final: Tensor  # (N, O + P) after the step, before any restart
+    terms: Tensor  # (N, terms)
+    failed: Tensor  # (N,) bool
+    timed_out: Tensor  # (N,) bool, not where a world has failed
+    blown_up: Tensor  # (N,) bool, those that have failed because they are not finite
+
+
+class ForeignWorlds(Worlds):
+    """N worlds of another library. Their state is not saved: they restart in a resumed run.
+
+    Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
+    world that is not finite terminates with zero reward.
+    """
+
+    may_recover = False
+
+    def __init__(
+        self,
+        options: Any,
+        num_worlds: int,
+        device: torch.device,
+        seed: int = 0,
+        auto_reset: bool = True,
+    ):
+        self.options, self.num_worlds, self.device = options, num_worlds, device
+        self.auto_reset, self.episode_length = auto_reset, options.episode_length
+        self.generator = torch.Generator(device).manual_seed(seed)
+        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
+        self._open(seed)
+        self.define_objectives()
+        # in place, since a recorded step reads what the one before wrote
+        self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
+        self._timed_out = torch.zeros_like(self._failed)
+        self._seen = self._start()
+
+    @classmethod
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
+        if backend is not None or deterministic:
+            wish = "--deterministic" if deterministic else f"--backend {backend}"
+            raise MorlaxError(
+                f"these worlds have a simulator of their own, {cls.simulator}: leave {wish} out."
+            )
+        return cls(options, num_worlds, device, seed, auto_reset)
+
+    @abstractmethod
+    def _open(self, seed: int) -> None:
+        """Make the worlds; set their sizes and `reward_terms`."""
+
+    @abstractmethod
+    def _start(self) -> Tensor:
+        """Start every world; returns what critics see, (N, O + P)."""
+
+    @abstractmethod
+    def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
+        """Start the worlds of a mask (N,); returns `seen` (N, O + P) with what they see now."""
+
+    @abstractmethod
+    def _advance(self, action: Tensor) -> Outcome:
+        """Step every world; with automatic reset, also restart those whose episode is over."""
+
+    def reset(self) -> Tensor:
+        self._seen.copy_(self._start())
+        self._failed.zero_()
+        self._timed_out.zero_()
+        return self._policy(self._seen.clone())
+
+    def restart(self, which: Tensor) -> Tensor:
+        self.check_mask(which)
+        self._seen.copy_(self._restart(which, self._seen))
+        self._failed &= ~which
+        self._timed_out &= ~which
+        return self._policy(self._seen.clone())
+
+    def step(self, action: Tensor) -> TimeStep:
+        self.check_action(action)
+        standing = self._failed | self._timed_out  # none with automatic reset
+        seen, final, paid, failed, timed_out, blown_up = self._advance(action)
+        blown_up = blown_up & ~standing
+        paid = torch.where((standing | blown_up)[:, None], 0.0, paid)
+        final = torch.where(blown_up[:, None], 0.0, final)
+        if not self.auto_reset:
+            final = torch.where(standing[:, None], self._seen, final)
+            failed = torch.where(standing, self._failed, failed)
+            timed_out = torch.where(standing, self._timed_out, timed_out)
+            seen = torch.where((failed | timed_out)[:, None], final, seen)
+            self._failed.copy_(failed)
+            self._timed_out.copy_(timed_out)
+        self._seen.copy_(seen)
+        self.blowups += blown_up.sum()
+        return TimeStep(
+            observation=self._policy(seen),
+            reward=self._combine(paid),
+            terminated=failed,
+            truncated=timed_out,
+            final_observation=self._policy(final),
+            terms=dict(zip(self.reward_terms, paid.unbind(1), strict=True)),
+            critic_observation=seen,
+            final_critic_observation=final,
+            blown_up=blown_up,
+        )
+
+    def critic_observation(self) -> Tensor:
+        return self._seen.clone()
+
+    def _policy(self, seen: Tensor) -> Tensor:
+        return seen[:, : self.observation_size]
+
+
+def actor_group(groups: Any, owner: str) -> str:
+    """Return the name of the group that a policy sees.
+
+    Raises:
+        MorlaxError: `owner` has no such group, or a group that is not one vector.
+    """
+    known = list(groups.keys())
+    actor = next((name for name in ACTORS if name in known), None)
+    if actor is None:
+        raise MorlaxError(
+            f"{owner} has no observations called actor or policy, but {', '.join(known)}."
+        )
+    for name in {actor, CRITIC} & set(known):
+        if not isinstance(groups[name], Tensor) or groups[name].ndim != 2:
+            raise MorlaxError(
+                f"the observations {name} of {owner} are not one vector for each world: policies "
+                "cannot take images or parts that are not concatenated."
+            )
+    return actor
+
+
+def joined(groups: Any, actor: str) -> Tensor:
+    """Return what a policy sees, then what only critics see, (N, O + P)."""
+    parts = [groups[actor], *([groups[CRITIC]] if CRITIC in list(groups.keys()) else [])]
+    return torch.cat(parts, 1).float()

@@ -1,0 +1,293 @@
+"""Bridge to Gymnasium: many copies of any `gymnasium.Env` with a vector reward, on the CPU."""
+
+import importlib
+import sys
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.spaces import Box, Space
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..errors import MorlaxError, located, words
+from ..naming import GYMNASIUM
+from ..worlds.options import (
+    Count,
+    ObjectiveOptions,
+    Objectives,
+    Point,
+)
+from .foreign import ForeignWorlds, Outcome
+
+UNLIMITED = 500  # steps per episode of an environment without a limit of its own
+STEP = ("observation", "reward", "terminated", "truncated", "info")  # of what a step returns
+
+
+def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["GymnasiumWorlds"]:
+    """Return a class to `register`, whose worlds are environments from `make`.
+
+    Its reward terms are the components of the vector reward, `reward_0`, `reward_1` and so on; by
+    default each is an objective. An episode ends when the environment ends it, or after
+    `episode_length` steps, by default the environment's own limit, or 500. If `reward_space` has a
+    lower bound, the reference point is that bound over a whole episode.
+
+    Args:
+        make: returns a new environment with a `reward_space` at each call.
+        name: for error messages.
+
+    Raises:
+        MorlaxError: the actions are not a bounded Box, the reward is not a vector, or observations
+            have no fixed size.
+    """
+    one = make()
+    name = name or str(one)
+    space = getattr(one, "action_space", None)
+    if not isinstance(space, Box) or not np.prod(space.shape):
+        raise MorlaxError(
+            f"{name} has actions that are not continuous ({space}): only a Box is supported."
+        )
+    if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
+        raise MorlaxError(f"{name} has actions without bounds: give its Box a low and a high.")
+    rewards = one.get_wrapper_attr("reward_space") if one.has_wrapper_attr("reward_space") else None
+    if not isinstance(rewards, Box) or len(rewards.shape) != 1 or rewards.shape[0] < 2:
+        raise MorlaxError(
+            f"{name} has no vector reward (a reward_space of two numbers or more), so there is "
+            "nothing to trade off."
+        )
+    observation_size(name, getattr(one, "observation_space", None))
+    time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
+    terms = [f"reward_{i}" for i in range(rewards.shape[0])]
+    least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
+
+    class Options(ObjectiveOptions):
+        objectives: Objectives = {term: {term: 1.0} for term in terms}
+        reference_point: Point = tuple(least.tolist())
+        episode_length: Count = time
+
+    one.close()
+    members = {
+        "Options": Options,
+        "make_one": staticmethod(make),
+        "name": name,
+        "reward_terms": tuple(terms),
+    }
+    return type("GymnasiumWorlds", (GymnasiumWorlds,), members)
+
+
+@cache
+def from_id(name: str) -> type["GymnasiumWorlds"]:
+    """Return the class of "gymnasium:ID"; the id may name the module to import: "module:ID".
+
+    Raises:
+        MorlaxError: there is no such environment, or it is not supported.
+    """
+    identity = name.removeprefix(GYMNASIUM)
+    if identity not in gymnasium.registry and ":" not in identity:
+        try:
+            importlib.import_module("mo_gymnasium")  # most users mean its environments
+        except ImportError:
+            raise MorlaxError(
+                f"Gymnasium knows no {identity!r}: name the module that registers it, "
+                f"{GYMNASIUM}MODULE:{identity}, or pip install mo-gymnasium."
+            ) from None
+    make = partial(gymnasium.make, identity, disable_env_checker=True)  # rewards are vectors
+    try:
+        return from_gymnasium(make, name)
+    except MorlaxError:
+        raise
+    except gymnasium.error.Error as error:
+        raise MorlaxError(f"Gymnasium cannot make {identity!r}: {error}") from None
+    except (Exception, SystemExit) as error:  # any error of the user's own code
+        raise MorlaxError(f"Gymnasium cannot make {identity!r}: {words(error)}") from None
+
+
+class GymnasiumWorlds(ForeignWorlds):
+    """N environments, stepped one after the other; `from_gymnasium` makes such classes.
+
+    A world whose action, observation or reward is not finite in float32 terminates with zero
+    reward.
+
+    Raises:
+        MorlaxError: an environment fails, or returns values that do not fit its spaces.
+    """
+
+    make_one: ClassVar[Callable[[], gymnasium.Env]]
+    name: ClassVar[str]
+    simulator = "gymnasium"
+
+    def __init__(
+        self, options: ObjectiveOptions, num_worlds: int, seed: int = 0, auto_reset: bool = True
+    ):
+        self._episodes = list(range(num_worlds))
+        super().__init__(options, num_worlds, torch.device("cpu"), seed, auto_reset)
+        self.reseed(seed)  # the first `reset` starts from the seed, too
+
+    @classmethod
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
+        if device.type != "cpu" or backend == "warp":
+            raise MorlaxError(f"{cls.name} runs only on the CPU: use --device cpu and no backend.")
+        return cls(options, num_worlds, seed, auto_reset)
+
+    def _open(self, seed: int) -> None:
+        terms = len(self.reward_terms)
+        self._worlds = [CheckedEnv(self.make_one, self.name, terms) for _ in self._episodes]
+        one = self._worlds[0]
+        assert isinstance(one.env.action_space, Box)  # `from_gymnasium` has checked it
+        self._box = one.env.action_space
+        self.action_size = int(np.prod(self._box.shape))
+        self.observation_size = observation_size(self.name, one.space)
+        dt = getattr(one.env.unwrapped, "dt", None)  # MuJoCo's environments have it
+        if isinstance(dt, float) and dt > 0:
+            self.dt = dt
+        self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
+        self._found = np.zeros((self.num_worlds, self.observation_size))  # as environments give it
+        self.reseed(seed)
+
+    def _start(self) -> Tensor:
+        return self._restart(torch.ones_like(self.age, dtype=torch.bool), _in_float32(self._found))
+
+    def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
+        for world in which.nonzero().squeeze(1).tolist():
+            self._found[world] = self._worlds[world].reset(self._seeds[world])
+            self._seeds[world] = None  # later resets continue its random draws
+        self.age.masked_fill_(which, 0)
+        return torch.where(which[:, None], _in_float32(self._found), seen)
+
+    def _advance(self, action: Tensor) -> Outcome:
+        low, high = self._box.low / 2, self._box.high / 2  # halved, the sum cannot overflow
+        boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self._box.shape)
+        controls = (high + low + (high - low) * boxes).astype(self._box.dtype)
+        rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
+        failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
+        running, finite = ~(self._failed | self._timed_out), action.isfinite().all(1)
+        self.age += running
+        for world in (running & finite).nonzero().squeeze(1).tolist():
+            found = self._worlds[world].step(controls[world])
+            self._found[world], rewards[world], failed[world], timed_out[world] = found
+        final, paid = _in_float32(self._found), _in_float32(rewards)
+        finite &= torch.cat([final, paid], 1).isfinite().all(1)
+        failed |= ~finite
+        timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
+        seen = self._restart(failed | timed_out, final) if self.auto_reset else final
+        return Outcome(seen, final, paid, failed, timed_out, ~finite)
+
+    def reseed(self, seed: int) -> None:
+        super().reseed(seed)
+        self._seeds: list[int | None] = [seed + episode for episode in self._episodes]
+
+    def share_draws(self, episodes: Tensor, number: int) -> None:
+        self._episodes = episodes.tolist()
+
+
+def observation_size(name: str, space: Any) -> int:
+    """Return how many numbers an observation of `space` has.
+
+    Raises:
+        MorlaxError: it is not a space, or not one of a fixed number of numbers.
+    """
+    if not isinstance(space, Space) or not space.is_np_flattenable:
+        raise MorlaxError(
+            f"{name} has observations without a fixed size ({space}): spaces such as Box, Discrete "
+            "or a Dict of them are supported, Sequence and Graph are not."
+        )
+    size = gymnasium.spaces.flatdim(space)
+    if not size:
+        raise MorlaxError(f"{name} has empty observations ({space}): there is nothing to act on.")
+    return size
+
+
+class CheckedEnv:
+    """An environment whose observations and rewards are flat arrays of the right sizes.
+
+    Raises:
+        MorlaxError: from every method, if the environment's code fails, ends the program, or
+            returns values that do not fit its spaces.
+    """
+
+    def __init__(self, make: Callable[[], gymnasium.Env], name: str, num_rewards: int):
+        self.name, self._rewards = name, (num_rewards,)
+        self._file: str | None = None  # of the environment's class, for error messages
+        self.env: gymnasium.Env = self._call("its constructor", make)
+        module = sys.modules.get(type(self.env.unwrapped).__module__)
+        self._file = getattr(module, "__file__", None)
+        self.space = self.env.observation_space
+        self._size = observation_size(name, self.space)
+
+    def reset(self, seed: int | None) -> NDArray[np.float64]:
+        """Start an episode; returns the observation (O,)."""
+        found = self._call("reset()", self.env.reset, seed=seed)
+        seen, _ = self._parts("reset()", found, ("observation", "info"))
+        flat = self._flat("reset()", seen)
+        if not (abs(flat) <= np.finfo(np.float32).max).all():
+            raise MorlaxError(
+                f"{self.name}: reset() returned an observation that is not finite in float32."
+            )
+        return flat
+
+    def step(self, control: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64], bool, bool]:
+        """Advance; returns the observation (O,), the reward (m,), terminated and truncated."""
+        found = self._call("step()", self.env.step, control)
+        seen, reward, terminated, truncated, _ = self._parts("step()", found, STEP)
+        try:
+            paid, ended, stopped = np.asarray(reward, np.float64), bool(terminated), bool(truncated)
+        except (TypeError, ValueError) as error:
+            raise MorlaxError(
+                f"{self.name}: step() must return a reward of numbers, and terminated and "
+                f"truncated as True or False: {located(error)}"
+            ) from None
+        if paid.shape != self._rewards:
+            raise MorlaxError(
+                f"{self.name}: step() returned a reward of shape {paid.shape}, but reward_space "
+                f"has shape {self._rewards}: they must agree."
+            )
+        return self._flat("step()", seen), paid, ended, stopped
+
+    def _call(self, method: str, function: Callable[..., Any], *values: Any, **named: Any) -> Any:
+        try:
+            return function(*values, **named)
+        except (MorlaxError, MemoryError):
+            raise
+        except (Exception, SystemExit) as error:  # any error of the user's own code
+            raise MorlaxError(
+                f"{self.name}: {method} fails: {located(error, self._file)}"
+            ) from error
+
+    def _parts(self, method: str, found: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
+        if not isinstance(found, tuple) or len(found) != len(names):
+            given = type(found).__name__
+            if isinstance(found, tuple):
+                given += f" of {len(found)}"
+            raise MorlaxError(
+                f"{self.name}: {method} must return a tuple ({', '.join(names)}), as Gymnasium's "
+                f"environments do, not a {given}."
+            )
+        return found
+
+    def _flat(self, method: str, seen: Any) -> NDArray[np.float64]:
+        try:
+            if isinstance(self.space, Box):
+                flat, wanted = np.asarray(seen, np.float64), self.space.shape
+            else:
+                with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
+                    found = gymnasium.spaces.flatten(self.space, seen)
+                flat, wanted = np.asarray(found, np.float64), (self._size,)
+        except Exception as error:  # each space fails in its own way
+            raise MorlaxError(
+                f"{self.name}: {method} returned an observation that does not fit its "
+                f"observation_space {self.space}: {located(error)}"
+            ) from None
+        if flat.shape != wanted:
+            raise MorlaxError(
+                f"{self.name}: {method} returned an observation of shape {flat.shape}, but its "
+                f"observation_space needs {wanted}."
+            )
+        return flat.reshape(-1)
+
+
+def _in_float32(values: NDArray[np.float64]) -> Tensor:
+    with np.errstate(over="ignore"):  # infinite numbers end the episode
+        return torch.from_numpy(values.astype(np.float32))

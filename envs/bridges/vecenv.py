@@ -1,0 +1,178 @@
+"""Bridge to vectorized environments with the interface of rsl_rl, such as those of Isaac Lab."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+from weakref import WeakValueDictionary
+
+import torch
+from pydantic import PositiveFloat
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..devices import drawing_from
+from ..errors import MorlaxError, words
+from ..worlds.options import (
+    Count,
+    ObjectiveOptions,
+    Objectives,
+    Point,
+)
+from .foreign import (
+    ForeignWorlds,
+    Outcome,
+    actor_group,
+    joined,
+)
+
+Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
+Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
+
+# by the environment's id, the worlds that moved it last
+_moved_by: "WeakValueDictionary[int, VecEnvWorlds]" = WeakValueDictionary()
+
+
+def from_vecenv(
+    make_env: Make,
+    read_terms: Read,
+    objectives: Objectives,
+    reference_point: Point = None,
+    episode_length: int = 1000,
+    action_scale: float = 1.0,
+) -> type["VecEnvWorlds"]:
+    """Return a class to `register`, whose worlds are a vectorized environment.
+
+    The environment has `reset()`, and `step(actions)` that returns observations, rewards, dones and
+    extras, on its own device, and starts new episodes by itself. Observations are a tensor, or
+    groups of which policies see "actor" or "policy" and critics also "critic". A done in
+    `extras["time_outs"]` is truncated. What an episode ended with is not shown, so
+    `ppo.truncation` is mask.
+
+    Where a process can have only one environment, as in Isaac Lab, `make_env` returns the same one
+    again. Training and evaluations then take turns in it: an evaluation uses its first worlds, and
+    all worlds start new episodes afterwards.
+
+    Args:
+        make_env: returns an environment for a number of worlds, a device and a seed. For an
+            evaluation, it may have more worlds.
+        read_terms: returns the reward terms (N,) of the last step, by name.
+        objectives: weighted sums of reward terms, the default of `task.objectives`.
+        reference_point: of the hypervolume (None: the origin).
+        episode_length: the environment's own time limit, in steps.
+        action_scale: factor on actions in [-1, 1], for environments without bounds.
+    """
+
+    groups, point, steps, factor = objectives, reference_point, episode_length, action_scale
+
+    class Options(ObjectiveOptions):
+        objectives: Objectives = groups
+        reference_point: Point = point
+        episode_length: Count = steps
+        action_scale: PositiveFloat = factor
+
+    members = {
+        "Options": Options,
+        "make_env": staticmethod(make_env),
+        "read_terms": staticmethod(read_terms),
+    }
+    return type("VecEnvWorlds", (VecEnvWorlds,), members)
+
+
+class VecEnvWorlds(ForeignWorlds):
+    """N worlds of a vectorized environment; `from_vecenv` makes such classes.
+
+    They restart by themselves, and do not show how an episode ended.
+    """
+
+    make_env: Any
+    read_terms: Any
+    shows_endings = False
+    simulator = "a vectorized environment"
+    options: Any
+
+    def _open(self, seed: int) -> None:
+        with drawing_from(self.generator):
+            try:
+                self.env = self.make_env(self.num_worlds, self.device, seed)
+            except Exception as error:  # any error of the user's own code
+                raise MorlaxError(
+                    f"make_env fails: {words(error)}. If it may build one environment only, let it "
+                    "return the same environment again: evaluations need it too."
+                ) from None
+            self._check()
+            self.action_size = int(self.env.num_actions)
+            self._features(self.env.reset())
+            shape = self.env.num_envs, self.action_size
+            still = torch.zeros(shape, dtype=torch.float32, device=self.device)
+            _, _, _, extras = self.env.step(still)
+            self.reward_terms = tuple(self.read_terms(self.env, extras))
+
+    @property
+    def interrupted(self) -> bool:
+        return _moved_by.get(id(self.env)) is not self
+
+    def _start(self) -> Tensor:
+        _moved_by[id(self.env)] = self
+        with drawing_from(self.generator):
+            return self._features(self.env.reset())
+
+    def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
+        if not which.all():
+            raise MorlaxError("a vectorized environment restarts all of its worlds, or none.")
+        return self._start()
+
+    def _advance(self, action: Tensor) -> Outcome:
+        if self.interrupted:
+            raise MorlaxError(
+                "these worlds have been moved by others that share their environment, such as an "
+                "evaluation's: reset them first."
+            )
+        with drawing_from(self.generator):
+            actions = action.clamp(-1, 1) * self.options.action_scale
+            actions = pad(actions, (0, 0, 0, self.env.num_envs - self.num_worlds))
+            found, _, dones, extras = self.env.step(actions)
+            terms = self.read_terms(self.env, extras)
+        seen = self._features(found)
+        columns = [self._column(name, terms.get(name)).float() for name in self.reward_terms]
+        paid = torch.stack(columns, 1)
+        # such a world terminates here, if the environment ends its episode or not
+        blown_up = ~torch.cat([seen, paid, action], 1).isfinite().all(1)
+        seen = torch.where(blown_up[:, None], 0.0, seen)
+        dones = self._column("dones", dones).bool() | blown_up
+        late = self._column("time_outs", extras.get("time_outs", torch.zeros_like(dones))).bool()
+        timed_out = late & dones & ~blown_up
+        return Outcome(seen, seen, paid, dones & ~timed_out, timed_out, blown_up)
+
+    def _column(self, name: str, value: Any) -> Tensor:
+        """Return the first N numbers of `value` if it has one for each world of the environment."""
+        if not isinstance(value, Tensor) or value.shape != (self.env.num_envs,):
+            given = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
+            raise MorlaxError(
+                f"the vectorized environment gives {name} as {given}: it must be a tensor of "
+                f"shape ({self.env.num_envs},), one number for each world."
+            )
+        return value[: self.num_worlds]
+
+    def _check(self) -> None:
+        worlds, device = self.env.num_envs, torch.device(self.env.device)
+        same = device.type == self.device.type
+        if same and worlds < self.num_worlds and not self.auto_reset:
+            raise MorlaxError(
+                f"the vectorized environment has {worlds} worlds, but an evaluation needs "
+                f"{self.num_worlds}, in two sets of episodes for each trade-off: lower "
+                "evaluation.tradeoffs or evaluation.seeds, or let make_env pass the number on."
+            )
+        if not same or (worlds != self.num_worlds and self.auto_reset):
+            raise MorlaxError(
+                f"the vectorized environment has {worlds} worlds on {device}, but there should be "
+                f"{self.num_worlds} on {self.device}: let make_env pass both on."
+            )
+
+    def _features(self, found: Any) -> Tensor:
+        groups = found[0] if isinstance(found, tuple) else found
+        if isinstance(groups, Tensor):
+            groups = {"actor": groups}
+        actor = actor_group(groups, "the vectorized environment")
+        seen = joined(groups, actor)[: self.num_worlds]
+        self.observation_size = groups[actor].shape[1]
+        self.privileged_size = seen.shape[1] - self.observation_size
+        return seen

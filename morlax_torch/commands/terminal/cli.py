@@ -1,0 +1,148 @@
+"""Console, signals and error messages of the commands."""
+
+import errno
+import os
+import sys
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from typing import NoReturn
+
+from rich.console import Console
+
+from ...envs import MorlaxError
+from ...envs.errors import MorlaxWarning, words
+from ...host.resources import shortage_of_memory
+from ...host.torchrun import FIRST, SEVERAL
+from ...host.version import __version__
+from .interrupt import exiting_on_signals, exiting_when_stuck
+from .startup import (
+    INTERRUPTED,
+    collect_garbage_rarely,
+    share_busy_cores,
+    use_utf8,
+)
+
+GRACE = 2.0  # seconds
+
+
+def _console(quiet: bool = False, stderr: bool = False) -> Console:
+    """Return a console that breaks lines between words, and only on a terminal."""
+    made = Console(markup=False, highlight=False, emoji=False, quiet=quiet, stderr=stderr)
+    made.soft_wrap = not made.is_terminal
+    return made
+
+
+console = _console(quiet=not FIRST)
+
+
+def print_command(why: str, command: str) -> None:
+    """Print a command, in one line so that it can be copied."""
+    console.print(f"{why}: {command}", soft_wrap=True)
+
+
+def run(main: Callable[[Sequence[str]], None]) -> None:
+    """Run a command; a user's mistake prints one sentence and exits with status 2."""
+    use_utf8()
+    collect_garbage_rarely()
+    share_busy_cores()
+    formatted = warnings.formatwarning
+    warnings.formatwarning = lambda message, category, *others: (
+        f"warning: {message}\n"
+        if issubclass(category, MorlaxWarning)
+        else formatted(message, category, *others)
+    )
+    usual = threading.excepthook
+    # if TensorBoard's writer thread fails, its next call raises the error here
+    threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
+    arguments = sys.argv[1:]
+    try:
+        if "--version" in arguments:
+            print(f"morlax_torch {__version__}")
+            return
+        _check_text(arguments)
+        with exiting_on_signals(), exiting_when_stuck() if SEVERAL else nullcontext():
+            main(arguments)
+        torch = sys.modules.get("torch")
+        # freeing CUDA's memory would take a second
+        if SEVERAL or (torch is not None and torch.cuda.is_initialized()):
+            skip_teardown()
+        sys.stdout.flush()
+    except SystemExit as ended:
+        if SEVERAL and isinstance(ended.code, int):
+            skip_teardown(ended.code)
+        raise
+    except MorlaxError as error:
+        fail(str(error))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # the reader closed the pipe, as `head` does
+        _silence_output()
+    except OSError as error:
+        if error.filename is None and error.errno == errno.ENOSPC:
+            _silence_output()
+            fail("cannot print: no space left on the device that the output goes to.")
+        if not _is_named(error.filename, arguments):
+            raise  # of code that is not ours, such as a user's robot
+        fail(f"cannot use {error.filename}: {error.strerror}.")
+    except (AttributeError, MemoryError, RuntimeError) as error:
+        sentence = _unusable_opengl(error)
+        if sentence is None and not isinstance(error, AttributeError):
+            sentence = shortage_of_memory(error)
+        if sentence is None:
+            raise
+        fail(sentence)
+
+
+def skip_teardown(status: int = 0) -> NoReturn:
+    """End the process at once, where Python's teardown would do harm.
+
+    Teardown waits for threads of libraries, and aborts those that listen to other processes.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+def _check_text(arguments: Sequence[str]) -> None:
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            raise MorlaxError(f"the argument {argument!a} is not valid UTF-8.") from None
+
+
+def _unusable_opengl(error: Exception) -> str | None:
+    """Say that MuJoCo could not be imported because of MUJOCO_GL, if that is why `error` came."""
+    chosen, frames = os.environ.get("MUJOCO_GL"), traceback.extract_tb(error.__traceback__)
+    importing = any(frame.filename.endswith("mujoco/__init__.py") for frame in frames)
+    if not chosen or not importing or "mujoco" in sys.modules:
+        return None
+    return (
+        f"MuJoCo cannot be imported with MUJOCO_GL={chosen}: {words(error)}. Unset MUJOCO_GL, or "
+        "set it to glfw, egl or osmesa, whichever is installed."
+    )
+
+
+def _is_named(path: object, arguments: Sequence[str]) -> bool:
+    """Return whether a path is, or lies in, one that the command line names."""
+    named = (argument.rpartition("=")[2] for argument in arguments)
+    return any(name and str(path).startswith(name) for name in named)
+
+
+def _silence_output() -> None:
+    """Drop unprinted output, which Python would report as an error on exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def fail(sentence: str) -> NoReturn:
+    if not FIRST:
+        time.sleep(GRACE)  # an error of all processes ends this one before, told by the first
+    _console(stderr=True).print(f"error: {sentence}")
+    if SEVERAL:
+        skip_teardown(2)
+    sys.exit(2)

@@ -1,0 +1,91 @@
+"""Episodes without a window: how often a robot falls, how well it walks, and at which power."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...envs import MorlaxError
+from ...host.phases import phase
+from .deployment import Export
+from .disturbances import Disturbances
+from .policy import Policy
+from .robot import Robot
+from .wishes import Wishes
+
+
+class Episode(NamedTuple):
+    """What an episode came to; means are over its control steps."""
+
+    falls: float
+    seconds: float  # until the fall, if there was one
+    error: float  # m/s, between commanded and actual horizontal velocity
+    power: float  # W, positive mechanical power of all joints
+    speed: float  # m/s, horizontal
+    weight: float  # N, of the robot
+
+    @property
+    def transport(self) -> float:
+        """Return the cost of transport: power / (weight * speed)."""
+        return self.power / max(self.weight * self.speed, 1e-9)
+
+
+def run(
+    deployment: Export,
+    disturbances: Disturbances | None,
+    episodes: int,
+    seconds: float = 30.0,
+    seed: int = 0,
+) -> list[Episode]:
+    """Run episodes under random commands and trade-offs, which end with a fall.
+
+    Raises:
+        MorlaxError: there is no episode, or it has no control step.
+    """
+    check_times(deployment, seconds)
+    if episodes < 1:
+        raise MorlaxError(f"--episodes must be at least 1, not {episodes}.")
+    policy, found = policy_of(deployment), []
+    for number in range(episodes):
+        phase("playing", number / episodes)
+        draws, wishes = np.random.SeedSequence([seed, number]).spawn(2)
+        robot = Robot(deployment, disturbances, draws)
+        wished = Wishes(deployment, np.random.default_rng(wishes))
+        found.append(_episode(robot, policy, wished, round(seconds / robot.dt)))
+    return found
+
+
+def check_times(deployment: Export, seconds: float) -> None:
+    step = deployment.settings.step_dt
+    if not step <= seconds <= 1e6:
+        raise MorlaxError(f"--seconds must be from {step:g} to 1000000, not {seconds:g}.")
+
+
+def policy_of(deployment: Export) -> Policy:
+    own, seconds = deployment.settings.morlax_torch, deployment.settings.step_dt
+    return Policy(deployment.policy, own.objectives, own.slew, seconds)
+
+
+def summary(episodes: Sequence[Episode]) -> Episode:
+    """Return the number of falls, and means weighted by time."""
+    times = np.array([episode.seconds for episode in episodes])
+    means = np.average(np.array(episodes), axis=0, weights=times)
+    return Episode(
+        sum(episode.falls for episode in episodes), float(times.sum()), *means[2:].tolist()
+    )
+
+
+def _episode(robot: Robot, policy: Policy, wishes: Wishes, steps: int) -> Episode:
+    errors, powers, speeds, fallen = [], [], [], False
+    for step in range(steps):
+        command = wishes.command(step * robot.dt, policy)
+        made = robot.step(policy.act(robot.observe(command)))
+        fallen = made.fallen
+        if fallen:
+            break
+        errors.append(np.linalg.norm(command[:2] - made.velocity[:2]))
+        speeds.append(np.linalg.norm(made.velocity[:2]))
+        powers.append(made.power)
+    error, power, speed = (float(np.mean(rows or [np.nan])) for rows in (errors, powers, speeds))
+    seconds = (len(errors) + fallen) * robot.dt
+    return Episode(float(fallen), seconds, error, power, speed, robot.weight())

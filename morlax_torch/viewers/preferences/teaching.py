@@ -1,0 +1,152 @@
+"""Teach an objective by comparisons: clips, answers, a learned reward, a config to train with."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from ...configuration.config import Config, load_config
+from ...configuration.files import write_yaml
+from ...envs import MorlaxError, TaskOptions
+from ...envs.making import check_seed
+from ...envs.worlds.learned import TERM
+from ...envs.worlds.options import check_objectives
+from ...host.files import exists, make_folder, write_file
+from ...host.phases import phase
+from ...runs.loading import find_checkpoint, load
+from . import reward
+from .clips import record
+from .comparisons import Comparisons
+from .reward import Fit
+
+
+class Lesson:
+    """A folder in which an objective is learned from comparisons of a run's clips.
+
+    comparisons.npz   clips and answers
+    learned.pt        the reward learned from them, for `task.learned`
+    config.yaml       the run's config with the objective, starting from the run's policies
+
+    Another run of the same task adds its clips, for example the one that was trained with the
+    objective, whose mistakes further answers can correct.
+
+    Args:
+        run: a run's folder, a checkpoint, or a shipped name; a MuJoCo robot.
+        folder: a new one, or that of an earlier lesson.
+        objective: its name.
+        clips: how many to record of a run that has none in the folder yet.
+        seed: random seed of clips, pairs and the learned reward.
+
+    Raises:
+        MorlaxError: there is no such run, it has no MuJoCo robot, the folder is of another task or
+            another objective, or the name cannot be one of an objective.
+    """
+
+    def __init__(self, run: str, folder: Path, objective: str, clips: int = 200, seed: int = 0):
+        try:
+            check_objectives([objective, TERM])
+        except ValueError as error:
+            raise MorlaxError(f"{error}.") from None
+        if clips < 2:
+            raise MorlaxError(f"there are {clips} clips: at least 2 are needed to compare.")
+        self.folder, self.objective = folder, objective
+        self._checkpoint, self._seed = find_checkpoint(run), seed
+        self.policy = load(run)
+        known = self.policy.config.task.objectives.get(objective)
+        if known is not None and TERM not in known:
+            raise MorlaxError(
+                f"{run} has an objective {objective} already, which is not learned: choose another "
+                "name."
+            )
+        task = self.policy.config.task
+        assert isinstance(task, TaskOptions)
+        groups = {**task.objectives, "task.shared": task.shared}
+        others = [name for name, terms in groups.items() if TERM in terms and name != objective]
+        if others:
+            raise MorlaxError(
+                f"{run} has learned {others[0]} already, and a task has one learned reward: go on "
+                f"with --objective {others[0]}, or teach another run."
+            )
+        check_seed(seed)
+        path = folder / "comparisons.npz"
+        known = Comparisons.load(path) if exists(path) else None
+        if known is not None and known.answers and known.objective not in (None, objective):
+            raise MorlaxError(
+                f"{folder} has answers about {known.objective}, not about {objective}: use another "
+                f"folder, or --objective {known.objective}."
+            )
+        self.comparisons = self._with_clips_of_the_run(known, clips)
+        self.comparisons.objective = objective
+        self.save()
+        self._random = np.random.default_rng([seed, len(self.comparisons)])
+
+    def _with_clips_of_the_run(self, known: Comparisons | None, number: int) -> Comparisons:
+        source = hashlib.sha256(self._checkpoint.read_bytes()).hexdigest()
+        if known is not None and source in known.sources:
+            return known
+        task, (clips, terms) = self.policy.config.env, record(self.policy, number, self._seed)
+        if known is None:
+            known = Comparisons(task, terms, clips)
+        else:
+            known.add(task, terms, clips)
+        known.sources.append(source)
+        return known
+
+    def save(self) -> None:
+        """Write the answers given so far."""
+        make_folder(self.folder)
+        self.comparisons.save(self.folder / "comparisons.npz")
+
+    def pair(self) -> tuple[int, int]:
+        """Return the indices of two clips to compare next."""
+        return self.comparisons.pair(self._random)
+
+    def judge(self, term: str, answers: int) -> None:
+        """Simulate a user who prefers more of a reward term.
+
+        Raises:
+            MorlaxError: the task has no such reward term.
+        """
+        self.comparisons.judge(term, answers, self._random)
+        self.save()
+
+    def finish(self) -> Fit:
+        """Fit a reward to the answers, and write it with a config to train with.
+
+        Raises:
+            MorlaxError: there are too few answers, or a file cannot be written.
+        """
+        self.save()
+        phase("learning the reward")
+        fitted = reward.fit(self.comparisons, self._seed)
+        reward.save(fitted.reward, self.folder / "learned.pt")
+        write_file(self.folder / "config.yaml", write_yaml(self.config()))
+        return fitted
+
+    def config(self) -> Config:
+        """Return the config of a run with one more objective, starting from this one.
+
+        The objective's weight makes it vary as much between the clips as the others do on average.
+        """
+        config, task = self.policy.config, self.policy.config.task
+        assert isinstance(task, TaskOptions)
+        values = config.model_dump(mode="json")
+        options = values["task"]
+        if self.objective not in task.objectives:
+            point = task.reference_point
+            options["objectives"][self.objective] = {TERM: round(self._spread(), 4)}
+            options["reference_point"] = None if point is None else [*point, 0.0]
+        options["learned"] = str((self.folder / "learned.pt").absolute())
+        start = {"start_from": str(self._checkpoint), "device": None, "backend": None}
+        return load_config({**values, **start})
+
+    def _spread(self) -> float:
+        """Return how much the reward per step of an objective varies between clips."""
+        task, clips = self.policy.config.task, self.comparisons.clips
+        names, means = self.comparisons.terms, clips.terms / clips.action.shape[1]
+
+        def weights(group: dict[str, float]) -> list[float]:
+            return [task.shared.get(name, 0.0) + group.get(name, 0.0) for name in names]
+
+        objectives = np.array([weights(group) for group in task.objectives.values()])
+        return float(np.ptp(means @ objectives.T, axis=0).mean())
