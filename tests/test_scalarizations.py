@@ -10,17 +10,15 @@ from same import assert_same
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.algorithms.batch import expected_returns
 from morlax_torch.algorithms.registry import make_learner
-from morlax_torch.algorithms.scalarizations.chebyshev import (
+from morlax_torch.algorithms.scalarizations.interface import (
     AUGMENTATION,
     FORGETTING,
-    SMOOTHNESS,
-    SmoothChebyshev,
-)
-from morlax_torch.algorithms.scalarizations.constrained import (
     LEVELS,
     MOST,
     RATE,
+    SMOOTHNESS,
     Constrained,
+    SmoothChebyshev,
 )
 from morlax_torch.algorithms.scalarizations.registry import make_scalarization
 from morlax_torch.configuration.config import SCALARIZATIONS

@@ -35,6 +35,19 @@ def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
     return agent_class(config)(config, sizes, generator, **networks).to(env.device)
 
 
+def copies(tensors: list[Tensor]) -> list[Tensor]:
+    return [value.detach().clone() for value in tensors]
+
+
+@torch.no_grad()
+def restore(tensors: list[Tensor], stored: list[Tensor]) -> None:
+    """Copy stored values in place, also from another device; ValueError if shapes differ."""
+    for mine, value in zip(tensors, stored, strict=True):
+        if value.shape != mine.shape:
+            raise ValueError(f"a tensor has shape {tuple(value.shape)}, not {tuple(mine.shape)}")
+        mine.copy_(value)
+
+
 class TradeoffDraws:
     """Draws trade-offs (K, m) as `config.sampling` says."""
 
@@ -178,12 +191,17 @@ class BaseLearner(Learner):
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
 
+    def _tensors(self) -> dict[str, list[Tensor]]:
+        """Return further tensors of the state by name; all are updated in place."""
+        return {}
+
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on.
 
         Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
         """
         return {
+            **{name: copies(tensors) for name, tensors in self._tensors().items()},
             "agent": {name: value.clone() for name, value in self.trained.state_dict().items()},
             "generator": self.generator.get_state(),
             "environment": self.env.state_dict() if self.env.resumable else {},
@@ -194,6 +212,8 @@ class BaseLearner(Learner):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
+        for name, tensors in self._tensors().items():
+            restore(tensors, state[name])
         self.trained.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:

@@ -54,7 +54,7 @@ class AMOR(Trainer):
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
-        self._own_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
+        self._process_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
 
     def iterate(self, done: float = 0.0) -> None:
         super().iterate(done)

@@ -1,7 +1,5 @@
 """One iteration: explore with the policies of K trade-offs, then learn from all that they did."""
 
-from typing import Any
-
 import torch
 from torch import Tensor, nn
 
@@ -90,17 +88,17 @@ class Trainer(BaseLearner):
         super().__init__(env, config, agent, group)
         self.ppo = PPO(agent, config.ppo, group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
-        self._own_state: dict[str, Tensor] = {}  # of this process, that not every method has
+        self._process_state: dict[str, Tensor] = {}  # of this process alone
         self.designs: DesignDraws | None = None
         if config.sampling.designs:
             assert isinstance(env, Environment)
             self.designs = DesignDraws(env, config, config.seed)
-            self._own_state |= self.designs.state
+            self._process_state |= self.designs.state
             self._start_here()
         if self.scalarization.uses_returns:
             starts = self.observation.view(config.num_clusters, -1, self.observation.shape[1])
             self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
-            self._own_state["starts"] = self._starts
+            self._process_state["starts"] = self._starts
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
             *PPO.metrics,
@@ -112,7 +110,7 @@ class Trainer(BaseLearner):
 
     @property
     def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, *self._own_state
+        return *super().per_process, *self._process_state
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
         """Choose the trade-offs (K, m) of an iteration, in place; by default, they stay.
@@ -188,13 +186,14 @@ class Trainer(BaseLearner):
         iterations = max(1, self._iterations)
         updates = iterations * self.config.ppo.epochs * self.config.ppo.minibatches
         optimizers = dict(zip(self.ppo.optimizer_names, self.ppo.optimizers, strict=True))
-        parts = {
-            **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
-            **{f"learning_rate/{name}": own.rate for name, own in optimizers.items()},
-            **{f"gradient_norm/{name}": own.norms / updates for name, own in optimizers.items()},
-            **self.scalarization.metrics(self.env.objectives),
-        }
-        metrics = self._read(parts)
+        metrics = self._read(
+            {
+                **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
+                **{f"learning_rate/{name}": x.rate for name, x in optimizers.items()},
+                **{f"gradient_norm/{name}": x.norms / updates for name, x in optimizers.items()},
+                **self.scalarization.metrics(self.env.objectives),
+            }
+        )
         if self.designs:
             metrics["bodies"] = len(self.designs.bank.models)
         self._restart_metrics()
@@ -206,18 +205,9 @@ class Trainer(BaseLearner):
         for value in sums:
             value.zero_()
 
-    def state_dict(self) -> dict[str, Any]:
+    def _tensors(self) -> dict[str, list[Tensor]]:
         return {
-            **{name: value.clone() for name, value in self._own_state.items()},
-            **super().state_dict(),
-            "optimizers": [value.clone() for value in self.ppo.state()],
-            "scalarization": [value.clone() for value in self.scalarization.state()],
+            "optimizers": self.ppo.state(),
+            "scalarization": self.scalarization.state(),
+            **{name: [value] for name, value in self._process_state.items()},
         }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.ppo.restore(state["optimizers"])
-        for mine, value in zip(self.scalarization.state(), state["scalarization"], strict=True):
-            mine.copy_(value)
-        for name, value in self._own_state.items():
-            value.copy_(state[name])

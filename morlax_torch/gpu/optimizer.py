@@ -98,17 +98,6 @@ class ClippedAdam:
         """Return the moments, the number of steps and the learning rate."""
         return [self.mean, self.square, self.steps, self.rate]
 
-    def restore(self, state: Sequence[Tensor]) -> None:
-        """Load what `state` returned, in place, also on another device.
-
-        Raises:
-            ValueError: the state is of another number of parameters.
-        """
-        for mine, stored in zip(self.state(), state, strict=True):
-            if stored.shape != mine.shape:
-                raise ValueError(f"Adam's state has shape {stored.shape}, not {mine.shape}")
-            mine.copy_(stored)
-
     def forget(self) -> None:
         """Reset moments and step count; keep the current parameters."""
         for value in (self.mean, self.square, self.steps):

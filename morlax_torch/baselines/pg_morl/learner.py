@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...algorithms.base import make_agent
+from ...algorithms.base import copies, make_agent, restore
 from ...algorithms.trainer import Trainer
 from ...configuration.config import Config
 from ...configuration.tradeoffs import even_tradeoffs
@@ -195,8 +195,8 @@ class PGMORL(Trainer):
             "size": self._size,
             "archive_size": self._archived,
             "stretches": self._stretches,
-            "members": [value.clone() for value in self._members],
-            "snapshots": [value.clone() for value in self._snapshots],
+            "members": copies(self._members),
+            "snapshots": copies(self._snapshots),
             "trained": state["agent"],
             "tradeoffs": self.tradeoffs.clone(),
         }
@@ -207,11 +207,9 @@ class PGMORL(Trainer):
         stored = state["population"]
         super().load_state_dict({**state, "agent": stored["trained"]})
         self.agent.load_state_dict(state["agent"])
-        for name, value in self._state.items():
-            value.copy_(stored[name])
-        for mine, name in ((self._members, "members"), (self._snapshots, "snapshots")):
-            for value, other in zip(mine, stored[name], strict=True):
-                value.copy_(other)
+        restore([*self._state.values()], [stored[name] for name in self._state])
+        restore(self._members, stored["members"])
+        restore(self._snapshots, stored["snapshots"])
         self.tradeoffs.copy_(stored["tradeoffs"])
         self._size, self._archived = stored["size"], stored["archive_size"]
         self._stretches = stored["stretches"]

@@ -61,10 +61,10 @@ def performance_buffer(
     point first, so that units do not change the bins.
 
     Args:
-        returns: Returns (n, m) of all policies.
-        reference: Reference point (m,).
-        directions: Unit vectors (B, m), one per bin.
-        size: Most policies per bin.
+        returns: (n, m) of all policies.
+        reference: point (m,).
+        directions: unit vectors (B, m), one per bin.
+        size: most policies per bin.
     """
     excess = np.asarray(returns, np.float64) - np.asarray(reference, np.float64)
     kept = np.flatnonzero(exceeding(excess))

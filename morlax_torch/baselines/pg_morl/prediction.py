@@ -10,7 +10,6 @@ from scipy.optimize import least_squares
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 REACH = 0.1  # first reach of a neighborhood, relative to the range of the returns
 DEVIATION = 0.3  # standard deviation of the Gaussian, relative to the reach
@@ -36,119 +35,95 @@ def predict(
     """Predict the returns (p, c, m) of p policies after training with c candidate trade-offs each.
 
     Args:
-        before: Returns (h, m) at the start of each stretch of training so far.
-        weights: Trade-offs (h, m) of the stretches.
-        change: Changes (h, m) of the returns in the stretches.
-        points: Current returns (p, m) of the policies.
-        candidates: Trade-offs (p, c, m).
+        before: returns (h, m) at the start of each stretch of training so far.
+        weights: trade-offs (h, m) of the stretches.
+        change: changes (h, m) of the returns in the stretches.
+        points: current returns (p, m) of the policies.
+        candidates: trade-offs (p, c, m).
 
     Each policy and objective has its own model of the change over the weight x of that objective,
 
         f(x) = A (e^{a(x-b)} - 1) / (e^{a(x-b)} + 1) + c = A tanh(a(x-b) / 2) + c,
 
-    fitted to the stretches that started near the policy (see `neighborhoods`). The model only
+    fitted to the stretches that started near the policy (see `neighborhood`). The model only
     rises: more weight never means less improvement. Stretches that are not finite are ignored.
     Without history, no change is predicted.
 
-    The bounds of a and b are the authors'. Their bounds of A and c, and the residual at which their
-    soft-L1 loss turns linear, are in units of their rewards. Here they follow the range of the
-    changes in the neighborhood, without outliers (see `trimmed_range`): A is at most that range, c
-    at most one range above or below it, and the loss turns linear at a tenth of it.
+    The authors' bounds of A and c, and the residual at which their soft-L1 loss turns linear, are
+    in units of their rewards. Here they follow the range of the changes in the neighborhood,
+    without outliers: A is at most that range, c at most one range above or below it, and the loss
+    turns linear at a tenth of it.
     """
     before, weights, change, points, candidates = (
         np.asarray(array, np.float64) for array in (before, weights, change, points, candidates)
     )
     finite = np.isfinite(before).all(1) & np.isfinite(change).all(1)
     before, weights, change = before[finite], weights[finite], change[finite]
-    if not len(before) or not len(points):
-        return points[:, None] + np.zeros_like(candidates)
-    nearest, closeness = neighborhoods(before, weights, change, points)
-    x, y = (np.moveaxis(array[nearest], 1, 2) for array in (weights, change))  # (p, m, k)
-    closeness = np.broadcast_to(closeness[:, None], y.shape)
-    low, extent = trimmed_range(y, closeness > 0)
-    scaled = (y - low[..., None]) / np.where(extent > 0, extent, 1)[..., None]
-    rows = (array.reshape(-1, y.shape[-1]) for array in (x, scaled, closeness))
-    fits = np.stack([fitted(*row) for row in zip(*rows, strict=True)])
-    fits = fits.reshape(*low.shape, 1, len(START))
-    predicted = hyperbolic(fits, np.moveaxis(candidates, 1, 2))
-    return points[:, None] + np.moveaxis(low[..., None] + extent[..., None] * predicted, 2, 1)
+    predicted = points[:, None] + np.zeros_like(candidates)
+    if not len(before):
+        return predicted
+    extent = np.ptp(np.concatenate([before, before + change]), axis=0)
+    extent[extent == 0] = np.inf  # without a range there is no unit: the objective is ignored
+    _, kinds = np.unique(weights.round(DECIMALS), axis=0, return_inverse=True)
+    for i, point in enumerate(points):
+        nearest, closeness = neighborhood(np.abs(point - before) / extent, kinds)
+        for k in range(len(point)):
+            changes = change[nearest, k]
+            low, size = trimmed_range(changes)
+            scaled = (changes - low) / (size or 1.0)
+            model = fitted(weights[nearest, k], scaled, closeness)
+            predicted[i, :, k] += low + size * hyperbolic(model, candidates[i, :, k])
+    return predicted
 
 
-def neighborhoods(
-    before: Array, weights: Array, change: Array, points: Array
-) -> tuple[Indices, Array]:
-    """Return the stretches (p, k) that started near each policy, and their closeness (p, k).
+def neighborhood(away: Array, kinds: Indices) -> tuple[Indices, Array]:
+    """Return the stretches (n,) that started near a policy, and their closeness (n,).
 
-    Distances are relative to the range of each objective over the starts and ends of all stretches.
-    (The authors' code divides by the returns of the policy, which may be near zero.) A neighborhood
-    reaches 0.1 in every objective and doubles until it holds four different trade-offs, or all
-    stretches if there are fewer. At most its 128 nearest stretches count.
+    They are `away` (h, m) from the policy, relative to the range of each objective over the starts
+    and ends of all stretches. (The authors' code divides by the returns of the policy, which may be
+    near zero.) A neighborhood reaches 0.1 in every objective and doubles until it holds four
+    `kinds` (h,) of trade-offs, or all stretches if there are fewer. At most 128 of them count.
 
     Closeness is a Gaussian of the distance, with a standard deviation of 0.3 of the reach, divided
     by its value for the nearest stretch. Without the division, residuals of distant stretches would
-    be too small for the loss to turn linear, and outliers would not be damped. Closeness is 0 for
-    stretches outside the neighborhood, which fill the rows.
+    be too small for the loss to turn linear, and outliers would not be damped.
     """
-    ends = np.concatenate([before, before + change])
-    extent = np.ptp(ends, axis=0)
-    extent[extent == 0] = np.inf  # without a range there is no unit: the objective is ignored
-    away = np.abs(points[:, None] - before) / extent
-    distances = away.max(-1)
-    needed = distances_of_different(distances, weights)
-    reach = np.full(len(points), REACH)
-    while (short := reach < needed).any():
-        reach[short] *= 2
-    squares = np.square(away).sum(-1)
-    squares[distances > reach[:, None]] = np.inf
-    size = min(MOST_NEIGHBORS, int(np.isfinite(squares).sum(1).max()))
-    nearest = np.argpartition(squares, size - 1, axis=1)[:, :size]
-    squares = np.take_along_axis(squares, nearest, 1)
-    squares -= squares.min(1, keepdims=True)
-    return nearest, np.exp(-squares / (2 * np.square(DEVIATION * reach[:, None])))
+    distances = away.max(1)
+    order = distances.argsort(kind="stable")
+    _, firsts = np.unique(kinds[order], return_index=True)  # the nearest of each kind
+    rank = np.sort(firsts)[DIFFERENT_TRADEOFFS - 1] if len(firsts) >= DIFFERENT_TRADEOFFS else -1
+    reach = REACH
+    while reach < distances[order[rank]]:
+        reach *= 2
+    squares = np.square(away).sum(1)
+    inside = np.flatnonzero(distances <= reach)
+    nearest = inside[squares[inside].argsort(kind="stable")[:MOST_NEIGHBORS]]
+    further = squares[nearest] - squares[nearest[0]]
+    return nearest, np.exp(-further / (2 * (DEVIATION * reach) ** 2))
 
 
-def distances_of_different(distances: Array, weights: Array) -> Array:
-    """Return the reach (p,) that includes four different trade-offs, or all stretches if fewer.
-
-    Stretches with trade-offs (h, m) are at `distances` (p, h) from policies.
-    """
-    _, kinds = np.unique(weights.round(DECIMALS), axis=0, return_inverse=True)
-    order = np.argsort(kinds, kind="stable")
-    starts = np.searchsorted(kinds[order], np.arange(kinds.max() + 1))
-    of_kinds = np.minimum.reduceat(distances[:, order], starts, axis=1)
-    if of_kinds.shape[1] < DIFFERENT_TRADEOFFS:
-        return distances.max(1)
-    return np.partition(of_kinds, DIFFERENT_TRADEOFFS - 1, axis=1)[:, DIFFERENT_TRADEOFFS - 1]
-
-
-def trimmed_range(values: Array, present: Mask) -> tuple[Array, Array]:
-    """Return the least value (...,) and the range (...,) of the present values (..., k).
+def trimmed_range(values: Array) -> tuple[float, float]:
+    """Return the least of the values (n,) and their range.
 
     About a tenth of the values is left out at either end as outliers, unless all others are equal.
     """
-    ordered = np.sort(np.where(present, values, np.inf), -1)
-    last = present.sum(-1, keepdims=True) - 1
-    trim = last // TRIMMED
-
-    def ends(first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[Array, Array]:
-        low, high = (np.take_along_axis(ordered, index, -1)[..., 0] for index in (first, last))
-        return low, high - low
-
-    low, extent = ends(trim, last - trim)
-    all_low, all_extent = ends(np.zeros_like(last), last)
-    return np.where(extent > 0, low, all_low), np.where(extent > 0, extent, all_extent)
+    ordered, trim = np.sort(values), (len(values) - 1) // TRIMMED
+    low, high = ordered[trim], ordered[-1 - trim]
+    if low == high:
+        low, high = ordered[0], ordered[-1]
+    return float(low), float(high - low)
 
 
 def hyperbolic(parameters: Array, x: Array) -> Array:
-    """Compute A tanh(a(x - b) / 2) + c for parameters (..., 4) and x (...)."""
-    A, a, b, c = np.moveaxis(parameters, -1, 0)
+    """Compute A tanh(a(x - b) / 2) + c for parameters (4,) and x (n,)."""
+    A, a, b, c = parameters
     return A * np.tanh(a * (x - b) / 2) + c
 
 
 def fitted(x: Array, y: Array, closeness: Array) -> Array:
-    """Fit a hyperbolic model to k points, all (k,), and return its parameters (4,).
+    """Return the parameters (4,) of the model that minimize sum_i L(closeness_i (f(x_i) - y_i)).
 
-    Minimizes sum_i L(closeness_i (f(x_i) - y_i)) within the bounds, where L is the soft-L1 loss.
+    L is the soft-L1 loss. All arguments are (n,).
     """
     return least_squares(
         lambda parameters: closeness * (hyperbolic(parameters, x) - y),

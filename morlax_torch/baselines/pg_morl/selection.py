@@ -1,7 +1,4 @@
-"""The task selection of PG-MORL: what to train for the best front.
-
-Xu et al., 2020. Every objective is maximized and may have its own unit.
-"""
+"""The task selection of PG-MORL (Xu et al., 2020): what to train for the best front."""
 
 import math
 
@@ -39,11 +36,11 @@ def select(
     not finite are not selected. If there are fewer than `number` others, all are returned.
 
     Args:
-        archive: Returns (n, m) of the policies so far.
-        predicted: Predicted returns (c, m) of the candidates.
-        number: Number of candidates to select.
-        reference: Reference point (m,) of the hypervolume.
-        alpha: Weight of the sparsity.
+        archive: returns (n, m) of the policies so far, maximized.
+        predicted: returns (c, m) of the candidates.
+        number: of candidates to select.
+        reference: point (m,) of the hypervolume.
+        alpha: weight of the sparsity.
     """
     reference = np.asarray(reference, np.float64)
     front = np.asarray(archive, np.float64) - reference
@@ -96,9 +93,7 @@ def shortfalls(points: Array, front: Array) -> Array:
     It is negative for points that add to the front (n, m) already. All are relative to the
     reference point.
     """
-    least = front[:, 0] - points[:, :1]
-    for objective in range(1, points.shape[1]):
-        np.minimum(least, front[:, objective] - points[:, objective, None], out=least)
+    least = (front - points[:, None]).min(-1)  # (c, n)
     return np.maximum(least.max(1, initial=-np.inf), -points.min(1))
 
 
@@ -110,16 +105,11 @@ def sparsity(front: Array) -> float:
 
 def sparsities(points: Array, front: Array) -> Array:
     """Compute the sparsity (c,) of the front (n, m) after each of the points (c, m) is added."""
-    columns = list(zip(points.T, front.T, strict=True))
-    dominated = np.ones((len(points), len(front)), np.bool_)
-    for point, values in columns:
-        dominated &= values <= point[:, None]
-    squares = np.zeros(len(points))
-    for point, values in columns:
-        # a dominated value becomes a copy of the point, which has no gap to it
-        joined = np.where(dominated, point[:, None], values)
-        joined = np.sort(np.concatenate([joined, point[:, None]], 1), 1)
-        squares += np.square(np.diff(joined, axis=1)).sum(1)
+    dominated = (front <= points[:, None]).all(-1)  # (c, n)
+    # a dominated value becomes a copy of the point, which has no gap to it
+    joined = np.where(dominated[..., None], points[:, None], front)
+    joined = np.sort(np.concatenate([joined, points[:, None]], 1), 1)
+    squares = np.square(np.diff(joined, axis=1)).sum((1, 2))
     return squares / np.maximum((~dominated).sum(1), 1)
 
 
@@ -127,50 +117,30 @@ def gained(points: Array, front: Array) -> Array:
     """Compute the hypervolume (c,) that each of the points (c, m) adds to a front (n, m).
 
     All are relative to the reference point. The points must add hypervolume. Exact for up to four
-    objectives, else an estimate (see `volume_along_rays`).
+    objectives, else an estimate.
     """
-    num_objectives = points.shape[1]
-    if num_objectives == 2:
-        return area_gained(points, front)
-    if num_objectives <= EXACT_OBJECTIVES:
-        return np.array([volume_gained(point, front) for point in points])
-    rays = uniform_directions(RAYS, num_objectives)
-    return np.array([volume_along_rays(point, front, rays) for point in points])
+    m = points.shape[1]
+    rays = uniform_directions(RAYS, m) if m > EXACT_OBJECTIVES else None
+    return np.array([volume_gained(point, np.minimum(front, point), rays) for point in points])
 
 
-def area_gained(points: Array, front: Array) -> Array:
-    """Compute the areas (c,) that points (c, 2) add to the staircase below a front (n, 2)."""
-    x, y = front[np.argsort(front[:, 0])].T
-    left, right, height = np.append(0, x), np.append(x, np.inf), np.append(y, 0)
-    widths = np.minimum(points[:, :1], right) - left
-    heights = points[:, 1:] - height
-    return (widths.clip(0) * heights.clip(0)).sum(1)
+def volume_gained(point: Array, covered: Array, rays: Array | None) -> float:
+    """Compute the volume of the box below a point (m,) without that below covered ones (n, m).
 
-
-def volume_gained(point: Array, front: Array) -> float:
-    """Compute the volume of the box below a point (m,) that lies above a front (n, m)."""
-    box = float(point.prod())
-    if not len(front):
-        return box
-    covered = np.minimum(front, point)
-    return box - float(moocore.hypervolume(covered, ref=np.zeros(len(point)), maximise=True))
-
-
-def volume_along_rays(point: Array, front: Array, rays: Array) -> float:
-    """Estimate `volume_gained` from rays (k, m), uniform directions in the positive orthant.
-
-    A ray from the point downwards leaves the volume once, after a length l. The volume is the mean
-    of l^m times the volume of one orthant of the unit ball (Shang et al., 2020, "R2-Based
-    Hypervolume Contribution Approximation").
+    With rays (k, m), uniform directions in the positive orthant, it is estimated: a ray from the
+    point downwards leaves the volume once, after a length l, and the volume is the mean of l^m
+    times the volume of one orthant of the unit ball (Shang et al., 2020, "R2-Based Hypervolume
+    Contribution Approximation").
     """
     m = len(point)
+    if rays is None:
+        box = float(point.prod())
+        zero = np.zeros(m)
+        return box - moocore.hypervolume(covered, ref=zero, maximise=True) if len(covered) else box
     lengths = (point / rays).min(1)
-    if len(front):
-        covered = np.minimum(front, point)
+    if len(covered):
         covered = covered[moocore.is_nondominated(covered, maximise=True)]
-        leaving = np.zeros((len(rays), len(covered)))
-        for inverse, drop in zip((1 / rays).T, (point - covered).T, strict=True):
-            np.maximum(leaving, inverse[:, None] * drop, out=leaving)
+        leaving = ((point - covered) / rays[:, None]).max(-1)  # (k, n)
         lengths = np.minimum(lengths, leaving.min(1))
     orthant = math.pi ** (m / 2) / math.gamma(m / 2 + 1) / 2**m
     return orthant * float(np.mean(lengths**m))
