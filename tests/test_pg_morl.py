@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import moocore
 import numpy as np
 import pytest
 import torch
@@ -141,17 +140,6 @@ def test_changes_that_follow_the_model_are_predicted(m):
         assert np.abs(error[seen]).max() < 0.5
 
 
-@pytest.mark.parametrize("m", (2, 3))
-def test_outliers_hardly_change_a_prediction(m):
-    before, weights, change = history(60, m, noise=0.5)
-    candidates = np.random.default_rng(1).dirichlet(np.ones(m), (3, 9))
-    points = np.full((3, m), 100.0)
-    expected = prediction.predict(before, weights, change, points, candidates)
-    change[::15] += [[-300.0], [200], [-400], [250]]
-    predicted = prediction.predict(before, weights, change, points, candidates)
-    assert np.abs(predicted - expected).max() < 4  # of changes from -16 to 24
-
-
 def test_predictions_follow_the_stretches_near_each_policy():
     _, weights, change = history(40, 2)
     before = np.repeat([[100.0, 100.0], [1000.0, 1000.0]], 20, 0)
@@ -285,21 +273,6 @@ def test_predictions_that_are_not_finite_are_not_selected(m):
     assert selection.select(np.ones((1, m)), predicted[:0], 2, np.zeros(m), 1.0).tolist() == []
 
 
-def exact_gains(points: np.ndarray, front: np.ndarray) -> list[float]:
-    def volume(points: np.ndarray) -> float:
-        return moocore.hypervolume(points, ref=np.zeros(points.shape[1]), maximise=True)
-
-    return [volume(np.vstack([front, point])) - volume(front) for point in points]
-
-
-@pytest.mark.parametrize("m", (5, 6))
-def test_estimated_gains_select_a_candidate_about_as_good_as_the_best(m):
-    front, points = sphere(40, m), 1.1 * sphere(60, m, seed=1)
-    gains = exact_gains(points, front)
-    first = selection.select(front, points, 1, np.zeros(m), 0.0)[0]
-    assert gains[first] > 0.7 * max(gains) > 3.5 * np.median(gains)
-
-
 @pytest.mark.parametrize("m", (2, 3, 5))
 def test_the_sparsity_with_each_point_equals_that_of_the_union(m):
     front, points = sphere(25, m), 1.2 * sphere(20, m, seed=1)
@@ -308,7 +281,6 @@ def test_the_sparsity_with_each_point_equals_that_of_the_union(m):
     assert selection.sparsities(points, front) == pytest.approx(expected)
     assert selection.sparsities(np.full((1, m), 2.0), front).tolist() == [0]
     assert selection.sparsities(points, front[:0]).tolist() == [0] * len(points)
-    assert selection.sparsity(front) == pytest.approx(pareto.sparsity(front))
 
 
 def test_the_archive_keeps_what_none_dominates_and_thins_it_evenly():
@@ -397,6 +369,16 @@ def test_policies_that_return_to_training_are_what_was_stored():
     assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
     means = learner.agent.observation_normalizer.mean[: learner._archived]
     assert len(means.unique(dim=0)) > 1
+
+
+@pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])
+def test_measuring_takes_at_most_8_percent_of_the_steps(task, device):
+    sizes = {"worlds": 4096, "horizon": 32, "sampling.clusters": 16, "device": "cpu"}
+    config = config_for(task, algorithm="pg-morl", max_env_steps=10**9, **sizes)
+    generation, spacing = pg_morl.intervals(config, config.task.episode_length, device)
+    assert spacing == 20
+    spent = max(16 * generation / spacing, pg_morl.LATENCY[device]) * config.task.episode_length
+    assert spent <= 0.08 * (spent + generation * 4096 * 32)
 
 
 @pytest.mark.parametrize("format", ["onnx", "torchscript"])

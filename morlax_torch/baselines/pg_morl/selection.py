@@ -1,18 +1,13 @@
 """The task selection of PG-MORL (Xu et al., 2020): what to train for the best front."""
 
-import math
-
-import moocore
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .population import exceeding, uniform_directions
+from ...evaluation import pareto
+from .population import exceeding
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-EXACT_OBJECTIVES = 4  # with more, exact hypervolumes of all candidates may take minutes
-RAYS = 128  # of each estimated hypervolume
 
 
 def select(
@@ -53,8 +48,7 @@ def select(
     scale = np.abs(front if len(front) else points).max(0)
     scale[scale == 0] = 1
     front, points = front / scale, points / scale
-    if len(front):
-        front = front[moocore.is_nondominated(front, maximise=True)]
+    front = front[pareto.non_dominated(front)]
     return finite[greedy(front, points, min(number, len(points)), alpha)]
 
 
@@ -71,7 +65,7 @@ def greedy(front: Array, points: Array, number: int, alpha: float) -> list[int]:
     while len(chosen) < number:
         adding = lacking < 0
         costs = np.zeros(len(points))
-        costs[adding] = alpha * (sparsities(points[adding], front) - sparsity(front))
+        costs[adding] = alpha * (sparsities(points[adding], front) - pareto.sparsity(front))
         scores = np.where(adding, gains - costs, 0)
         scores[chosen] = -np.inf
         current = ~adding
@@ -97,12 +91,6 @@ def shortfalls(points: Array, front: Array) -> Array:
     return np.maximum(least.max(1, initial=-np.inf), -points.min(1))
 
 
-def sparsity(front: Array) -> float:
-    """Compute the mean squared gap between neighbors on a front (n, m), summed over objectives."""
-    gaps = np.diff(np.sort(front, axis=0), axis=0)
-    return float(np.square(gaps).sum() / max(len(gaps), 1))
-
-
 def sparsities(points: Array, front: Array) -> Array:
     """Compute the sparsity (c,) of the front (n, m) after each of the points (c, m) is added."""
     dominated = (front <= points[:, None]).all(-1)  # (c, n)
@@ -116,31 +104,8 @@ def sparsities(points: Array, front: Array) -> Array:
 def gained(points: Array, front: Array) -> Array:
     """Compute the hypervolume (c,) that each of the points (c, m) adds to a front (n, m).
 
-    All are relative to the reference point. The points must add hypervolume. Exact for up to four
-    objectives, else an estimate.
+    All are relative to the reference point. The points must add hypervolume.
     """
-    m = points.shape[1]
-    rays = uniform_directions(RAYS, m) if m > EXACT_OBJECTIVES else None
-    return np.array([volume_gained(point, np.minimum(front, point), rays) for point in points])
-
-
-def volume_gained(point: Array, covered: Array, rays: Array | None) -> float:
-    """Compute the volume of the box below a point (m,) without that below covered ones (n, m).
-
-    With rays (k, m), uniform directions in the positive orthant, it is estimated: a ray from the
-    point downwards leaves the volume once, after a length l, and the volume is the mean of l^m
-    times the volume of one orthant of the unit ball (Shang et al., 2020, "R2-Based Hypervolume
-    Contribution Approximation").
-    """
-    m = len(point)
-    if rays is None:
-        box = float(point.prod())
-        zero = np.zeros(m)
-        return box - moocore.hypervolume(covered, ref=zero, maximise=True) if len(covered) else box
-    lengths = (point / rays).min(1)
-    if len(covered):
-        covered = covered[moocore.is_nondominated(covered, maximise=True)]
-        leaving = ((point - covered) / rays[:, None]).max(-1)  # (k, n)
-        lengths = np.minimum(lengths, leaving.min(1))
-    orthant = math.pi ** (m / 2) / math.gamma(m / 2 + 1) / 2**m
-    return orthant * float(np.mean(lengths**m))
+    zero = np.zeros(points.shape[1])
+    covered = (pareto.hypervolume(np.minimum(front, point), zero) for point in points)
+    return points.prod(1) - np.fromiter(covered, np.float64, len(points))
