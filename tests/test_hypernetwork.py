@@ -173,18 +173,11 @@ def test_all_parameters_get_a_gradient_but_the_features_of_a_zero_affine_map(tar
         assert found == expected
 
 
-@pytest.mark.parametrize(
-    ("target", "sizes", "words"),
-    [
-        (nn.ReLU(), {}, "the target has no parameters, so there is nothing to generate"),
-        (nn.Linear, {}, "the target must be an nn.Module, not <class"),
-        (nn.Linear(3, 2), {"num_objectives": 0}, "num_objectives must be a whole number from 1"),
-        (nn.Linear(3, 2), {"hidden_sizes": (8, -1)}, "hidden_sizes must be .* from 1, not -1"),
-    ],
-)
-def test_sizes_that_make_no_network_are_one_sentence(target, sizes, words):
-    with pytest.raises(MorlaxError, match=words):
-        Hypernetwork(target, **{"num_objectives": 2, **sizes})
+def test_what_is_no_network_is_one_sentence():
+    with pytest.raises(MorlaxError, match="no parameters, so there is nothing to generate"):
+        Hypernetwork(nn.ReLU(), 2)
+    with pytest.raises(MorlaxError, match=r"the target must be an nn\.Module, not <class"):
+        Hypernetwork(nn.Linear, 2)
 
 
 @pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])

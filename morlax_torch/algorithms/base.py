@@ -20,19 +20,12 @@ from .rollout import Episodes, Rollout
 
 def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
     """Return a new agent for the worlds, on their device; `networks` are arguments of `Agent`."""
-    sizes = Sizes(
-        env.observation_size,
-        env.action_size,
-        len(env.objectives),
-        env.privileged_size,
-        env.designs,
-    )
     if config.network.symmetric:
         # a tolerance only if there is one: tasks may override `mirror` without
         tolerance = config.network.symmetry_tolerance
         networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
     generator = torch.Generator().manual_seed(config.seed)
-    return agent_class(config)(config, sizes, generator, **networks).to(env.device)
+    return agent_class(config)(config, Sizes.of(env), generator, **networks).to(env.device)
 
 
 def copies(tensors: list[Tensor]) -> list[Tensor]:
@@ -140,6 +133,7 @@ class BaseLearner(Learner):
         """
         if self.env.device.type != "cuda":
             return
+        # warming up explores and learns for a moment, which changes all of this
         state, tradeoffs = self.state_dict(), self.tradeoffs.clone()
         self._record()
         if self.env.recordable:

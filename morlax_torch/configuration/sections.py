@@ -268,8 +268,7 @@ def baseline(algorithm: str, module: str) -> ModuleType | None:
     """Import a module of `morlax_torch.baselines` by the algorithm's name; None of others."""
     if algorithm not in ALGORITHMS or algorithm in OPTIONS:
         return None
-    package = __package__.rpartition(".")[0]
-    return import_module(f"{package}.baselines.{algorithm.replace('-', '_')}.{module}")
+    return import_module(f"morlax_torch.baselines.{algorithm.replace('-', '_')}.{module}")
 
 
 def options_class(algorithm: str) -> type[MethodOptions]:

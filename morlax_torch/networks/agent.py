@@ -4,7 +4,7 @@ import copy
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -43,9 +43,7 @@ class Actors(NamedTuple):
     def explore(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Sample actions before the tanh (K, B, A), with their log-probabilities (K, B).
 
-        Args:
-            observation: raw, (K, B, O).
-            noise: standard normal, (K, B, A).
+        Observations (K, B, O) are raw; the noise (K, B, A) is standard normal.
         """
         output = self.distribution(observation).output
         kernels = fused.kernels(output.device)
@@ -85,6 +83,12 @@ class Sizes(NamedTuple):
     objectives: int  # m
     privileged: int = 0  # P, further features that critics see
     designs: Mapping[str, DesignParameter] = MappingProxyType({})  # of the robot's body, by name
+
+    @classmethod
+    def of(cls, task: Any) -> Self:
+        """Return the sizes of worlds, or of those that a checkpoint describes."""
+        m, P = len(task.objectives), task.privileged_size
+        return cls(task.observation_size, task.action_size, m, P, task.designs)
 
 
 class Agent(nn.Module):

@@ -99,14 +99,7 @@ def load(
     contents = checkpoint.load(path)
     config = checkpoint.read_config(contents, path, trust, env)
     task = contents.environment
-    sizes = Sizes(
-        task.observation_size,
-        task.action_size,
-        len(task.objectives),
-        task.privileged_size,
-        task.designs,
-    )
-    agent = agent_class(config)(config, sizes, actor=actor)
+    agent = agent_class(config)(config, Sizes.of(task), actor=actor)
     own = dict(contents.own_networks)
     own_critic = own.pop("critic", None)
     checkpoint.check_networks(own, agent.own_networks(), path)

@@ -74,7 +74,9 @@ class PopulationAgent(Agent):
             self.num_networks = in_order
             keys = torch.zeros(in_order, sizes.objectives, dtype=torch.float32)  # unused
             self.actor, self.critic = (
-                InOrder(family.target, keys) for family in (self.actor, self.critic)
+                InOrder(family.target, keys)
+                for family in (self.actor, self.critic)
+                if isinstance(family, Independent)
             )
         reflection = mirror.observation if mirror else None
         size = self.observation_normalizer.size

@@ -93,7 +93,7 @@ def shortfalls(points: Array, front: Array) -> Array:
 
 def sparsities(points: Array, front: Array) -> Array:
     """Compute the sparsity (c,) of the front (n, m) after each of the points (c, m) is added."""
-    dominated = (front <= points[:, None]).all(-1)  # (c, n)
+    dominated = np.all(front <= points[:, None], -1)  # (c, n)
     # a dominated value becomes a copy of the point, which has no gap to it
     joined = np.where(dominated[..., None], points[:, None], front)
     joined = np.sort(np.concatenate([joined, points[:, None]], 1), 1)
