@@ -245,7 +245,7 @@ class Config(Section):
                 f"each of the {num_objectives} objectives"
             )
         self.task.check_seeds(self.evaluation.seeds)
-        self.method.check(self)
+        self.method.check(self.ends, K)
         if self.off_policy:
             return
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K

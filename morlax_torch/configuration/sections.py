@@ -3,20 +3,18 @@
 import math
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 
 from ..envs.worlds.options import Count, Section
-
-if TYPE_CHECKING:
-    from .config import Config
 
 Algorithm = Literal[
     "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent"
 ]
 ALGORITHMS: tuple[str, ...] = get_args(Algorithm)
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
+DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of Adam's moments, per step; keeps its steps finite
 
 Width = Annotated[int, Field(ge=1, le=65536)]
 Layers = Annotated[tuple[Width, ...], Field(max_length=16)]
@@ -166,8 +164,8 @@ class MethodOptions(Section):
         """R of the algorithm's own number of independent networks; 0: as `sampling` says."""
         return 0
 
-    def check(self, config: "Config") -> None:
-        """Raise ValueError unless the options fit the config."""
+    def check(self, ends: bool, clusters: int) -> None:
+        """Raise ValueError unless the options fit a run that `ends`, with so many trade-offs."""
 
     def agent_class(self) -> Any:
         """Return the class of the algorithm's own kind of `Agent`, which imports torch, or None."""
@@ -201,8 +199,8 @@ class HyperMORLOptions(MethodOptions):
     warmup: float = Field(default=0.1, ge=0, le=1)
     """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
 
-    def check(self, config: "Config") -> None:
-        check_end(config)
+    def check(self, ends: bool, clusters: int) -> None:
+        check_end(ends)
 
 
 class OffPolicyOptions(MethodOptions):
@@ -250,8 +248,8 @@ class HyperSACOptions(OffPolicyOptions):
     """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
 
-    def check(self, config: "Config") -> None:
-        check_multiple("batch", self.batch, "sampling.clusters", config.num_clusters)
+    def check(self, ends: bool, clusters: int) -> None:
+        check_multiple("batch", self.batch, "sampling.clusters", clusters)
 
 
 OPTIONS: dict[str, type[MethodOptions]] = {
@@ -286,7 +284,7 @@ def check_multiple(name: str, value: int, other: str, factor: int) -> None:
         )
 
 
-def check_end(config: "Config") -> None:
-    """Raise ValueError unless the run has an end, of which a warm-up can be a share."""
-    if not config.ends:
+def check_end(ends: bool) -> None:
+    """Raise ValueError unless the run ends: a warm-up is a share of it."""
+    if not ends:
         raise ValueError("method.warmup needs max_env_steps or max_seconds: it is a share of them")

@@ -7,10 +7,9 @@ import torch
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
+from ..configuration.sections import DECAYS, EPSILON
 from . import fused
 from .group import ALONE, Group
-
-DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of the moments, per step; keeps steps finite
 
 
 def step(

@@ -1,14 +1,11 @@
 """Options of PD-MORL."""
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
 from ...configuration.sections import OffPolicyOptions, check_end, check_multiple
 from ...envs.worlds.options import Count
-
-if TYPE_CHECKING:
-    from ...configuration.config import Config
 
 
 class PDMORLOptions(OffPolicyOptions):
@@ -54,8 +51,8 @@ class PDMORLOptions(OffPolicyOptions):
     def rounds(self) -> int:
         return self.updates // self.delay
 
-    def check(self, config: "Config") -> None:
-        check_end(config)
+    def check(self, ends: bool, clusters: int) -> None:
+        check_end(ends)
         check_multiple("batch", self.batch, "method.relabels + 1", self.relabels + 1)
         check_multiple("updates", self.updates, "method.delay", self.delay)
 
