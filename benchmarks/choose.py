@@ -1,6 +1,6 @@
 """Check that `choose` keeps its requirements and comes close to the best that they allow.
 
-    python benchmarks/choose.py --output docs/choose/rows
+    python benchmarks/choose.py --output benchmarks/results/choose
 
 For each robot, requirements are drawn: two objectives at random, and for the first a least return
 between 20 and 80 % of its range on the front; the second is maximized. The chosen trade-off is
@@ -14,7 +14,7 @@ Robots with `+noise` start at random (task.reset_noise 0.1). Their choices are s
 
 Writes OUTPUT.csv, one row per requirement, and OUTPUT.md, the table. To merge rows:
 
-    python benchmarks/choose.py --robots --given first.csv second.csv --output docs/choose/rows
+    python benchmarks/choose.py --robots --given first.csv second.csv --output results
 """
 
 import csv
@@ -34,7 +34,7 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.fronts import load_front
+from morlax_torch.runs.loading import load_front
 
 ROBOTS = (
     *("cheetah", "walker", "hopper", "ant", "humanoid", "cheetah3", "bruce", "go1"),

@@ -19,7 +19,6 @@ from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs.replacing import replaced
 from morlax_torch.gpu import fused, optimizer
 from morlax_torch.networks import gaussian
-from morlax_torch.runs.training import make_worlds
 
 DEFINITIONS = {  # of the kernels, in torch
     "step": optimizer.step,
@@ -48,7 +47,7 @@ def main(
     rows = []
     for task in env:
         config = config_for(task, device="cuda")
-        worlds = make_worlds(config, config.worlds)
+        worlds = config.make_worlds(config.worlds, config.seed)
 
         def measure(kernel: str, instead: str, config=config, worlds=worlds) -> None:
             start = time.perf_counter()

@@ -1,7 +1,7 @@
 """Replay the actors that PD-MORL's authors published, in our ports of PG-MORL's tasks.
 
 If our ports agree with their environments, the actors reach the paper's hypervolumes here.
-docs/benchmarks.md says where to get them.
+benchmarks/notes/tables.md says where to get them.
 
 One episode per trade-off of a grid of 1,001, as in their evaluation, `--episodes` times; with the
 noise of their starts, except that velocities are drawn from a normal distribution everywhere.

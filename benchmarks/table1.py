@@ -1,6 +1,6 @@
 """How long the published command takes to the hypervolumes of the paper's Table I.
 
-    python benchmarks/table1.py --env hopper --limits 5 6 7 8 --output docs/table1-h200
+    python benchmarks/table1.py --env hopper --limits 5 6 7 8 --output table1-h200
 
 Each row is one `python -m morlax_torch.train --env TASK --max-seconds LIMIT --seed SEED`, timed
 from its start to its exit. Its checkpoint is then loaded and evaluated anew. A limit reaches a
@@ -26,7 +26,7 @@ import tyro
 
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.history import best_row, hypervolume_of, read_rows
+from morlax_torch.runs.progress import best_row, hypervolume_of, read_rows
 
 Goal = Literal["hyper-morl", "morlax"]
 

@@ -1,4 +1,4 @@
-"""Write gallery.md and all images of fronts from the shipped policies: python docs/gallery.py"""
+"""Write the section of shipped policies in results.md, and their images: python docs/gallery.py"""
 
 import argparse
 import csv
@@ -12,34 +12,29 @@ from morlax_torch import envs
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import task_values
 from morlax_torch.evaluation import figures
-from morlax_torch.runs.fronts import load_front
-from morlax_torch.runs.history import History
-from morlax_torch.runs.loading import SHIPPED, find_run, load
+from morlax_torch.runs.loading import SHIPPED, find_run, load, load_front
+from morlax_torch.runs.progress import History
 from morlax_torch.viewers.filming.recording import record
 
 DOCS = Path(__file__).parent
+RESULTS = DOCS.parent / "benchmarks" / "results"
 SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
-ABOUT = """# Gallery
-
-The package ships trained policies: one hypernetwork each for ant, bruce, cheetah, cheetah3,
-hopper, humanoid and walker, and a [Go1 and a G1 of mjlab](mjlab.md).
-`morlax_torch.load("ant")` loads one, and `evaluate`, `record`, `explore` and `export` accept its
-name in place of a run's folder.
-
-Each front shows the returns of 512 trade-offs, one episode each. Each film strip shows the last
-gait cycle of 3 s, under every objective alone and under all objectives equally.
-[How policies are evaluated](evaluation.md). `docs/gallery.py` writes this page.
+HEADING = "## Shipped policies\n"
+ABOUT = """
+The package ships one hypernetwork each for ant, bruce, cheetah, cheetah3, hopper, humanoid and
+walker, and a [Go1 and a G1 of mjlab](mjlab.md). Commands accept a name in place of a run, and
+`morlax_torch.load("ant")` loads one. Each front shows the returns of 512 trade-offs, each strip the
+last gait cycle under every objective alone and under all equally. `docs/gallery.py` writes this
+section.
 
 The ant and walker networks are smaller than in their configs, to stay below one megabyte. Walker,
 cheetah and hopper are the best of three seeds (lowest hypervolumes 7.13e6, 5.79e6 and 1.57e7), and
-ant is the better of two (the other: 3.49e7). All were trained and evaluated on MuJoCo Warp. C
-MuJoCo, which runs on computers without a GPU, gives the ant's front 2.6 % less hypervolume, since
-the two simulators orient its contact frames differently. The other hypervolumes agree within 0.4 %.
-Humanoid and BRUCE were trained before the learning rate's decay also applied to updates of
-the observation normalizer, so their commands now train slightly differently.
+ant is the better of two (the other: 3.49e7). C MuJoCo gives the ant's front 2.6 % less hypervolume;
+the others agree within 0.4 %. Humanoid and BRUCE were trained before the decay applied to the
+observation normalizer, so their commands now train slightly differently.
 """
 TASK = """
-## {name}: {objectives}
+### {name}: {objectives}
 
 Hypervolume {volume:.3e}, trained on {device} for {steps:.1f} M environment steps:
 
@@ -77,7 +72,7 @@ def command(config: Config) -> str:
 
 
 def examples() -> None:
-    """Write the figures that evaluation.md explains, and those of bruce.md."""
+    """Write the figures that evaluation.md explains, and BRUCE's front."""
     found = {name: load_front(name) for name in ("cheetah", "cheetah3", "bruce")}
     for name, front in found.items():
         m = len(front.objectives)
@@ -102,7 +97,7 @@ def examples() -> None:
 
 def seeds(task: str) -> list[History]:
     """Return MORLAX's training curves of version 1.0's comparison, one per seed."""
-    with (DOCS / "comparison" / "version-1.0" / "more-seeds.csv").open(newline="") as file:
+    with (RESULTS / "comparison" / "version-1.0" / "more-seeds.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
     rows = [row for row in found if (row["task"], row["method"]) == (task, "MORLAX")]
     names = ("env_steps", "train_seconds", "hypervolume")
@@ -143,7 +138,9 @@ def main() -> None:
             device="two CPU cores" if on_cpu else "one NVIDIA H200",
             command=command(policy.config),
         )
-    (DOCS / "gallery.md").write_text(text)
+    page = DOCS / "results.md"
+    before, _, _ = page.read_text().partition(HEADING)
+    page.write_text(before + HEADING + text)
     for picture in (*DOCS.glob("gallery/*.png"), *DOCS.glob("figures/*.png")):
         shrink(picture)
 

@@ -20,7 +20,6 @@ SHORT = (
 NOT_RUN = {  # part of a command line: why no test runs it
     "pip install": "needs a network; .ci/run installs the package",
     "pip uninstall": "removes what the tests need",
-    "git clone": "needs a network",
     "apt-get": "needs root",
     "nvidia-smi": "needs a GPU",
     "torch.cuda.init()": "needs a GPU",
@@ -54,8 +53,6 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "lesson/config.yaml": "needs the answers of a user; test_teach.py trains with it",
     "http.server": "serves until it is stopped; test_web_page.py serves such a page",
     "morlax pack": "needs a finished run; .ci/smoke.py packs one",
-    "for seed in": "a loop",
-    "done": "a loop",
 }
 NAMED = {  # names that stand for a user's own
     "my_robot.py:MyRobot": "crawler.py:Crawler",
@@ -99,7 +96,7 @@ def words(line: str) -> list[str]:
 @pytest.fixture
 def workplace(tmp_path, monkeypatch, make_run) -> Path:
     """Return a folder with a run, and the files and configs that pages name."""
-    names = "your-own-robot", "scalarizations", "designs"
+    names = "your-own-robot", "algorithms", "designs"
     page = "".join((ROOT / "docs" / f"{name}.md").read_text() for name in names)
     for text, name in re.findall(r"```\w+\n((?:# |<!-- )([\w.]+\.\w+)\b.*?)```", page, re.DOTALL):
         (tmp_path / name).write_text(text)

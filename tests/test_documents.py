@@ -21,12 +21,13 @@ from morlax_torch.runs import checkpoint
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import load
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.training import make_worlds
 
 ROOT = Path(__file__).parent.parent
 A_RUN = re.compile(r"runs/cheetah\b")  # names the newest run
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-SLOW = ("export", "integrations", "tuning")  # their code only runs in fresh processes
+FRESH_ONLY = ("export", "integrations")  # pages whose code only runs in fresh processes
+NOTES = sorted((ROOT / "benchmarks").rglob("*.md"))
+LINK = re.compile(r"\]\(([\w./-]*)(?:#([\w-]+))?\)")
 
 
 def blocks(language: str) -> list:
@@ -44,12 +45,18 @@ def blocks(language: str) -> list:
     ]
 
 
+def only_in_a_fresh_process(block) -> bool:
+    """Say whether a block is slow, or starts processes that import the block itself."""
+    (code,), page = block.values, block.id.rpartition("-")[0]
+    return page in FRESH_ONLY or "tuning.searching" in code
+
+
 def _marked(every: list) -> list:
     """Mark as long the blocks that `test_python_runs` runs, too, in less time."""
     long = pytest.mark.long
     return [
         block
-        if block.id.rpartition("-")[0] in SLOW
+        if only_in_a_fresh_process(block)
         else pytest.param(*block.values, id=block.id, marks=long)
         for block in every
     ]
@@ -71,7 +78,7 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     config: Config = load_config(merged(task_values("cheetah", "cpu"), {"worlds": 32}))
     (folder / "checkpoints").mkdir()
-    morlax = MORLAX(make_worlds(config, 32), config)
+    morlax = MORLAX(config.make_worlds(32, config.seed), config)
     checkpoint.save(folder / "checkpoints" / "best.pt", morlax, Progress())
     evaluate(load(folder), tradeoffs=5, device="cpu").save(folder / "front.npz")
     return folder
@@ -85,7 +92,7 @@ def exported(run, tmp_path_factory) -> Path:
     page = (ROOT / "docs" / "export.md").read_text()
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for line in re.findall(r"^morlax export (.*)", page, re.MULTILINE):
+        for line in re.findall(r"^morlax export (runs/cheetah.*)", page, re.MULTILINE):
             export.command(shlex.split(A_RUN.sub(str(run), line)))
     return folder
 
@@ -131,7 +138,7 @@ def test_python_runs_in_a_fresh_process(code, run, workplace, request):
 
 
 @pytest.mark.parametrize(
-    "code", [x for x in blocks("python") if x.id.rpartition("-")[0] not in SLOW]
+    "code", [block for block in blocks("python") if not only_in_a_fresh_process(block)]
 )
 def test_python_runs(code, run, workplace, monkeypatch, request):
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
@@ -195,7 +202,24 @@ def test_configs_load(text, workplace):
             assert list(config.task.objectives) == list(given["task"]["objectives"])
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_linked_files_exist(page):
-    for link in re.findall(r"\]\(([\w./-]+)\)", page.read_text()):
-        assert (page.parent / link).exists(), link
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize(
+    "page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *NOTES], ids=str
+)
+def test_links_lead_somewhere(page):
+    for link, anchor in LINK.findall(page.read_text()):
+        target = page.parent / link if link else page
+        assert target.exists(), link
+        if anchor and target.suffix == ".md":
+            assert anchor in anchors(target), f"{link}#{anchor}"
+
+
+def test_the_docs_stay_short():
+    pages = [*PAGES, ROOT / "CONTRIBUTING.md"]
+    assert len(pages) <= 20
+    assert sum(len(page.read_text().split()) for page in pages) <= 28_000

@@ -312,7 +312,7 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "car"
     train.command(
         f"--env {CAR} --device cpu --worlds 16 --horizon 16 --ppo.minibatches 2 "
-        "--ppo.decay-fraction 0 --max-env-steps 1500 --evaluation.every 700 "
+        "--decay-fraction 0 --max-env-steps 1500 --evaluation.every 700 "
         f"--evaluation.tradeoffs 4 --task.episode-length 100 --output {folder}".split()
     )
     return folder

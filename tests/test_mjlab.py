@@ -27,7 +27,7 @@ from morlax_torch.evaluation import figures
 from morlax_torch.exports.exporting import export
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.choosing import choose
-from morlax_torch.runs.fronts import load_front
+from morlax_torch.runs.loading import load_front
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 

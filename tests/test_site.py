@@ -16,7 +16,8 @@ from morlax_torch.__main__ import COMMANDS
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 SCRIPTS = [
-    *("docs/site/build_site.py", "docs/site/notebook.py", "tests/faults.py", ".ci/smoke.py"),
+    *("docs/site/build_site.py", "docs/site/notebook.py", "docs/site/pictures.py"),
+    *("benchmarks/figures.py", "tests/faults.py", ".ci/smoke.py"),
     pytest.param("docs/gallery.py", marks=pytest.mark.slow),
 ]
 REMOTE = re.compile(r"(?:https?:)?//")
@@ -86,10 +87,9 @@ def test_the_site_builds_strictly_and_all_its_links_work(tmp_path, player):
     assert broken(tmp_path / "site") == []
     assert (tmp_path / "site" / "player" / "index.html").is_file()
     assert 'src="player/index.html?embed"' in (tmp_path / "site" / "index.html").read_text()
-    commands = (tmp_path / "site" / "commands" / "index.html").read_text()
-    assert all(f"usage: morlax {name}" in commands for name in COMMANDS)
-    reference = (tmp_path / "site" / "api" / "index.html").read_text()
-    for name in re.findall(r"<!-- api: (\S+) -->", (DOCS / "api.md").read_text()):
+    reference = (tmp_path / "site" / "reference" / "index.html").read_text()
+    assert all(f"usage: morlax {name}" in reference for name in COMMANDS)
+    for name in re.findall(r"<!-- api: (\S+) -->", (DOCS / "reference.md").read_text()):
         assert f'id="{name}"' in reference, name
 
 

@@ -89,4 +89,4 @@ def player(_: str | None) -> str:
         'loading="lazy" style="width: 100%; height: clamp(420px, 78vh, 640px); border: 0"></iframe>'
     )
     link = '<a href="player/index.html">Open it on a page of its own</a>'
-    return f"{frame}\n\n{link}, or [make such a page](web.md) of your own runs."
+    return f"{frame}\n\n{link}, or [make such a page](explore.md#web-page) of your own runs."

@@ -179,7 +179,7 @@ class TaskOptions(ObjectiveOptions):
     design: dict[str, float] = {}
     """Values of the robot's design parameters, by name (docs/designs.md); others keep defaults."""
     learned: OwnFile | None = None
-    """File of a learned reward, which adds the reward term `learned` (docs/preferences.md)."""
+    """File of a learned reward, which adds the reward term `learned` (docs/choose.md)."""
 
     def for_evaluation(self) -> Self:
         return super().for_evaluation().model_copy(update={"stagger": False})

@@ -5,7 +5,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
 from ..envs.worlds.options import Count, Section
 
@@ -40,14 +40,14 @@ class SamplingConfig(Section):
     """Number of bodies to train with, of robots with design parameters; each cluster has one for an
     episode's length (0: the one body of task.design)."""
     focus: tuple[NonNegativeFloat, ...] | None = None
-    """Trade-off that training starts with (None: all at once): draws spread from it, linearly in
-    time, until they cover the simplex."""
-    widen: float = Field(default=0.5, gt=0, le=1)
-    """Share of training after which they do."""
+    """Trade-off that training starts with, and the share of training after which all are drawn,
+    such as 0 0 1 0.5: until then, draws spread from it (None: all are drawn from the start)."""
 
 
 class NetworkConfig(Section):
     """The networks of all trade-offs: hypernetworks and what they generate, or conditioned ones."""
+
+    scale: ClassVar[float] = 0.0  # the affine map starts uniform in [-scale, scale]
 
     type: Literal["dual", "single", "conditioned", "independent"] = "dual"
     """dual: actor and critic have separate hypernetworks; single: they share its features;
@@ -57,8 +57,6 @@ class NetworkConfig(Section):
     """Hidden layers of the hypernetworks' feature networks."""
     features: Width = 16
     """F, the number of features that generated parameters are affine in."""
-    scale: float = Field(default=0.0, ge=0, le=100)
-    """The affine map starts uniform in [-scale, scale]."""
     actor: Layers = (64, 64)
     """Hidden layers of the generated actors."""
     critic: Layers = (64, 64)
@@ -85,6 +83,9 @@ class NetworkConfig(Section):
 class PPOConfig(Section):
     """How PPO updates the hypernetworks."""
 
+    value_coefficient: ClassVar[float] = 0.5  # weight of the value loss
+    max_grad_norm: ClassVar[float] = 1.0  # of the actor's gradient, and of the critic's
+
     learning_rate: float = Field(default=3e-4, gt=0, le=1)
     """Learning rate of Adam."""
     critic_learning_rate: float | None = Field(default=None, gt=0, le=1)
@@ -92,10 +93,6 @@ class PPOConfig(Section):
     desired_kl: float | None = Field(default=None, gt=0, le=1)
     """After every minibatch, change the actor's learning rate towards this KL divergence between
     the policies that acted and the current ones (None: leave the learning rate)."""
-    decay_fraction: float = Field(default=0.0, ge=0, le=1)
-    """Share of the run, at its end, over which learning rates, desired KL, entropy bonus and
-    observation normalizer updates decay linearly to zero. Until then they stay constant, as in
-    warmup-stable-decay schedules (1: decay over the whole run; 0: never)."""
     epochs: Count = 4
     """Passes over a rollout."""
     minibatches: Count = 8
@@ -110,12 +107,6 @@ class PPOConfig(Section):
     """Weight of the entropy bonus."""
     mean_penalty: NonNegativeFloat = 0.0
     """Weight of a penalty on squared pre-tanh means, which avoids the flat ends of the tanh."""
-    value_coefficient: PositiveFloat = 0.5
-    """Weight of the value loss."""
-    max_grad_norm: PositiveFloat = 1.0
-    """Gradients are clipped to this norm, separately for actor and critic."""
-    normalize_values: bool = True
-    """Normalize value targets by their running mean and variance."""
     critic: Literal["vector", "scalar"] = "vector"
     """vector: critics predict one value per objective, and the trade-off weighs the advantages;
     scalar: they predict one value, of the rewards weighed by the trade-off."""
@@ -153,19 +144,23 @@ class EvaluationConfig(Section):
         return mine == theirs
 
 
+SPARSE = {"sampling.mode": "sparse", "sampling.corners": 0}  # what several algorithms need
+
+
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
 
     required: ClassVar[dict[str, Any]] = {}  # values that the algorithm cannot do without
     weighted_sums: ClassVar[bool] = False  # whether it knows no other scalarization
+    warms_up: ClassVar[bool] = False  # for a share of the run, which must have an end
 
     @property
     def num_networks(self) -> int:
         """R of the algorithm's own number of independent networks; 0: as `sampling` says."""
         return 0
 
-    def check(self, ends: bool, clusters: int) -> None:
-        """Raise ValueError unless the options fit a run that `ends`, with so many trade-offs."""
+    def check(self, clusters: int) -> None:
+        """Raise ValueError unless the options fit a run with so many trade-offs at a time."""
 
     def agent_class(self) -> Any:
         """Return the class of the algorithm's own kind of `Agent`, which imports torch, or None."""
@@ -181,42 +176,31 @@ class AMOROptions(MethodOptions):
 class IndependentOptions(MethodOptions):
     """Independent policies have no options."""
 
-    required: ClassVar[dict[str, Any]] = {
-        "network.type": "independent",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-    }
+    required: ClassVar[dict[str, Any]] = {"network.type": "independent", **SPARSE}
 
 
 class HyperMORLOptions(MethodOptions):
-    """Options of HYPER-MORL."""
+    """HYPER-MORL has no options, but a constant."""
 
-    required: ClassVar[dict[str, Any]] = {
-        "network.type": "single",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-    }
-    warmup: float = Field(default=0.1, ge=0, le=1)
-    """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
-
-    def check(self, ends: bool, clusters: int) -> None:
-        check_end(ends)
+    required: ClassVar[dict[str, Any]] = {"network.type": "single", **SPARSE}
+    warms_up: ClassVar[bool] = True
+    warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
 
 
 class OffPolicyOptions(MethodOptions):
     """Options of the algorithms that learn from a replay."""
 
     weighted_sums: ClassVar[bool] = True
-    updates: Count = 128
+    start: ClassVar[int] = 5_000  # transitions to store before the first gradient step
+    updates: Count
     """Gradient steps per iteration."""
-    replay: int = Field(default=500_000, gt=0, lt=2**40)
-    """Number of transitions to keep, of all worlds of a process."""
-    start: int = Field(default=5_000, gt=0, lt=2**40)
-    """Transitions to store before the first gradient step."""
-    learning_rate: float = Field(default=7e-4, gt=0, le=1)
-    """Learning rate of Adam."""
-    discount: float = Field(default=0.99, ge=0, le=1)
-    """Discount factor gamma, per control step."""
+    batch: Count
+    """Transitions of a gradient step."""
+
+    @property
+    def replay_size(self) -> int:
+        """Number of transitions to keep, of all worlds of a process."""
+        return 500_000
 
     @property
     def rounds(self) -> int:
@@ -232,24 +216,30 @@ class HyperSACOptions(OffPolicyOptions):
         "sampling.mode": "sparse",
         "ppo.critic": "vector",
     }
+    target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
+    steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows
+    temperature: ClassVar[float] = 0.02  # initial weight of the entropy, for scaled rewards
+    updates: Count = 128
+    replay: int = Field(default=500_000, gt=0, lt=2**40)
+    """Number of transitions to keep, of all worlds of a process."""
     batch: Count = 1024
     """Transitions of a gradient step; must be a multiple of sampling.clusters."""
-    target_rate: float = Field(default=0.01, gt=0, le=1)
-    """Step of the target critics towards the critics, per gradient step."""
-    decay_fraction: float = Field(default=0.3, ge=0, le=1)
-    """Share of the run, at its end, over which the learning rate decays linearly to zero."""
-    steps: Annotated[int, Field(ge=1, le=1000)] = 3
-    """Rewards of a target before the value of the state that follows."""
+    learning_rate: float = Field(default=7e-4, gt=0, le=1)
+    """Learning rate of Adam."""
+    discount: float = Field(default=0.99, ge=0, le=1)
+    """Discount factor gamma, per control step."""
     entropy: float = Field(default=-0.5, ge=-100, le=100)
     """Entropy per action that the temperature aims at."""
-    temperature: float = Field(default=0.02, gt=0, le=100)
-    """Initial weight of the entropy, in units of scaled rewards."""
     hold: float = Field(default=0.02, ge=0, le=100)
     """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
 
-    def check(self, ends: bool, clusters: int) -> None:
-        check_multiple("batch", self.batch, "sampling.clusters", clusters)
+    @property
+    def replay_size(self) -> int:
+        return self.replay
+
+    def check(self, clusters: int) -> None:
+        check_multiple("batch", self.batch, clusters, " (sampling.clusters)")
 
 
 OPTIONS: dict[str, type[MethodOptions]] = {
@@ -275,16 +265,10 @@ def options_class(algorithm: str) -> type[MethodOptions]:
     return module.OPTIONS if module else OPTIONS.get(algorithm, MethodOptions)
 
 
-def check_multiple(name: str, value: int, other: str, factor: int) -> None:
+def check_multiple(name: str, value: int, factor: int, meaning: str = "") -> None:
     """Raise ValueError unless an option of the algorithm is a multiple of another number."""
     if value % factor:
         raise ValueError(
-            f"method.{name} ({value}) must be a multiple of {other} ({factor}): "
+            f"method.{name} ({value}) must be a multiple of {factor}{meaning}: "
             f"try --method.{name} {max(1, value // factor) * factor}"
         )
-
-
-def check_end(ends: bool) -> None:
-    """Raise ValueError unless the run ends: a warm-up is a share of it."""
-    if not ends:
-        raise ValueError("method.warmup needs max_env_steps or max_seconds: it is a share of them")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..envs import Robot  # imports torch, which playing an export does without
 
 SETTINGS, MODEL = "deploy.yaml", "robot.zip"
-HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/mjlab.md.\n"
+HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/export.md.\n"
 
 
 def deploy(

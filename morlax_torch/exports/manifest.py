@@ -13,8 +13,8 @@ from ..envs import Environment, Robot
 from ..host.files import AnyPath
 from ..host.version import __version__
 from ..networks.policy import Policy
-from ..runs.history import best_row, hypervolume_of, read_rows
 from ..runs.loading import find_checkpoint, find_run
+from ..runs.progress import best_row, hypervolume_of, read_rows
 
 STEP = 2**-6  # of an action, to measure the slope of its control; exact in binary
 

@@ -2,59 +2,46 @@
 
 from typing import Any, ClassVar
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt
+from pydantic import Field
 
-from ...configuration.sections import OffPolicyOptions, check_end, check_multiple
+from ...configuration.sections import SPARSE, OffPolicyOptions, check_multiple
 from ...envs.worlds.options import Count
 
 
 class PDMORLOptions(OffPolicyOptions):
-    """Options of PD-MORL."""
+    """Options of PD-MORL; its constants are those of the paper."""
 
     required: ClassVar[dict[str, Any]] = {
         "network.type": "conditioned",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
         "ppo.critic": "vector",
+        **SPARSE,
     }
+    warms_up: ClassVar[bool] = True
+    learning_rate: ClassVar[float] = 3e-4
+    discount: ClassVar[float] = 0.995
+    target_rate: ClassVar[float] = 0.005  # step of the target networks, per step of the actor
+    delay: ClassVar[int] = 2  # gradient steps of the critics per gradient step of the actor
+    relabels: ClassVar[int] = 3  # samples with a random trade-off per one with its own
+    exploration: ClassVar[float] = 0.1  # standard deviation of noise on actions in (-1, 1)
+    smoothing: ClassVar[float] = 0.2  # standard deviation of noise on the actions of targets
+    clip: ClassVar[float] = 0.5  # largest such noise
+    warmup: ClassVar[float] = 0.4  # share of the run for the key trade-offs, without angles
+    critic_angle: ClassVar[float] = 1.0  # weight of the angle in the critics' loss, per degree
+    actor_angle: ClassVar[float] = 10.0  # in the actor's loss, weighted returns per degree
     updates: Count = 200
-    """Gradient steps of the critics per iteration; must be a multiple of method.delay."""
+    """Gradient steps of the critics per iteration; must be even."""
     batch: Count = 256
-    """Samples of a gradient step; must be a multiple of method.relabels + 1."""
-    start: int = Field(default=5_000, gt=0, lt=2**40)
-    """Transitions to store, with uniformly random actions, before the first gradient step."""
-    learning_rate: float = Field(default=3e-4, gt=0, le=1)
-    discount: float = Field(default=0.995, ge=0, le=1)
-    target_rate: float = Field(default=0.005, gt=0, le=1)
-    """Step of the target networks towards the networks, per gradient step of the actor."""
-    delay: Count = 2
-    """Gradient steps of the critics per gradient step of the actor."""
-    relabels: NonNegativeInt = 3
-    """Samples with a random trade-off per sample with the trade-off that acted."""
-    exploration: float = Field(default=0.1, ge=0, le=1)
-    """Standard deviation of the noise on actions in (-1, 1) that explore."""
-    smoothing: float = Field(default=0.2, ge=0, le=1)
-    """Standard deviation of the noise on actions in (-1, 1) that targets value."""
-    clip: float = Field(default=0.5, ge=0, le=1)
-    """Largest noise of method.smoothing."""
-    warmup: float = Field(default=0.4, ge=0, le=1)
-    """Share of max_env_steps or max_seconds for which only the key trade-offs, the corners and the
-    balanced one, are trained, without angles in the losses."""
+    """Samples of a gradient step; must be a multiple of 4."""
     refresh: int = Field(default=20_000, gt=0, lt=2**40)
     """Environment steps between evaluations of the key trade-offs."""
-    critic_angle: NonNegativeFloat = 1.0
-    """Weight of the angle in the critics' loss, per degree."""
-    actor_angle: NonNegativeFloat = 10.0
-    """Weight of the angle in the actor's loss, in units of weighted returns per degree."""
 
     @property
     def rounds(self) -> int:
         return self.updates // self.delay
 
-    def check(self, ends: bool, clusters: int) -> None:
-        check_end(ends)
-        check_multiple("batch", self.batch, "method.relabels + 1", self.relabels + 1)
-        check_multiple("updates", self.updates, "method.delay", self.delay)
+    def check(self, clusters: int) -> None:
+        check_multiple("batch", self.batch, self.relabels + 1)
+        check_multiple("updates", self.updates, self.delay)
 
 
 OPTIONS = PDMORLOptions

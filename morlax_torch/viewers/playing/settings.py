@@ -1,4 +1,4 @@
-"""The entries of deploy.yaml that are used here; docs/mjlab.md explains all of them."""
+"""The entries of deploy.yaml that are used here; docs/export.md explains all of them."""
 
 from typing import Any
 
