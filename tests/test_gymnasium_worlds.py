@@ -78,9 +78,7 @@ def test_worlds_expose_objectives_spaces_and_limits():
     assert worlds.objectives == ("reward_0", "reward_1")
     assert worlds.episode_length == 999
     assert worlds.reference_point == (-999.0, -999.0)  # the lowest reward on every step
-    assert worlds.observation_space.shape == (2,)
-    assert worlds.action_space.shape == (1,)
-    assert worlds.reward_space.shape == (2,)
+    assert (worlds.observation_size, worlds.action_size, len(worlds.objectives)) == (2, 1, 2)
     assert worlds.overflow().tolist() == [0, 0]
 
 

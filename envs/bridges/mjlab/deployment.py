@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import torch
 
-from ...worlds.robot import Deployment
+from ...worlds.mujoco_robot import Deployment
 
 XML = "robot.xml"
 NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ

@@ -7,7 +7,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from ...worlds.robot import Deployment, Part, Robot
+from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .deployment import deployment_of
 from .worlds import MjlabWorlds, from_task
 
