@@ -21,7 +21,7 @@ from morlax_torch.configuration.tradeoffs import parse_tradeoff
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.evaluation.requirements import Requirements, index_of
-from morlax_torch.networks.agent import Agent
+from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.reports.card import card
 from morlax_torch.runs import choosing
 from morlax_torch.runs.choosing import (
@@ -114,7 +114,7 @@ def separate(folder: Path, name: str, task: type[Quadratic], monkeypatch) -> Pat
     changes = {"network.type": "independent", "sampling.clusters": len(SHARES), "device": "cpu"}
     changes |= {"algorithm": "independent", "network.actor": (), "evaluation.tradeoffs": 11}
     config = config_for(name, **changes, worlds=4 * len(SHARES))
-    agent = Agent(config, 1, 2, 2)
+    agent = Agent(config, Sizes(1, 2, 2))
     actions = SHARES[:, None] * PLACES[0] + (1 - SHARES[:, None]) * PLACES[1]
     bias = torch.cat([actions.atanh(), torch.zeros(len(SHARES), 2)], 1)
     with torch.no_grad():

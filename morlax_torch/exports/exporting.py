@@ -12,7 +12,6 @@ from ..envs import MorlaxError, Robot
 from ..envs.errors import unknown
 from ..host.files import AnyPath, write_file
 from ..host.phases import phase
-from ..networks.agent import normalizer_for
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
 from .formats import FORMATS, quiet
@@ -37,7 +36,7 @@ class FamilyPolicy(nn.Module):
     def forward(self, observation: Tensor, tradeoff: Tensor) -> Tensor:
         condition = torch.cat([tradeoff, self.context]) if len(self.context) else tradeoff
         parameters = {name: value[0] for name, value in self.actor(condition[None]).items()}
-        normalizer = normalizer_for(self.actor, self.normalizer, tradeoff)
+        normalizer = self.normalizer.of(self.actor, tradeoff)
         return TanhNormal(self.actor.run_one(parameters, normalizer(observation))).mode
 
 
@@ -103,6 +102,6 @@ def samples(policy: Policy, rows: int, with_tradeoff: bool) -> dict[str, Tensor]
     noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
-    normalizer = normalizer_for(agent.actor, agent.observation_normalizer, tradeoff)
+    normalizer = agent.observation_normalizer.of(agent.actor, tradeoff)
     inputs = {"observation": normalizer.inverse(noise), "tradeoff": tradeoff}
     return inputs if with_tradeoff else {"observation": inputs["observation"]}
