@@ -182,7 +182,7 @@ LONG = [pytest.mark.slow, pytest.mark.long]
         pytest.param("bruce", "cuda", marks=pytest.mark.gpu),
     ],
 )
-def test_warp_compiles_in_threads_before_the_first_step(task, device, tmp_path):
+def test_warp_compiles_in_other_processes_before_the_first_step(task, device, tmp_path):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no CUDA device")
     script = COMPILE.replace("TASK", repr(task)).replace("DEVICE", repr(device))

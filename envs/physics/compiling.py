@@ -1,52 +1,95 @@
-"""Compile Warp's kernels ahead, in several threads: Warp itself compiles them one by one."""
+"""Compile Warp's kernels ahead, in several processes.
+
+Warp itself compiles them one by one, and in threads too: NVIDIA's compiler lets one thread in.
+"""
 
 import os
+import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import warp as wp
 
 from ..replacing import replaced
 
-MOST_THREADS = 8  # a compiler takes up to 1 GB of memory
+MOST_PROCESSES = 8  # a compiler takes up to 1 GB of memory
+MOST_SECONDS = 300.0  # BRUCE's largest module takes 30 s
 # They work on what kernels have written, which is garbage while no kernel runs.
 _SORTS = ("array_scan", "radix_sort_pairs", "segmented_sort_pairs")
 
 Variant = tuple[wp.Module, str, int]  # Warp compiles at once: a module, a device, a block's size
+_fork = get_context("fork" if sys.platform == "linux" else None)
 _started: set[Variant] = set()
-_running: list[ThreadPoolExecutor] = []
+_running: list[Any] = []
 
 
 def start(run: Callable[[], object]) -> None:
-    """Start compiling and loading, in background threads, the kernels of `run`.
+    """Start compiling, in background processes, the kernels of `run` that Warp's cache lacks.
 
     Calls `run` once without launching anything; afterwards the arrays that it writes hold garbage.
     A kernel that is missed or fails to compile is compiled at its first launch, so results never
-    depend on this. Call `finish` before the first launch.
+    depend on this. Call `finish` before the first launch. Does nothing outside Linux.
     """
+    if sys.platform != "linux":
+        return
     needed: set[Variant] = set()
+    missing: list[Variant] = []
     with suppress(Exception), _no_launches(needed):
         run()
-    pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS))
-    _running.append(pool)
-    # as wp.force_load does, which takes one size of blocks; the slowest first
-    for variant in sorted(needed - _started, key=lambda each: -len(each[0].kernels)):
-        module, device, block = variant
-        pool.submit(module.load, device, block)
-        _started.add(variant)
+    with suppress(Exception):
+        missing = [variant for variant in needed - _started if not _is_cached(variant)]
+    _started.update(missing)
+    missing.sort(key=lambda each: -len(each[0].kernels))  # the slowest first
+    taken = _fork.Value("i", 0)
+    # Python warns if there are threads; without memory for a process, there are fewer of them, and
+    # a daemonic process may have none
+    with warnings.catch_warnings(action="ignore"), suppress(OSError, AssertionError):
+        for _ in range(min(len(os.sched_getaffinity(0)), MOST_PROCESSES, len(missing))):
+            process = _fork.Process(target=_compile, args=(missing, taken), daemon=True)
+            process.start()
+            _running.append(process)
 
 
 def finish() -> None:
-    """Wait for the background threads."""
-    while _running:
-        pool = _running.pop()
-        try:
-            pool.shutdown()
-        finally:  # Ctrl-C waits only for what compiles now
-            pool.shutdown(wait=False, cancel_futures=True)
+    """Wait for the background processes."""
+    try:
+        for process in _running:
+            process.join(MOST_SECONDS)
+    finally:
+        while _running:
+            process = _running.pop()
+            process.kill()
+            process.join()
+
+
+def _is_cached(variant: Variant) -> bool:
+    module, device, block = variant
+    file = module._get_compile_output_name(wp.get_device(device), block_dim=block)
+    return Path(str(wp.config.kernel_cache_dir), module.get_module_identifier(block), file).exists()
+
+
+def _compile(variants: list[Variant], taken: Any) -> None:
+    """Compile variants that no other process has taken, in this forked process, and end it.
+
+    CUDA does not work in a forked process, and compiling does not need it.
+    """
+    silent = os.open(os.devnull, os.O_RDWR)
+    for standard in range(3):
+        os.dup2(silent, standard)
+    os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # no lock or GPU is held after the parent's end
+    while True:
+        with taken.get_lock():
+            index, taken.value = taken.value, taken.value + 1
+        if index >= len(variants):
+            os._exit(0)
+        module, device, block = variants[index]
+        with suppress(Exception):
+            module._compile(wp.get_device(device), options=module.resolve_options(wp.config, block))
 
 
 @contextmanager
