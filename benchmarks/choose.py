@@ -34,7 +34,7 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.fronts import load_front
+from morlax_torch.runs.loading import load_front
 
 ROBOTS = (
     *("cheetah", "walker", "hopper", "ant", "humanoid", "cheetah3", "bruce", "go1"),

@@ -16,7 +16,7 @@ from morlax_torch.configuration.files import read_yaml
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.files import write_file
 from morlax_torch.reports.comparison import union
-from morlax_torch.runs.history import hypervolume_of, read_rows
+from morlax_torch.runs.progress import hypervolume_of, read_rows
 
 COLUMNS = (
     *("task", "method", "reference", "seed", "fresh"),

@@ -15,7 +15,6 @@ from throughput import milliseconds
 from morlax_torch import MORLAX, config_for
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs.replacing import replaced
-from morlax_torch.runs.training import make_worlds
 
 KERNELS = {  # name of the kernel: where its definition stands
     "mlps": ("gpu.fused", "mlps"),
@@ -42,7 +41,7 @@ def main(
     rows = []
     for task in env:
         config = config_for(task, device="cuda")
-        worlds = make_worlds(config, config.worlds)
+        worlds = config.make_worlds(config.worlds, config.seed)
 
         def measure(kernel: str, instead: str, config=config, worlds=worlds) -> None:
             start = time.perf_counter()

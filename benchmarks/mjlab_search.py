@@ -18,7 +18,6 @@ from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import save
-from morlax_torch.runs.training import make_worlds
 
 SHOWN = ("mean_reward", "terminated", "entropy", "kl", "learning_rate")
 
@@ -55,7 +54,7 @@ def main(
     for number in trials or range(len(listed)):
         changes = listed[number] or {}
         config = config_for(f"mjlab:{task}", seed=seed, device=place, **changes)
-        morlax = MORLAX(make_worlds(config, config.worlds), config)
+        morlax = MORLAX(config.make_worlds(config.worlds, config.seed), config)
         morlax.compile()
         start = shown = time.perf_counter()
         while (passed := time.perf_counter() - start) < seconds:

@@ -19,7 +19,6 @@ from rich.table import Table
 from morlax_torch import MORLAX, config_for
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
-from morlax_torch.runs.training import make_worlds
 
 
 def main(
@@ -42,7 +41,7 @@ def main(
     """
     place = str(resolve_device(device))
     config = config_for(f"mjlab:{task}", worlds=worlds, device=place)
-    env = make_worlds(config, worlds)
+    env = config.make_worlds(worlds, config.seed)
     morlax = MORLAX(env, config)
     morlax.compile()
     peer = mjlab_peer.make_runner(task, worlds, place)

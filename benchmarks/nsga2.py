@@ -21,7 +21,7 @@ from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import Evaluation
-from morlax_torch.runs.training import make_evaluator, make_worlds, training
+from morlax_torch.runs.training import Session, make_evaluator
 
 SMALLEST, LARGEST = -1.0, 1.0  # parameter of a policy
 SEEN = 50  # random steps that observations are normalized by
@@ -122,9 +122,9 @@ def train(
     on_evaluation: Callable[[Evaluation], None] | None = None,
 ) -> Run:
     """Train until a limit of the config is reached; returns the run."""
-    learner = NSGA2(make_worlds(config, config.worlds), config)
+    learner = NSGA2(config.make_worlds(config.worlds, config.seed), config)
     run = Run.create(learner, output)
-    for evaluation in training(learner, make_evaluator(learner), run):
+    for evaluation in Session(learner, make_evaluator(learner), run).training():
         if on_evaluation is not None:
             on_evaluation(evaluation)
     return run

@@ -21,7 +21,6 @@ from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import MorlaxError, resolve_device
 from morlax_torch.envs.physics.warp import WarpPhysics
 from morlax_torch.gpu.graph import Graph
-from morlax_torch.runs.training import make_worlds
 
 COLUMNS = "task", "trial", "steps/s before", "steps/s", "steps/s after", "ratio", "MuJoCo Warp"
 STEPS = 20  # control steps of a recorded graph
@@ -79,7 +78,7 @@ def steps_per_second(
     changes = {f"task.{name}": int(value)} if name in BUFFERS else {}
     config = config_for(task, device=str(device), backend="warp", **changes)
     number = int(value) if name == "worlds" else worlds or config.worlds
-    env = make_worlds(config, number)
+    env = config.make_worlds(number, config.seed)
     assert isinstance(env.physics, WarpPhysics)
     model = env.physics._model
     owner = model.block_dim if name.startswith("block.") else model.opt

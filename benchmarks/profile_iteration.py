@@ -15,7 +15,6 @@ from morlax_torch import MORLAX, config_for
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
 from morlax_torch.gpu.graph import Graph
-from morlax_torch.runs.training import make_worlds
 
 REPEATS = 5
 
@@ -33,7 +32,7 @@ def main(
     """
     place = resolve_device(None)
     config = config_for(env, **({"worlds": worlds} if worlds else {}))
-    morlax = MORLAX(make_worlds(config, config.worlds), config)
+    morlax = MORLAX(config.make_worlds(config.worlds, config.seed), config)
     morlax.compile()
     physics = Graph(lambda: [morlax.env.physics.step() for _ in range(config.horizon)], place)
     physics.record()

@@ -19,10 +19,9 @@ FIRST_ITERATION = """
 import os, sys, time
 import torch
 from morlax_torch import MORLAX
-from morlax_torch.runs.training import make_worlds
 from morlax_torch.commands.terminal.arguments import read
 config, _, _ = read(sys.argv[1:])
-morlax = MORLAX(make_worlds(config, config.worlds), config)
+morlax = MORLAX(config.make_worlds(config.worlds, config.seed), config)
 morlax.compile()
 morlax.iterate()
 morlax.metrics()

@@ -26,7 +26,7 @@ import tyro
 
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.history import best_row, hypervolume_of, read_rows
+from morlax_torch.runs.progress import best_row, hypervolume_of, read_rows
 
 Goal = Literal["hyper-morl", "morlax"]
 

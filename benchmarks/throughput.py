@@ -16,7 +16,6 @@ from morlax_torch import MORLAX, config_for
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import resolve_device
 from morlax_torch.gpu.graph import Graph
-from morlax_torch.runs.training import make_worlds
 
 
 def main(
@@ -58,7 +57,7 @@ def measure(
 ) -> dict[str, str | int | float]:
     """Measure one row: milliseconds per phase of an iteration, and environment steps per second."""
     config = config_for(task, worlds=worlds, device=str(device))
-    env = make_worlds(config, worlds)
+    env = config.make_worlds(worlds, config.seed)
     morlax = MORLAX(env, config)
     morlax.compile()
 

@@ -12,9 +12,8 @@ from morlax_torch import envs
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import task_values
 from morlax_torch.evaluation import figures
-from morlax_torch.runs.fronts import load_front
-from morlax_torch.runs.history import History
-from morlax_torch.runs.loading import SHIPPED, find_run, load
+from morlax_torch.runs.loading import SHIPPED, find_run, load, load_front
+from morlax_torch.runs.progress import History
 from morlax_torch.viewers.filming.recording import record
 
 DOCS = Path(__file__).parent

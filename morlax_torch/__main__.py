@@ -4,7 +4,7 @@ import importlib
 from collections.abc import Sequence
 
 from .commands.terminal import cli
-from .commands.terminal.startup import program
+from .commands.terminal.process import program
 from .envs import MorlaxError
 from .envs.errors import unknown
 

@@ -44,7 +44,7 @@ def train(
         MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
             blows up, or a loss is not finite. Checkpoints keep their last good state.
     """
-    from .runs.session import Session
+    from .runs.training import Session
 
     began = time.perf_counter()
     session = Session.of(config, run, output, actor, critic)

@@ -20,7 +20,7 @@ from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
-from morlax_torch.configuration.sections import NetworkConfig
+from morlax_torch.configuration.sections import OPTIONS, NetworkConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.resources import one_thread
 from morlax_torch.networks.agent import Agent
@@ -154,7 +154,18 @@ def single_thread() -> Iterator[None]:
 
 
 @pytest.fixture
-def make_agent() -> Callable[..., Agent]:
+def constants(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Return a function that changes constants of an algorithm for a test."""
+
+    def change(algorithm: str, **values: object) -> None:
+        for name, value in values.items():
+            monkeypatch.setattr(OPTIONS[algorithm], name, value)
+
+    return change
+
+
+@pytest.fixture
+def make_agent(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Agent]:
     """Return a factory of small agents whose policies and values depend on the trade-off."""
 
     def make(
@@ -162,9 +173,11 @@ def make_agent() -> Callable[..., Agent]:
         action_size: int = 2,
         num_objectives: int = 2,
         seed: int = 0,
+        scale: float = 0.3,
         **network: object,
     ) -> Agent:
-        sizes = {"hidden": (8,), "features": 4, "scale": 0.3, "actor": (6, 5), "critic": (7,)}
+        monkeypatch.setattr(NetworkConfig, "scale", scale)
+        sizes = {"hidden": (8,), "features": 4, "actor": (6, 5), "critic": (7,)}
         changes = {"network": NetworkConfig.model_validate({**sizes, **network})}
         config = load_config(task_values("hopper", "cpu")).model_copy(update=changes)
         generator = torch.Generator().manual_seed(seed)

@@ -22,14 +22,14 @@ from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.sections import PPOConfig
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.generated import Independent
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.schedule import Schedule
-from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.runs.training import Schedule, make_evaluator
 from morlax_torch.train import train
 
 TASK = f"{Path(__file__).with_name('closed_form.py')}:{Quadratic.__name__}"
@@ -66,21 +66,26 @@ NAMES = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def brief(constants) -> None:
+    """Let algorithms begin to learn, and select, after a few iterations."""
+    constants("pg-morl", generation=3, warmup=6, bins=10)
+    constants("hyper-sac", start=1)
+    constants("pd-morl", start=1)
+
+
 def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
     steps = iterations * WORLDS * HORIZON
     values = {**SMALL, "algorithm": algorithm, "max_env_steps": steps, **changes}
-    if algorithm == "pg-morl":
-        values |= {"method.generation": 3, "method.warmup": 6, "method.bins": 10} | changes
     if algorithm == "hyper-sac":
-        values |= {"method.start": 1, "method.batch": 256, "method.updates": 8} | changes
+        values |= {"method.batch": 256, "method.updates": 8} | changes
     if algorithm == "pd-morl":
-        values |= {"method.start": 1, "method.updates": 16, "method.delay": 2} | changes
-        values.setdefault("method.refresh", 600)
+        values |= {"method.updates": 16, "method.refresh": 600} | changes
     return config_for(values.pop("env", TASK), **values)
 
 
 def trained(config: Config, iterations: int) -> Any:
-    learner = make_learner(make_worlds(config, config.worlds), config)
+    learner = make_learner(config.make_worlds(config.worlds, config.seed), config)
     if config.device != "cpu":
         learner.compile()
     iterate(learner, iterations)
@@ -99,18 +104,17 @@ def iterate(learner: Any, iterations: int) -> None:
     "algorithm",
     [pytest.param(name, marks=[pytest.mark.slow] * (name != "morlax")) for name in LEARNERS],
 )
-def test_it_finds_the_front(algorithm, device):
+def test_it_finds_the_front(algorithm, device, constants):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no CUDA device")
     iterations, changes = 60 if algorithm == "hyper-sac" else 100, {"ppo.learning_rate": 8e-3}
     if algorithm == "pg-morl":
-        changes |= {"method.generation": 10, "method.warmup": 20, "method.bins": 30}
+        constants("pg-morl", generation=10, warmup=20, bins=30)
     if algorithm == "hyper-sac":
         changes |= {"method.learning_rate": 2e-3}
     if algorithm == "pd-morl":  # the angle that it adds to losses moves the optimum
-        changes |= {"method.critic_angle": 1e-3, "method.actor_angle": 1e-3}
-        changes |= {"method.learning_rate": 6e-3, "method.target_rate": 0.05}
-        changes |= {"method.warmup": 0.2}
+        constants("pd-morl", critic_angle=1e-3, actor_angle=1e-3, warmup=0.2)
+        constants("pd-morl", learning_rate=6e-3, target_rate=0.05)
     learner = trained(small(algorithm, iterations, device=device, **changes), iterations)
     front = make_evaluator(learner).evaluate()
     tradeoffs = torch.as_tensor(front.tradeoffs)
@@ -143,11 +147,11 @@ def test_resuming_continues_exactly(algorithm, changes):
 @pytest.mark.parametrize(
     ("algorithm", "changes"),
     [
-        ("morlax", {"ppo.desired_kl": 0.01, "sampling.widen": 0.5, "sampling.focus": (3.0, 1.0)}),
+        ("morlax", {"ppo.desired_kl": 0.01, "sampling.focus": (3.0, 1.0, 0.5)}),
         ("morlax", {"scalarization": "chebyshev", "sampling.alpha": 0.5}),
         ("morlax", {"env": "design/hopper", "sampling.designs": 2, "task.reset_noise": 0.01}),
-        ("hyper-sac", {"method.start": 1, "method.updates": 4, "method.hold": 0.1}),
-        ("pd-morl", {"method.start": 1, "method.updates": 4}),
+        ("hyper-sac", {"method.updates": 4, "method.hold": 0.1}),
+        ("pd-morl", {"method.updates": 4}),
     ],
     ids=str,
 )
@@ -161,8 +165,7 @@ def test_the_default_dtype_changes_no_number(algorithm, changes, dtypes):
 
 
 def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
-    changes = {"sampling.focus": (3.0, 1.0), "sampling.widen": 0.5}
-    learner = trained(small("morlax", 8, **changes), 0)
+    learner = trained(small("morlax", 8, **{"sampling.focus": (3.0, 1.0, 0.5)}), 0)
     focus, farthest = torch.tensor([0.75, 0.25]), []
     for done in (0.0, 0.25, 0.5, 0.9):
         learner.iterate(done)
@@ -195,8 +198,9 @@ def test_draws_from_cells_spread_beside_the_corners(algorithm, corners):
     assert torch.equal(rest, torch.eye(corners, 2))
 
 
-def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork():
-    learner = trained(small("hyper-morl", 20, **{"method.warmup": 0.15}), 3)
+def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork(constants):
+    constants("hyper-morl", warmup=0.15)
+    learner = trained(small("hyper-morl", 20), 3)
     assert isinstance(learner, HyperMORL) and learner.warming_up
     assert (learner.tradeoffs == 0.5).all() and learner.ppo.optimizers[0].mean.any()
     learner._start_hypernetwork()  # as the next iteration does first
@@ -264,8 +268,9 @@ def test_cells_of_the_simplex_are_sampled_with_their_corners_as_the_authors_do(m
     assert_close(found.std(0), wanted.std(0), rtol=0.15, atol=1e-3)
 
 
-def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
-    changes = {"method.warmup": 0.25, "ppo.decay_fraction": 1.0, "network.initial_std": 0.4}
+def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew(constants):
+    constants("hyper-morl", warmup=0.25)
+    changes = {"decay_fraction": 1.0, "network.initial_std": 0.4}
     learner = trained(small("hyper-morl", 40, **changes), 0)
     rates, spreads = [], []
     seen = torch.ones(CLUSTERS, 1, 1)
@@ -285,7 +290,7 @@ def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew():
 def test_hyper_morl_keeps_the_exploration_of_a_user_s_own_actor():
     config = small("hyper-morl", 20)
     actor = torch.nn.Sequential(torch.nn.Linear(1, 8), torch.nn.Tanh(), torch.nn.Linear(8, 4))
-    learner = HyperMORL(make_worlds(config, config.worlds), config, actor=actor)
+    learner = HyperMORL(config.make_worlds(config.worlds, config.seed), config, actor=actor)
     learner.iterate()
     seen, w = torch.ones(1, 5, 1), torch.tensor([[0.5, 0.5]])
     before = learner.agent.actors(w).distribution(seen).output
@@ -317,9 +322,9 @@ def test_amor_keeps_a_world_s_tradeoff_until_its_episode_ends():
     assert 0 < kept < 6 * 16
 
 
-def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy():
-    config = small("pg-morl", 60, **{"method.generation": 5, "method.warmup": 10})
-    learner = trained(config, 5)
+def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy(constants):
+    constants("pg-morl", generation=5, warmup=10)
+    learner = trained(small("pg-morl", 60), 5)
     assert isinstance(learner, PGMORL)
     assert torch.equal(learner.tradeoffs, even_tradeoffs(CLUSTERS, 2))
     for _ in range(5):
@@ -347,8 +352,9 @@ def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy():
     ("algorithm", "worlds"),
     [("independent", WORLDS), ("independent", CLUSTERS), ("pg-morl", CLUSTERS)],
 )
-def test_another_reward_of_one_tradeoff_changes_that_policy_alone(algorithm, worlds):
-    config = small(algorithm, worlds=worlds, **{"ppo.max_grad_norm": 0.1, "ppo.minibatches": 1})
+def test_another_reward_of_one_tradeoff_changes_that_policy_alone(algorithm, worlds, monkeypatch):
+    monkeypatch.setattr(PPOConfig, "max_grad_norm", 0.1)
+    config = small(algorithm, worlds=worlds, **{"ppo.minibatches": 1})
     one, other = trained(config, 0), trained(config, 0)
     for learner, change in ((one, 0.0), (other, 1.0)):
         learner.explore()
@@ -360,9 +366,10 @@ def test_another_reward_of_one_tradeoff_changes_that_policy_alone(algorithm, wor
     assert same.tolist() == [True, True, False, *[True] * 5]
 
 
-def test_an_independent_policy_is_that_of_plain_ppo():
+def test_an_independent_policy_is_that_of_plain_ppo(monkeypatch):
     """Alone in its worlds, with its own norm of gradients, which is small enough to matter."""
-    config = small("independent", **{"ppo.max_grad_norm": 0.05, "ppo.epochs": 1})
+    monkeypatch.setattr(PPOConfig, "max_grad_norm", 0.05)
+    config = small("independent", **{"ppo.epochs": 1})
     learner, alone = trained(config, 0), trained(config, 0)
     learner.explore()
     alone.explore()
@@ -449,7 +456,7 @@ def test_nsga2_finds_the_front_without_gradients(tmp_path):
         "independent",
         worlds=population,
         max_env_steps=population * 150,
-        **{"sampling.clusters": population, "ppo.minibatches": 1, "ppo.decay_fraction": 0.0},
+        **{"sampling.clusters": population, "ppo.minibatches": 1, "decay_fraction": 0.0},
     )
     best = []
     run = nsga2.train(config, tmp_path / "run", lambda evaluation: best.append(evaluation.front))
@@ -478,8 +485,8 @@ def test_even_tradeoffs_cover_the_simplex(number):
         ({"algorithm": "amor", "network.type": "dual"}, "amor needs conditioned: leave it out"),
         ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
         (
-            {"algorithm": "hyper-morl", "max_env_steps": None, "ppo.decay_fraction": 0.0},
-            "method.warmup",
+            {"algorithm": "hyper-morl", "max_env_steps": None, "decay_fraction": 0.0},
+            "it warms up for a share",
         ),
         ({"network.type": "independent"}, "needs algorithm independent"),
     ],
@@ -490,11 +497,8 @@ def test_bad_combinations_get_one_sentence(changes, message):
     assert "\n" not in str(caught.value)
 
 
-def test_an_algorithm_is_chosen_on_the_command_line_or_in_a_file(tmp_path, capsys):
+def test_an_algorithm_is_chosen_on_the_command_line_or_in_a_file(tmp_path):
     file = tmp_path / "amor.yaml"
     file.write_text("env: cheetah\nalgorithm: amor\n")
     with pytest.raises(MorlaxError, match=r"is for algorithm 'amor', but --algorithm says"):
         command(["--config", str(file), "--algorithm", "independent"])
-    with pytest.raises(SystemExit):
-        command(["--env", "cheetah", "--algorithm", "hyper-morl", "--help"])
-    assert "--method.warmup" in capsys.readouterr().out

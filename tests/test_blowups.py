@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
-from morlax_torch.evaluation.front import Front
-from morlax_torch.runs.progress import Evaluation, Progress
-from morlax_torch.runs.training import make_evaluator, training
+from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.train import train
 
 SLIDER = """
@@ -187,29 +186,5 @@ def test_blow_ups_of_earlier_sessions_count(kept, slider):
     learner = MORLAX(envs.make("slider", 8, "cpu"), config)
     learner.env.blowups += kept
     progress = Progress(blowups=1000)
-    with closing(training(learner, make_evaluator(learner), None, progress)) as found:
+    with closing(Session(learner, make_evaluator(learner), None, progress).training()) as found:
         assert [evaluation.blowups for evaluation in found] == [1000, 1000, 1000]
-
-
-def test_the_terminal_names_blow_ups(slider, tmp_path, capsys):
-    from morlax_torch.commands.terminal.display import Display
-
-    learner = MORLAX(envs.make("slider", 8, "cpu"), config_for("slider", **SMALL))
-    front = Front(("go", "save"), np.eye(2), np.ones((2, 2)), np.ones(2), np.zeros(2))
-    indicators = {"hypervolume": 1.0, "cardinality": 1, "blowup_rate": 0.25}
-    evaluation = Evaluation(0, 8, 1.5, 20.25, 9000.0, 3, front, indicators)
-    display = Display(learner, tmp_path, Progress())
-    display.evaluated(evaluation)
-    display.evaluated(evaluation)
-    names, *lines = capsys.readouterr().out.splitlines()
-    assert " ".join(names.split()) == "steps train (s) total (s) hypervolume front steps/s"
-    assert len(lines) == 4  # the columns are named once
-    assert lines[0].split()[:3] == ["8", "1.5", "20.2"]
-    assert lines[1] == " " * 10 + "blow-ups: 3 while training, 25.0% of the evaluated episodes"
-
-
-@pytest.mark.parametrize("mask", [torch.ones(3, dtype=torch.bool), torch.ones(2), [True, False]])
-def test_restart_checks_its_mask(slider, mask):
-    env = envs.make("slider", 2, "cpu")
-    with pytest.raises(MorlaxError, match=r"a mask of shape \(2,\) and torch.bool"):
-        env.restart(mask)

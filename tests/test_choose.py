@@ -27,10 +27,9 @@ from morlax_torch.evaluation.requirements import Requirements
 from morlax_torch.networks.agent import Agent
 from morlax_torch.reports.card import card
 from morlax_torch.runs import choosing
-from morlax_torch.runs.bookmarks import bookmark, tradeoff_of
 from morlax_torch.runs.choosing import Simulated, choose
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.loading import find_run
+from morlax_torch.runs.loading import bookmark, find_run, tradeoff_of
 from morlax_torch.runs.trials import CONDITIONS, EPISODES, USUAL, Trial, trials
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies

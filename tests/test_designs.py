@@ -11,6 +11,7 @@ import mujoco_warp as mjw
 import numpy as np
 import pytest
 import torch
+from tiny import scaled
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, envs
@@ -28,7 +29,7 @@ from morlax_torch.envs.worlds.designs import (
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.making import held_out, make_evaluator
 from morlax_torch.networks.hypernetwork import Hypernetwork
-from morlax_torch.runs.session import Session
+from morlax_torch.runs.training import Session
 from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer
 from morlax_torch.viewers.filming.film import Film
@@ -261,10 +262,11 @@ def test_a_context_is_an_input_beside_the_trade_off():
     torch.testing.assert_close(family.flat(torch.cat([w, c], -1)), expected)
 
 
+@scaled(0.1)
 @pytest.mark.parametrize("kind", ["dual", "single", "conditioned"])
 def test_policies_of_another_body_are_those_of_its_condition(kind):
     algorithm = {"algorithm": "amor"} if kind == "conditioned" else {"network.type": kind}
-    config = small(**algorithm, **{"network.scale": 0.1})
+    config = small(**algorithm)
     learner = MORLAX(config.make_worlds(16, 0), config)
     policy = morlax_torch.Policy(learner.agent, config, learner.env.objectives)
     seen = torch.randn(3, learner.env.observation_size)
@@ -408,8 +410,9 @@ def test_designs_are_scaled_and_named():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
-    config = small(**{"task.episode_length": 60, "network.scale": 0.3})
-    return train(config, output=tmp_path_factory.mktemp("designs") / "run").folder
+    config = small(**{"task.episode_length": 60})
+    with scaled():
+        return train(config, output=tmp_path_factory.mktemp("designs") / "run").folder
 
 
 def test_a_pair_is_simulated_as_its_body_alone_is_evaluated(run):
@@ -468,8 +471,8 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
     ("words", "sentence"),
     [
         (["--at-least", "run=1"], "name what to maximize"),
-        (["--bodies", "1"], "--bodies is 1: it must be at least 2"),
-        (["--rounds", "-1"], "--rounds is -1: it must be 0 or more"),
+        (["--bodies", "1"], "bodies: Input should be greater than or equal to 2"),
+        (["--rounds", "-1"], "rounds: Input should be greater than or equal to 0"),
     ],
 )
 def test_a_wrong_search_is_one_sentence(run, words, sentence, refused):

@@ -21,7 +21,6 @@ from morlax_torch.runs import checkpoint
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import load
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.training import make_worlds
 
 ROOT = Path(__file__).parent.parent
 A_RUN = re.compile(r"runs/cheetah\b")  # names the newest run
@@ -79,7 +78,7 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     config: Config = load_config(merged(task_values("cheetah", "cpu"), {"worlds": 32}))
     (folder / "checkpoints").mkdir()
-    morlax = MORLAX(make_worlds(config, 32), config)
+    morlax = MORLAX(config.make_worlds(32, config.seed), config)
     checkpoint.save(folder / "checkpoints" / "best.pt", morlax, Progress())
     evaluate(load(folder), tradeoffs=5, device="cpu").save(folder / "front.npz")
     return folder

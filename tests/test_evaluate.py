@@ -37,7 +37,7 @@ from morlax_torch.reports.results import duration, steps
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.evaluating import evaluate as evaluate_run
-from morlax_torch.runs.history import History
+from morlax_torch.runs.progress import History
 from morlax_torch.viewers.preferences import reward
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")

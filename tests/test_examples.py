@@ -47,7 +47,7 @@ def test_morlax_in_one_file_trains_bit_for_bit_as_the_package(task):
         gae_lambda=ppo.gae_lambda,
         clip=ppo.clip,
         entropy=ppo.entropy,
-        decay_fraction=ppo.decay_fraction,
+        decay_fraction=config.decay_fraction,
     )
     ours = example.MORLAX(envs.make(task, 64, "cpu", seed=config.seed), options)
     package = MORLAX(config.make_worlds(64, config.seed), config)

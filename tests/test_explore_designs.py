@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from browsing import PATIENCE, View, chromium, exploring
+from tiny import scaled
 
 import morlax_torch
 from morlax_torch import Front, Policy
@@ -24,7 +25,6 @@ SMALL = {
     "sampling.designs": 8,
     "ppo.minibatches": 1,
     "evaluation.tradeoffs": 5,
-    "network.scale": 0.1,
     "task.episode_length": 50,
 }
 
@@ -32,7 +32,8 @@ SMALL = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> str:
     config = morlax_torch.config_for("design/hopper", **SMALL)
-    return str(train(config, output=tmp_path_factory.mktemp("designs") / "run").folder)
+    with scaled(0.1):
+        return str(train(config, output=tmp_path_factory.mktemp("designs") / "run").folder)
 
 
 def test_a_slider_changes_the_body_and_then_the_front(folder):

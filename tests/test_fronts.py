@@ -27,12 +27,9 @@ from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.choosing import choose as choice_of
 from morlax_torch.runs.evaluating import evaluate, pack
-from morlax_torch.runs.fronts import load_front
-from morlax_torch.runs.history import History, best_row, hypervolume_of, read_rows
-from morlax_torch.runs.loading import find_run
-from morlax_torch.runs.progress import Evaluation
-from morlax_torch.runs.session import Session
-from morlax_torch.runs.training import make_evaluator, make_worlds, training
+from morlax_torch.runs.loading import find_run, load_front
+from morlax_torch.runs.progress import Evaluation, History, hypervolume_of, read_rows
+from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.runs.trials import USUAL, trials
 from morlax_torch.train import train
 
@@ -80,15 +77,6 @@ def test_each_checkpoint_has_its_own_front(run):
         np.testing.assert_array_equal(front.returns, returns(path))
         assert front.checkpoint == ("latest.pt" if path.name == "latest.pt" else "best.pt")
     assert load_front(run).hypervolume > load_front(run / "checkpoints/latest.pt").hypervolume
-
-
-def test_metrics_mark_the_evaluation_of_the_best_checkpoint(run):
-    found = rows(run)
-    volumes = [float(row["hypervolume"]) for row in found]
-    assert best_row(read_rows(run / "metrics.csv")) == volumes.index(max(volumes))
-    assert load_front(run).hypervolume == pytest.approx(max(volumes))
-    progress = checkpoint.load(run / "checkpoints/best.pt").progress
-    assert progress.hypervolume == progress.best_hypervolume == max(volumes)
 
 
 def test_choose_uses_the_front_of_the_checkpoint_that_load_loads(run, capfd):
@@ -139,7 +127,7 @@ NOISY = {"task.reset_noise": 0.1}
 
 
 def evaluator(config: Config) -> Evaluator:
-    return make_evaluator(MORLAX(make_worlds(config, config.worlds), config))
+    return make_evaluator(MORLAX(config.make_worlds(config.worlds, config.seed), config))
 
 
 def test_a_random_task_has_other_episodes_to_choose_by():
@@ -163,13 +151,13 @@ def scripted(volumes: Sequence[tuple[float, float]], run: Run, learner: MORLAX) 
     limits = {"max_env_steps": 64 * (len(volumes) - 1), "max_seconds": None}
     evaluation = learner.config.evaluation.model_copy(update={"every": 64})
     learner.config = learner.config.model_copy(update={**limits, "evaluation": evaluation})
-    with closing(training(learner, evaluator, run)) as found:
+    with closing(Session(learner, evaluator, run).training()) as found:
         return list(found)
 
 
 def test_the_best_checkpoint_is_not_the_one_with_the_luckiest_report(tmp_path):
     config = tiny(**NOISY)
-    learner = MORLAX(make_worlds(config, config.worlds), config)
+    learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
     run = Run.create(learner, tmp_path / "run")
     found = scripted([(1, 2), (9, 3), (4, 5), (5, 4)], run, learner)
     assert [evaluation.best for evaluation in found] == [True, True, True, False]
@@ -228,16 +216,6 @@ def test_training_measures_by_the_protocol_of_its_config(discounted, tmp_path):
     assert [row["best"] for row in found][-1] == "0"
 
 
-def test_a_random_run_is_chosen_and_reported_by_its_protocol(tmp_path):
-    run = train(tiny(**NOISY, **DISCOUNTED), output=tmp_path / "run")
-    front = load_front(run.folder)
-    again = evaluate(run.folder, 4, "discounted", device="cpu")
-    np.testing.assert_allclose(front.returns, again.returns, rtol=1e-6)
-    first, second = evaluator(tiny(**NOISY, **DISCOUNTED)).evaluate_sets()
-    assert first.protocol == second.protocol == "discounted"
-    assert not np.isclose(first.returns, second.returns).any()
-
-
 def test_evaluate_and_pack_use_the_run_s_own_protocol(discounted, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     front, file = load_front(discounted), discounted / "front.npz"
@@ -271,16 +249,6 @@ def test_choose_counts_returns_by_the_run_s_own_protocol(discounted):
 def resumed(folder: Path, **changes: object) -> Run:
     run = Run.open(folder)
     return train(tiny(**{**WORSE, "max_env_steps": 256, **changes}), run)
-
-
-def test_other_trade_offs_begin_the_record_of_the_best_checkpoint_anew(run):
-    before = checkpoint.load(run / "checkpoints/best.pt").progress
-    resumed(run, **{"evaluation.tradeoffs": 2})
-    after = checkpoint.load(run / "checkpoints/best.pt")
-    assert after.config["evaluation"]["tradeoffs"] == 2
-    assert after.progress.best_hypervolume < before.best_hypervolume
-    assert len(load_front(run).returns) == 2
-    assert load(run).config.evaluation.tradeoffs == 2
 
 
 @pytest.mark.parametrize("interrupted", [False, True])

@@ -17,7 +17,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import evaluate, train
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import task_values
-from morlax_torch.runs.history import read_rows
+from morlax_torch.runs.progress import read_rows
 from morlax_torch.viewers.player import Player
 
 CAR = "gymnasium:mo-mountaincarcontinuous-v0"

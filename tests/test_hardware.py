@@ -49,8 +49,7 @@ def test_a_run_that_is_resumed_elsewhere_names_both_machines_in_order(folder, tr
     assert restore(folder, trainer) == restore(folder, trainer) == [OTHER, here]
     (folder / hardware.FILE).unlink()
     assert read_machines(folder) == []
-    assert restore(folder, trainer) == [Machine(), here]
-    assert Machine().hardware() == "unknown"
+    assert restore(folder, trainer) == [here]
 
 
 def test_a_damaged_record_is_one_sentence(folder, trainer):
@@ -111,11 +110,6 @@ LIMITS = {  # what files say -> GiB that a process may still take
         },
         1.5,
     ),
-    "version 1, whose folder is the container's own": (
-        {"memory/memory.limit_in_bytes": GIB, "memory/memory.usage_in_bytes": 0},
-        1,
-    ),
-    "more than the limit": ({"memory.max": GIB, "memory.current": 2 * GIB}, 0),
     "no limit": ({"memory.max": "max", "memory.current": GIB}, None),
     "no control groups": ({}, None),
 }

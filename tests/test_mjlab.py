@@ -26,7 +26,7 @@ from morlax_torch.envs.bridges.mjlab.step import MaskedStep
 from morlax_torch.exports.exporting import export
 from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.choosing import choose
-from morlax_torch.runs.fronts import load_front
+from morlax_torch.runs.loading import load_front
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 

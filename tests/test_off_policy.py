@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import torch
 from closed_form import Quadratic, best_returns
-from test_algorithms import CLUSTERS, TASK, iterate, small, trained
+from test_algorithms import CLUSTERS, TASK, brief, iterate, small, trained  # noqa: F401
 from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.testing import assert_close
 
@@ -17,8 +17,7 @@ from morlax_torch.algorithms.off_policy.replay import Replay, Transitions
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
-from morlax_torch.runs.contents import check_state
-from morlax_torch.runs.training import make_worlds
+from morlax_torch.runs.checkpoint import check_state
 
 N, T, DISCOUNT, STEPS = 4, 3, 0.9, 3
 SIZES = SimpleNamespace(
@@ -81,22 +80,18 @@ def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generato
     assert len(seen) == min(number * T, capacity) * N  # every step of every world
 
 
-VALUED = {  # faster than as published, and without angles, which move the optimum
+VALUED = {  # faster than as published
     "hyper-sac": {"method.learning_rate": 4e-3},
-    "pd-morl": {
-        "method.learning_rate": 4e-3,
-        "method.target_rate": 0.05,
-        "method.updates": 60,
-        "method.warmup": 0.0,
-        "method.critic_angle": 0.0,
-        "method.actor_angle": 0.0,
-    },
+    "pd-morl": {"method.updates": 60},
 }
+FAST = {"learning_rate": 4e-3, "target_rate": 0.05}  # of PD-MORL
+UNGUIDED = {"warmup": 0.0, "critic_angle": 0.0, "actor_angle": 0.0}  # angles move the optimum
 
 
 @pytest.mark.parametrize("algorithm", VALUED)
-def test_critics_learn_the_values_of_actions(algorithm):
+def test_critics_learn_the_values_of_actions(algorithm, constants):
     """An episode of the task is one step, so the value of an action is its reward."""
+    constants("pd-morl", **FAST, **UNGUIDED)
     learner = trained(small(algorithm, 20, **VALUED[algorithm]), 20)
     action = 0.6 * (2 * torch.rand(200, 2, generator=learner.generator) - 1)
     rewards = Quadratic.returns(action)
@@ -124,11 +119,11 @@ def untrained(monkeypatch, **changes: Any) -> HyperSAC:
 
 
 @pytest.mark.parametrize("std", [0.05, 0.7])  # an entropy below and above zero
-def test_critics_value_the_entropy_of_actions_to_come(std, monkeypatch):
+def test_critics_value_the_entropy_of_actions_to_come(std, monkeypatch, constants):
     """Values are (temperature * entropy + value) / 2, which is temperature * entropy."""
-    faster = {"method.learning_rate": 4e-3, "method.target_rate": 1.0, "method.batch": 64}
-    changes = {"network.initial_std": std, "method.temperature": 0.8, **faster}
-    learner = untrained(monkeypatch, **changes)
+    constants("hyper-sac", target_rate=1.0, temperature=0.8)
+    faster = {"method.learning_rate": 4e-3, "method.batch": 64}
+    learner = untrained(monkeypatch, **{"network.initial_std": std, **faster})
     for optimizer in learner.optimizers[::2]:  # policies and temperature stay
         optimizer.rate.zero_()
     for _ in range(200):
@@ -216,10 +211,10 @@ def test_angles_of_values_to_their_directions():
 
 
 @pytest.mark.parametrize("weight", [0.0, 3.0])
-def test_angles_turn_policies_towards_the_directions_of_their_tradeoffs(weight):
+def test_angles_turn_policies_towards_the_directions_of_their_tradeoffs(weight, constants):
     """Halfway between two keys, that is another direction than the one of the best returns."""
-    changes = {"method.actor_angle": weight, "method.warmup": 0.5}
-    learner = trained(small("pd-morl", 20, **{**VALUED["pd-morl"], **changes}), 20)
+    constants("pd-morl", **FAST, **{**UNGUIDED, "actor_angle": weight, "warmup": 0.5})
+    learner = trained(small("pd-morl", 20, **VALUED["pd-morl"]), 20)
     tradeoff = torch.tensor([[0.75, 0.25]])
     found = Quadratic.returns(learner.agent.actors(tradeoff).act(torch.ones(1, 1, 1))[0])
     wanted = learner.interpolator(tradeoff) if weight else best_returns(tradeoff)
@@ -227,8 +222,9 @@ def test_angles_turn_policies_towards_the_directions_of_their_tradeoffs(weight):
     assert_close(first, second, rtol=0.1, atol=0)
 
 
-def test_clusters_explore_near_key_tradeoffs_first_and_then_their_own_cells(monkeypatch):
-    learner = trained(small("pd-morl", 40, **{"method.warmup": 0.5}), 0)
+def test_clusters_explore_near_key_tradeoffs_first_and_then_their_own_cells(monkeypatch, constants):
+    constants("pd-morl", warmup=0.5)
+    learner = trained(small("pd-morl", 40), 0)
     monkeypatch.setattr(learner, "learn", lambda: None)
     keys = learner.interpolator.keys[torch.arange(CLUSTERS) % 3]
     for _ in range(20):
@@ -252,8 +248,9 @@ def test_a_share_of_samples_keeps_its_tradeoff_and_all_do_at_first():
     assert found[kept:, 0].std() > 0.2
 
 
-def test_exploration_is_random_at_first_and_then_noise_around_the_policy(monkeypatch):
-    learner = trained(small("pd-morl", 40, **{"method.start": 200}), 0)
+def test_exploration_is_random_at_first_and_then_noise_around_the_policy(monkeypatch, constants):
+    constants("pd-morl", start=200)
+    learner = trained(small("pd-morl", 40), 0)
     monkeypatch.setattr(learner, "learn", lambda: None)
     iterate(learner, 1)  # stores 256 transitions
     assert learner.rollout.action.tanh().std() == pytest.approx(3**-0.5, rel=0.1)  # uniform
@@ -283,10 +280,11 @@ def test_exploration_holds_its_noise_for_a_time(task, hold, share, generator):
     assert equal[:, 0, 0].std() > 0 or not share  # not all steps of some worlds
 
 
-def test_a_run_without_its_replay_fills_it_before_it_learns():
-    config = small("hyper-sac", 20, **{"method.start": 600})
+def test_a_run_without_its_replay_fills_it_before_it_learns(constants):
+    constants("hyper-sac", start=600)
+    config = small("hyper-sac", 20)
     learner = trained(config, 3)
-    other = make_learner(make_worlds(config, config.worlds), config)
+    other = make_learner(config.make_worlds(config.worlds, config.seed), config)
     other._keeps_replay = False  # as on a GPU
     other.load_state_dict(learner.state_dict())
     before = other.agent.actor.bias.detach().clone()
@@ -298,25 +296,25 @@ def test_a_run_without_its_replay_fills_it_before_it_learns():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"method.batch": 100}, r"must be a multiple of sampling.clusters .8.: try --method.batch"),
+        ({"method.batch": 100}, r"must be a multiple of 8 .sampling.clusters.: try --method.batch"),
         ({"scalarization": "chebyshev"}, "hyper-sac needs weighted sums"),
         ({"network.type": "conditioned"}, "hyper-sac needs dual"),
         ({"ppo.critic": "scalar"}, "hyper-sac needs vector"),
         (
             {"algorithm": "pd-morl", "method.batch": 258},
-            r"must be a multiple of method.relabels . 1 .4.: try --method.batch 256",
+            r"must be a multiple of 4: try --method.batch 256",
         ),
         (
             {"algorithm": "pd-morl", "method.updates": 5},
-            r"must be a multiple of method.delay .2.: try --method.updates 4",
+            r"must be a multiple of 2: try --method.updates 4",
         ),
         ({"algorithm": "pd-morl", "scalarization": "chebyshev"}, "pd-morl needs weighted sums"),
         ({"algorithm": "pd-morl", "network.type": "dual"}, "pd-morl needs conditioned"),
         ({"algorithm": "pd-morl", "sampling.mode": "dense"}, "pd-morl needs sparse"),
         ({"algorithm": "pd-morl", "ppo.critic": "scalar"}, "pd-morl needs vector"),
         (
-            {"algorithm": "pd-morl", "max_env_steps": None, "ppo.decay_fraction": 0.0},
-            "method.warmup needs max_env_steps",
+            {"algorithm": "pd-morl", "max_env_steps": None},
+            "pd-morl needs max_env_steps",
         ),
     ],
     ids=str,
@@ -336,7 +334,7 @@ def test_a_replay_that_does_not_fit_is_refused_and_one_that_does_is_named():
 @pytest.mark.parametrize("algorithm", ["hyper-sac", "pd-morl"])
 def test_own_critics_and_worlds_that_hide_endings_are_refused(algorithm, monkeypatch):
     config = config_for(TASK, device="cpu", algorithm=algorithm)
-    worlds = make_worlds(config, config.worlds)
+    worlds = config.make_worlds(config.worlds, config.seed)
     with pytest.raises(MorlaxError, match="makes its own critics"):
         make_learner(worlds, config, critic=torch.nn.Linear(3, 2))
     monkeypatch.setattr(type(worlds), "shows_endings", False)
@@ -344,8 +342,9 @@ def test_own_critics_and_worlds_that_hide_endings_are_refused(algorithm, monkeyp
         make_learner(worlds, config)
 
 
-def test_targets_start_as_networks_that_another_run_replaced():
-    learner = trained(small("hyper-sac", 10, **{"method.start": 10**9}), 0)  # nothing is learned
+def test_targets_start_as_networks_that_another_run_replaced(constants):
+    constants("hyper-sac", start=10**9)  # nothing is learned
+    learner = trained(small("hyper-sac", 10), 0)
     torch.nn.init.normal_(learner.agent.critic.weight)  # as start_from does
     iterate(learner, 1)
     assert torch.equal(learner.targets[0].weight, learner.agent.critic.weight)

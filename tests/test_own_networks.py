@@ -20,7 +20,6 @@ from morlax_torch.runs import checkpoint
 from morlax_torch.runs.evaluating import evaluate as evaluate_run
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
 
 O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
@@ -31,7 +30,7 @@ def usual(**changes: object) -> Config:
 
 
 def make_learner(config: Config, **networks: nn.Module) -> BaseLearner:
-    return registry.make_learner(make_worlds(config, config.worlds), config, **networks)
+    return registry.make_learner(config.make_worlds(config.worlds, config.seed), config, **networks)
 
 
 def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:

@@ -15,7 +15,7 @@ from morlax_torch.algorithms.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation import pareto
 from morlax_torch.exports.exporting import export
-from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.runs.training import make_evaluator
 
 NAN = float("nan")
 
@@ -400,13 +400,16 @@ TINY: dict[str, Any] = {
     "network.critic": (16,),
     "ppo.minibatches": 2,
     "ppo.learning_rate": 3e-3,
-    "method.generation": 4,
-    "method.warmup": 8,
-    "method.bins": 10,
     "evaluation.tradeoffs": 12,
     "task.episode_length": 50,
     "max_env_steps": 20_000,
 }
+
+
+@pytest.fixture(autouse=True)
+def brief(constants) -> None:
+    """Let generations be short."""
+    constants("pg-morl", generation=4, warmup=8, bins=10)
 
 
 def tiny(**changes: Any) -> Config:
@@ -414,7 +417,7 @@ def tiny(**changes: Any) -> Config:
 
 
 def made(config: Config, iterations: int = 0) -> PGMORL:
-    learner = PGMORL(make_worlds(config, config.worlds), config)
+    learner = PGMORL(config.make_worlds(config.worlds, config.seed), config)
     for _ in range(iterations):
         learner.iterate()
     return learner
@@ -460,7 +463,8 @@ def test_policies_that_return_to_training_are_what_was_stored():
 
 
 @pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])
-def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, monkeypatch):
+def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, constants):
+    constants("pg-morl", generation=None)
     sizes = {"worlds": 4096, "horizon": 32, "sampling.clusters": 16, "device": "cpu"}
     config = config_for(task, algorithm="pg-morl", max_env_steps=10**9, **sizes)
     length = config.task.episode_length

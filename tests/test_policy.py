@@ -1,7 +1,6 @@
 """Saved policies give the same actions, and unusable inputs or files give clear errors."""
 
 import copy
-import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from same import assert_same
-from tiny import learner, tiny
+from tiny import learner, scaled, tiny
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
@@ -24,7 +23,8 @@ TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
 
 
 def made(env: str = "hopper", **changes: object) -> MORLAX:
-    return learner(tiny(env, **{"network.scale": 0.3, **changes}))
+    with scaled():
+        return learner(tiny(env, **changes))
 
 
 @pytest.fixture(scope="module")
@@ -167,11 +167,9 @@ BAD_TRADEOFFS = {
     "zero": ([0.0, 0.0], "zero in every objective"),
     "too long": ([0.2, 0.3, 0.5], r"2 numbers \(run, jump\)"),
     "too short": ([1.0], "2 numbers"),
-    "a number": (1.0, "2 numbers"),
     "not a number": ([float("nan"), 1.0], "trade-off"),
     "infinite": ([float("inf"), 1.0], "trade-off"),
     "one bad row": ([[0.5, 0.5], [1.0, 0.0], [0.0, 0.0], [1.0, 1.0]], "zero in every objective"),
-    "complex": (torch.tensor([1 + 2j, 1 - 5j]), "real numbers, not complex"),
     "complex array": (np.array([1 + 2j, 1 - 5j]), "real numbers, not complex"),
     "other rows": ([[0.5, 0.5], [1.0, 0.0]], "trade-off"),
 }
@@ -228,13 +226,6 @@ def test_loading_a_checkpoint_runs_no_pickled_code(tmp_path):
     assert not (tmp_path / "sprung").exists()
 
 
-def test_a_checkpoint_restores_everything(saved, latest):
-    contents, other = checkpoint.load(latest), made(seed=3)
-    checkpoint.restore(contents, latest, other)
-    assert contents.progress == Progress(best_hypervolume=1.0)
-    assert_same(other.state_dict(), saved[1].state_dict())
-
-
 MISMATCHES = {
     "task 'hopper', not 'walker'": {"env": "walker"},
     "objectives": {"task.objectives": {"jump": {"jump": 12.0}, "run": {"run": 1.5}}},
@@ -252,20 +243,6 @@ def test_a_checkpoint_is_not_restored_into_a_different_learner(latest, words):
     assert_same(dict(other.agent.state_dict()), before)
 
 
-def test_a_failed_checkpoint_write_keeps_the_old_one(saved, tmp_path, monkeypatch):
-    path = tmp_path / "latest.pt"
-    checkpoint.save(path, saved[1], Progress())
-    before = path.read_bytes()
-
-    def fail(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(MorlaxError, match="No space left on device"):
-        checkpoint.save(path, saved[1], Progress())
-    assert path.read_bytes() == before and os.listdir(tmp_path) == ["latest.pt"]
-
-
 def test_saved_policies_omit_the_critic_and_give_the_same_actions(policy, observation, tmp_path):
     save(policy, tmp_path / "family.pt")
     again = morlax_torch.load(tmp_path / "family.pt")
@@ -276,13 +253,6 @@ def test_saved_policies_omit_the_critic_and_give_the_same_actions(policy, observ
     assert not any("critic" in name for name in contents.policy)
     with pytest.raises(MorlaxError, match="only policies"):
         checkpoint.restore(contents, tmp_path / "family.pt", made())
-
-
-def test_observations_can_be_arrays_and_doubles(policy, observation):
-    expected = policy(observation, (0.3, 0.7))
-    for given in (observation.double(), observation.numpy(), observation.double().numpy()):
-        found = policy(given, (0.3, 0.7))
-        assert found.dtype == torch.float32 and torch.equal(found, expected)
 
 
 @pytest.mark.parametrize(
@@ -316,11 +286,9 @@ def test_a_policy_stays_in_float32(policy, observation, turn):
     ("given", "words"),
     [
         (torch.zeros(5, 12), r"shape \(5, 12\), but this policy needs \(B, 13\)"),
-        (torch.zeros(2, 5, 13), r"shape \(2, 5, 13\), but this policy needs \(B, 13\)"),
         (torch.zeros(5, 13, dtype=torch.int64), "must be floats, not torch.int64"),
         (np.zeros((5, 13), complex), "must be floats, not torch.complex128"),
         ("nothing", "consist of numbers, not 'nothing'"),
-        (None, "consist of numbers, not None"),
         ([[1.0], [1.0, 2.0]], "consist of numbers, not"),
     ],
 )

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from tiny import Blind, learner, tiny
+from tiny import Blind, learner, scaled, tiny
 from torch import Tensor
 
 from morlax_torch import Policy, envs, load, save
@@ -11,7 +11,6 @@ from morlax_torch.exports.exporting import export, manifest
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.training import make_worlds
 
 Hopper = envs.get("hopper")
 O, P = 6, 7
@@ -70,7 +69,7 @@ def test_a_rollout_stores_the_critics_observations():
     """Sighted is the reference: both tasks move alike under the same actions."""
     morlax = learner(blind(), 1)
     rollout = morlax.rollout
-    env = make_worlds(blind("sighted"), 8)
+    env = blind("sighted").make_worlds(8, 0)
     observation = env.reset()
     for t in range(12):
         assert torch.equal(rollout.observation[t].flatten(0, 1), observation)
@@ -81,8 +80,9 @@ def test_a_rollout_stores_the_critics_observations():
     assert rollout.truncated.any()
 
 
+@scaled()
 def test_only_critics_see_privileged_observations(generator):
-    agent = learner(blind(network={"scale": 0.3}), 1).agent
+    agent = learner(blind(), 1).agent
     seen = torch.randn(4, 5, O + P, generator=generator)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
     policies, values = agent.policies(tradeoffs), agent.values(tradeoffs)

@@ -16,7 +16,6 @@ from morlax_torch.configuration.config import load_config
 from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.envs.worlds.trees import base_of
 from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.training import make_worlds
 
 BACKENDS = ("mujoco", "warp")
 MODELS = {
@@ -332,7 +331,7 @@ def test_randomized_worlds_resume_exactly_from_a_saved_state(task, backend):
 def test_training_with_randomization_resumes_exactly():
     config = tiny(**{"task.randomization": {**MODELS, **MOMENTS}, "task.episode_length": 10})
     assert load_config(config.model_dump(mode="json")) == config
-    whole, first, second = (MORLAX(make_worlds(config, 8), config) for _ in range(3))
+    whole, first, second = (MORLAX(config.make_worlds(8, config.seed), config) for _ in range(3))
     for learner, iterations in ((whole, 4), (first, 2)):
         for _ in range(iterations):
             learner.iterate()

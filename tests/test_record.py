@@ -261,10 +261,10 @@ def test_recordings_of_shipped_policies_go_to_the_working_directory(saved, monke
 
 MISTAKES = {
     "nowhere": "nowhere does not exist",
-    "policy.pt --tradeoff fast": "2 numbers (run, jump)",
+    "policy.pt --tradeoff fast": "does not consist of numbers: 0.5,0.5",
     "policy.pt --seconds 0": "at least one control step (0.01 s)",
-    "policy.pt --seconds inf": "not inf s",
-    "policy.pt --seconds 1e12": "at most 3600 s, not 1e+12 s",
+    "policy.pt --seconds inf": "finite number (given: inf)",
+    "policy.pt --seconds 1e8": "at most 3600 s, not 1e+08 s",
     "policy.pt --speed -1": "the speed must be above 0",
     "policy.pt --width 0": "from 64 to 4096 pixels",
     "policy.pt --output film.avi": "must end in .mp4 or .gif",

@@ -12,7 +12,7 @@ import yaml
 import morlax_torch
 from morlax_torch import __main__ as commands
 from morlax_torch.commands.terminal import cli
-from morlax_torch.commands.terminal.startup import program
+from morlax_torch.commands.terminal.process import program
 from morlax_torch.envs.errors import installation
 
 ROOT = Path(__file__).parents[1]

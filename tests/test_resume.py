@@ -14,17 +14,16 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tiny import learner as trainer
 from torch import Tensor, nn
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import envs
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
-from morlax_torch.runs.history import best_row, read_rows
-from morlax_torch.runs.progress import Evaluation, Progress
+from morlax_torch.runs.progress import Evaluation, Progress, best_row, read_rows
 from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
 CASES: dict[str, dict[str, Any]] = {
-    "hopper": {"ppo.decay_fraction": 0.5, "max_env_steps": 224},
+    "hopper": {"decay_fraction": 0.5, "max_env_steps": 224},
     "ant": {"task.reset_noise": 0.01},
     "humanoid": {"task.stagger": True},
     "design/hopper": {"sampling.designs": 8, "task.episode_length": 20},
@@ -34,7 +33,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def tiny(env: str = "hopper", **changes: Any) -> Config:
-    more = {"sampling.clusters": 8, "evaluation.tradeoffs": 8, "ppo.decay_fraction": 0.0}
+    more = {"sampling.clusters": 8, "evaluation.tradeoffs": 8, "decay_fraction": 0.0}
     return small.tiny(env, **{**more, **changes})
 
 
@@ -185,31 +184,13 @@ class Declared(Undeclared):
         return {"goal": self.goal}
 
 
-class Commanded(Undeclared):
-    """The same with a goal that is its command."""
-
-    def __init__(self, physics, *args):
-        self.command = torch.full((physics.num_worlds, 1), 2.0)
-        super().__init__(physics, *args)
-
-    @property
-    def goal(self) -> Tensor:
-        return self.command
-
-    @goal.setter
-    def goal(self, goal: Tensor) -> None:
-        pass
-
-
 def arms(task: type[Undeclared], **kind: bool) -> Undeclared:
     kind = {"auto_reset": True, "deterministic": False, **kind}
     return task.build(task.Options(), 3, torch.device("cpu"), "mujoco", 0, **kind)
 
 
-@pytest.mark.parametrize("task", (Declared, Commanded))
-def test_own_tensors_are_reset_and_resume_exactly(task):
-    first = 2.0 if task is Commanded else 0.0
-    env, other = arms(task), arms(task)
+def test_own_tensors_are_reset_and_resume_exactly():
+    env, other = arms(Declared), arms(Declared)
     action = torch.ones(3, 1)
     for step in range(12):
         saved = env.state_dict()
@@ -217,7 +198,7 @@ def test_own_tensors_are_reset_and_resume_exactly(task):
         other.load_state_dict(saved)
         then = env.step(action)
         assert_same(other.step(action)._asdict(), then._asdict())
-        assert ((env.goal > first) & (env.goal < first + 1)).all(), step  # not of former episodes
+        assert ((env.goal > 0) & (env.goal < 1)).all(), step  # not of former episodes
     assert len(env.goal.unique()) == 3
 
 
@@ -231,26 +212,6 @@ def test_undeclared_tensors_are_noticed_once():
     assert len(warned) == 1
 
 
-def test_tensors_that_are_made_later_or_kept_in_containers_are_noticed():
-    class Later(Declared):
-        def apply(self, action: Tensor) -> None:
-            super().apply(action)
-            self.last, self.more = action, {"former": [action.numpy()][0]}
-
-    env = arms(Later)
-    with pytest.warns(UserWarning, match=r"Later changes last, more\['former'\], with one row"):
-        for value in (1.0, 2.0):
-            env.step(torch.full((3, 1), value))
-            env.state_dict()
-
-
-@pytest.mark.parametrize("values", ({"goal": torch.zeros(2, 1)}, {"goal": 3.0}))
-def test_own_tensors_of_another_shape_are_one_sentence(values, monkeypatch):
-    monkeypatch.setattr(Declared, "initial_state", lambda _: values)
-    with pytest.raises(MorlaxError, match=r"Declared\.initial_state\(\)\['goal'\] has shape"):
-        arms(Declared)
-
-
 ROBOTS = [name for name in envs.names() if issubclass(envs.get(name), envs.Environment)]
 
 
@@ -260,17 +221,6 @@ def test_shipped_tasks_keep_nothing_unsaved(task):
     for _ in range(3):
         env.state_dict()
         env.step(torch.rand(3, env.action_size))
-
-
-def test_what_saved_worlds_lack_of_a_task_is_reset():
-    env, other = arms(Declared), arms(Declared)
-    saved = env.state_dict()
-    del saved["state.goal"]
-    with pytest.warns(
-        UserWarning, match=r"^the saved worlds lack goal of the task, which is reset"
-    ):
-        other.load_state_dict(saved)
-    assert (other.goal == 0).all()
 
 
 class Killed(BaseException):

@@ -57,7 +57,7 @@ SMALL = {
     "sampling.clusters": 32,
     "ppo.minibatches": 2,
     "ppo.entropy": 0.0,
-    "ppo.decay_fraction": 0.0,
+    "decay_fraction": 0.0,
     "ppo.learning_rate": 1e-3,
     "network.initial_std": 0.1,
 }
@@ -137,9 +137,9 @@ def test_expected_returns_are_undiscounted(make_agent):
     agent = make_agent(3, 2)
     starts, tradeoffs = torch.randn(2, 5, 3), torch.eye(2)
     value = agent.values(tradeoffs)(agent.observation_normalizer(starts)).mean(1)
-    found = expected_returns(agent, tradeoffs, starts, 0.9, 3, normalized=False)
+    found = expected_returns(agent, tradeoffs, starts, 0.9, 3)
     assert_allclose(found, value.detach() * 3 / (1 + 0.9 + 0.81), rtol=1e-6)
-    found = expected_returns(agent, tradeoffs, starts, 1.0, 3, normalized=False)
+    found = expected_returns(agent, tradeoffs, starts, 1.0, 3)
     assert_allclose(found, value.detach(), rtol=1e-6)
 
 

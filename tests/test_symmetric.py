@@ -19,7 +19,6 @@ from morlax_torch.exports.exporting import export
 from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.networks.mlp import mlp
 from morlax_torch.networks.symmetric import Symmetric
-from morlax_torch.runs.training import make_worlds
 
 SEEN = Reflection.of([1, 0, 2, 4, 3, 5, 6, 7, 9, 8, 10, 11, 12], [1, 1, -1, -1, -1, 1] * 2 + [1])
 ACTED = Reflection.of([0, 2, 1, 3], [-1.0, 1.0, 1.0, 1.0])
@@ -61,15 +60,17 @@ def test_mirrored_observations_give_mirrored_actions_and_equal_values(tmp_path, 
 
 
 @pytest.mark.parametrize("algorithm", LEARNERS)
-def test_every_algorithm_trains_symmetric_policies(algorithm, generator):
+def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constants):
     own = {
-        "hyper-sac": {"method.start": 32, "method.batch": 8, "method.updates": 2},
-        "pd-morl": {"method.start": 32, "method.batch": 8, "method.updates": 2},
-        "pg-morl": {"method.warmup": 1, "method.generation": 1},
+        "hyper-sac": {"method.batch": 8, "method.updates": 2},
+        "pd-morl": {"method.batch": 8, "method.updates": 2},
     }
+    constants("hyper-sac", start=32)
+    constants("pd-morl", start=32)
+    constants("pg-morl", warmup=1, generation=1)
     changes = {"network.symmetric": True, "task.reset_noise": 0.3, **own.get(algorithm, {})}
     config = tiny("mirrored", algorithm=algorithm, **changes)
-    learner = make_learner(make_worlds(config, config.worlds), config)
+    learner = make_learner(config.make_worlds(config.worlds, config.seed), config)
     for iteration in range(3):
         learner.iterate(iteration / 3)
     policy = Policy(learner.agent, config, learner.env.objectives)

@@ -21,7 +21,6 @@ from morlax_torch.envs.worlds.learned import LIMITS, LearnedReward
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.evaluating import pack
 from morlax_torch.runs.loading import start_from
-from morlax_torch.runs.training import make_worlds
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.preferences import reward
@@ -283,7 +282,7 @@ def test_training_continues_with_one_more_objective(lesson, tmp_path):
 
 def test_training_with_a_learned_reward_resumes_exactly(lesson):
     config = load_config(read_yaml(lesson.folder / "config.yaml"))
-    whole, half, resumed = (make_learner(make_worlds(config, 32), config) for _ in range(3))
+    whole, half, resumed = (make_learner(config.make_worlds(32, 0), config) for _ in range(3))
     for learner, iterations in ((whole, 4), (half, 2)):
         for _ in range(iterations):
             learner.iterate()
@@ -298,7 +297,7 @@ def test_training_with_a_learned_reward_resumes_exactly(lesson):
 
 def started(base: Path, **changes):
     config = config_for("cheetah", **{**SMALL, "start_from": str(base), **changes})
-    learner = make_learner(make_worlds(config, config.worlds), config)
+    learner = make_learner(config.make_worlds(config.worlds, config.seed), config)
     start_from(str(base), learner)
     return learner
 
@@ -354,4 +353,4 @@ def test_an_objective_that_a_run_lacks_is_one_sentence(base):
     config["task"]["objectives"] = {"run": {"run": 1.0}, "tall": {"height": 1.0}}
     config = load_config(config)
     with pytest.raises(MorlaxError, match="has the objective energy, which this run lacks"):
-        start_from(str(base), make_learner(make_worlds(config, config.worlds), config))
+        start_from(str(base), make_learner(config.make_worlds(config.worlds, config.seed), config))

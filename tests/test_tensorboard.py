@@ -68,7 +68,7 @@ def check_hparams(run: Run) -> None:
     assert values["env"].string_value == "hopper"
     assert values["worlds"].number_value == 8
     assert values["ppo.learning_rate"].number_value == run.config().ppo.learning_rate
-    assert values["ppo.decay_fraction"].number_value == 0.5
+    assert values["decay_fraction"].number_value == 0.5
     assert values["network.hidden"].string_value == "[4]"
     experiment = content(metadata.EXPERIMENT_TAG).experiment
     names = [info.name for info in experiment.hparam_infos]
@@ -106,7 +106,7 @@ def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
 
 def test_metrics_are_means_over_the_episodes_that_ended():
     rates = {"ppo.learning_rate": 3e-4, "ppo.critic_learning_rate": 7e-4}
-    made = learner(tiny(**rates, **{"ppo.decay_fraction": 0.5}), 1)
+    made = learner(tiny(**rates, decay_fraction=0.5), 1)
     found = made.metrics()
     assert "episode_length" not in found  # none has ended
     assert found["learning_rate/actor"] == pytest.approx(3e-4)

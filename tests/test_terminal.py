@@ -21,12 +21,12 @@ from pydantic import BaseModel
 from rich.console import Console
 from tiny import tiny
 
-from morlax_torch import envs
+from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.commands.terminal import arguments, live, tune_arguments
+from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.commands.terminal.display import Display
-from morlax_torch.commands.terminal.task_arguments import text_of
-from morlax_torch.configuration.config import config_class
+from morlax_torch.configuration.config import Config, config_class, flat
 from morlax_torch.configuration.sections import OPTIONS, SamplingConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.phases import phase, within
@@ -104,12 +104,20 @@ def test_the_help_of_every_command_fits_and_names_the_command(name, monkeypatch,
     for option in SHOWN.get(name, ()):
         assert option in text
     if name == "train":
-        order = [re.search(rf"--{word}\b", text) for word in ("env", "resume", "output", "config")]
-        places = [found.start() for found in order if found]
-        assert len(places) == 4 and places == sorted(places)
-        assert places[-1] < text.index("--algorithm") < text.index("--ppo.clip")
-        words = text.replace("│", " ").split()
-        assert all(f"{task}," in words for task in envs.names())
+        assert text.count("\n  --") == 20
+        assert all(f"{task}," in text or f"{task}." in text for task in envs.names())
+
+
+def test_the_whole_help_lists_every_option(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(COLUMNS))
+    typed = ("--env", "hopper", "--algorithm", "hyper-sac", "--device", "cpu")
+    with pytest.raises(SystemExit) as ended:
+        command(["train", *typed, "--help-all"])
+    assert ended.value.code == 0
+    text = capsys.readouterr().out
+    assert_fits(text.splitlines())
+    for name in flat(config_for("hopper", algorithm="hyper-sac", device="cpu").model_dump()):
+        assert f"--{name.replace('_', '-')}" in text or name.startswith("task.")
 
 
 @pytest.mark.slow
@@ -123,16 +131,6 @@ def test_the_output_of_training_and_evaluation_fits(tmp_path):
     assert any("hypervolume" in line for line in measured)
     assert_fits(shown("train", "--env", "chetah", folder=tmp_path))
     assert_fits(shown("train", "--resume", "run", "--max-env-steps", "many", folder=tmp_path))
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_the_output_of_a_search_fits(tmp_path):
-    pytest.importorskip("optuna", reason="the extra [tune] is not installed")
-    small = ("--env", "hopper", *SMALL[2 : SMALL.index("--max-env-steps")])
-    lines = shown("tune", *small, "--trials", "2", "--seconds", "0.2", folder=tmp_path)
-    assert_fits(lines)
-    assert any("of 2 trials done" in line for line in lines)
 
 
 def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, capsys):
@@ -189,14 +187,6 @@ def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, cap
         assert first > untrained + 1  # which need not exceed it
 
 
-def test_a_pipe_gets_lines_between_evaluations(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(live, "LONGEST_SILENCE", 0.01)
-    monkeypatch.chdir(tmp_path)
-    command(["train", "--env", "hopper", *SMALL[2:], "--max-env-steps", "4096"])
-    told = [line for line in capsys.readouterr().out.splitlines() if line.endswith(" left")]
-    assert told and all("steps" in line and "/s" in line for line in told)
-
-
 def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
     for terminal in (True, False):
         output = io.StringIO()
@@ -238,14 +228,14 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
         kind: Any = field.annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             found += undescribed(kind, f"{prefix}{name}.")
-        elif not text_of(model, name):
+        elif not (text_of(model, name) or text_of(Config, name)):
             found.append(prefix + name)
     return found
 
 
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
-    models = [arguments.Command, tune_arguments.TuneOptions]
+    models = [arguments.Train, tune_arguments.TuneOptions]
     models += [config_class(env, name) for name in ("morlax", *OPTIONS)]
     for model in models:
         assert not undescribed(model)

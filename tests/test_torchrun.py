@@ -27,7 +27,7 @@ SMALL = (
     *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
     *("--sampling.clusters", "8", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "7"),
     *("--evaluation.every", "1600", "--task.episode-length", "20", "--task.reset-noise", "0.01"),
-    *("--ppo.decay-fraction", "0"),
+    *("--decay-fraction", "0"),
 )
 
 
@@ -233,7 +233,7 @@ def test_restarts_do_not_continue_a_run_of_another_launch(whole):
 WAITING = """
 from datetime import timedelta
 from torch.distributed import TCPStore
-from morlax_torch.commands.terminal.interrupt import exiting_on_signals, exiting_when_stuck
+from morlax_torch.commands.terminal.process import exiting_on_signals, exiting_when_stuck
 
 with exiting_on_signals(), exiting_when_stuck():
     store = TCPStore("127.0.0.1", 0, is_master=True, timeout=timedelta(seconds=90))

@@ -37,18 +37,6 @@ def test_the_last_rows_are_the_corners(m):
 
 
 @pytest.mark.parametrize("m", (2, 4))
-@pytest.mark.parametrize("alpha", (1.0, 0.4, 5.0))
-def test_moments_match_the_dirichlet_distribution(m, alpha):
-    draws = sampled(100_000, m, 0, alpha).double()
-    variance = (1 / m) * (1 - 1 / m) / (m * alpha + 1)
-    covariance = torch.full((m, m), -1 / (m * m * (m * alpha + 1)), dtype=torch.float64)
-    covariance.fill_diagonal_(variance)
-    mean, error = torch.full((m,), 1 / m).double(), (variance / 1e5) ** 0.5
-    torch.testing.assert_close(draws.mean(0), mean, rtol=0, atol=5 * error)
-    torch.testing.assert_close(draws.T.cov(), covariance, rtol=0.03, atol=0)
-
-
-@pytest.mark.parametrize("m", (2, 4))
 @pytest.mark.parametrize("alpha", (0.001, 0.1, 0.7, 1.0, 3.0))
 def test_draws_are_distributed_as_those_of_numpy(m, alpha):
     number = 50_000
@@ -59,11 +47,6 @@ def test_draws_are_distributed_as_those_of_numpy(m, alpha):
         below, share = ((x[:, None] < thresholds).mean(0) for x in (values, others))
         error = np.sqrt((share * (1 - share) + 1 / number) * 2 / number)
         assert (np.abs(below - share) < 5 * error).all()
-
-
-def test_equal_generators_draw_equal_samples():
-    assert torch.equal(sampled(9, 3, 3), sampled(9, 3, 3))
-    assert not torch.equal(sampled(9, 3), sampled(9, 3, seed=1))
 
 
 def test_evaluation_tradeoffs_of_two_objectives_are_an_even_grid():
@@ -115,9 +98,9 @@ def test_a_tradeoff_is_parsed_from_text(text):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("fast", r"2 numbers \(run, energy\)"),
+        ("fast", "consist of numbers: 0.5,0.5"),
         ("0.8;0.2", "0.5,0.5"),
-        ("1", r"has 1, but needs 2 numbers \(run, energy\)"),
+        ("1", r"needs 2 numbers \(run, energy\)"),
         ("-1,2", "not negative"),
         ("0,0", "not zero in every objective"),
         ("inf,1", "finite"),

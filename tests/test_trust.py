@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -39,20 +38,6 @@ def hostile(tmp_path: Path, make_policy) -> Path:
         save(policy, run / "checkpoints" / f"{name}.pt")
     (run / "config.yaml").write_text(f"env: {robot}:Robot\n")
     return run
-
-
-@pytest.fixture
-def hostile_utility(tmp_path: Path, make_policy) -> Path:
-    """A run whose scalarization is a Python file that leaves a trace when it runs."""
-    utility = tmp_path / "utility.py"
-    utility.write_text(
-        f"from pathlib import Path\nPath({str(tmp_path / 'sprung')!r}).touch()\n"
-        "def best(tradeoffs, returns): return (tradeoffs * returns).sum(-1)\n"
-    )
-    policy = make_policy("hopper", network={"actor": [8]}, scalarization=f"{utility}:best")
-    (tmp_path / "run/checkpoints").mkdir(parents=True)
-    save(policy, tmp_path / "run/checkpoints/best.pt")
-    return tmp_path / "run"
 
 
 COMMANDS = {
@@ -102,14 +87,6 @@ def test_no_command_runs_a_copy_in_a_run_because_its_original_is_trusted(
         assert Path("sprung").exists()
 
 
-def test_from_python_a_file_is_trusted_by_saying_so(hostile):
-    with pytest.raises(MorlaxError, match=r"would run the code of .*load\(\.\.\., trust=True\)"):
-        load(hostile)
-    assert not (hostile.parent / "sprung").exists()
-    assert load(hostile, trust=True).objectives == ("run", "jump")
-    assert (hostile.parent / "sprung").exists()
-
-
 def test_a_module_of_gymnasium_is_code_too_and_a_registered_id_is_not():
     with pytest.raises(MorlaxError, match="would run the code of gymnasium:antigravity:Fly-v0"):
         envs.check_trusted("gymnasium:antigravity:Fly-v0", "run.pt")
@@ -117,17 +94,6 @@ def test_a_module_of_gymnasium_is_code_too_and_a_registered_id_is_not():
         envs.check_trusted("mjlab:my_tasks:Mine", "a file")
     for name in ("gymnasium:mo-hopper-v5", "mjlab:Mjlab-Velocity-Flat-Unitree-Go1", "hopper"):
         envs.check_trusted(name, "run.pt")
-
-
-def test_a_utility_of_a_run_is_trusted_by_saying_so(hostile_utility, monkeypatch):
-    monkeypatch.chdir(hostile_utility.parent)
-    lesson = "teach run lesson --objective tall --judge height --clips 10"
-    for use in (lambda: command(lesson.split()), lambda: load("run")):
-        with pytest.raises(MorlaxError, match=r"would run the code of .*utility.py:best"):
-            use()
-    assert not Path("lesson").exists() and not Path("sprung").exists()
-    assert load("run", trust=True).config.scalarization.endswith("utility.py:best")
-    load("run")  # this process trusts it now
 
 
 def test_a_utility_travels_with_its_run(tmp_path):
@@ -159,9 +125,3 @@ def test_a_command_line_can_allow_it(hostile, allow, monkeypatch):
         with pytest.raises(MorlaxError, match="was edited since the run began"):
             command(["train", "--resume", "run", "--device", "cpu", "--env", "robot.py:Robot"])
     assert Path("sprung").exists()
-
-
-@pytest.mark.skipif(find_spec("mjlab") is not None, reason="mjlab is installed")
-def test_tasks_of_mjlab_name_the_extra_that_they_need():
-    with pytest.raises(MorlaxError, match=r"of its own.*: pip install 'morlax-torch\[mjlab\]'"):
-        envs.make("mjlab:Mjlab-Velocity-Flat-Unitree-Go1", 2, "cpu")

@@ -10,7 +10,7 @@ import torch
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.commands.train import command as train_command
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.training import make_evaluator, make_worlds
+from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
 TINY = {
@@ -131,7 +131,7 @@ def test_training_and_evaluations_take_turns_in_the_only_environment():
     fronts = []
     for name in ("only-line", "two-lines"):
         config = config_for(name, **changes)
-        learner = MORLAX(make_worlds(config, 8), config)
+        learner = MORLAX(config.make_worlds(8, config.seed), config)
         evaluator = make_evaluator(learner)
         fronts.append(evaluator.evaluate())
     np.testing.assert_array_equal(fronts[0].returns, fronts[1].returns)
@@ -140,7 +140,7 @@ def test_training_and_evaluations_take_turns_in_the_only_environment():
 def test_episodes_start_anew_after_an_evaluation_in_the_only_environment():
     envs.register("lonely-line", alone(again=True))
     config = config_for("lonely-line", **TINY)
-    learner = MORLAX(make_worlds(config, 16), config)
+    learner = MORLAX(config.make_worlds(16, config.seed), config)
     evaluator = make_evaluator(learner)
     for _ in range(3):
         learner.iterate()  # 5 steps

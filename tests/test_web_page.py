@@ -17,7 +17,7 @@ from browsing import COARSE, FEW_FRAMES, PATIENCE, chromium, until
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
-from morlax_torch.runs.bookmarks import bookmark
+from morlax_torch.runs.loading import bookmark
 from morlax_torch.train import train
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.player import Player

@@ -2,7 +2,6 @@
 
 import csv
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -15,16 +14,12 @@ import torch
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError
-from morlax_torch.commands.terminal.startup import command_began
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.schedule import Schedule
-from morlax_torch.runs.training import make_evaluator, make_worlds, training
-from morlax_torch.runs.writer import Writer
+from morlax_torch.runs.training import Schedule, Session, Writer, make_evaluator
 from morlax_torch.train import train
 
-IMPORTED = time.perf_counter()
 EVERY = 64  # steps, or two iterations
 
 
@@ -33,7 +28,7 @@ class Trial:
 
     def __init__(self, folder: Path, during: Callable[[int], None], **changes: Any):
         config = tiny(**{"max_env_steps": 99_999, "evaluation.every": EVERY, **changes})
-        self.learner = MORLAX(make_worlds(config, config.worlds), config)
+        self.learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
         self.run = Run.create(self.learner, folder)
         self.found: list[int] = []
         self.saved: list[int] = []
@@ -51,7 +46,7 @@ class Trial:
 
     def train(self, **options: Any) -> None:
         evaluator = make_evaluator(self.learner)
-        for evaluation in training(self.learner, evaluator, self.run, **options):
+        for evaluation in Session(self.learner, evaluator, self.run).training(**options):
             self.found.append(evaluation.iteration)
 
     def wait_for(self, iteration: int) -> None:
@@ -123,7 +118,7 @@ def test_closing_waits_until_everything_is_written(disk, tmp_path):
     disk.set()
     trial = Trial(tmp_path / "run", lambda iteration: None)
     evaluator, began = make_evaluator(trial.learner), time.perf_counter() - 1000
-    evaluations = training(trial.learner, evaluator, trial.run, began=began)
+    evaluations = Session(trial.learner, evaluator, trial.run).training(began)
     for number in range(3):
         evaluation = next(evaluations)  # in order, when its files are complete
         assert evaluation.iteration == 2 * number == trial.rows[number]
@@ -159,23 +154,6 @@ def test_a_full_disk_ends_training_with_one_error(tmp_path, monkeypatch, capfd):
     monkeypatch.undo()
     resumed = train(tiny(max_env_steps=160), Run.open(trial.run.folder))
     assert [row["iteration"] for row in rows(resumed)] == ["0", "2", "3", "4", "5"]
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # TensorBoard's
-def test_a_run_s_folder_that_disappears_ends_training_with_one_error(tmp_path):
-    def replace(iteration: int) -> None:
-        if iteration == 3:
-            trial.wait_for(2)
-            (tmp_path / "run").rename(tmp_path / "elsewhere")
-            (tmp_path / "run").write_text("not a folder")
-
-    trial = Trial(tmp_path / "run", replace)
-    with pytest.raises(MorlaxError, match=r"cannot write .*run.*: Not a directory"):
-        trial.train()
-    assert trial.found == [0, 2]
-    for thread in threading.enumerate():
-        if getattr(thread, "exception", None):  # TensorBoard's, which may still be raising it
-            thread.join(10)
 
 
 def test_a_writer_runs_jobs_in_order_and_lets_few_of_them_wait():
@@ -216,7 +194,7 @@ def planned(
 ) -> Schedule:
     """Return the schedule of a config that has these limits, and none else."""
     unlimited = {"max_env_steps": None, "max_seconds": None, "evaluation.every": None}
-    config = tiny(**{**unlimited, "ppo.decay_fraction": 0.0, **limits})
+    config = tiny(**{**unlimited, "decay_fraction": 0.0, **limits})
     env = SimpleNamespace(device=torch.device(device), recordable=False, episode_length=40)
     learner = SimpleNamespace(
         config=config,
@@ -294,10 +272,3 @@ def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tm
     resumed = train(longer, Run.open(run.folder))
     reached = [int(row["iteration"]) for row in rows(resumed)]
     assert reached == sorted(set(reached)) and {0, 2, 10} <= set(reached)
-
-
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
-def test_a_command_s_clock_starts_before_its_imports(monkeypatch):
-    assert command_began() > IMPORTED
-    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "morlax_torch.train"])
-    assert 0 < command_began() < IMPORTED

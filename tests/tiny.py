@@ -1,12 +1,15 @@
 """A hopper that trains in a second, and one whose critic sees more than its policies."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import pytest
 from torch import Tensor, nn
 
 from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.configuration.config import Config
-from morlax_torch.runs.training import make_worlds
+from morlax_torch.configuration.sections import NetworkConfig
 
 TYPED = (  # on the command line
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
@@ -39,10 +42,18 @@ def tiny(env: str = "hopper", **changes: Any) -> Config:
 
 def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> MORLAX:
     """Return a learner after so many iterations."""
-    made = MORLAX(make_worlds(config, config.worlds), config, **networks)
+    made = MORLAX(config.make_worlds(config.worlds, config.seed), config, **networks)
     for _ in range(iterations):
         made.iterate()
     return made
+
+
+@contextmanager
+def scaled(scale: float = 0.3) -> Iterator[None]:
+    """Start hypernetworks whose networks depend on the trade-off."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(NetworkConfig, "scale", scale)
+        yield
 
 
 class Blind(envs.get("hopper")):

@@ -11,6 +11,7 @@ from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.sections import HyperSACOptions, PDMORLOptions
 from morlax_torch.gpu.group import ALONE, Group, join
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import start_from
@@ -18,7 +19,8 @@ from morlax_torch.runs.progress import Progress
 
 WORLDS, HORIZON, CLUSTERS = 32, 4, 4
 ITERATIONS = 2
-LEARNING = {"start": 1, "batch": 32, "updates": 2}  # from a replay
+LEARNING = {"batch": 32, "updates": 2}  # from a replay
+HyperSACOptions.start = PDMORLOptions.start = 1
 METHODS: dict[str, Any] = {
     "hyper-sac": {"method": LEARNING},
     "pd-morl": {"method": {**LEARNING, "refresh": 100}},

@@ -47,7 +47,7 @@ def make_batch(
     def value_of(observation: Tensor) -> Tensor:  # (T, K, G, O + P) -> (T, K, G, m)
         rows = observation.transpose(0, 1).flatten(1, 2)
         value = values(rows).unflatten(1, (len(observation), -1)).transpose(0, 1)
-        return agent.value_normalizer.inverse(value) if config.normalize_values else value
+        return agent.value_normalizer.inverse(value)
 
     seen = agent.observation_normalizer(rollout.observation)
     value = value_of(seen)
@@ -63,9 +63,8 @@ def make_batch(
     target = advantage + value
     spread = target.var((0, 1, 2))
     explained = torch.where(spread > 0, 1 - advantage.var((0, 1, 2)) / spread, 0.0)
-    if config.normalize_values:
-        agent.value_normalizer.update(target, group=group)
-        target = agent.value_normalizer(target)
+    agent.value_normalizer.update(target, group=group)
+    target = agent.value_normalizer(target)
     if config.critic == "vector":
         advantage = advantage * weights[:, None]
     scalar = advantage.sum(-1)  # (T, K, G)
@@ -123,7 +122,6 @@ def expected_returns(
     starts: Tensor,
     discount: float,
     episode_length: int,
-    normalized: bool,
 ) -> Tensor:
     """Estimate the undiscounted returns (K, m) of whole episodes.
 
@@ -132,8 +130,7 @@ def expected_returns(
     `starts` (K, S, O + P) of episodes under conditions (K, m + d), is scaled by the ratio of both.
     """
     value = agent.values(conditions)(agent.observation_normalizer(starts))
-    if normalized:
-        value = agent.value_normalizer.inverse(value)
+    value = agent.value_normalizer.inverse(value)
     steps = float(episode_length)
     if discount < 1:
         steps = (1 - discount**episode_length) / (1 - discount)

@@ -12,11 +12,12 @@ class TradeoffDraws:
 
     def __init__(self, config: Config, num_objectives: int, device: torch.device):
         sampling = config.sampling
-        self._alpha, self._widen = sampling.alpha, sampling.widen
+        self._alpha = sampling.alpha
         self._corners = config.num_corners(num_objectives)
         self._focus: Tensor | None = None
         if sampling.focus is not None:
-            focus = torch.tensor(sampling.focus, dtype=torch.float32, device=device)
+            *weights, self._until = sampling.focus
+            focus = torch.tensor(weights, dtype=torch.float32, device=device)
             self._focus = focus / focus.sum()
         self._centers: Tensor | None = None  # of the cells
         others = config.num_clusters - self._corners
@@ -31,5 +32,5 @@ class TradeoffDraws:
             sample_cells(out[: len(self._centers)], self._centers, generator)
             out[len(self._centers) :] = torch.eye(self._corners, out.shape[1], device=out.device)
         if self._focus is not None:
-            away = (done / self._widen).clamp(max=1.0)
+            away = (done / self._until).clamp(max=1.0)
             out.copy_(torch.lerp(self._focus, out, away))

@@ -106,7 +106,7 @@ class Trainer(BaseLearner):
             return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
         ppo, length = self.config.ppo, self.env.episode_length
         returns = expected_returns(
-            self.trained, self.conditions, self._starts, ppo.discount, length, ppo.normalize_values
+            self.trained, self.conditions, self._starts, ppo.discount, length
         )
         self.scalarization.observe(self.tradeoffs, returns, self.group)
         weights = self.scalarization.weights(self.tradeoffs, returns)
@@ -116,8 +116,8 @@ class Trainer(BaseLearner):
     def _learn(self, rounds: int | None = None) -> None:
         """Learn from the rollout for so many epochs."""
         config, decay = self.config.ppo, torch.ones_like(self._done)
-        if config.decay_fraction:
-            decay = ((1 - self._done) / config.decay_fraction).clamp(max=1.0)
+        if self.config.decay_fraction:
+            decay = ((1 - self._done) / self.config.decay_fraction).clamp(max=1.0)
             self.ppo.decay(decay)
         batch, explained = make_batch(
             self.trained, self.conditions, self.rollout, config, self._weights(), self.group

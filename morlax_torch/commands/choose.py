@@ -5,119 +5,97 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
 from ..envs import MorlaxError
 from ..host.files import write_file
 from .terminal import cli
-from .terminal.live import Live
-from .terminal.named_numbers import AtLeast, AtMost, limits
-from .terminal.startup import program
-from .terminal.task_arguments import (
+from .terminal.arguments import (
     Device,
-    Moved,
-    RunName,
-    Trust,
-    call,
+    Limits,
+    OfRun,
+    Texts,
+    arg,
+    parse,
 )
+from .terminal.live import Live
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice, Requirements
     from ..networks.policy import Policy
 
 
+class Choose(OfRun, Limits):
+    """Find the trade-off that maximizes one value while others keep requirements.
+
+    A value is the return of an objective, counted as in training's evaluations, or a quantity that
+    they measure, such as "power (W)"; "power" is enough. The command simulates trade-offs of the
+    run's front and others between them, and prints the best that keeps every requirement in
+    simulation. For a robot of mjlab on a CPU, it simulates nothing and takes the front's best.
+    """
+
+    maximize: Annotated[str, arg(metavar="NAME")]
+    """The objective or quantity to maximize."""
+    constrain: Annotated[Texts, arg(metavar="'run >= 2000'")] = ()
+    """The same as 'run >= 2000' or 'power <= 60', which a shell needs in quotes."""
+    margin: float | None = None
+    """Share of a value's range on the front by which its requirement must be exceeded (None: 0.02
+    for tasks with random starts, models or commands, otherwise 0)."""
+    seeds: int | None = None
+    """Episodes per trade-off, to average over; for such tasks (None: as in training, but at least
+    8)."""
+    seed: int = 0
+    """Random seed of the worlds."""
+    bookmark: Annotated[str | None, arg(metavar="NAME")] = None
+    """Store the trade-off in the run under this name, for --tradeoff @NAME."""
+    card: Annotated[Path | None, arg(metavar="FILE.html")] = None
+    """Write a decision card: the requirement, the choice, its returns under pushes and with other
+    friction, masses and motors, a film strip, and commands."""
+    device: Device = None
+
+
 def command(arguments: Sequence[str]) -> None:
-    def main(
-        run: RunName,
-        maximize: Annotated[str, tyro.conf.arg(metavar="NAME")],
-        at_least: AtLeast = (),
-        at_most: AtMost = (),
-        constrain: Annotated[
-            tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="'run >= 2000'")
-        ] = (),
-        margin: float | None = None,
-        seeds: int | None = None,
-        seed: int = 0,
-        bookmark: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
-        card: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html")] = None,
-        device: Device = None,
-        trust: Trust = False,
-        env: Moved = None,
-    ) -> None:
-        """Find the trade-off that maximizes one value while others keep requirements.
+    options = parse(Choose, arguments)
+    least, most = options.limits(options.constrain)
+    with Live():
+        from ..envs.devices import resolve_device
+        from ..envs.making import has_robot
+        from ..evaluation.requirements import Requirements, shown
+        from ..runs import loading
+        from ..runs.choosing import chooser
+        from ..runs.loading import find_checkpoint, load, load_front, trust_run
 
-        A value is the return of an objective, counted as in training's evaluations, or a quantity
-        that they measure, such as "power (W)"; "power" is enough. The command simulates trade-offs
-        of the run's front and others between them, and prints the best that keeps every requirement
-        in simulation. For a robot of mjlab on a CPU, it simulates nothing and takes the front's
-        best.
-
-        Args:
-            maximize: The objective or quantity to maximize.
-            at_least: Least value of an objective or quantity, once per requirement.
-            at_most: Largest value of an objective or quantity, once per requirement.
-            constrain: The same as 'run >= 2000' or 'power <= 60', which a shell needs in quotes.
-            margin: Share of a value's range on the front by which its requirement must be
-                exceeded (None: 0.02 for tasks with random starts, models or commands, otherwise 0).
-            seeds: Episodes per trade-off, to average over; for such tasks (None: as in training,
-                but at least 8).
-            seed: Random seed of the worlds.
-            bookmark: Store the trade-off in the run under this name, for --tradeoff @NAME.
-            card: Write a decision card: the requirement, the choice, its returns under pushes and
-                with other friction, masses and motors, a film strip, and commands.
-        """
-        least, most = limits(at_least, at_most, constrain)
+        trust_run(options.run, options.trust, options.env)
+        if options.bookmark is not None:
+            loading.check_bookmark(options.run, options.bookmark)
+        if options.card is not None and options.card.suffix != ".html":
+            raise MorlaxError(f"the decision card {options.card} must end in .html.")
+        policy = load(options.run, resolve_device(options.device), trust=options.trust)
+        choosing = chooser(policy, load_front(options.run), options.seeds, options.seed)
+        choice = choosing.choose(least, options.maximize, most, options.margin)
+        required = Requirements.of(choice.names, least, most, options.maximize)
+    _show(choice, required)
+    weights = shown(choice.tradeoff)
+    how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
+    cli.console.print(f"trade-off: {weights} (best of {how})")
+    if options.bookmark is not None:
+        file = loading.bookmark(options.run, options.bookmark, choice.tradeoff)
+        cli.console.print(f"written: {file}", soft_wrap=True)
+        weights = shlex.quote(f"@{options.bookmark}")
+    cli.console.print(f"checkpoint: {find_checkpoint(options.run)}", soft_wrap=True)
+    commands = {"to evaluate the run": options.use("evaluate")}
+    if has_robot(policy.config.env):
+        commands = {
+            "to export the policy": options.use("export", f" --tradeoff {weights}"),
+            "to see the robot": options.use("explore"),
+        }
+    if options.card is not None:
         with Live():
-            from ..envs.devices import resolve_device
-            from ..evaluation.requirements import Requirements, shown
-            from ..runs import bookmarks
-            from ..runs.choosing import chooser
-            from ..runs.fronts import load_front
-            from ..runs.loading import find_checkpoint, load, trust_run
-
-            trust_run(run, trust, env)
-            if bookmark is not None:
-                bookmarks.check_bookmark(run, bookmark)
-            if card is not None and card.suffix != ".html":
-                raise MorlaxError(f"the decision card {card} must end in .html.")
-            policy = load(run, resolve_device(device), trust=trust)
-            choosing = chooser(policy, load_front(run), seeds, seed)
-            choice = choosing.choose(least, maximize, most, margin)
-            required = Requirements.of(choice.names, least, most, maximize)
-        _show(choice, required)
-        weights = shown(choice.tradeoff)
-        how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
-        cli.console.print(f"trade-off: {weights} (best of {how})")
-        if bookmark is not None:
-            file = bookmarks.bookmark(run, bookmark, choice.tradeoff)
-            cli.console.print(f"written: {file}", soft_wrap=True)
-            weights = shlex.quote(f"{bookmarks.SIGN}{bookmark}")
-        cli.console.print(f"checkpoint: {find_checkpoint(run)}", soft_wrap=True)
-        commands = _commands(run, weights, trust, env, policy.config.env)
-        if card is not None:
-            with Live():
-                page = _card(run, policy, choice, required, seed, list(commands.values()))
-                write_file(card, page.encode())
-            cli.console.print(f"written: {card}", soft_wrap=True)
-        for purpose, typed in commands.items():
-            cli.print_command(purpose, typed)
-
-    call(main, arguments, program("choose"))
-
-
-def _commands(run: str, weights: str, trust: bool, moved: str | None, task: str) -> dict[str, str]:
-    """Return the command lines that use the policy, by their purpose."""
-    from ..envs.making import has_robot
-
-    named = shlex.quote(run) + (" --trust" if trust else "")
-    if moved is not None:
-        named += f" --env {shlex.quote(moved)}"
-    if not has_robot(task):
-        return {"to evaluate the run": f"{program('evaluate')} {named}"}
-    return {
-        "to export the policy": f"{program('export')} {named} --tradeoff {weights}",
-        "to see the robot": f"{program('explore')} {named}",
-    }
+            page = _card(
+                options.run, policy, choice, required, options.seed, list(commands.values())
+            )
+            write_file(options.card, page.encode())
+        cli.console.print(f"written: {options.card}", soft_wrap=True)
+    for purpose, typed in commands.items():
+        cli.print_command(purpose, typed)
 
 
 def _card(

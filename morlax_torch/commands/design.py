@@ -7,21 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
+from pydantic import Field, NonNegativeInt
 
 from ..envs import MorlaxError
 from ..host.files import make_folder, write_file
 from .terminal import cli
-from .terminal.live import Live
-from .terminal.named_numbers import AtLeast, AtMost, limits
-from .terminal.startup import program
-from .terminal.task_arguments import (
+from .terminal.arguments import (
     Device,
-    Moved,
-    RunName,
-    Trust,
-    call,
+    Limits,
+    OfRun,
+    arg,
+    parse,
 )
+from .terminal.live import Live
+from .terminal.process import program
 
 FILES = "designs.csv", "designs.png", "designs.pdf", "body.xml", "body.pt"
 
@@ -31,81 +30,69 @@ if TYPE_CHECKING:
     from ..tuning.designs import Designer, Simulated
 
 
+class Design(OfRun, Limits):
+    """Search over bodies and trade-offs of a run that was trained with many bodies.
+
+    Simulates bodies spread evenly over the design space, each under the same trade-offs, then
+    improves their common front by NSGA-II. Writes that front as a table and a figure, and one body
+    as MJCF (body.xml) and as a checkpoint (body.pt) that every command accepts as a run: the body
+    of the policy that keeps the requirements and has most of --maximize, or the body whose own
+    front has the largest hypervolume.
+    """
+
+    maximize: Annotated[str | None, arg(metavar="NAME")] = None
+    """The objective or quantity to maximize."""
+    bodies: int = Field(default=256, ge=2)
+    """Number of bodies to begin with, the default one among them."""
+    tradeoffs: int = 16
+    """Number of trade-offs of each."""
+    rounds: NonNegativeInt = 8
+    """Generations of NSGA-II (0: none)."""
+    population: int = Field(default=128, ge=2)
+    """Policies of a generation."""
+    seed: int = 0
+    """Random seed of the search, and of the worlds if the task is random."""
+    output: Annotated[Path | None, arg(metavar="FOLDER")] = None
+    """Folder to write to (None: "designs" in the run's folder, or here for a shipped one)."""
+    device: Device = None
+
+
 def command(arguments: Sequence[str]) -> None:
-    def main(
-        run: RunName,
-        maximize: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
-        at_least: AtLeast = (),
-        at_most: AtMost = (),
-        bodies: int = 256,
-        tradeoffs: int = 16,
-        rounds: int = 8,
-        population: int = 128,
-        seed: int = 0,
-        output: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
-        device: Device = None,
-        trust: Trust = False,
-        env: Moved = None,
-    ) -> None:
-        """Search over bodies and trade-offs of a run that was trained with many bodies.
+    options = parse(Design, arguments)
+    least, most = options.limits()
+    if options.maximize is None and (least or most):
+        raise MorlaxError("name what to maximize under these requirements: --maximize NAME.")
+    import numpy as np  # takes a while, like torch
 
-        Simulates bodies spread evenly over the design space, each under the same trade-offs, then
-        improves their common front by NSGA-II. Writes that front as a table and a figure, and one
-        body as MJCF (body.xml) and as a checkpoint (body.pt) that every command accepts as a run:
-        the body of the policy that keeps the requirements and has most of --maximize, or the body
-        whose own front has the largest hypervolume.
+    with Live():
+        from ..envs import resolve_device
+        from ..runs.loading import load, own_folder
+        from ..tuning.designs import Designer
 
-        Args:
-            maximize: The objective or quantity to maximize.
-            at_least: Least value of an objective or quantity, once per requirement.
-            at_most: Largest value of an objective or quantity, once per requirement.
-            bodies: Number of bodies to begin with, the default one among them.
-            tradeoffs: Number of trade-offs of each.
-            rounds: Generations of NSGA-II (0: none).
-            population: Policies of a generation.
-            seed: Random seed of the search, and of the worlds if the task is random.
-            output: Folder to write to (None: "designs" in the run's folder, or here for a shipped
-                one).
-        """
-        least, most = limits(at_least, at_most)
-        if maximize is None and (least or most):
-            raise MorlaxError("name what to maximize under these requirements: --maximize NAME.")
-        for name, number in (("bodies", bodies), ("population", population)):
-            if number < 2:
-                raise MorlaxError(f"--{name} is {number}: it must be at least 2.")
-        if rounds < 0:
-            raise MorlaxError(f"--rounds is {rounds}: it must be 0 or more.")
-        import numpy as np  # takes a while, like torch
-
-        with Live():
-            from ..envs import resolve_device
-            from ..runs.loading import load, own_folder
-            from ..tuning.designs import Designer
-
-            policy = load(run, resolve_device(device), trust=trust, env=env)
-            designer = Designer(policy, seed)
-            folder = output or (own_folder(run) or Path()) / "designs"
-            make_folder(folder)
-            grid = designer.grid(bodies, tradeoffs, seed)
-            every = grid.joined(designer.refine(grid, rounds, population, seed))
-            best, volume = designer.best_body(grid, tradeoffs)
-            chosen = None
-            if maximize is not None:
-                chosen = designer.choose(every, least, most, maximize)
-                best = every.designs[chosen]
-        _show(designer, grid, every, tradeoffs, volume)
-        if chosen is None:
-            cli.console.print(f"body with the largest hypervolume: {_named(designer, best)}")
-        else:
-            weights = ",".join(f"{weight:.5g}" for weight in every.tradeoffs[chosen])
-            cli.console.print(f"body: {_named(designer, best)}")
-            cli.console.print(f"trade-off: {weights} ({_values(designer, every.values[chosen])})")
-        _write(designer, every, best, folder, grid.rows(np.arange(tradeoffs)).returns)
-        cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)
-        body = shlex.quote(str(folder / "body.pt")) + (" --trust" if trust else "")
-        cli.print_command("to see the robot", f"{program('explore')} {body}")
-
-    call(main, arguments, program("design"))
+        policy = load(
+            options.run, resolve_device(options.device), trust=options.trust, env=options.env
+        )
+        designer = Designer(policy, options.seed)
+        folder = options.output or (own_folder(options.run) or Path()) / "designs"
+        make_folder(folder)
+        grid = designer.grid(options.bodies, options.tradeoffs, options.seed)
+        every = grid.joined(designer.refine(grid, options.rounds, options.population, options.seed))
+        best, volume = designer.best_body(grid, options.tradeoffs)
+        chosen = None
+        if options.maximize is not None:
+            chosen = designer.choose(every, least, most, options.maximize)
+            best = every.designs[chosen]
+    _show(designer, grid, every, options.tradeoffs, volume)
+    if chosen is None:
+        cli.console.print(f"body with the largest hypervolume: {_named(designer, best)}")
+    else:
+        weights = ",".join(f"{weight:.5g}" for weight in every.tradeoffs[chosen])
+        cli.console.print(f"body: {_named(designer, best)}")
+        cli.console.print(f"trade-off: {weights} ({_values(designer, every.values[chosen])})")
+    _write(designer, every, best, folder, grid.rows(np.arange(options.tradeoffs)).returns)
+    cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)
+    body = shlex.quote(str(folder / "body.pt")) + (" --trust" if options.trust else "")
+    cli.print_command("to see the robot", f"{program('explore')} {body}")
 
 
 def _show(

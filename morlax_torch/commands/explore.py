@@ -4,20 +4,36 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Annotated
 
-import tyro
-
 from ..viewers.explorer.opening import free_port, importing_page
 from .terminal import cli
-from .terminal.interrupt import interruptible
-from .terminal.live import Live
-from .terminal.startup import program
-from .terminal.task_arguments import (
-    Host,
-    Moved,
-    Port,
-    Trust,
-    call,
+from .terminal.arguments import (
+    Positional,
+    Served,
+    Trusting,
+    arg,
+    parse,
 )
+from .terminal.live import Live
+from .terminal.process import interruptible
+
+
+class Explore(Trusting, Served):
+    """Serve a page that shows a robot live, with a slider for each objective."""
+
+    run: Annotated[str | None, Positional, arg(metavar="[RUN|NAME]")] = None
+    """Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped policy (None:
+    the first shipped policy, or the newest run if none is shipped)."""
+
+
+def command(arguments: Sequence[str]) -> None:
+    options = parse(Explore, arguments)
+    from ..runs.loading import trust_run  # imports torch
+    from ..viewers.explorer import library
+
+    run = options.run or library.first()
+    trust_run(run, options.trust, options.env)
+    explore(run, options.host, options.port)
+    cli.skip_teardown()  # which would wait for the thread of a search
 
 
 def explore(run: str, host: str, port: int) -> None:
@@ -50,30 +66,3 @@ def explore(run: str, host: str, port: int) -> None:
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)
         page.stop()
-
-
-def command(arguments: Sequence[str]) -> None:
-    def main(
-        run: Annotated[
-            str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[RUN|NAME]")
-        ] = None,
-        host: Host = "127.0.0.1",
-        port: Port = 8080,
-        trust: Trust = False,
-        env: Moved = None,
-    ) -> None:
-        """Serve a page that shows a robot live, with a slider for each objective.
-
-        Args:
-            run: Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped
-                policy (None: the first shipped policy, or the newest run if none is shipped).
-        """
-        from ..runs.loading import trust_run  # imports torch
-        from ..viewers.explorer import library
-
-        chosen = run or library.first()
-        trust_run(chosen, trust, env)
-        explore(chosen, host, port)
-        cli.skip_teardown()  # which would wait for the thread of a search
-
-    call(main, arguments, program("explore"))

@@ -4,78 +4,75 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import tyro
 from rich.table import Column, Table
 
+from ..envs.worlds.options import Section
 from .terminal import cli
+from .terminal.arguments import Positional, arg, parse
 from .terminal.live import Live
-from .terminal.startup import program
-from .terminal.task_arguments import call
 
-Pair = tuple[float, float]
+Pair = Annotated[tuple[float, float], arg(metavar="LOW HIGH")]
+
+
+class Play(Section):
+    """Run an exported policy in C MuJoCo, without torch: a check before a real robot.
+
+    Without --episodes, a window shows the robot in real time, and keys steer it. Without a display,
+    a film is written. Commands are random in films and episodes, and the trade-off slides between
+    random points.
+    """
+
+    export: Annotated[Path, Positional, arg(metavar="EXPORT")]
+    """Folder in which morlax export wrote deploy.yaml, or the policy's .onnx there."""
+    episodes: int | None = None
+    """Run so many episodes as fast as possible, and print a table of falls, tracking errors and
+    power."""
+    seconds: float | None = None
+    """Duration of an episode or film, or after which the window closes (None: 30 in episodes, 5 in
+    a film, no limit in a window)."""
+    output: Path | None = None
+    """Write a film, FILE.mp4 or FILE.gif, instead of opening a window (None: film.mp4 if there is
+    no display)."""
+    gamepad: Path | None = None
+    """Device of a gamepad that steers the robot too, such as /dev/input/js0."""
+    delay: Pair = (0.0, 20.0)
+    """Range of the delay of actions, in ms, drawn once per episode."""
+    noise: float = 1.0
+    """Factor on the observation noise of the training."""
+    push: float = 0.5
+    """Largest push, in m/s along each horizontal axis, every 1 to 3 s."""
+    friction: Pair = (0.3, 1.2)
+    """Range of the sliding friction, drawn once per episode."""
+    seed: int = 0
+    """Random seed of commands, trade-offs and disturbances."""
 
 
 def command(arguments: Sequence[str]) -> None:
-    def main(
-        export: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="EXPORT")],
-        episodes: int | None = None,
-        seconds: float | None = None,
-        output: Path | None = None,
-        gamepad: Path | None = None,
-        delay: Annotated[Pair, tyro.conf.arg(metavar="LOW HIGH")] = (0.0, 20.0),
-        noise: float = 1.0,
-        push: float = 0.5,
-        friction: Annotated[Pair, tyro.conf.arg(metavar="LOW HIGH")] = (0.3, 1.2),
-        seed: int = 0,
-    ) -> None:
-        """Run an exported policy in C MuJoCo, without torch: a check before a real robot.
+    options = parse(Play, arguments)
+    from ..viewers.playing.deployment import open_export  # imports MuJoCo
+    from ..viewers.playing.disturbances import Disturbances
+    from ..viewers.playing.episodes import run
+    from ..viewers.playing.showing import film, has_display, show
+    from ..viewers.playing.steering import HELP
 
-        Without --episodes, a window shows the robot in real time, and keys steer it. Without a
-        display, a film is written. Commands are random in films and episodes, and the
-        trade-off slides between random points.
-
-        Args:
-            export: Folder in which morlax export wrote deploy.yaml, or the policy's .onnx there.
-            episodes: Run so many episodes as fast as possible, and print a table of falls,
-                tracking errors and power.
-            seconds: Duration of an episode or film, or after which the window closes (None: 30
-                in episodes, 5 in a film, no limit in a window).
-            output: Write a film, FILE.mp4 or FILE.gif, instead of opening a window (None:
-                film.mp4 if there is no display).
-            gamepad: Device of a gamepad that steers the robot too, such as /dev/input/js0.
-            delay: Range of the delay of actions, in ms, drawn once per episode.
-            noise: Factor on the observation noise of the training.
-            push: Largest push, in m/s along each horizontal axis, every 1 to 3 s.
-            friction: Range of the sliding friction, drawn once per episode.
-            seed: Random seed of commands, trade-offs and disturbances.
-        """
-        from ..viewers.playing.deployment import open_export  # imports MuJoCo
-        from ..viewers.playing.disturbances import Disturbances
-        from ..viewers.playing.episodes import run
-        from ..viewers.playing.showing import film, has_display, show
-        from ..viewers.playing.steering import HELP
-
-        strengths, deployment = Disturbances(delay, noise, push, friction), open_export(export)
-        if episodes is not None:
-            with Live():
-                found = run(
-                    deployment, strengths, episodes, 30.0 if seconds is None else seconds, seed
-                )
-            cli.console.print(_table(found))
-            return
-        if output is None and has_display():
-            cli.console.print(HELP)
-            falls = show(deployment, strengths, seconds, gamepad, seed)
-        else:
-            place = output or Path("film.mp4")
-            with Live():
-                falls = film(
-                    deployment, strengths, place, 5.0 if seconds is None else seconds, seed
-                )
-            cli.console.print(f"written: {place}")
-        cli.console.print(f"falls: {falls}")
-
-    call(main, arguments, program("play"))
+    seconds, seed = options.seconds, options.seed
+    strengths = Disturbances(options.delay, options.noise, options.push, options.friction)
+    deployment = open_export(options.export)
+    if options.episodes is not None:
+        duration = 30.0 if seconds is None else seconds
+        with Live():
+            episodes = run(deployment, strengths, options.episodes, duration, seed)
+        cli.console.print(_table(episodes))
+        return
+    if options.output is None and has_display():
+        cli.console.print(HELP)
+        falls = show(deployment, strengths, seconds, options.gamepad, seed)
+    else:
+        file, duration = options.output or Path("film.mp4"), 5.0 if seconds is None else seconds
+        with Live():
+            falls = film(deployment, strengths, file, duration, seed)
+        cli.console.print(f"written: {file}")
+    cli.console.print(f"falls: {falls}")
 
 
 def _table(episodes: Sequence) -> Table:

@@ -1,28 +1,31 @@
 """Train a run in the terminal."""
 
+import shlex
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import closing
 
 from .terminal import cli
 from .terminal.arguments import read
-from .terminal.interrupt import interruptible
-from .terminal.startup import announce_training, command_began
+from .terminal.live import Live
+from .terminal.process import BEGAN, interruptible, is_command
 
 
 def command(arguments: Sequence[str]) -> None:
-    announce_training()
-    began = command_began()
+    began = time.perf_counter()
+    if is_command():
+        began = BEGAN
+        if not {"-h", "--help"} & set(arguments):  # importing torch takes seconds
+            cli.console.print(f"starting: train {shlex.join(arguments)}")
     config, run, output = read(arguments)
     if run is not None and (limit := run.limit_reached(config)):
         cli.console.print(
             f"{run.folder} has reached its limit: raise --{limit} to train it further."
         )
         return
-    from .terminal.live import Live
-
     with Live():
-        from ..runs.session import Session  # imports torch
+        from ..runs.training import Session  # imports torch
         from .terminal.display import Display
 
         session = Session.of(config, run, output)

@@ -12,9 +12,8 @@ from ..envs import MorlaxError
 from ..host.phases import heard_by
 from ..host.torchrun import SEVERAL
 from .terminal import cli
-from .terminal.interrupt import Interruption, interruptible
 from .terminal.live import Live
-from .terminal.startup import program
+from .terminal.process import Interruption, interruptible, program
 from .terminal.tune_arguments import read
 
 if TYPE_CHECKING:

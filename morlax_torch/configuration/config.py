@@ -19,7 +19,6 @@ from ..envs import MorlaxError, ObjectiveOptions
 from ..envs.errors import explained, shortened, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
-from ..host.files import exists
 from ..host.phases import phase
 from .files import algorithm_of, merged, nested, over_task_values, task_values
 from .sections import (
@@ -52,8 +51,8 @@ class Config(Section):
     """A training run."""
 
     env: str
-    """The task: a name of docs/tasks.md, a registered name, FILE.py:CLASS for your own, or
-    gymnasium:ID for a Gymnasium environment with a vector reward."""
+    """The task: a name of docs/tasks.md, mjlab:TASK, playground:TASK, a registered name,
+    FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
     algorithm: Literal[
         "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent"
     ] = "morlax"
@@ -83,7 +82,11 @@ class Config(Section):
     """Stop after this many environment steps."""
     max_seconds: PositiveFloat | None = None
     """Stop after this much training time, without compiling and evaluating, in seconds. With
-    ppo.decay_fraction, runs then depend on how fast the machine is."""
+    decay_fraction, runs then depend on how fast the machine is."""
+    decay_fraction: float = Field(default=0.0, ge=0, le=1)
+    """Share of the run, at its end, over which learning rates, desired KL, entropy bonus and
+    observation normalizer updates decay linearly to zero. Until then they stay constant, as in
+    warmup-stable-decay schedules (1: decay over the whole run; 0: never)."""
     sampling: SamplingConfig = SamplingConfig()
     network: NetworkConfig = NetworkConfig()
     ppo: PPOConfig = PPOConfig()
@@ -101,7 +104,7 @@ class Config(Section):
     @field_validator("start_from")
     @classmethod
     def _from_any_folder(cls, run: str | None) -> str | None:
-        return str(Path(run).absolute()) if run and exists(run) else run
+        return str(Path(run).absolute()) if run and Path(run).exists() else run
 
     @field_validator("scalarization")
     @classmethod
@@ -198,7 +201,8 @@ class Config(Section):
             )
         if isinstance(self.method, HyperMORLOptions | PDMORLOptions) and not self.ends:
             raise ValueError(
-                "method.warmup needs max_env_steps or max_seconds: it is a share of them"
+                f"algorithm {self.algorithm} needs max_env_steps or max_seconds: it warms up for a "
+                "share of them"
             )
 
     def _check_scalarization(self) -> None:
@@ -238,22 +242,22 @@ class Config(Section):
                 f"0 or {num_objectives}"
             )
         if (focus := self.sampling.focus) is not None:
-            if len(focus) != num_objectives or not any(focus):
+            *tradeoff, until = focus
+            if len(tradeoff) != num_objectives or not any(tradeoff) or not 0 < until <= 1:
                 raise ValueError(
                     f"sampling.focus is {focus}: give one weight for each of the {num_objectives} "
-                    "objectives, at least one above zero"
+                    "objectives, at least one above zero, and then a share of training up to 1"
                 )
             if not self.ends:
                 raise ValueError(
-                    "sampling.focus needs max_env_steps or max_seconds: sampling.widen is a share "
-                    "of them"
+                    "sampling.focus needs max_env_steps or max_seconds: it ends after a share of "
+                    "them"
                 )
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
-        if self.ppo.decay_fraction and not self.ends:
+        if self.decay_fraction and not self.ends:
             raise ValueError(
-                "ppo.decay_fraction needs max_env_steps or max_seconds: learning rates reach zero "
-                "there"
+                "decay_fraction needs max_env_steps or max_seconds: learning rates reach zero there"
             )
         if self.evaluation.tradeoffs < num_objectives:
             raise ValueError(
@@ -263,10 +267,10 @@ class Config(Section):
         self.task.check_seeds(self.evaluation.seeds)
         method = self.method
         if isinstance(method, HyperSACOptions):
-            _check_multiple("batch", method.batch, "sampling.clusters", K)
+            _check_multiple("batch", method.batch, K, " (sampling.clusters)")
         if isinstance(method, PDMORLOptions):
-            _check_multiple("batch", method.batch, "method.relabels + 1", method.relabels + 1)
-            _check_multiple("updates", method.updates, "method.delay", method.delay)
+            _check_multiple("batch", method.batch, method.relabels + 1)
+            _check_multiple("updates", method.updates, method.delay)
         if self.off_policy:
             return
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
@@ -277,10 +281,10 @@ class Config(Section):
             )
 
 
-def _check_multiple(name: str, value: int, other: str, factor: int) -> None:
+def _check_multiple(name: str, value: int, factor: int, meaning: str = "") -> None:
     if value % factor:
         raise ValueError(
-            f"method.{name} ({value}) must be a multiple of {other} ({factor}): "
+            f"method.{name} ({value}) must be a multiple of {factor}{meaning}: "
             f"try --method.{name} {max(1, value // factor) * factor}"
         )
 

@@ -2,14 +2,14 @@
 
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel
+from pydantic import BaseModel, Field, ValidationError
 
 from .. import envs
 from ..envs import MorlaxError
-from ..envs.errors import shortened
+from ..envs.errors import explained
 from ..envs.naming import is_file
 from ..host.files import AnyPath, read, write_file
 from ..host.torchrun import PROCESSES
@@ -144,31 +144,27 @@ def write_record(config: BaseModel, folder: Path) -> None:
     write_file(folder / "config.yaml", RECORD + write_yaml(config))
 
 
+class _Devices(BaseModel):
+    """Changes for some devices that a config's file may hold."""
+
+    cpu: dict[str, Any] = {}
+    gpus: dict[Annotated[int, Field(ge=2)], dict[str, Any]] = {}
+
+
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
     """Apply the section `cpu` without a GPU, and the changes in `gpus` for this number of GPUs."""
-    values = dict(values)
-    cpu, gpus = _section(values.pop("cpu", None), "cpu", "keys and values for the CPU"), {}
-    for number, changes in _section(values.pop("gpus", None), "gpus", "numbers of GPUs").items():
-        if isinstance(number, bool) or not isinstance(number, int) or number < 2:
-            raise MorlaxError(
-                f"the section gpus of a config holds numbers of GPUs from 2 on, such as "
-                f"4: {{worlds: 2048}}, not {shortened(number)}."
-            )
-        gpus[number] = _section(changes, f"gpus.{number}", "keys and values")
+    sections = {name: values[name] or {} for name in _Devices.model_fields if name in values}
+    try:
+        devices = _Devices.model_validate(sections)
+    except ValidationError as error:
+        raise explained(error, _Devices) from None
+    values = {name: value for name, value in values.items() if name not in sections}
     if device_type == "cpu":
-        return merged(values, cpu)
-    for number in sorted(gpus):
+        return merged(values, devices.cpu)
+    for number in sorted(devices.gpus):
         if number <= PROCESSES:
-            values = merged(values, gpus[number])
+            values = merged(values, devices.gpus[number])
     return values
-
-
-def _section(values: Any, name: str, contents: str) -> dict[Any, Any]:
-    if values is not None and not isinstance(values, dict):
-        raise MorlaxError(
-            f"the section {name} of a config holds {contents}, not {shortened(values)}."
-        )
-    return values or {}
 
 
 def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
 from ..envs.worlds.options import Count, Section
 
@@ -33,14 +33,14 @@ class SamplingConfig(Section):
     """Number of bodies to train with, of robots with design parameters; each cluster has one for an
     episode's length (0: the one body of task.design)."""
     focus: tuple[NonNegativeFloat, ...] | None = None
-    """Trade-off that training starts with (None: all at once): draws spread from it, linearly in
-    time, until they cover the simplex."""
-    widen: float = Field(default=0.5, gt=0, le=1)
-    """Share of training after which they do."""
+    """Trade-off that training starts with, and the share of training after which all are drawn,
+    such as 0 0 1 0.5: until then, draws spread from it (None: all are drawn from the start)."""
 
 
 class NetworkConfig(Section):
     """The networks of all trade-offs: hypernetworks and what they generate, or conditioned ones."""
+
+    scale: ClassVar[float] = 0.0  # the affine map starts uniform in [-scale, scale]
 
     type: Literal["dual", "single", "conditioned", "independent"] = "dual"
     """dual: actor and critic have separate hypernetworks; single: they share its features;
@@ -50,8 +50,6 @@ class NetworkConfig(Section):
     """Hidden layers of the hypernetworks' feature networks."""
     features: Width = 16
     """F, the number of features that generated parameters are affine in."""
-    scale: float = Field(default=0.0, ge=0, le=100)
-    """The affine map starts uniform in [-scale, scale]."""
     actor: Layers = (64, 64)
     """Hidden layers of the generated actors."""
     critic: Layers = (64, 64)
@@ -78,6 +76,9 @@ class NetworkConfig(Section):
 class PPOConfig(Section):
     """How PPO updates the hypernetworks."""
 
+    value_coefficient: ClassVar[float] = 0.5  # weight of the value loss
+    max_grad_norm: ClassVar[float] = 1.0  # of the actor's gradient, and of the critic's
+
     learning_rate: float = Field(default=3e-4, gt=0, le=1)
     """Learning rate of Adam."""
     critic_learning_rate: float | None = Field(default=None, gt=0, le=1)
@@ -85,10 +86,6 @@ class PPOConfig(Section):
     desired_kl: float | None = Field(default=None, gt=0, le=1)
     """After every minibatch, change the actor's learning rate towards this KL divergence between
     the policies that acted and the current ones (None: leave the learning rate)."""
-    decay_fraction: float = Field(default=0.0, ge=0, le=1)
-    """Share of the run, at its end, over which learning rates, desired KL, entropy bonus and
-    observation normalizer updates decay linearly to zero. Until then they stay constant, as in
-    warmup-stable-decay schedules (1: decay over the whole run; 0: never)."""
     epochs: Count = 4
     """Passes over a rollout."""
     minibatches: Count = 8
@@ -103,12 +100,6 @@ class PPOConfig(Section):
     """Weight of the entropy bonus."""
     mean_penalty: NonNegativeFloat = 0.0
     """Weight of a penalty on squared pre-tanh means, which avoids the flat ends of the tanh."""
-    value_coefficient: PositiveFloat = 0.5
-    """Weight of the value loss."""
-    max_grad_norm: PositiveFloat = 1.0
-    """Gradients are clipped to this norm, separately for actor and critic."""
-    normalize_values: bool = True
-    """Normalize value targets by their running mean and variance."""
     critic: Literal["vector", "scalar"] = "vector"
     """vector: critics predict one value per objective, and the trade-off weighs the advantages;
     scalar: they predict one value, of the rewards weighed by the trade-off."""
@@ -151,25 +142,24 @@ class MethodOptions(Section):
 
 
 class HyperMORLOptions(MethodOptions):
-    """Options of HYPER-MORL."""
+    """HYPER-MORL has no options, but a constant."""
 
-    warmup: float = Field(default=0.1, ge=0, le=1)
-    """Share of max_env_steps or max_seconds for which only the balanced trade-off is trained."""
+    warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
 
 
 class OffPolicyOptions(MethodOptions):
     """Options of the algorithms that learn from a replay."""
 
-    updates: Count = 128
+    start: ClassVar[int] = 5_000  # transitions to store before the first gradient step
+    updates: Count
     """Gradient steps per iteration."""
-    replay: int = Field(default=500_000, gt=0, lt=2**40)
-    """Number of transitions to keep, of all worlds of a process."""
-    start: int = Field(default=5_000, gt=0, lt=2**40)
-    """Transitions to store before the first gradient step."""
-    learning_rate: float = Field(default=7e-4, gt=0, le=1)
-    """Learning rate of Adam."""
-    discount: float = Field(default=0.99, ge=0, le=1)
-    """Discount factor gamma, per control step."""
+    batch: Count
+    """Transitions of a gradient step."""
+
+    @property
+    def replay_size(self) -> int:
+        """Number of transitions to keep, of all worlds of a process."""
+        return 500_000
 
     @property
     def rounds(self) -> int:
@@ -180,55 +170,49 @@ class OffPolicyOptions(MethodOptions):
 class HyperSACOptions(OffPolicyOptions):
     """Options of hyper-sac."""
 
+    target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
+    steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows
+    temperature: ClassVar[float] = 0.02  # initial weight of the entropy, for scaled rewards
+    updates: Count = 128
+    replay: int = Field(default=500_000, gt=0, lt=2**40)
+    """Number of transitions to keep, of all worlds of a process."""
     batch: Count = 1024
     """Transitions of a gradient step; must be a multiple of sampling.clusters."""
-    target_rate: float = Field(default=0.01, gt=0, le=1)
-    """Step of the target critics towards the critics, per gradient step."""
-    decay_fraction: float = Field(default=0.3, ge=0, le=1)
-    """Share of the run, at its end, over which the learning rate decays linearly to zero."""
-    steps: Annotated[int, Field(ge=1, le=1000)] = 3
-    """Rewards of a target before the value of the state that follows."""
+    learning_rate: float = Field(default=7e-4, gt=0, le=1)
+    """Learning rate of Adam."""
+    discount: float = Field(default=0.99, ge=0, le=1)
+    """Discount factor gamma, per control step."""
     entropy: float = Field(default=-0.5, ge=-100, le=100)
     """Entropy per action that the temperature aims at."""
-    temperature: float = Field(default=0.02, gt=0, le=100)
-    """Initial weight of the entropy, in units of scaled rewards."""
     hold: float = Field(default=0.02, ge=0, le=100)
     """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
 
+    @property
+    def replay_size(self) -> int:
+        return self.replay
+
 
 class PDMORLOptions(OffPolicyOptions):
-    """Options of PD-MORL."""
+    """Options of PD-MORL; its constants are those of the paper."""
 
+    learning_rate: ClassVar[float] = 3e-4
+    discount: ClassVar[float] = 0.995
+    target_rate: ClassVar[float] = 0.005  # step of the target networks, per step of the actor
+    delay: ClassVar[int] = 2  # gradient steps of the critics per gradient step of the actor
+    relabels: ClassVar[int] = 3  # samples with a random trade-off per one with its own
+    exploration: ClassVar[float] = 0.1  # standard deviation of noise on actions in (-1, 1)
+    smoothing: ClassVar[float] = 0.2  # standard deviation of noise on the actions of targets
+    clip: ClassVar[float] = 0.5  # largest such noise
+    warmup: ClassVar[float] = 0.4  # share of the run for the key trade-offs, without angles
+    critic_angle: ClassVar[float] = 1.0  # weight of the angle in the critics' loss, per degree
+    actor_angle: ClassVar[float] = 10.0  # in the actor's loss, weighted returns per degree
     updates: Count = 200
-    """Gradient steps of the critics per iteration; must be a multiple of method.delay."""
+    """Gradient steps of the critics per iteration; must be even."""
     batch: Count = 256
-    """Samples of a gradient step; must be a multiple of method.relabels + 1."""
-    start: int = Field(default=5_000, gt=0, lt=2**40)
-    """Transitions to store, with uniformly random actions, before the first gradient step."""
-    learning_rate: float = Field(default=3e-4, gt=0, le=1)
-    discount: float = Field(default=0.995, ge=0, le=1)
-    target_rate: float = Field(default=0.005, gt=0, le=1)
-    """Step of the target networks towards the networks, per gradient step of the actor."""
-    delay: Count = 2
-    """Gradient steps of the critics per gradient step of the actor."""
-    relabels: NonNegativeInt = 3
-    """Samples with a random trade-off per sample with the trade-off that acted."""
-    exploration: float = Field(default=0.1, ge=0, le=1)
-    """Standard deviation of the noise on actions in (-1, 1) that explore."""
-    smoothing: float = Field(default=0.2, ge=0, le=1)
-    """Standard deviation of the noise on actions in (-1, 1) that targets value."""
-    clip: float = Field(default=0.5, ge=0, le=1)
-    """Largest noise of method.smoothing."""
-    warmup: float = Field(default=0.4, ge=0, le=1)
-    """Share of max_env_steps or max_seconds for which only the key trade-offs, the corners and the
-    balanced one, are trained, without angles in the losses."""
+    """Samples of a gradient step; must be a multiple of 4."""
     refresh: int = Field(default=20_000, gt=0, lt=2**40)
     """Environment steps between evaluations of the key trade-offs."""
-    critic_angle: NonNegativeFloat = 1.0
-    """Weight of the angle in the critics' loss, per degree."""
-    actor_angle: NonNegativeFloat = 10.0
-    """Weight of the angle in the actor's loss, in units of weighted returns per degree."""
 
     @property
     def rounds(self) -> int:
@@ -236,21 +220,16 @@ class PDMORLOptions(OffPolicyOptions):
 
 
 class PGMORLOptions(MethodOptions):
-    """Options of PG-MORL."""
+    """PG-MORL has no options, but constants."""
 
-    generation: Count | None = None
-    """Iterations between two selections of what to train (None: at least 20, and so many that
-    measuring the policies takes at most about 8 % of the time)."""
-    warmup: Count = 80
-    """Iterations for which each policy keeps its trade-off of an even grid."""
-    bins: Annotated[int, Field(ge=1, le=10_000)] = 100
-    """Directions of the objective space in which policies are kept."""
-    bin_size: Annotated[int, Field(ge=1, le=100)] = 2
-    """Number of policies kept per direction."""
-    candidates: Annotated[int, Field(ge=2, le=1000)] = 7
-    """Trade-offs considered for each of the kept policies."""
-    sparsity: NonNegativeFloat = 1.0
-    """Weight of the front's sparsity, beside its hypervolume, in the selection."""
+    generation: ClassVar[int | None] = None
+    # iterations between two selections of what to train (None: at least 20, and so many that
+    # measuring the policies takes at most about 8 % of the time)
+    warmup: ClassVar[int] = 80  # iterations in which policies keep trade-offs of an even grid
+    bins: ClassVar[int] = 100  # directions of the objective space in which policies are kept
+    bin_size: ClassVar[int] = 2  # policies kept per direction
+    candidates: ClassVar[int] = 7  # trade-offs considered for each of the kept policies
+    sparsity: ClassVar[float] = 1.0  # weight of the front's sparsity, beside its hypervolume
 
 
 OPTIONS: dict[str, type[MethodOptions]] = {
@@ -260,29 +239,12 @@ OPTIONS: dict[str, type[MethodOptions]] = {
     "pg-morl": PGMORLOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
+_GROUPS = {"sampling.mode": "sparse", "sampling.corners": 0}
 REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
     "amor": {"network.type": "conditioned"},
-    "hyper-morl": {"network.type": "single", "sampling.mode": "sparse", "sampling.corners": 0},
-    "independent": {
-        "network.type": "independent",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-    },
-    "hyper-sac": {
-        "network.type": "dual",
-        "sampling.mode": "sparse",
-        "ppo.critic": "vector",
-    },
-    "pd-morl": {
-        "network.type": "conditioned",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-        "ppo.critic": "vector",
-    },
-    "pg-morl": {
-        "network.type": "independent",
-        "sampling.mode": "sparse",
-        "sampling.corners": 0,
-        "ppo.optimizer": "separate",
-    },
+    "hyper-morl": {"network.type": "single", **_GROUPS},
+    "independent": {"network.type": "independent", **_GROUPS},
+    "hyper-sac": {"network.type": "dual", "sampling.mode": "sparse", "ppo.critic": "vector"},
+    "pd-morl": {"network.type": "conditioned", "ppo.critic": "vector", **_GROUPS},
+    "pg-morl": {"network.type": "independent", "ppo.optimizer": "separate", **_GROUPS},
 }

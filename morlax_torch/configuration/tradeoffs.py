@@ -176,17 +176,10 @@ def one_tradeoff(
 
 def parse_tradeoff(text: str, objectives: Sequence[str]) -> tuple[float, ...]:
     """Parse a trade-off such as "0.8,0.2", one number per objective, or raise MorlaxError."""
-    names = f"{len(objectives)} numbers ({', '.join(objectives)}), as in " + ",".join(
-        f"{1 / len(objectives):.2g}" for _ in objectives
-    )
     try:
         tradeoff = tuple(float(number) for number in text.split(","))
     except ValueError:
-        raise MorlaxError(f"the trade-off {text!r} does not consist of {names}.") from None
-    if len(tradeoff) != len(objectives):
-        raise MorlaxError(f"the trade-off {text!r} has {len(tradeoff)}, but needs {names}.")
-    if not all(math.isfinite(number) and number >= 0 for number in tradeoff) or not any(tradeoff):
-        raise MorlaxError(
-            f"the trade-off {text!r} must be finite, not negative, and not zero in every objective."
-        )
+        even = ",".join(f"{1 / len(objectives):.2g}" for _ in objectives)
+        raise MorlaxError(f"the trade-off {text!r} does not consist of numbers: {even}.") from None
+    one_tradeoff(tradeoff, objectives, torch.device("cpu"))
     return tradeoff

@@ -19,8 +19,8 @@ from ..host.version import __version__
 from ..networks.agent import normalizer_for
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
-from ..runs.history import best_row, hypervolume_of, read_rows
 from ..runs.loading import find_checkpoint, find_run
+from ..runs.progress import best_row, hypervolume_of, read_rows
 from .formats import FORMATS, quiet
 
 TOLERANCE = 1e-5  # of actions, which lie in (-1, 1)

@@ -14,8 +14,6 @@ from ..envs import MorlaxError
 
 AnyPath = str | os.PathLike[str]
 
-DRAFT = ".tmp"
-
 
 @contextmanager
 def attempting(task: str) -> Iterator[None]:
@@ -24,29 +22,6 @@ def attempting(task: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise MorlaxError(f"cannot {task}: {error.strerror or error}.") from None
-    except ValueError:
-        if "\0" not in task:
-            raise
-        task = task.replace("\0", r"\0")
-        raise MorlaxError(f"cannot {task}: a path cannot contain NUL.") from None
-
-
-def exists(path: AnyPath) -> bool:
-    """Return whether a path exists, or raise MorlaxError if the system cannot say."""
-    with attempting(f"use {path}"):
-        return Path(path).exists()
-
-
-def is_file(path: AnyPath) -> bool:
-    """Return whether a path is a regular file; raises as `exists`."""
-    with attempting(f"use {path}"):
-        return Path(path).is_file()
-
-
-def is_folder(path: AnyPath) -> bool:
-    """Return whether a path is a folder; raises as `exists`."""
-    with attempting(f"use {path}"):
-        return Path(path).is_dir()
 
 
 def read(path: AnyPath, what: str = "file") -> bytes:
@@ -57,12 +32,11 @@ def read(path: AnyPath, what: str = "file") -> bytes:
     """
     path = Path(path)
     with attempting(f"read the {what} {path}"):
-        if path.exists() and not path.is_file():
+        if not path.exists():
+            raise MorlaxError(f"there is no {what} {path}.")
+        if not path.is_file():
             raise MorlaxError(f"cannot read the {what} {path}: it is not a regular file.")
-        try:
-            return path.read_bytes()
-        except FileNotFoundError:
-            raise MorlaxError(f"there is no {what} {path}.") from None
+        return path.read_bytes()
 
 
 @contextmanager
@@ -74,22 +48,19 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
     Raises:
         MorlaxError: it cannot be written, or is a folder, device or pipe; `path` is unchanged.
     """
-    temporary = None
     with attempting(f"write {path}"):
         target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             raise MorlaxError(f"cannot write {path}: it is not a regular file, name another one.")
         draft = target.with_name(_draft())
         try:
-            with open(draft, "xb") as file:
-                temporary = draft
+            with draft.open("xb") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            temporary.replace(target)
+            draft.replace(target)
         finally:
-            if temporary is not None:
-                temporary.unlink(missing_ok=True)
+            draft.unlink(missing_ok=True)
 
 
 def write_file(path: AnyPath, content: str | bytes | memoryview) -> None:
@@ -111,20 +82,19 @@ def making(folder: Path) -> Iterator[Path]:
         MorlaxError: it cannot be made or written.
     """
     taken = Taken(f"{folder} exists already: choose another folder.")
-    if exists(folder) and not (folder.is_dir() and _is_unused(folder)):
-        raise taken
-    draft = folder.with_name(f".{folder.name}{_draft()}")
-    try:
-        with attempting(f"make {folder}"):
-            remove_drafts(folder.parent, f".{folder.name}")
-            draft.mkdir(parents=True)
+    with attempting(f"make {folder}"):
+        if folder.exists() and not (folder.is_dir() and _is_unused(folder)):
+            raise taken
+        draft = folder.with_name(f".{folder.name}{_draft()}")
+        remove_drafts(folder.parent, f".{folder.name}")
+        draft.mkdir(parents=True)
+        try:
             yield draft
-            try:
-                draft.replace(folder)
-            except OSError as error:
-                raise taken if error.errno in (errno.EEXIST, errno.ENOTEMPTY) else error from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
+            draft.replace(folder)
+        except OSError as error:
+            raise taken if error.errno in (errno.EEXIST, errno.ENOTEMPTY) else error from None
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
 
 
 def make_folder(folder: Path) -> None:
@@ -138,33 +108,33 @@ def _is_unused(folder: Path) -> bool:
 
 
 def _draft() -> str:
-    return f".{os.getpid()}.{secrets.token_hex(8)}{DRAFT}"
+    return f".{os.getpid()}.{secrets.token_hex(8)}.tmp"
 
 
 def remove_drafts(folder: Path, prefix: str = "") -> None:
     """Remove temporary files and folders that killed processes have left in a folder."""
-    for draft in folder.glob(f"{glob.escape(prefix)}.*{DRAFT}"):
+    for draft in folder.glob(f"{glob.escape(prefix)}.*.tmp"):
         process = draft.name.removeprefix(prefix).split(".")[1]
-        if process.isdecimal() and not runs(int(process)):
-            if draft.is_dir():
-                shutil.rmtree(draft, ignore_errors=True)
-            else:
-                draft.unlink(missing_ok=True)
+        if not process.isdecimal() or runs(int(process)):
+            continue
+        if draft.is_dir():
+            shutil.rmtree(draft, ignore_errors=True)
+        else:
+            draft.unlink(missing_ok=True)
 
 
 def runs(process: int) -> bool:
+    """Return whether a process of this machine runs."""
     try:
         os.kill(process, 0)  # sends no signal, only asks
-    except ProcessLookupError:
-        return False
-    except OSError:  # it runs, and belongs to another user
-        pass
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)  # it may belong to another user
     return True
 
 
 def unused(path: Path) -> Path:
     """Return `path`, with a number appended if it exists."""
     candidate, number = path, 2
-    while exists(candidate):
+    while candidate.exists():
         candidate, number = path.with_name(f"{path.name}-{number}"), number + 1
     return candidate

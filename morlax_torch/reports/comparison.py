@@ -14,8 +14,8 @@ from ..evaluation.front import Front
 from ..host.files import AnyPath, read
 from ..networks.policy import Policy
 from ..runs.hardware import Machine
-from ..runs.history import History
 from ..runs.loading import find_run
+from ..runs.progress import History
 
 BUFFERS = {"nconmax", "njmax"}  # task options that do not change returns
 

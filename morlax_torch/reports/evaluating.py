@@ -18,8 +18,8 @@ from ..networks.policy import Policy
 from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
-from ..runs.history import History
 from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
+from ..runs.progress import History
 from . import comparison
 from .comparison import Evaluated
 from .html import number

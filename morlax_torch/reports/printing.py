@@ -12,9 +12,8 @@ from ..envs.naming import movable, title
 from ..evaluation import figures
 from ..evaluation.representatives import representatives
 from ..host.files import make_folder, write_file
-from ..runs.fronts import load_front
-from ..runs.history import History
-from ..runs.loading import find_run, load
+from ..runs.loading import find_run, load, load_front
+from ..runs.progress import History
 from . import comparison
 from .comparison import Evaluated, Quartiles
 from .page import words

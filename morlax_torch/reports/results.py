@@ -15,7 +15,7 @@ from ..evaluation import figures
 from ..evaluation.front import Front, hypervolume_in
 from ..host.files import make_folder, write_file
 from ..runs.hardware import Machine
-from ..runs.history import History
+from ..runs.progress import History
 from .comparison import Evaluated, quartiles
 from .page import report
 from .verdict import verdict_of

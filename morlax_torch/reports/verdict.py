@@ -7,7 +7,7 @@ import numpy as np
 
 from ..evaluation.front import Front
 from ..evaluation.pareto import most_conflicting_pair
-from ..runs.history import History
+from ..runs.progress import History
 from .comparison import Evaluated
 
 LONGER = "train longer (--max-env-steps or --max-seconds)"

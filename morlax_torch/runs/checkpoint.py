@@ -5,38 +5,99 @@ import io
 import os
 import zipfile
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import torch
-from pydantic import ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from torch import Tensor
 
+from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
-from ..envs import trust as trust_task
 from ..envs.errors import LONGEST, explained, shortened
 from ..envs.naming import is_file, movable
-from ..host.files import (
-    AnyPath,
-    exists,
-    is_folder,
-    read,
-    write_file,
-)
-from . import models
-from .contents import FORMAT, POLICY, Contents, Task, check_state
+from ..envs.worlds.designs import DesignParameter
+from ..envs.worlds.options import check_objectives
+from ..host.files import AnyPath, read, write_file
 from .progress import Progress
-from .references import check_code, check_moved, localized, trust_code
+from .references import code_of, localized, model_changes, model_of, warn_of_changes
 
-RUNS, LATEST = Path("runs"), "latest"
+FORMAT = 2
+POLICY = ("actor.", "observation_normalizer.")  # beginnings of the names of what policies need
+MOST_ITERATIONS = 2**53  # a float still counts them exactly
 
 
-def describe(env: Worlds) -> Task:
-    task = Task.model_validate(env, from_attributes=True)
-    return task.model_copy(update={"model_fingerprint": models.of_worlds(env)})
+class Task(BaseModel):
+    """The sizes of a task, which do not depend on its code."""
+
+    objectives: tuple[str, ...]
+    observation_size: int = Field(ge=1, le=2**24)
+    action_size: int = Field(ge=1, le=2**24)
+    privileged_size: int = Field(default=0, ge=0, le=2**24)
+    designs: dict[str, DesignParameter] = {}
+    model_fingerprint: dict[str, str] = {}
+    """Of the MuJoCo model, see `references.model_of`; empty: unknown."""
+
+    @classmethod
+    def of(cls, env: Worlds) -> Self:
+        task = cls.model_validate(env, from_attributes=True)
+        return task.model_copy(update={"model_fingerprint": model_of(env)})
+
+    @field_validator("objectives")
+    @classmethod
+    def _plain(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        check_objectives(names)
+        return names
+
+
+class Contents(BaseModel):
+    """Everything in a checkpoint: of a whole learner, or only of policies."""
+
+    model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+    format: int
+    config: dict[str, Any]
+    environment: Task
+    own_networks: dict[str, dict[str, list[NonNegativeInt]]] = {}
+    """Parameter shapes of user-made networks: network -> parameter -> shape."""
+    progress: Progress = Progress()
+    learner: dict[str, Any] | None = None
+    """`Learner.state_dict()`, with the agent's tensors by name as "agent"."""
+    policy: dict[str, Tensor] | None = None
+    """The agent's tensors without critics, instead of a learner."""
+
+    @property
+    def agent(self) -> dict[str, Tensor]:
+        """The agent's tensors by name, without critics if there is no learner."""
+        return self.policy or {} if self.learner is None else self.learner["agent"]
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.learner is None) == (self.policy is None):
+            raise ValueError("it needs either a learner or policies")
+        if not isinstance(self.config.get("env"), str):
+            raise ValueError("env must name the task")
+        agent = self.policy if self.learner is None else self.learner.get("agent")
+        if not isinstance(agent, dict) or not all(isinstance(v, Tensor) for v in agent.values()):
+            raise ValueError("a learner needs an agent, which consists of tensors by name")
+        for name, value in agent.items():
+            _check_finite(name, value)
+        return self
+
+
+def _check_finite(name: str, value: Tensor) -> None:
+    if value.is_floating_point() and not value.isfinite().all():
+        raise ValueError(f"{name} is not finite")
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:
@@ -46,24 +107,13 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     """
     state, group = _on_cpu(learner.state_dict()), learner.group
     if group.size > 1:
-        own = {name: state[name] for name in learner.per_process}
-        _, *state["processes"] = group.gather(own)
+        _, *state["processes"] = group.gather({name: state[name] for name in learner.per_process})
     return {
         "config": learner.config.model_dump(mode="json"),
-        "environment": describe(learner.env).model_dump(mode="json"),
+        "environment": Task.of(learner.env).model_dump(mode="json"),
         "own_networks": learner.agent.own_networks(),
         "learner": state,
     }
-
-
-def save(path: Path, learner: Learner, progress: Progress) -> None:
-    """Write the whole state of a learner and the run's counters, atomically."""
-    write_snapshot(path, snapshot(learner), progress)
-
-
-def write_snapshot(path: Path, contents: dict[str, Any], progress: Progress) -> None:
-    """Write a `snapshot` and the run's counters, atomically."""
-    write(path, {**contents, "progress": progress.model_dump()})
 
 
 def _on_cpu(state: Any) -> Any:
@@ -76,11 +126,17 @@ def _on_cpu(state: Any) -> Any:
     return state
 
 
-def write(path: AnyPath, contents: dict[str, Any]) -> None:
-    """Write a file that `load` reads, atomically."""
-    whole = io.BytesIO()  # on a full disk torch.save would fail in its own words
-    torch.save({"format": FORMAT, **contents}, whole)
-    write_file(path, whole.getbuffer())
+def save(path: Path, learner: Learner, progress: Progress) -> None:
+    """Write the whole state of a learner and the run's counters, atomically."""
+    write(path, snapshot(learner), progress)
+
+
+def write(path: AnyPath, contents: dict[str, Any], progress: Progress | None = None) -> None:
+    """Write a `snapshot`, or policies, and the run's counters, atomically."""
+    counters = {} if progress is None else {"progress": progress.model_dump()}
+    data = io.BytesIO()  # on a full disk torch.save would fail in its own words
+    torch.save({"format": FORMAT, **contents, **counters}, data)
+    write_file(path, data.getbuffer())
 
 
 def load(path: Path) -> Contents:
@@ -89,10 +145,10 @@ def load(path: Path) -> Contents:
     Raises:
         MorlaxError: there is no file, it is damaged or not a checkpoint, or it has another format.
     """
-    whole = io.BytesIO(read(path, "checkpoint"))
+    data = io.BytesIO(read(path, "checkpoint"))
     try:
-        _check_sums(whole)
-        values = torch.load(whole, map_location="cpu", weights_only=True)
+        _check_sums(data)
+        values = torch.load(data, map_location="cpu", weights_only=True)
     except MemoryError:
         raise
     except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
@@ -101,10 +157,9 @@ def load(path: Path) -> Contents:
         ) from None
     if not isinstance(values, dict) or "format" not in values:
         raise MorlaxError(f"{path} is not a checkpoint of morlax_torch.")
-    number = values["format"]
-    if not isinstance(number, int) or number != FORMAT:
+    if values["format"] != FORMAT:
         raise MorlaxError(
-            f"the checkpoint {path} has format {shortened(number)}, but this version of "
+            f"the checkpoint {path} has format {shortened(values['format'])}, but this version of "
             f"morlax_torch reads format {FORMAT}: use the version that wrote it."
         )
     try:
@@ -115,49 +170,27 @@ def load(path: Path) -> Contents:
         ) from None
 
 
-def _check_sums(whole: IO[bytes]) -> None:
+def _check_sums(data: IO[bytes]) -> None:
     """Compare every checksum, which torch.load does not; raises an error of zipfile's."""
-    with zipfile.ZipFile(whole) as archive:
-        for part in archive.infolist():  # testzip reads by name, and so one of two that are alike
-            with archive.open(part) as content:
-                while content.read(2**20):
-                    pass
-            if part.compress_size != part.file_size or part.external_attr:
-                # torch.load would leave the memory of what claims to be a folder as it is
-                raise zipfile.BadZipFile("torch.save writes neither compressed parts nor folders")
-        if len(archive.NameToInfo) != len(archive.filelist):
-            raise zipfile.BadZipFile("two parts have the same name")
-    whole.seek(0)
+    with zipfile.ZipFile(data) as archive:
+        parts = archive.infolist()
+        # torch.load would leave the memory of what claims to be a folder as it is
+        odd = any(part.external_attr or part.compress_size != part.file_size for part in parts)
+        if odd or len(archive.NameToInfo) != len(parts) or archive.testzip():
+            raise zipfile.BadZipFile
+    data.seek(0)
 
 
-def read_config(
-    contents: Contents, path: Path, trust: bool = False, env: str | None = None
-) -> Config:
-    """Return the config of a checkpoint that was read from `path`; `trust` allows its code.
-
-    `env`: where the user says that the task's FILE.py:CLASS is.
+def read_config(contents: Contents, path: Path) -> Config:
+    """Return the config of a checkpoint that was read from `path`.
 
     Raises:
         MorlaxError: a value is wrong, the task has moved, or the config names code that is not
             trusted.
     """
-    if env is not None:
-        check_moved(contents.config["env"], env, path)
-        trust_task(env)
-    values = localized(contents.config, folder_of(path), env)
-    if trust:
-        trust_code(values)
-    _check_code(values, contents.config["env"], path)
-    try:
-        return load_config(values)
-    except MorlaxError as error:
-        raise MorlaxError(f"the config in {path} does not fit: {error}") from None
-
-
-def _check_code(values: dict[str, Any], task: str, path: Path) -> None:
-    """Check that a config's code is there and trusted; the checkpoint at `path` names `task`."""
+    task, missing = contents.config["env"], ""
+    values = localized(contents.config, folder_of(path))
     file, colon, member = task.rpartition(":")
-    missing = ""
     if is_file(task) and colon and not os.path.isfile(file):
         missing = f"there is no file {file}, which should define the task {member}"
     if missing and values["env"] == task:
@@ -166,36 +199,18 @@ def _check_code(values: dict[str, Any], task: str, path: Path) -> None:
             "load(..., env=...)."
         )
     try:
-        check_code(values, path)
+        for name in code_of(values):
+            envs.check_trusted(name, path)
     except MorlaxError as error:
         raise MorlaxError(f"{missing}, and {error}" if missing else str(error)) from None
-
-
-def newest_runs(folder: Path) -> list[Path]:
-    """Return the runs in `folder` or one level deeper that have a checkpoint, the newest first."""
-    times: dict[Path, float] = {}
-    for depth in ("*", "*/*"):
-        for file in folder.glob(f"{depth}/checkpoints/*.pt"):
-            with suppress(OSError):  # deleted meanwhile, or not readable
-                run, time = file.parent.parent, file.stat().st_mtime
-                times[run] = max(times.get(run, 0.0), time)
-    return sorted(times, key=times.__getitem__, reverse=True)
-
-
-def named_run(run: AnyPath) -> Path:
-    """Return the path that a user means: the newest run of a folder of runs, or of "latest"."""
-    path = Path(run)
-    if str(run) == LATEST and not exists(path):
-        path = RUNS
-    elif not is_folder(path) or any(exists(path / name) for name in ("checkpoints", "config.yaml")):
-        return path
-    newest = newest_runs(path)
-    if not newest and str(run) == LATEST:
-        raise MorlaxError(f"there is no run in {RUNS}/ yet: train one first.")
-    return newest[0] if newest else path
+    try:
+        return load_config(values)
+    except MorlaxError as error:
+        raise MorlaxError(f"the config in {path} does not fit: {error}") from None
 
 
 def folder_of(path: Path) -> Path:
+    """Return the folder of the run of a checkpoint file."""
     return path.parent.parent if path.parent.name == "checkpoints" else path.parent
 
 
@@ -217,62 +232,95 @@ def fingerprint(agent: Mapping[str, Tensor]) -> str:
     return digest.hexdigest()[:16]
 
 
-def restore(contents: Contents, path: Path, learner: Learner) -> None:
-    """Load a checkpoint's contents into `learner`.
+def restore(contents: Contents, path: Path, learner: Learner) -> bool:
+    """Load a checkpoint's contents into `learner`; returns whether the robot's model changed.
 
     Worlds that are not resumable start anew, and so do all if another number of processes trained.
 
     Raises:
         MorlaxError: it has another task or another size, or holds only policies.
     """
-    config, env = learner.config, learner.env
+    config, task = learner.config, contents.config["env"]
     if contents.learner is None:
         raise MorlaxError(f"{path} holds only policies, so training cannot continue from it.")
-    task = contents.config["env"]
     if movable(task) != movable(config.env):
         raise MorlaxError(f"{path} is of task {task!r}, not {config.env!r}.")
-    for name, value in describe(env):
-        found = getattr(contents.environment, name)
-        if name == "model_fingerprint":
-            models.warn(models.difference(found, value), path)
-        elif found != value:
-            raise MorlaxError(f"{path} has {name} {found}, but the task has {value}.")
-    stored = read_config(contents, path, env=config.env if is_file(config.env) else None)
-    if (stored.worlds, stored.network) != (config.worlds, config.network):
+    for name, value in Task.of(learner.env):
+        stored = getattr(contents.environment, name)
+        if name != "model_fingerprint" and stored != value:
+            raise MorlaxError(f"{path} has {name} {stored}, but the task has {value}.")
+    changes = model_changes(contents.environment.model_fingerprint, model_of(learner.env))
+    warn_of_changes(changes, path)
+    sizes = config.model_dump(mode="json", include={"worlds", "network"})
+    trained = {name: contents.config.get(name) for name in sizes}
+    if trained != sizes:
         raise MorlaxError(
-            f"{path} was made with other sizes (worlds {stored.worlds}, network "
-            f"{stored.network}): resume with the config of its own run."
+            f"{path} was made with other sizes (worlds {trained['worlds']}, network "
+            f"{trained['network']}): resume with the config of its own run."
         )
     check_networks(contents.own_networks, learner.agent.own_networks(), path)
-    mine, state = learner.state_dict(), dict(contents.learner)
+    current, state = learner.state_dict(), dict(contents.learner)
     try:
         processes = [{}, *state.pop("processes", [])]
         if len(processes) == learner.group.size:
             state |= processes[learner.group.rank]
         else:
-            state |= {name: mine[name] for name in learner.per_process}
-        check_state(state, mine)
+            state |= {name: current[name] for name in learner.per_process}
+        check_state(state, current)
         learner.load_state_dict(state)
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(
             f"the state in {path} does not fit this learner: {reason[:LONGEST]}."
         ) from None
+    return bool(changes)
 
 
-def check_networks(stored: dict[str, Any], given: dict[str, Any], path: Path) -> None:
+def check_networks(stored: dict[str, Any], passed: dict[str, Any], path: Path) -> None:
     """Raise MorlaxError unless `Agent.own_networks` equals the stored one."""
-    for name, parameters in stored.items():
-        if name not in given:
+    for name in {**stored, **passed}:
+        if name not in passed:
             raise MorlaxError(
                 f"{path} holds a user-made {name}, which no config describes: continue from Python "
                 f"and pass a module like it, {name}=..., as when it was trained."
             )
-        if given[name] != parameters:
-            raise MorlaxError(
-                f"the {name} passed does not match the one in {path}: its parameters are "
-                f"{given[name]}, but the stored ones are {parameters}."
-            )
-    for name in given:
         if name not in stored:
             raise MorlaxError(f"{path} holds the {name} of its config: leave out {name}=...")
+        if passed[name] != stored[name]:
+            raise MorlaxError(
+                f"the {name} passed does not match the one in {path}: its parameters are "
+                f"{passed[name]}, but the stored ones are {stored[name]}."
+            )
+
+
+def check_state(stored: object, current: object, name: str = "state", listed: bool = False) -> None:
+    """Check a state that a learner is about to load.
+
+    Keys that only one of both has are left to the learner, which knows what it can do without.
+    Tensors in lists (`listed`) may have another length.
+
+    Raises:
+        ValueError: a value has another type or shape, or is not finite.
+    """
+    if isinstance(current, dict) and isinstance(stored, dict):
+        for key in current.keys() & stored.keys():
+            check_state(stored[key], current[key], f"{name}.{key}")
+    elif isinstance(current, list) and isinstance(stored, list):
+        if len(current) != len(stored):
+            raise ValueError(f"{name} has {len(stored)} entries instead of {len(current)}")
+        for index, (value, usual) in enumerate(zip(stored, current, strict=True)):
+            check_state(value, usual, f"{name}.{index}", listed=True)
+    elif isinstance(current, Tensor) and isinstance(stored, Tensor):
+        # on another device, Adam has another number of chunks, and a generator another state
+        of_device = listed or current.dtype == torch.uint8
+        same = stored.ndim == current.ndim if of_device else stored.shape == current.shape
+        if not same or stored.is_floating_point() != current.is_floating_point():
+            raise ValueError(
+                f"{name} is {stored.dtype} {tuple(stored.shape)} instead of "
+                f"{current.dtype} {tuple(current.shape)}"
+            )
+        _check_finite(name, stored)
+    elif type(current) is not type(stored) or (
+        isinstance(stored, int) and not 0 <= stored <= MOST_ITERATIONS
+    ):
+        raise ValueError(f"{name} is {shortened(stored)}")

@@ -17,8 +17,7 @@ from ..evaluation.names import Names
 from ..evaluation.requirements import Choice, Requirements
 from ..host.files import AnyPath
 from ..networks.policy import Policy
-from .fronts import load_front
-from .loading import load
+from .loading import load, load_front
 
 BATCH = 64  # trade-offs that are simulated together
 MOST_BATCHES = 32

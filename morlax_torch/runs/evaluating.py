@@ -9,12 +9,10 @@ from ..evaluation.front import Front
 from ..evaluation.making import make_evaluator
 from ..host.files import AnyPath, making, read
 from ..networks.policy import Policy
-from . import bookmarks
 from .checkpoint import fingerprint, front_path
-from .fronts import load_front
 from .hardware import read_machines, write_machines
-from .history import read_rows
-from .loading import find_checkpoint, find_run, load, save
+from .loading import BOOKMARKS, find_checkpoint, find_run, load, load_front, save
+from .progress import read_rows
 from .references import copy_files
 
 
@@ -45,9 +43,9 @@ def evaluate(
         MorlaxError: there is no such run, a number is out of range, nothing in the task is random
             although `seeds` > 1, or the task cannot be evaluated by the protocol.
     """
-    place = resolve_device(device)
-    policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    config = policy.config.model_copy(update={"device": str(place), "backend": backend})
+    target = resolve_device(device)
+    policy = (run if isinstance(run, Policy) else load(run, target)).to(target)
+    config = policy.config.model_copy(update={"device": str(target), "backend": backend})
     m = len(policy.objectives)
     evaluator = make_evaluator(policy.agent, config, m, protocol, tradeoffs, seeds, seed)
     evaluator.compile()
@@ -56,16 +54,10 @@ def evaluate(
 
 
 def front_of(run: str | Path, policy: Policy, device: str | None = None) -> Front:
-    """Load the front of a run's policies, or evaluate `policy`, which is of them, if it has none.
-
-    Raises:
-        MorlaxError: see `load_front`.
-    """
+    """Load the front of a run, or evaluate its `policy` if it has none."""
     path = find_checkpoint(run)
     if front_path(path).is_file():
-        front = load_front(run)
-        if front.checkpoint == path.name:
-            return front
+        return load_front(run)
     return evaluate(policy, device=device)._replace(checkpoint=path.name)
 
 
@@ -80,7 +72,6 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         MorlaxError: there is no such run, or `output` is in use or cannot be written.
     """
     source, policy = find_run(run), load(run)
-    metrics = read(source / "metrics.csv", "training curve")
     machines = read_machines(source)
     read_rows(source / "metrics.csv")  # refuses a damaged file
     with making(output) as draft:
@@ -89,10 +80,10 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
         save(policy.cpu(), draft / "checkpoints" / "best.pt")
         front.save(draft / "front.npz")
         copy_files(policy.config, draft)
-        if (source / bookmarks.FILE).is_file():
-            (draft / bookmarks.FILE).write_bytes(read(source / bookmarks.FILE, "bookmarks"))
+        for name in ("metrics.csv", BOOKMARKS):
+            if (source / name).is_file():
+                (draft / name).write_bytes(read(source / name))
         if machines:
             write_machines(draft, machines)
         write_record(policy.config, draft)
-        (draft / "metrics.csv").write_bytes(metrics)
     return front

@@ -2,6 +2,7 @@
 
 import os
 import platform
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -28,19 +29,32 @@ PACKAGES = {  # by Worlds.simulator
 class Machine(BaseModel):
     """The hardware and software of one or more sessions of training."""
 
-    device: str = "unknown"
+    device: str
     """Name of the GPU, or of the CPU if it trained."""
     processes: int = Field(default=1, ge=1)
     """How many trained together, each on a device of its own."""
-    cores: int | None = None
+    cores: int
     """CPU cores that a process may use."""
-    torch: str = "unknown"
-    simulator: str = "unknown"
+    torch: str
+    simulator: str
+
+    @classmethod
+    def of(cls, learner: Learner) -> "Machine":
+        """Return this machine, on which `learner` trains."""
+        simulator = learner.env.simulator
+        with suppress(KeyError, PackageNotFoundError):  # of a user's own worlds
+            simulator = f"{simulator} {version(PACKAGES[simulator])}"
+        return cls(
+            device=device_name(learner.env.device),
+            processes=learner.group.size,
+            cores=cores(),
+            torch=torch.__version__,
+            simulator=simulator,
+        )
 
     def hardware(self) -> str:
         several = f"{self.processes} x " if self.processes > 1 else ""
-        cores = "" if self.cores is None else f", {self.cores} CPU core{'s' * (self.cores > 1)}"
-        return f"{several}{self.device}{cores}"
+        return f"{several}{self.device}, {self.cores} CPU core{'s' * (self.cores > 1)}"
 
     def software(self) -> str:
         return f"PyTorch {self.torch}, {self.simulator}"
@@ -51,16 +65,6 @@ class Machines(BaseModel):
 
     machines: list[Machine] = Field(min_length=1)
     """In the order in which they trained the run."""
-
-
-def this_machine(learner: Learner) -> Machine:
-    return Machine(
-        device=device_name(learner.env.device),
-        processes=learner.group.size,
-        cores=cores(),
-        torch=torch.__version__,
-        simulator=_with_version(learner.env.simulator),
-    )
 
 
 def read_machines(folder: Path) -> list[Machine]:
@@ -78,31 +82,18 @@ def write_machines(folder: Path, machines: list[Machine]) -> None:
     write_file(folder / FILE, write_yaml(Machines(machines=machines)))
 
 
-def resumed(machines: list[Machine], now: Machine) -> list[Machine]:
-    """Return the machines of a run, empty if it names none, and the one that continues it."""
-    known = machines or [Machine()]
-    return known if known[-1] == now else [*known, now]
-
-
 def device_name(device: torch.device) -> str:
+    """Return the name of a GPU, or of the model of the CPU."""
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
-    try:
-        lines = CPUS.read_text(errors="replace").splitlines()
-    except OSError:  # not on Linux
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, "") or platform.processor() or platform.machine() or "unknown"
+    with suppress(OSError):  # there is no such file on other systems than Linux
+        for line in CPUS.read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _with_version(simulator: str) -> str:
-    try:
-        return f"{simulator} {version(PACKAGES.get(simulator, ''))}"
-    except (PackageNotFoundError, ValueError):  # of a user's own worlds
-        return simulator

@@ -1,31 +1,68 @@
-"""Find runs and checkpoints, load or save their policies, or start from them."""
+"""Find runs and checkpoints, load or save their policies, fronts and bookmarks, start from them."""
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import torch
+import yaml
 from torch import Tensor, nn
 
 from .. import envs
 from ..algorithms.learner import Learner
+from ..configuration.tradeoffs import parse_tradeoff
 from ..envs import MorlaxError, resolve_device
-from ..envs.errors import LONGEST
-from ..host.files import (
-    AnyPath,
-    exists,
-    is_file,
-    is_folder,
-)
+from ..envs.errors import LONGEST, unknown
+from ..envs.worlds.options import PLAIN_NAME
+from ..evaluation.front import Front
+from ..host.files import AnyPath, read, write_file
 from ..networks.agent import Agent
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
-from . import checkpoint, models
-from .contents import POLICY
-from .references import NAMES_CODE, check_moved, edited, localized, name_task, trust_code
+from . import checkpoint
+from .checkpoint import POLICY, Task
+from .references import (
+    NAMES_CODE,
+    code_of,
+    compared,
+    localized,
+    model_changes,
+    model_of_task,
+    name_task,
+    warn_of_changes,
+)
 
-SHIPPED = Path(__file__).parent.parent / "shipped"
+RUNS, SHIPPED = Path("runs"), Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
 CRITIC = ("critic.", "value_normalizer.")
+BOOKMARKS = "bookmarks.yaml"  # which people can edit: "calm: [0.2, 0.8]"
+
+
+def newest_runs(folder: Path) -> list[Path]:
+    """Return the runs in `folder` or one level deeper that have a checkpoint, the newest first."""
+    times: dict[Path, float] = {}
+    for file in (*folder.glob("*/checkpoints/*.pt"), *folder.glob("*/*/checkpoints/*.pt")):
+        with suppress(OSError):  # deleted meanwhile, or not readable
+            run = file.parent.parent
+            times[run] = max(times.get(run, 0.0), file.stat().st_mtime)
+    return sorted(times, key=times.__getitem__, reverse=True)
+
+
+def named_run(run: AnyPath) -> Path:
+    """Return the path that a user means: the newest run of a folder of runs, or of "latest"."""
+    path = Path(run)
+    latest = str(path) == "latest" and not path.exists()
+    if not latest and (_is_run(path) or not path.is_dir()):
+        return path
+    newest = newest_runs(RUNS if latest else path)
+    if latest and not newest:
+        raise MorlaxError(f"there is no run in {RUNS}/ yet: train one first.")
+    return newest[0] if newest else path
+
+
+def _is_run(path: Path) -> bool:
+    return (path / "checkpoints").exists() or (path / "config.yaml").exists()
 
 
 def find_run(run: AnyPath) -> Path:
@@ -37,16 +74,14 @@ def find_run(run: AnyPath) -> Path:
     Raises:
         MorlaxError: there is no such run.
     """
-    path = checkpoint.named_run(run)
-    if is_file(path):
+    path = named_run(run)
+    if path.is_file():
         return checkpoint.folder_of(path)
     shipped = {folder.name: folder for folder in SHIPPED.glob("*")}
-    found = shipped.get(str(path))
-    is_run = exists(path / "config.yaml") or exists(path / "checkpoints")
-    if is_folder(path) and (found is None or is_run):
+    if path.is_dir() and (_is_run(path) or str(path) not in shipped):
         return path
-    if found is not None:
-        return found
+    if str(path) in shipped:
+        return shipped[str(path)]
     raise MorlaxError(
         f"{path} does not exist: name the folder of a run, such as runs/ant/..., a .pt file, or a "
         f"shipped policy: {', '.join(sorted(shipped))}."
@@ -65,7 +100,7 @@ def find_checkpoint(run: AnyPath) -> Path:
     Raises:
         MorlaxError: there is no such run, or it has no checkpoint.
     """
-    if is_file(run):
+    if Path(run).is_file():
         return Path(run)
     folder = find_run(run)
     for name in ("best", "latest"):
@@ -99,11 +134,11 @@ def load(
         MorlaxError: there is no checkpoint, it is damaged, it has another actor, or it names code
             that is not trusted.
     """
-    place = resolve_device(device)
-    path = find_checkpoint(run)
+    device, path = resolve_device(device), find_checkpoint(run)
+    trust_run(path, trust, env)
     contents = checkpoint.load(path)
-    config = checkpoint.read_config(contents, path, trust, env)
-    task = contents.environment
+    config = checkpoint.read_config(contents, path)
+    task, networks = contents.environment, dict(contents.own_networks)
     agent = Agent(
         config,
         task.observation_size,
@@ -113,35 +148,34 @@ def load(
         actor=actor,
         designs=task.designs,
     )
-    own = dict(contents.own_networks)
-    own_critic = own.pop("critic", None)
-    checkpoint.check_networks(own, agent.own_networks(), path)
-    whole, state = contents.policy is None, contents.agent
-    if own_critic:  # policies do not need it
+    state, complete = contents.agent, contents.policy is None
+    if networks.pop("critic", None):  # a user's critic, which policies do not need
         state = {name: value for name, value in state.items() if not name.startswith("critic.")}
+        complete = False
+    checkpoint.check_networks(networks, agent.own_networks(), path)
     try:
-        agent.load_state_dict(state, strict=whole and not own_critic)
+        agent.load_state_dict(state, strict=complete)
     except RuntimeError as error:
         reason = " ".join(str(error).split())[:LONGEST]
         raise MorlaxError(f"the networks in {path} do not fit its config: {reason}.") from None
-    policy = Policy(agent.to(place), config, task.objectives)
+    policy = Policy(agent.to(device), config, task.objectives)
     policy.model_fingerprint = task.model_fingerprint
-    models.warn(_model_difference(policy), path)
+    warn_of_changes(_model_changes(policy), path)
     return policy
 
 
-def _model_difference(policy: Policy) -> str:
+def _model_changes(policy: Policy) -> str:
     """Return in which parts the model is not the one that a policy was trained with, or ""."""
     stored, config = dict(policy.model_fingerprint), policy.config
     if not stored:
         return ""
-    return models.difference(stored, models.of_task(envs.get(config.env), config.task))
+    return model_changes(stored, model_of_task(envs.get(config.env), config.task))
 
 
 def is_changed(run: AnyPath, policy: Policy) -> bool:
     """Return whether the task of a run's policy has changed since it was trained, if known."""
     copies = checkpoint.folder_of(find_checkpoint(run)) / NAMES_CODE["env"]
-    return bool(_model_difference(policy) or edited(policy.config.env, copies.resolve()))
+    return bool(_model_changes(policy) or compared(policy.config.env, copies.resolve())[1])
 
 
 def objectives_of(run: AnyPath) -> tuple[str, ...]:
@@ -162,10 +196,10 @@ def trust_run(run: AnyPath, trust: bool = True, env: str | None = None) -> None:
     path = find_checkpoint(run)
     config, folder = checkpoint.load(path).config, checkpoint.folder_of(path)
     if env is not None:
-        check_moved(config["env"], env, path)
-        name_task(folder, env)
+        name_task(folder, config["env"], env)
     if trust:
-        trust_code(localized(config, folder))
+        for name in code_of(localized(config, folder)):
+            envs.trust(name)
 
 
 def save(policy: Policy, path: AnyPath) -> None:
@@ -174,22 +208,101 @@ def save(policy: Policy, path: AnyPath) -> None:
     Raises:
         MorlaxError: the file cannot be written.
     """
-    state, own = policy.agent.state_dict(), policy.agent.own_networks()
-    own.pop("critic", None)
+    agent, networks = policy.agent, policy.agent.own_networks()
+    networks.pop("critic", None)
+    state = agent.state_dict()
+    task = Task(
+        objectives=policy.objectives,
+        observation_size=agent.observation_size,
+        action_size=agent.action_size,
+        privileged_size=agent.privileged_size,
+        designs=agent.designs,
+        model_fingerprint=dict(policy.model_fingerprint),
+    )
     contents = {
         "config": policy.config.model_dump(mode="json"),
-        "environment": {
-            "objectives": list(policy.objectives),
-            "observation_size": policy.agent.observation_size,
-            "action_size": policy.agent.action_size,
-            "privileged_size": policy.agent.privileged_size,
-            "designs": {name: list(each) for name, each in policy.agent.designs.items()},
-            "model_fingerprint": dict(policy.model_fingerprint),
-        },
-        "own_networks": own,
+        "environment": task.model_dump(mode="json"),
+        "own_networks": networks,
         "policy": {name: value for name, value in state.items() if name.startswith(POLICY)},
     }
     checkpoint.write(path, contents)
+
+
+def load_front(run: AnyPath) -> Front:
+    """Load the front of the policies that `load` loads.
+
+    The front's `checkpoint` names the file whose policies reached its returns, such as "best.pt".
+
+    Args:
+        run: a run's folder, a checkpoint file, or a shipped name.
+
+    Raises:
+        MorlaxError: there is no such run, it has no front, the front is damaged, is of another
+            checkpoint, or counts returns by another protocol than the run.
+    """
+    path = find_checkpoint(run)
+    file = checkpoint.front_path(path)
+    named = file.parent if file.name == "front.npz" else path  # the run of best.pt
+    remedy = f"write it with morlax evaluate {shlex.quote(str(named))}"
+    if not file.is_file():
+        raise MorlaxError(f"{path} has no front beside it: {remedy}")
+    front, contents = Front.load(file), checkpoint.load(path)
+    protocol = contents.config.get("evaluation", {}).get("protocol")
+    if front.protocol != protocol:
+        raise MorlaxError(
+            f"{file} counts returns by the protocol {front.protocol}, but {path} by {protocol}: "
+            f"{remedy}"
+        )
+    if front.fingerprint != checkpoint.fingerprint(contents.agent):
+        raise MorlaxError(f"{file} is of other policies than {path}: {remedy}")
+    return front._replace(checkpoint=path.name)
+
+
+def check_bookmark(run: AnyPath, name: str) -> Path:
+    """Return the file that keeps a bookmark, or raise MorlaxError: such as of a shipped policy."""
+    if not PLAIN_NAME.fullmatch(name):
+        raise MorlaxError(
+            f"{name!r} cannot name a bookmark: use at most 40 letters (A-Z, a-z), digits, spaces, "
+            "_ and -, and start with a letter or digit."
+        )
+    folder = own_folder(run)
+    if folder is None:
+        raise MorlaxError(
+            f"shipped policies keep no bookmarks: copy it first, by pack {run} my-{run}."
+        )
+    return folder / BOOKMARKS
+
+
+def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float]) -> Path:
+    """Store a trade-off (m,) under a name, over an earlier one; returns the file."""
+    file = check_bookmark(run, name)
+    stored = {**bookmarks(run), name: [float(weight) for weight in tradeoff]}
+    write_file(file, yaml.safe_dump(stored, default_flow_style=None, sort_keys=False))
+    return file
+
+
+def bookmarks(run: AnyPath) -> dict[str, list[float]]:
+    """Return the trade-offs of a run by name, or raise MorlaxError if their file is damaged."""
+    file = find_run(run) / BOOKMARKS
+    if not file.is_file():
+        return {}
+    try:
+        values = yaml.safe_load(read(file, "bookmarks"))
+        return {str(name): [float(weight) for weight in w] for name, w in values.items()}
+    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+        raise MorlaxError(
+            f"{file} is damaged: each of its lines is a name and weights, such as calm: [0.2, 0.8]."
+        ) from None
+
+
+def tradeoff_of(text: str, run: AnyPath, objectives: Sequence[str]) -> tuple[float, ...]:
+    """Parse a trade-off such as "0.8,0.2", or "@NAME" of a bookmark, or raise MorlaxError."""
+    if text.startswith("@"):
+        stored, name = bookmarks(run), text.removeprefix("@")
+        if name not in stored:
+            raise unknown(f"bookmark of {run}", name, stored)
+        text = ",".join(map(repr, stored[name]))
+    return parse_tradeoff(text, objectives)
 
 
 def start_from(run: str, learner: Learner) -> None:
@@ -206,51 +319,49 @@ def start_from(run: str, learner: Learner) -> None:
         MorlaxError: there is no such run, it has another objective, or its networks do not fit.
     """
     path = find_checkpoint(run)
-    contents = checkpoint.load(path)
-    state, agent, objectives = dict(contents.agent), learner.agent, learner.env.objectives
-    known = contents.environment.objectives
-    for name in known:
-        if name not in objectives:
-            raise MorlaxError(
-                f"{path} has the objective {name}, which this run lacks: its objectives are "
-                f"{', '.join(objectives)}."
-            )
+    contents, agent, objectives = checkpoint.load(path), learner.agent, learner.env.objectives
+    before, state = contents.environment.objectives, dict(contents.agent)
+    if missing := [name for name in before if name not in objectives]:
+        raise MorlaxError(
+            f"{path} has the objective {missing[0]}, which this run lacks: its objectives are "
+            f"{', '.join(objectives)}."
+        )
     if not isinstance(agent.actor, Hypernetwork) or FIRST_LAYER not in state:
         raise MorlaxError(
             f"start_from needs hypernetworks, which {path} or algorithm "
             f"{learner.config.algorithm} lacks."
         )
-    columns = [objectives.index(name) for name in known]
-    contexts = len(agent.context)
+    columns, contexts = [objectives.index(name) for name in before], len(agent.context)
     state[FIRST_LAYER] = _widened(state[FIRST_LAYER], len(objectives), columns, contexts)
-    mine = agent.state_dict()
-    kept = [name for name in mine if name.startswith(POLICY)]
-    for name in kept:
-        if not _fits(state, name, mine):
-            raise MorlaxError(
-                f"the networks in {path} have other sizes than this run's ({name}): give both the "
-                "same network section and the same task."
-            )
-    critic = [name for name in mine if name.startswith(CRITIC)]
-    if tuple(known) == tuple(objectives) and all(_fits(state, name, mine) for name in critic):
-        kept += critic
-    for name in kept:
-        mine[name].copy_(state[name])
+    target = agent.state_dict()
+    names = [name for name in target if name.startswith(POLICY)]
+    if misfits := [name for name in names if not _fits(state, name, target)]:
+        raise MorlaxError(
+            f"the networks in {path} have other sizes than this run's ({misfits[0]}): give both "
+            "the same network section and the same task."
+        )
+    critic = [name for name in target if name.startswith(CRITIC)]
+    if tuple(before) == tuple(objectives) and all(_fits(state, name, target) for name in critic):
+        names += critic
+    for name in names:
+        target[name].copy_(state[name])
     learner.group.share(agent)  # a run in training may have replaced its checkpoint meanwhile
 
 
-def _fits(state: Mapping[str, Tensor], name: str, mine: Mapping[str, Tensor]) -> bool:
-    return name in state and state[name].shape == mine[name].shape
+def _fits(state: Mapping[str, Tensor], name: str, target: Mapping[str, Tensor]) -> bool:
+    return name in state and state[name].shape == target[name].shape
 
 
 def _widened(weight: Tensor, m: int, columns: list[int], contexts: int) -> Tensor:
-    """Return the weights (hidden, m + d) of m trade-off inputs, of which `columns` are known.
+    """Return the weights (hidden, m + d) of m trade-off inputs, of which `columns` have weights.
 
     The others get the mean, because the first layer then maps their corners to the same features
-    as the even trade-off of the known objectives. The d inputs of `contexts` get zeros, unless
-    their weights are known too.
+    as the even trade-off of the objectives before. The d inputs of `contexts` get zeros, unless
+    they have weights too.
     """
-    weight, known = weight.split([len(columns), weight.shape[1] - len(columns)], 1)
+    weight, of_contexts = weight.split([len(columns), weight.shape[1] - len(columns)], 1)
+    if not of_contexts.shape[1]:
+        of_contexts = weight.new_zeros(len(weight), contexts)
     wide = weight.mean(1, keepdim=True).repeat(1, m)
     wide[:, torch.tensor(columns)] = weight
-    return torch.cat([wide, known if known.shape[1] else wide.new_zeros(len(wide), contexts)], 1)
+    return torch.cat([wide, of_contexts], 1)

@@ -1,19 +1,25 @@
-"""Files that a run's config refers to: code that must be trusted, and a learned reward.
+"""What a run's config refers to: code that must be trusted, a learned reward, the robot's model.
 
-A run's folder has copies of them, so that it works on another computer.
+A run's folder has copies of the files, so that it works on another computer. A fingerprint of the
+model notices numbers that changed since training.
 """
 
+import filecmp
 import glob
+import hashlib
 import os
 import shutil
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
+
+import mujoco
+import numpy as np
 
 from .. import envs
 from ..configuration.config import Config
-from ..envs import MorlaxError, TaskOptions
+from ..envs import Environment, MorlaxError, TaskOptions, Worlds
 from ..envs.errors import MorlaxWarning, shortened
 from ..envs.naming import absolute, is_file, title
 from ..host.files import (
@@ -31,41 +37,20 @@ MOST_BYTES = 20 * 2**20  # of the copies of a task; larger ones are not copied
 _NAMED: dict[Path, str] = {}  # tasks of runs by folder, as a user has named them
 
 
-def trust_code(config: dict[str, Any]) -> None:
-    """Allow files to name the code of a config, in this process."""
-    for name in _names(config):
-        envs.trust(name)
+def code_of(config: dict[str, Any]) -> list[str]:
+    """Return the names in a config that may run code."""
+    names = (config.get(field) for field in NAMES_CODE)
+    return [name for name in names if isinstance(name, str)]
 
 
-def check_code(config: dict[str, Any], source: object) -> None:
-    """Raise MorlaxError if the config of the file `source` names code that is not trusted."""
-    for name in _names(config):
-        envs.check_trusted(name, source)
-
-
-def _names(config: dict[str, Any]) -> Iterator[str]:
-    for field in NAMES_CODE:
-        name = config.get(field)
-        if isinstance(name, str):  # other values fail when the config is checked
-            yield name
-
-
-def check_moved(task: str, env: str, source: object) -> None:
-    """Raise MorlaxError unless `env` can be where the `task` of the file `source` has moved."""
-    if not is_file(task):
+def name_task(folder: Path, task: str, env: str) -> None:
+    """Let `env` be the `task` of the run in `folder`, and trust its code, in this process."""
+    if not is_file(task) or not is_file(env) or title(env) != title(task):
         raise MorlaxError(
-            f"{source} is of task {task!r}, which is not FILE.py:CLASS: leave out --env (in Python "
-            "env=...), which names a file that has moved."
+            f"{folder} is of the task {title(task)}, but --env (in Python env=...) is "
+            f"{shortened(env)}: name FILE.py:{title(task)} if its file has moved, or leave out "
+            "--env."
         )
-    if not is_file(env) or title(env) != title(task):
-        raise MorlaxError(
-            f"{source} is of the task {title(task)}, but --env (in Python env=...) is "
-            f"{shortened(env)}: name FILE.py:{title(task)}."
-        )
-
-
-def name_task(folder: Path, env: str) -> None:
-    """Let `env` be the task of the run in `folder`, and trust its code, in this process."""
     _NAMED[folder.resolve()] = absolute(env)
     envs.trust(env)
 
@@ -82,80 +67,71 @@ def copy_files(config: Config, folder: Path) -> None:
     """
     task = config.task
     if isinstance(task, TaskOptions) and task.learned is not None:
-        data = read(task.learned, "learned reward")
-        write_file(folder / LEARNED, data)
+        write_file(folder / LEARNED, read(task.learned, "learned reward"))
     for field, copies in NAMES_CODE.items():
         name = getattr(config, field)
         file = Path(name.rpartition(":")[0])
-        inside = file.is_relative_to(folder.resolve())
-        if is_file(name) and not inside and edited(name, folder / copies) != []:
-            more = [getattr(envs.get(name), "model_file", "")] if field == "env" else []
-            _copy(file, more, folder / copies)
+        if not is_file(name) or file.is_relative_to(folder.resolve()):
+            continue
+        copy, changed = compared(name, folder / copies)
+        if copy is None or changed:
+            model = getattr(envs.get(name), "model_file", "") if field == "env" else ""
+            _copy(file, model, folder / copies)
 
 
-def _copy(file: Path, more: list[str], copies: Path) -> None:
+def _copy(file: Path, model: str, copies: Path) -> None:
     from ..envs.external import parts_of
 
-    parts = parts_of(file, *more)
-    with attempting(f"read {file} and its models"):
+    parts = parts_of(file, model)
+    with attempting(f"copy {file} and its models"):
         if sum(part.stat().st_size for part in parts) > MOST_BYTES:
             return
-    root = os.path.commonpath([part.parent for part in parts])
-    shutil.rmtree(copies, ignore_errors=True)
-    for part in parts:
-        copy = copies / part.relative_to(root)
-        make_folder(copy.parent)
-        write_file(copy, read(part))
+        root = os.path.commonpath([part.parent for part in parts])
+        shutil.rmtree(copies, ignore_errors=True)
+        for part in parts:
+            copy = copies / part.relative_to(root)
+            make_folder(copy.parent)
+            write_file(copy, read(part))
 
 
-def edited(name: str, copies: Path) -> list[Path] | None:
-    """Return the files of FILE.py:CLASS that differ from their copies (None: no copies)."""
-    file, copy = Path(name.rpartition(":")[0]), _copy_of(name, copies)
-    if copy is None:
-        return None
-    root = file.parents[len(copy.relative_to(copies).parts) - 1]
-    pairs = [(root / part.relative_to(copies), part) for part in copies.rglob("*")]
-    return [part for part, kept in pairs if kept.is_file() and not _same(part, kept)]
-
-
-def _copy_of(name: str, copies: Path) -> Path | None:
-    """Return the copy of FILE.py of FILE.py:CLASS, if there is one."""
+def compared(name: str, copies: Path) -> tuple[Path | None, list[Path]]:
+    """Return the copy of FILE.py:CLASS's file, if any, and the files that differ from copies."""
     file = Path(name.rpartition(":")[0])
-    return min(copies.rglob(glob.escape(file.name)), key=lambda path: len(path.parts), default=None)
+    candidates = copies.rglob(glob.escape(file.name))
+    copy = min(candidates, key=lambda path: len(path.parts), default=None)
+    if copy is None:
+        return None, []
+    root = file.parents[len(copy.relative_to(copies).parts) - 1]
+    parts = [str(part.relative_to(copies)) for part in copies.rglob("*") if part.is_file()]
+    _, changed, missing = filecmp.cmpfiles(root, copies, parts, shallow=False)
+    return copy, [root / part for part in (*changed, *missing)]
 
 
-def _same(one: Path, other: Path) -> bool:
-    if not os.path.isfile(one) or one.stat().st_size != other.stat().st_size:
-        return False
-    return one.read_bytes() == other.read_bytes()
-
-
-def localized(values: dict[str, Any], folder: Path, env: str | None = None) -> dict[str, Any]:
+def localized(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return a config's plain values with the files of a run's folder.
 
     Code is that of the run's copy, unless the file that the config names is still there and
-    unchanged, or the user has named the task, as `env` or by `name_task`.
+    unchanged, or the user has named the task.
     """
     values, task = dict(values), values.get("task")
     if isinstance(task, dict) and task.get("learned") and (folder / LEARNED).is_file():
         values["task"] = {**task, "learned": str(folder / LEARNED)}
-    named = env or named_task(folder)
+    requested = named_task(folder)
     for field, copies in NAMES_CODE.items():
         name = values.get(field)
         if not isinstance(name, str) or not is_file(name) or ":" not in name:
             continue
-        if field == "env" and named is not None and title(named) == title(name):
-            values[field] = absolute(named)
+        if field == "env" and requested is not None and title(requested) == title(name):
+            values[field] = requested
         else:
-            with attempting(f"read the files of {name}"):
-                values[field] = _located(field, absolute(name), (folder / copies).resolve())
+            values[field] = _located(field, absolute(name), (folder / copies).resolve())
     return values
 
 
 def _located(field: str, name: str, copies: Path) -> str:
     """Return FILE.py:MEMBER, of the copy if FILE.py or a file that it needs was moved or edited."""
     file, _, member = name.rpartition(":")
-    copy, changed = _copy_of(name, copies), edited(name, copies)
+    copy, changed = compared(name, copies)
     if copy is None or not changed:
         return name
     if os.path.isfile(file):
@@ -167,3 +143,71 @@ def _located(field: str, name: str, copies: Path) -> str:
             stacklevel=2,
         )
     return f"{copy}:{member}"
+
+
+VERSION = "mujoco"  # key of MuJoCo's version, since each version may compile other numbers
+# beginnings of the names of arrays that physics depends on, and parts of names of others
+PHYSICAL = ("actuator", "body", "dof", "eq", "exclude", "flex", "geom", "hfield", "jnt", "key")
+PHYSICAL += ("mesh_vert", "pair", "qpos", "sensor", "site", "tendon", "wrap")
+OTHERS = ("rgba", "matid", "group", "user", "texcoord", "castshadow", "adr", "num", "bvh")
+OPTIONS = ("timestep", "gravity", "wind", "density", "viscosity", "integrator", "cone", "impratio")
+DIGITS = 2.0**20  # to which numbers are rounded, relative to their size, as machines differ
+ZERO = 1e-9
+
+_MODELS: WeakKeyDictionary[Worlds, dict[str, str]] = WeakKeyDictionary()  # fingerprints
+
+
+def model_of(env: Worlds) -> dict[str, str]:
+    """Return the fingerprint of the worlds' model, as it was compiled; empty if unknown."""
+    if env not in _MODELS:
+        # compiled anew, since a task may write into its model
+        _MODELS[env] = model_of_task(type(env), env.options)
+    return _MODELS[env]
+
+
+def model_of_task(task: type[Worlds], options: Any) -> dict[str, str]:
+    """Return a short text for each kind of part of a task's model that physics depends on.
+
+    Texts are equal if the numbers are; names, files, colors and other looks do not count. Empty if
+    the model is unknown.
+    """
+    if not issubclass(task, Environment):
+        return {}
+    try:
+        model = task.compile_model(options)
+    except MorlaxError:  # which worlds of this task raise
+        return {}
+    marks = {"option": _mark([getattr(model.opt, name) for name in OPTIONS])}
+    for kind in PHYSICAL:
+        names = [name for name in sorted(dir(model)) if name.startswith(kind)]
+        arrays = [getattr(model, name) for name in names if not any(x in name for x in OTHERS)]
+        marks[kind] = _mark([array for array in arrays if isinstance(array, np.ndarray)])
+    return {VERSION: mujoco.__version__, **marks}
+
+
+def _mark(arrays: list[np.ndarray | float]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        values = np.asarray(array, dtype=np.float64)
+        mantissa, exponent = np.frexp(np.where(np.abs(values) < ZERO, 0.0, values))
+        rounded = np.ldexp(np.round(mantissa * DIGITS), exponent) + 0.0
+        digest.update(f"{rounded.shape}".encode() + rounded.tobytes())
+    return digest.hexdigest()[:8]
+
+
+def model_changes(stored: dict[str, str], now: dict[str, str]) -> str:
+    """Return the kinds of parts that differ, if both are known and of one MuJoCo version, or ""."""
+    if not stored or stored.get(VERSION) != now.get(VERSION):
+        return ""
+    return ", ".join(kind for kind in now if kind in stored and stored[kind] != now[kind])
+
+
+def warn_of_changes(changes: str, path: Path) -> None:
+    """Warn that a checkpoint's model has changed, if there are `changes`."""
+    if changes:
+        warnings.warn(
+            f"the robot's model is not the one that {path} was trained with (other numbers of: "
+            f"{changes}), so returns may differ.",
+            MorlaxWarning,
+            stacklevel=2,
+        )

@@ -31,8 +31,8 @@ class Events:
         for name, value in metrics.items():
             self._writer.add_scalar(f"train/{name}", value, env_steps)
 
-    def log_evaluation(self, evaluation: Evaluation, task: str, pictures: bool) -> None:
-        """Write an evaluation of a `task`, with or without its `pictures`."""
+    def log_evaluation(self, evaluation: Evaluation, task: str, number: int) -> None:
+        """Write an evaluation of a `task`, which is the `number`-th of the run, from 0 on."""
         steps = evaluation.env_steps
         curves = {
             **{f"front/{name}": value for name, value in evaluation.indicators.items()},
@@ -44,7 +44,10 @@ class Events:
             self._has_hyperparameters = True
         for tag, value in curves.items():
             self._writer.add_scalar(tag, value, steps)
-        if pictures:
+        # after ten evaluations, each with pictures is a tenth later than the last, so that a long
+        # run stays small
+        scales = [int(math.log(max(1, each), 1.1)) for each in (number - 1, number)]
+        if number < 10 or scales[0] < scales[1]:
             self._log_pictures(evaluation, f"{title(task)} after {steps / 1e6:.1f} M steps")
         self._writer.flush()
 

@@ -1,25 +1,33 @@
-"""The training loop."""
+"""The training loop: explore and learn, evaluate, write what was found."""
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
+from dataclasses import dataclass, field
 from functools import partial
+from typing import Self
+
+from torch import nn
 
 from ..algorithms.learner import Learner
+from ..algorithms.registry import make_learner
 from ..configuration.config import Config
-from ..envs import MorlaxError, Worlds
+from ..envs import MorlaxError
 from ..envs.devices import seed_of
 from ..evaluation import making
 from ..evaluation.evaluator import SETS, Evaluator
-from ..evaluation.front import Front, mean_indicators
+from ..evaluation.front import mean_indicators
+from ..gpu.group import join
+from ..host.files import AnyPath
 from ..host.phases import phase
 from ..host.torchrun import launch
 from . import checkpoint
+from .loading import start_from
 from .progress import Evaluation, Progress
 from .run import Run
-from .schedule import Schedule
-from .writer import Job, Writer
 
 UNSTABLE = (
     "numbers of the simulation or the reward are not finite or far too large, so nothing can be "
@@ -27,125 +35,236 @@ UNSTABLE = (
 )
 TRAINING = "training"  # the phase
 MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
+REPORT_EVERY = 10  # iterations between reads of the metrics, each of which waits for the GPU
+EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are spaced by their cost
+
+Job = Callable[[], Evaluation | None]
 
 
-def training(
-    learner: Learner,
-    evaluator: Evaluator,
-    run: Run | None = None,
-    progress: Progress | None = None,
-    began: float | None = None,
-    *,
-    stopped: Callable[[], bool] = lambda: False,
-    evaluate_at: Sequence[float] | None = None,
-) -> Generator[Evaluation, None, None]:
-    """Train to a limit of the learner's config, and yield each evaluation.
+@dataclass
+class Session:
+    """Worlds with their learner, its evaluator, and the run that is written, if any."""
 
-    The first evaluation comes before training.
+    learner: Learner
+    evaluator: Evaluator
+    run: Run | None = None
+    progress: Progress = field(default_factory=Progress)
+    """Of a resumed run; updated in place."""
 
-    A thread writes the run's folder while training goes on, so the learner may be ahead of an
-    evaluation when it is yielded. The evaluation and its checkpoint are in the folder by then.
-    However training ends, everything evaluated so far is written first, so the iterator may be
-    closed at any time. Without a run, each evaluation is yielded before training goes on.
+    @classmethod
+    def of(
+        cls,
+        config: Config,
+        run: Run | None = None,
+        output: AnyPath | None = None,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+        *,
+        written: bool = True,
+    ) -> Self:
+        """Make worlds, learner, evaluator and run of a config.
 
-    It prints nothing and installs no signal handlers, so it works in threads and notebooks.
+        Started by `torchrun`, all processes share the run, which the first one writes.
+        `morlax_torch.train` describes the arguments; unless `written`, no new run is made.
 
-    Args:
-        learner: trained in place.
-        evaluator: of the learner's agent.
-        run: where to write; None: nowhere.
-        progress: of a resumed run; updated in place.
-        began: value of `time.perf_counter()` from which `total_seconds` counts (None: now).
-        stopped: asked after each iteration whether to stop there.
-        evaluate_at: training seconds at which to evaluate, instead of the config's interval.
+        Raises:
+            MorlaxError: the processes do not agree, the config does not fit this machine, or the
+                folder cannot be written.
+        """
+        device, group = join(config.device, config.model_dump_json())
+        config = config.model_copy(update={"device": device})
+        if not group.first(run is not None):
+            run = None  # this host may have an older folder of that name
+        elif run is None:
+            raise MorlaxError(
+                f"process 0 resumes a run whose folder process {group.rank} cannot find: put it on "
+                "a disk that all hosts share."
+            )
+        worlds = config.make_worlds(config.worlds, seed_of(config.seed, group.rank))
+        learner = make_learner(worlds, config, actor, critic, group=group)
+        evaluator = make_evaluator(learner)
+        if run is not None:
+            return cls(learner, evaluator, run, run.restore(learner))
+        if config.start_from is not None:
+            start_from(config.start_from, learner)
+        return cls(learner, evaluator, Run.create(learner, output) if written else None)
 
-    Raises:
-        MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
-            blows up, or a loss is not finite. Checkpoints keep their last good state.
-    """
-    progress = Progress() if progress is None else progress
-    began = time.perf_counter() if began is None else began
-    began -= progress.total_seconds
-    progress.processes, progress.launch = learner.group.size, launch()
-    schedule = Schedule(learner, progress, evaluate_at)
-    # worlds that start anew count from zero
-    earlier = progress.blowups - sum(learner.group.gather(int(learner.env.blowups)))
-    known = learner.group.first(run is not None and run.has_evaluation(learner.iteration))
-    evaluated = learner.iteration if known else None
-    with run or nullcontext(), Writer(MOST_WAITING if run else 0) as writer:
-        try:
-            learner.compile()
-            evaluator.compile()
-            while True:
-                interrupted, finished, due = learner.group.first(_next(stopped, schedule))
-                if due and evaluated != learner.iteration:
-                    evaluated, start = learner.iteration, time.perf_counter()
-                    fronts = evaluator.evaluate_sets()
-                    _check_front(fronts[0], learner, run)
-                    progress.total_seconds = time.perf_counter() - began
-                    writer.put(_report(learner, fronts, progress, run))
-                    schedule.evaluated(time.perf_counter() - start)
-                yield from writer.results(all_of_them=finished)
-                if finished:
-                    break
-                yield from _iterate(learner, schedule, stopped, progress, run, writer, earlier)
-        except MorlaxError:
-            yield from writer.results(all_of_them=True)
-            raise
+    def training(
+        self,
+        began: float | None = None,
+        *,
+        stopped: Callable[[], bool] = lambda: False,
+        evaluate_at: Sequence[float] | None = None,
+    ) -> Generator[Evaluation, None, None]:
+        """Train to a limit of the learner's config, and yield each evaluation.
+
+        The first evaluation comes before training.
+
+        A thread writes the run's folder while training goes on, so the learner may be ahead of an
+        evaluation when it is yielded. The evaluation and its checkpoint are in the folder by then.
+        However training ends, everything evaluated so far is written first, so the iterator may be
+        closed at any time. Without a run, each evaluation is yielded before training goes on.
+
+        It prints nothing and installs no signal handlers, so it works in threads and notebooks.
+
+        Args:
+            began: value of `time.perf_counter()` from which `total_seconds` counts (None: now).
+            stopped: asked after each iteration whether to stop there.
+            evaluate_at: training seconds at which to evaluate, instead of the config's interval.
+
+        Raises:
+            MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
+                blows up, or a loss is not finite. Checkpoints keep their last good state.
+        """
+        learner, group, progress = self.learner, self.learner.group, self.progress
+        run = self._output
+        began = (time.perf_counter() if began is None else began) - progress.total_seconds
+        progress.processes, progress.launch = group.size, launch()
+        schedule = Schedule(learner, progress, evaluate_at)
+        # worlds that start anew count their blow-ups from zero
+        earlier = progress.blowups - sum(group.gather(int(learner.env.blowups)))
+        resumed = group.first(run is not None and run.has_evaluation(learner.iteration))
+        evaluated = learner.iteration if resumed else None
+        with run or nullcontext(), Writer(MOST_WAITING if run else 0) as writer:
+            try:
+                learner.compile()
+                self.evaluator.compile()
+                while True:
+                    interrupted = stopped()
+                    over = interrupted or schedule.over()
+                    due = schedule.evaluation_due() or (over and not interrupted)
+                    # the clocks of several processes differ, so the first one decides
+                    interrupted, over, due = group.first((interrupted, over, due))
+                    if due and evaluated != learner.iteration:
+                        evaluated, start = learner.iteration, time.perf_counter()
+                        writer.put(self._evaluate(began))
+                        schedule.evaluated(time.perf_counter() - start)
+                    yield from writer.results(all_of_them=over)
+                    if over:
+                        break
+                    yield from self._explore_and_learn(schedule, stopped, writer, earlier)
+            except MorlaxError:
+                yield from writer.results(all_of_them=True)
+                raise
+            progress.total_seconds = time.perf_counter() - began
+            if interrupted:
+                contents = checkpoint.snapshot(learner)
+                if run:
+                    run.save(contents, progress)
+
+    @property
+    def _output(self) -> Run | None:
+        """The run, in the process that writes it."""
+        return self.run if self.learner.group.rank == 0 else None
+
+    def _explore_and_learn(
+        self, schedule: "Schedule", stopped: Callable[[], bool], writer: "Writer", earlier: int
+    ) -> Iterator[Evaluation]:
+        """Iterate until the next look at limits and metrics, then check the metrics.
+
+        On a CPU, where an iteration may take a second, yield evaluations as soon as they are
+        written. `earlier`: blow-ups counted before the worlds were rebuilt.
+        """
+        learner, progress = self.learner, self.progress
+        first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
+        seconds = schedule.seconds()
+        # several processes have one clock, which they look at together
+        plan = schedule.iterations(), schedule.pace(), progress.train_seconds
+        number, pace, trained = learner.group.first(plan)
+        for i in range(number):
+            if alone and learner.env.device.type == "cpu":
+                away = time.perf_counter()
+                yield from writer.results()
+                start += time.perf_counter() - away
+            elapsed = time.perf_counter() - start if alone else 0.0
+            # a GPU runs behind, so its clock is predicted
+            done = schedule.done(trained + max(elapsed, i * pace))
+            phase(TRAINING, done)
+            learner.iterate(done)  # explore with the policies of K trade-offs, then learn
+            if alone and (stopped() or time.perf_counter() - start >= seconds):
+                break
+        metrics = learner.metrics()  # waits for the GPU
+        elapsed, iterations = time.perf_counter() - start, learner.iteration - first
+        metrics["blowups"] += earlier
+        blowups, progress.blowups = progress.blowups, int(metrics["blowups"])
+        progress.train_seconds += elapsed
+        progress.env_steps = learner.env_steps
+        progress.steps_per_second = iterations * learner.steps_per_iteration / elapsed
+        rollouts = learner.config.worlds * learner.group.size * iterations
+        self._check(metrics, first, all_blew_up=progress.blowups - blowups >= rollouts)
+        if self._output:
+            metrics["env_steps_per_second"] = progress.steps_per_second
+            writer.put(partial(self._output.log_metrics, metrics, learner.env_steps))
+
+    def _evaluate(self, began: float) -> Job:
+        """Evaluate, copy the learner's state, and return a job that measures and writes both.
+
+        Of the fronts of each set of episodes, the first is reported, the last chooses the
+        checkpoint.
+        """
+        learner, progress, run = self.learner, self.progress, self._output
+        fronts = self.evaluator.evaluate_sets()
+        if fronts[0].blowups is not None and fronts[0].blowups.all():
+            raise self._failure(
+                f"every episode blew up in the evaluation after iteration {learner.iteration}: "
+                f"{UNSTABLE}"
+            )
         progress.total_seconds = time.perf_counter() - began
-        if interrupted:
-            contents = checkpoint.snapshot(learner)
+        iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
+        # of several processes, each copies its own state
+        contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
+
+        def work() -> Evaluation:
+            number = bodies(learner.config)
+            front = fronts[0].parts(number)[0]
+            reported, *selecting = (mean_indicators(each.parts(number)) for each in fronts)
             if run:
-                run.save(contents, progress)
+                mark = checkpoint.fingerprint(contents["learner"]["agent"])
+                front = front._replace(fingerprint=mark)
+            evaluation = Evaluation(
+                iteration,
+                env_steps,
+                now.train_seconds,
+                now.total_seconds,
+                now.steps_per_second,
+                now.blowups,
+                front,
+                reported,
+                selection=selecting[0] if selecting else None,
+            )
+            best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
+            evaluation = evaluation._replace(best=best)
+            if run:
+                for name in ("hypervolume", "best_hypervolume", "best_selection"):
+                    setattr(now, name, getattr(progress, name))
+                run.log_evaluation(evaluation, learner.config.env)
+                run.save(contents, now, evaluation)
+            return evaluation
 
+        return work
 
-def _next(stopped: Callable[[], bool], schedule: Schedule) -> tuple[bool, bool, bool]:
-    interrupted = stopped()
-    finished = interrupted or schedule.over()
-    return interrupted, finished, schedule.evaluation_due() or (finished and not interrupted)
+    def _check(self, metrics: dict[str, float], first: int, all_blew_up: bool) -> None:
+        """Raise MorlaxError if the iterations after `first` cannot be trusted."""
+        learner = self.learner
+        span = f"iterations {first + 1} to {learner.iteration}"
+        if metrics["overflow"]:
+            remedy = learner.env.remedy(int(metrics["overflow"]))
+            raise self._failure(f"contacts overflowed their buffers in {span}: {remedy}")
+        section = "method" if learner.config.off_policy else "ppo"
+        for name, value in metrics.items():
+            if (name == "entropy" or name.endswith("_loss")) and not math.isfinite(value):
+                raise self._failure(
+                    f"the {name.replace('_', ' ')} became {value} in {span} "
+                    f"({metrics['blowups']:.0f} worlds have blown up so far): "
+                    f"try a lower --{section}.learning-rate"
+                )
+        if all_blew_up:
+            raise self._failure(f"every world blew up in each rollout of {span}: {UNSTABLE}")
 
-
-def _report(learner: Learner, fronts: Sequence[Front], progress: Progress, run: Run | None) -> Job:
-    """Copy the state that an evaluation is of, and return a job that measures and writes it.
-
-    Of the `fronts` of each set of episodes, the first is reported, the last chooses the checkpoint.
-    """
-    iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
-    contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
-
-    def work() -> Evaluation:
-        number = bodies(learner.config)
-        front = fronts[0].parts(number)[0]
-        indicators = [mean_indicators(each.parts(number)) for each in fronts]
-        if run:
-            mark = checkpoint.fingerprint(contents["learner"]["agent"])
-            front = front._replace(fingerprint=mark)
-        evaluation = Evaluation(
-            iteration,
-            env_steps,
-            now.train_seconds,
-            now.total_seconds,
-            now.steps_per_second,
-            now.blowups,
-            front,
-            indicators[0],
-            selection=indicators[1] if len(fronts) > 1 else None,
-        )
-        best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
-        evaluation = evaluation._replace(best=best)
-        if run:
-            for name in ("hypervolume", "best_hypervolume", "best_selection"):
-                setattr(now, name, getattr(progress, name))
-            run.log_evaluation(evaluation, learner.config.env)
-            run.save(contents, now, evaluation)
-        return evaluation
-
-    return work
-
-
-def make_worlds(config: Config, number: int, rank: int = 0) -> Worlds:
-    """Make the worlds that `config` trains in, in the process `rank`."""
-    return config.make_worlds(number, seed_of(config.seed, rank))
+    def _failure(self, sentence: str) -> MorlaxError:
+        run = self._output
+        kept = f" The last good checkpoint is {run.checkpoints / 'latest.pt'}." if run else ""
+        return MorlaxError(f"{sentence}.{kept}")
 
 
 def make_evaluator(learner: Learner) -> Evaluator:
@@ -154,10 +273,9 @@ def make_evaluator(learner: Learner) -> Evaluator:
     Where a task is random, it has a second set of episodes, to choose the best checkpoint by.
     """
     config, m = learner.config, len(learner.env.objectives)
-    sets = SETS if config.task.for_evaluation().varies else 1
-    number = bodies(config)
+    sets, group = SETS if config.task.for_evaluation().varies else 1, learner.group
     return making.make_evaluator(
-        learner.agent, config, m, sets=sets, group=learner.group, bodies=number
+        learner.agent, config, m, sets=sets, group=group, bodies=bodies(config)
     )
 
 
@@ -166,79 +284,137 @@ def bodies(config: Config) -> int:
     return config.evaluation.designs if config.sampling.designs else 1
 
 
-def _iterate(
-    learner: Learner,
-    schedule: Schedule,
-    stopped: Callable[[], bool],
-    progress: Progress,
-    run: Run | None,
-    writer: Writer,
-    earlier: int,
-) -> Iterator[Evaluation]:
-    """Run some iterations, then read and check the metrics.
+class Schedule:
+    """The limits of a learner's config, in iterations and seconds.
 
-    On a CPU, where an iteration may take a second, yield evaluations as soon as they are written.
-    `earlier`: blow-ups counted before the worlds were rebuilt.
+    Evaluations come at the training seconds `evaluate_at`, else at the config's interval. Without
+    both they are spaced by their cost, so that they take about EVALUATION_SHARE of the training
+    loop's time. Where a GPU steps worlds from Python, few worlds take as long as many, so the first
+    evaluation comes only when its expected cost is that share. `progress` is read live while
+    training updates it.
     """
-    first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
-    seconds = schedule.seconds()
-    # several processes have one clock, which they look at together
-    own = schedule.iterations(), schedule.pace(), progress.train_seconds
-    number, pace, trained = learner.group.first(own)
-    for i in range(number):
-        if alone and learner.env.device.type == "cpu":
-            away = time.perf_counter()
-            yield from writer.results()
-            start += time.perf_counter() - away
-        elapsed = time.perf_counter() - start if alone else 0.0
-        # a GPU runs behind, so its clock is predicted
-        done = schedule.done(trained + max(elapsed, i * pace))
-        phase(TRAINING, done)
-        learner.iterate(done)
-        if alone and (stopped() or time.perf_counter() - start >= seconds):
-            break
-    metrics = learner.metrics()
-    elapsed = time.perf_counter() - start
-    metrics["blowups"] += earlier
-    blowups, progress.blowups = progress.blowups, int(metrics["blowups"])
-    progress.train_seconds += elapsed
-    progress.env_steps = learner.env_steps
-    progress.steps_per_second = (learner.iteration - first) * learner.steps_per_iteration / elapsed
-    rollouts = learner.config.worlds * learner.group.size * (learner.iteration - first)
-    all_blew_up = progress.blowups - blowups >= rollouts
-    _check(metrics, all_blew_up, learner, first, run)
-    if run:
-        speed = progress.steps_per_second
-        writer.put(partial(run.log_metrics, metrics, learner.env_steps, speed))
 
+    def __init__(
+        self, learner: Learner, progress: Progress, evaluate_at: Sequence[float] | None = None
+    ):
+        config, env = learner.config, learner.env
+        self._learner, self._progress, self._evaluate_at = learner, progress, evaluate_at
+        self._max_env_steps, self._max_seconds = config.max_env_steps, config.max_seconds
+        self._interval: int | None = None  # iterations between evaluations; None: seconds decide
+        if config.evaluation.every is not None and evaluate_at is None:
+            self._interval = max(1, config.evaluation.every // learner.steps_per_iteration)
+        self._next_second = progress.train_seconds
+        self._expects_cost = env.device.type == "cuda" and not env.recordable
 
-def _check(
-    metrics: dict[str, float], all_blew_up: bool, learner: Learner, first: int, run: Run | None
-) -> None:
-    """Raise MorlaxError if the iterations after `first` cannot be trusted."""
-    span = f"iterations {first + 1} to {learner.iteration}"
-    if metrics["overflow"]:
-        remedy = learner.env.remedy(int(metrics["overflow"]))
-        raise MorlaxError(f"contacts overflowed their buffers in {span}: {remedy}.{_kept(run)}")
-    section = "method" if learner.config.off_policy else "ppo"
-    for name, value in metrics.items():
-        if (name == "entropy" or name.endswith("_loss")) and not math.isfinite(value):
-            raise MorlaxError(
-                f"the {name.replace('_', ' ')} became {value} in {span} "
-                f"({metrics['blowups']:.0f} worlds have blown up so far): "
-                f"try a lower --{section}.learning-rate.{_kept(run)}"
-            )
-    if all_blew_up:
-        raise MorlaxError(f"every world blew up in each rollout of {span}: {UNSTABLE}.{_kept(run)}")
+    def over(self) -> bool:
+        """Return whether a limit is reached."""
+        return self._seconds_left() <= 0 or self._iterations_left() <= 0
 
+    def done(self, seconds: float) -> float:
+        """Return the share of the run that is over after so many training seconds, 0 to 1.
 
-def _check_front(front: Front, learner: Learner, run: Run | None) -> None:
-    if front.blowups is not None and front.blowups.all():
-        raise MorlaxError(
-            f"every episode blew up in the evaluation after iteration {learner.iteration}: "
-            f"{UNSTABLE}.{_kept(run)}"
+        It is that of the limit, of steps or of time, which is nearer. Without limits it is 0.
+        """
+        steps = self._learner.env_steps / self._max_env_steps if self._max_env_steps else 0.0
+        return min(1.0, max(steps, seconds / self._max_seconds if self._max_seconds else 0.0))
+
+    def evaluation_due(self) -> bool:
+        if self._interval is not None:
+            return self._learner.iteration % self._interval == 0
+        if self._expects_cost and self._evaluate_at is None:
+            if not self.pace():
+                return False
+            self._expects_cost = False
+            steps = self._learner.env.episode_length / self._learner.config.horizon
+            self.evaluated(steps * self.pace())
+        return self._until_evaluation() <= 0
+
+    def evaluated(self, cost: float) -> None:
+        """Plan the next evaluation, after one that kept training waiting for `cost` seconds."""
+        now = self._progress.train_seconds
+        if self._evaluate_at is None:
+            self._next_second = now + (1 / EVALUATION_SHARE - 1) * cost
+        else:
+            later = (second for second in self._evaluate_at if second > now)
+            self._next_second = min(later, default=math.inf)
+
+    def iterations(self) -> int:
+        """Return how many iterations may pass until the next look at limits and metrics."""
+        count, seconds, pace = (
+            min(REPORT_EVERY, self._iterations_left()),
+            self.seconds(),
+            self.pace(),
         )
+        if self._interval is not None:
+            count = min(count, self._interval - self._learner.iteration % self._interval)
+        if pace and seconds < math.inf:
+            # a GPU is too far behind to watch the clock instead
+            count = min(count, max(1, math.ceil(seconds / pace)))
+        return int(count)
+
+    def pace(self) -> float:
+        """Return the seconds that an iteration took lately; 0 before the first."""
+        speed = self._progress.steps_per_second
+        return self._learner.steps_per_iteration / speed if speed else 0.0
+
+    def seconds(self) -> float:
+        """Return how many seconds of training may pass until the next look."""
+        left = self._seconds_left()
+        return left if self._interval is not None else min(left, self._until_evaluation())
+
+    def _seconds_left(self) -> float:
+        return (self._max_seconds or math.inf) - self._progress.train_seconds
+
+    def _iterations_left(self) -> float:
+        left = (self._max_env_steps or math.inf) - self._learner.env_steps
+        return left if left == math.inf else math.ceil(left / self._learner.steps_per_iteration)
+
+    def _until_evaluation(self) -> float:
+        return self._next_second - self._progress.train_seconds
 
 
-def _kept(run: Run | None) -> str:
-    return f" The last good checkpoint is {run.checkpoints / 'latest.pt'}." if run else ""
+class Writer:
+    """Runs jobs one after the other in a thread of its own.
+
+    `results` raises the first error of a job, and later jobs are dropped. On exit, wait for all
+    jobs, then raise the first unreported job error unless the block itself failed. At most
+    `most_waiting` jobs are unfinished when `put` returns.
+    """
+
+    def __init__(self, most_waiting: int):
+        self._most_waiting = most_waiting
+        self._thread = ThreadPoolExecutor(1, "morlax-writer")
+        self._jobs: deque[Future[Evaluation | None]] = deque()
+        self._failed = False
+
+    def put(self, job: Job) -> None:
+        """Queue a job, and wait while too many are unfinished."""
+        self._jobs.append(self._thread.submit(self._run, job))
+        wait(list(self._jobs)[: max(0, len(self._jobs) - self._most_waiting)])
+
+    def results(self, all_of_them: bool = False) -> Iterator[Evaluation]:
+        """Yield the evaluations of finished jobs, in order, each once; raise a job's first error.
+
+        `all_of_them`: wait for unfinished jobs too.
+        """
+        while self._jobs and (all_of_them or self._jobs[0].done()):
+            if evaluation := self._jobs.popleft().result():
+                yield evaluation
+
+    def _run(self, job: Job) -> Evaluation | None:
+        if self._failed:
+            return None
+        try:
+            return job()
+        except BaseException:
+            self._failed = True
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._thread.shutdown()
+        if kind is None or issubclass(kind, GeneratorExit):
+            for _ in self.results():
+                pass

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..envs import MorlaxError
 from ..envs.errors import installation
-from ..host.files import exists, is_file, make_folder
+from ..host.files import make_folder
 
 try:
     import optuna
@@ -33,7 +33,7 @@ class Journal(optuna.storages.journal.JournalFileBackend):
     """Optuna's journal file, without the incomplete last line that a full disk leaves."""
 
     def __init__(self, path: str):
-        if exists(path) and not _is_journal(path):
+        if Path(path).exists() and not _is_journal(path):
             raise StorageError(
                 f"cannot use the storage {path}: it is not a journal of tune. Name a new file, or "
                 "a database, such as sqlite:///study.db."
@@ -90,7 +90,7 @@ def open_storage(place: str) -> optuna.storages.BaseStorage:
         if "://" in place:
             return _database(place)
         make_folder(Path(place).parent)
-        if exists(place) and not is_file(place):
+        if Path(place).exists() and not Path(place).is_file():
             raise MorlaxError(f"cannot use the storage {place}: it is not a regular file.")
         return optuna.storages.JournalStorage(Journal(place))
     except MorlaxError:

@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..host.phases import within
 from ..host.resources import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
-from ..runs.session import Session
+from ..runs.training import Session
 from .plan import EVALUATED
 from .storage import StorageError
 from .study import MOST_DEATHS, Claim, Result, Study

@@ -94,8 +94,8 @@ class HyperSAC(OffPolicy):
         return (self._squares.sqrt() / TYPICAL).clamp(min=1e-6)
 
     def _learn(self, rounds: int | None = None) -> None:
-        if self.options.decay_fraction:
-            left = ((1 - self._done) / self.options.decay_fraction).clamp(max=1.0)
+        if self.config.decay_fraction:
+            left = ((1 - self._done) / self.config.decay_fraction).clamp(max=1.0)
             for optimizer in self.optimizers[:2]:
                 optimizer.rate.copy_(self.options.learning_rate * left)
         super()._learn(rounds)

@@ -64,7 +64,7 @@ class OffPolicy(BaseLearner):
         device, m = env.device, len(env.objectives)
         families = [getattr(self.agent, name) for name in self.followed]
         self.targets = [copy.deepcopy(family).requires_grad_(False) for family in families]
-        capacity = max(options.replay // env.num_worlds, config.horizon)
+        capacity = max(options.replay_size // env.num_worlds, config.horizon)
         self.replay = Replay(capacity, config.num_clusters, env)
         self._keeps_replay = env.resumable and device.type == "cpu"  # in checkpoints
         self._held = 0  # environment steps stored since the replay was empty

@@ -1,32 +1,259 @@
-"""The command line of `train`: options over a file, a task's config or an earlier run."""
+"""Command lines: options of commands, and of configs over a file, a task or an earlier run."""
 
-from collections.abc import Sequence
+import math
+import re
+import shlex
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, get_origin
+
+import tyro
+from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic_core import PydanticUndefined
+from tyro.constructors import (
+    ConstructorRegistry,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
 
 from ... import envs
-from ...configuration.config import MAY_CHANGE, Config, differences
+from ...configuration.config import (
+    DRAFT,
+    MAY_CHANGE,
+    Config,
+    differences,
+    load_config,
+)
+from ...configuration.files import (
+    algorithm_of,
+    file_values,
+    read_yaml,
+    task_values,
+)
 from ...envs import MorlaxError
-from ...envs.naming import is_file
+from ...envs.errors import explained
+from ...envs.naming import absolute, is_file
 from ...envs.worlds.options import Section
 from ...host.torchrun import FIRST, MAY_RESTART, launch
-from .startup import program
-from .task_arguments import (
-    CommandLine,
-    asks_for_help,
-    draft,
-    placed,
-)
+from .cli import console
+from .process import program
 
 if TYPE_CHECKING:
     from ...runs.run import Run
 
-ABOUT = "Train one hypernetwork to hold a whole Pareto front of policies."
+HELP_ALL = "--help-all"
+USUAL = "cheetah"  # the task whose options --help-all lists if the command line names none
+KINDS = {int: "INT", float: "FLOAT", Path: "PATH", bool: ""}  # of values, in the short help
+
+C = TypeVar("C", bound=Section)
+S = TypeVar("S", bound="Start")
+_registry = ConstructorRegistry()
+
+Device = Annotated[
+    str | None,
+    Field(description="Device of the worlds: cuda, cpu, ... (None: CUDA if there is a GPU)."),
+]
+Texts = tyro.conf.UseAppendAction[tuple[str, ...]]  # an option once per text
+Positional, arg = tyro.conf.Positional, tyro.conf.arg
 
 
-class Command(Section):
+class Trusting(Section):
+    """Options of commands that open runs."""
+
+    trust: bool = False
+    """Let the run import the Python files and modules that it names."""
+    env: Annotated[str | None, arg(metavar="FOLDER/FILE.py:CLASS")] = None
+    """Your own task, if its file has moved or is to be used as edited; it is trusted (None: the
+    task as it was when the run began)."""
+
+
+class OfRun(Trusting):
+    run: Annotated[str, Positional, arg(metavar="RUN")]
+    """Run folder (its best checkpoint), or runs/TASK or latest for the newest run; checkpoint file;
+    or shipped policy."""
+
+    def use(self, command: str, more: str = "") -> str:
+        """Return the command line that uses the run."""
+        trust = " --trust" if self.trust else ""
+        moved = "" if self.env is None else f" --env {shlex.quote(self.env)}"
+        return f"{program(command)} {shlex.quote(self.run)}{trust}{moved}{more}"
+
+
+class OfRuns(Trusting):
+    runs: Annotated[tuple[str, ...], Positional, arg(metavar="RUN ...")]
+    """Run folders (runs/TASK or latest: the newest run), checkpoint files, or shipped policies; one
+    or more."""
+
+    @field_validator("runs")
+    @classmethod
+    def _some(cls, runs: tuple[str, ...]) -> tuple[str, ...]:
+        if not runs:
+            raise MorlaxError("name at least one run: its folder, such as runs/ant/..., or a file.")
+        return runs
+
+
+class Served(Section):
+    """Options of commands that serve a page."""
+
+    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Address to listen on; 0.0.0.0 accepts connections from the whole network."""
+    port: Annotated[int, arg(metavar="NUMBER")] = 8080
+    """TCP port to listen on, or the next free one; 0 selects any."""
+
+
+class Limits(Section):
+    """Options of commands that keep requirements."""
+
+    at_least: Annotated[Texts, arg(metavar="run=2000")] = ()
+    """Least value of an objective or quantity, once per requirement."""
+    at_most: Annotated[Texts, arg(metavar="power=60")] = ()
+    """Largest value of an objective or quantity, once per requirement."""
+
+    def limits(self, more: Sequence[str] = ()) -> tuple[dict[str, float], dict[str, float]]:
+        """Return the least and the largest values by name, the strictest of each.
+
+        `more` are requirements such as "run >= 2000".
+
+        Raises:
+            MorlaxError: a text is not a requirement.
+        """
+        least: dict[str, float] = {}
+        most: dict[str, float] = {}
+        rows = [(text, "=", "--at-least run=2000") for text in self.at_least]
+        rows += [(text, ">=", "--constrain 'run >= 2000'") for text in more if "<=" not in text]
+        for name, level in (_required(*row) for row in rows):
+            least[name] = max(level, least.get(name, level))
+        rows = [(text, "=", "--at-most power=60") for text in self.at_most]
+        rows += [(text, "<=", "--constrain 'power <= 60'") for text in more if "<=" in text]
+        for name, level in (_required(*row) for row in rows):
+            most[name] = min(level, most.get(name, level))
+        return least, most
+
+
+def numbers(text: str, example: str) -> dict[str, float]:
+    """Read numbers by name, such as "thigh=0.4,calf=0.3".
+
+    Raises:
+        MorlaxError: the text is something else; the sentence shows the example.
+    """
+    return dict(_required(part, "=", example, "does not name numbers") for part in text.split(","))
+
+
+def _required(
+    text: str, sign: str, example: str, problem: str = "is not a requirement"
+) -> tuple[str, float]:
+    name, separator, level = text.partition(sign)
+    try:
+        if not separator or not name.strip() or not math.isfinite(float(level)):
+            raise ValueError
+        return name.strip(), float(level)
+    except ValueError:
+        raise MorlaxError(f"{text!r} {problem}: write for example {example}.") from None
+
+
+@_registry.struct_rule
+def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Make tyro read a pydantic model as plain values, which are then checked together.
+
+    tyro's own rule checks each section by itself, so that an error does not say where its value
+    stands, and searches the source code of models for comments, which takes 0.2 s.
+    """
+    if not (isinstance(info.type, type) and issubclass(info.type, BaseModel)):
+        return None
+    fields = []
+    for name, field in info.type.model_fields.items():
+        default = getattr(info.default, name, field.default)
+        if default is PydanticUndefined:
+            default = tyro.MISSING
+        kind: Any = field.rebuild_annotation()
+        fields.append(StructFieldSpec(name, kind, default, text_of(info.type, name)))
+    if issubclass(info.type, Trusting):
+        fields.sort(key=lambda field: field.name in Trusting.model_fields)
+    return StructConstructorSpec(dict, tuple(fields))
+
+
+def text_of(model: type[BaseModel], option: str) -> str:
+    """Return an option's help text, inherited if only its default changed."""
+    for ancestor in model.__mro__:
+        field = ancestor.model_fields.get(option) if issubclass(ancestor, BaseModel) else None
+        if field is not None and field.description:
+            return " ".join(field.description.split())
+    return ""
+
+
+def parse(command: type[C], arguments: Sequence[str]) -> C:
+    """Read the options of a command, whose class has its name, and whose docstring is its help.
+
+    Raises:
+        MorlaxError: a value is out of range.
+    """
+    values = tyro.cli(
+        command,
+        prog=program(command.__name__.lower()),
+        args=arguments,
+        description=_paragraphs(command.__doc__ or ""),
+        registry=_registry,
+        config=(tyro.conf.FlagCreatePairsOff,),
+    )
+    return _checked(command, values)
+
+
+def _checked(model: type[C], values: Any) -> C:
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise explained(error, model) from None
+
+
+def _paragraphs(text: str) -> str:
+    """Return paragraphs that fit the terminal, indented, because tyro would join other lines."""
+    return "\n\n".join(_filled(part, "  ", "  ") for part in text.split("\n\n"))
+
+
+def _filled(text: str, first: str, others: str) -> str:
+    """Return text in lines that fit the terminal, after indents of the first line and of others."""
+    width, words = shutil.get_terminal_size().columns, " ".join(text.split())
+    wrapper = textwrap.TextWrapper(width, first, others, break_on_hyphens=False)
+    return wrapper.fill(words)
+
+
+# Commands that train
+
+
+class Start(Section):
+    """The options that decide which others there are; a command adds its own."""
+
+    command: ClassVar[str]
+    shown: ClassVar[dict[str, tuple[str, ...]]]  # names of options in the short help, by heading
+    examples: ClassVar[tuple[str, ...]]  # command lines
+    env: str | None = None
+    algorithm: str | None = None
+    device: str | None = None
     config: Path | None = None
     """A YAML file of changes to the task's config."""
+
+
+class Train(Start):
+    """Train one hypernetwork to hold a whole Pareto front of policies."""
+
+    command = "train"
+    shown = {
+        "What to learn": ("env", "algorithm", "scalarization", "config", "start_from"),
+        "The run": ("output", "resume", "trust", "seed", "device"),
+        "When to stop": ("max_env_steps", "max_seconds", "decay_fraction"),
+        "Sizes": ("worlds", "horizon", "sampling.clusters", "network.actor", "ppo.learning_rate"),
+        "Evaluations": ("evaluation.every", "evaluation.tradeoffs"),
+    }
+    examples = (
+        "--env cheetah",
+        "--env hopper --seed 1 --output runs/mine",
+        "--env my_robot.py:Robot --worlds 512",
+        "--resume latest --max-env-steps 400_000_000",
+    )
     output: Path | None = None
     """Folder of the run (None: runs/<task>/<time>-<seed>)."""
     resume: Path | None = None
@@ -38,38 +265,158 @@ class Command(Section):
     """Let the resumed run import the Python files and modules that it names."""
 
 
+def begin(command: type[S], arguments: Sequence[str]) -> tuple[S, list[str]]:
+    """Read the options of a `Start`, and return the others, which are those of a config.
+
+    With --help, print the options that people use, and exit, without importing torch.
+    """
+    if {"-h", "--help"} & set(arguments):
+        print_help(command)
+        sys.exit(0)
+    values, others = tyro.cli(
+        command,
+        prog=program(command.command),
+        args=arguments,
+        default=command(),
+        registry=_registry,
+        add_help=False,
+        return_unknown_args=True,
+    )
+    return _checked(command, values), others
+
+
+def print_help(command: type[Start]) -> None:
+    """Print the options that a command's help shows, under their headings, and examples."""
+    typed = program(command.command)
+    lines = [f"usage: {typed} [OPTIONS]", "", _paragraphs(command.__doc__ or "")]
+    for heading, names in command.shown.items():
+        lines += ["", f"{heading}:", *(_help_line(command, name) for name in names)]
+    lines += ["", "Examples:", *(f"  {typed} {example}" for example in command.examples), ""]
+    lines += [_filled(f"Tasks: {', '.join(envs.names())}.", "", "  "), ""]
+    lines += ["All options, and the defaults of a task:", f"  {typed} --env NAME {HELP_ALL}"]
+    print("\n".join(lines))
+
+
+def _help_line(command: type[Start], name: str) -> str:
+    model: Any = command if name in command.model_fields else Config
+    *sections, option = name.split(".")
+    for section in sections:
+        model = model.model_fields[section].annotation
+    kind = model.model_fields[option].annotation
+    value = next((KINDS[part] for part in _parts(kind) if part in KINDS), "NAME")
+    label = f"  --{name.replace('_', '-')} {value}" + " ..." * (get_origin(kind) is tuple)
+    text = text_of(model, option) or text_of(Config, option)
+    first, *_ = re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)
+    return _filled(first, f"{label:<30} ", " " * 31)
+
+
+def _parts(kind: Any) -> Iterator[Any]:
+    """Return a type and those in it, such as int of tuple[int, ...] | None."""
+    yield kind
+    for part in get_args(kind):
+        yield from _parts(part)
+
+
+def draft(start: Start) -> Config:
+    """Return the config of the file or task that a command line names, which it may repair."""
+    return load_config(_base_values(start), DRAFT)
+
+
+def _base_values(start: Start) -> dict[str, Any]:
+    named = {"algorithm": start.algorithm, "device": start.device}
+    named = {name: value for name, value in named.items() if value is not None}
+    if start.config is None:
+        if start.env is None:
+            names = ", ".join(envs.names())
+            raise MorlaxError(f"name a task: --env NAME, one of {names}, or FILE.py:CLASS.")
+        envs.get(start.env)  # an unknown name is told before torch is imported
+        device_type = envs.resolve_device(start.device).type
+        return {**task_values(start.env, device_type, algorithm_of(named)), **named}
+    device_type = envs.resolve_device(start.device).type
+    values = file_values(start.config, device_type, start.env, start.algorithm)
+    env = read_yaml(start.config).get("env")
+    if start.env and isinstance(env, str) and absolute(env) != absolute(start.env):
+        console.print(f"{start.config} is for {env}: its values are used for {start.env}")
+    return {**values, **named}
+
+
+def values_over(base: Config, start: Start, others: Sequence[str]) -> dict[str, Any]:
+    """Read options over a config, with --help-all as their help; return its plain values.
+
+    They may repair a config whose values do not fit together.
+    """
+    about = f"All options of a config, with the defaults of --env {base.env}, from configs/."
+    values: Any = tyro.cli(
+        type(base),
+        prog=program(start.command),
+        args=["--help" if option == HELP_ALL else option for option in others],
+        default=base,
+        description=_paragraphs(about),
+        registry=_registry,
+    )
+    return values
+
+
+def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
+    """Return the config of these values, with the device resolved and a simulator for it.
+
+    A run to resume, whose config is `resumed`, may move to another device.
+    """
+    device = envs.resolve_device(values["device"])
+    moved = resumed is not None and str(device) != resumed.device
+    robot = issubclass(envs.get(values["env"]), envs.Environment)  # others have one simulator
+    kept = resumed is not None and moved and values["backend"] == resumed.backend
+    if robot and (values["backend"] is None or kept):
+        values["backend"] = "warp" if device.type == "cuda" else "mujoco"
+    return load_config({**values, "device": str(device)})
+
+
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
-    """Read the command line over the config of the file, task or run that it names."""
-    line = CommandLine(program("train"), ABOUT, Command)
-    early = line.early(arguments, "--resume", "--output")
+    """Read the command line of `train`: its config, the run to resume, and the folder."""
+    start, others = begin(Train, arguments)
+    if HELP_ALL in others and not (start.env or start.config or start.resume):
+        start = start.model_copy(update={"env": USUAL})
+    if start.resume is not None:
+        return *_resumed(start, others), None
+    config = placed(values_over(draft(start), start, others))
+    if MAY_RESTART:
+        if start.output is None:
+            raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
+        if _was_begun(start.output):
+            return config, _open(start.output), None
+    return config, None, start.output
+
+
+def _resumed(start: Train, others: Sequence[str]) -> "tuple[Config, Run]":
+    """Return the config of a run to resume, and the run."""
     for name in ("config", "output"):
-        if early.resume and getattr(early, name):
+        if getattr(start, name) is not None:
             raise MorlaxError(
                 f"--resume continues a run with its own config, in its own folder: "
                 f"leave out --{name}."
             )
-    if asks_for_help(arguments) and not (early.env or early.config or early.resume):
-        line.help_for_any_task(early.device)
-    run = _run(Path(early.resume)) if early.resume else None
-    if run and early.env:
-        envs.get(early.env)  # the user names this code
-    moved = early.env if early.env and is_file(early.env) else None
-    below = run.config("--trust" in arguments, moved) if run else draft(early)
-    own, values = line.parse(arguments, below)
-    config = placed(values, below if run else None)
-    found = differences(below, config) if run else []
-    if found:
+    assert start.resume is not None
+    run = _open(start.resume)
+    if start.env:
+        envs.get(start.env)  # the user names this code
+    moved = start.env if start.env and is_file(start.env) else None
+    base = run.config(start.trust, moved)
+    values = values_over(base, start, others)
+    named = {"device": start.device, "algorithm": start.algorithm, "env": moved or start.env}
+    values |= {name: value for name, value in named.items() if value is not None}
+    config = placed(values, base)
+    if found := differences(base, config):
         raise MorlaxError(
             f"a resumed run keeps its config ({'; '.join(found)}): leave that out, or start a new "
             f"run. Only {', '.join(MAY_CHANGE)} may change."
         )
-    output = own["output"]
-    if MAY_RESTART:
-        if run is None and output is None:
-            raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
-        if output is not None and _was_begun(output):
-            return config, _run(output), None
-    return config, run, output
+    return config, run
+
+
+def _open(folder: Path) -> "Run":
+    from ...runs.run import Run  # imports torch
+
+    return Run.open(folder)
 
 
 def _was_begun(output: Path) -> bool:
@@ -87,9 +434,3 @@ def _was_begun(output: Path) -> bool:
         if checkpoint.load(output / "checkpoints" / "latest.pt").progress.launch != launch():
             raise taken(output)
     return True
-
-
-def _run(folder: Path) -> "Run":
-    from ...runs.run import Run  # imports torch
-
-    return Run.open(folder)

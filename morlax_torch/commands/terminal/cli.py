@@ -1,6 +1,7 @@
-"""Console, signals and error messages of the commands."""
+"""Console, and what happens to a command's errors."""
 
 import errno
+import gc
 import os
 import sys
 import threading
@@ -18,15 +19,10 @@ from ...envs.errors import MorlaxWarning, words
 from ...host.resources import shortage_of_memory
 from ...host.torchrun import FIRST, SEVERAL
 from ...host.version import __version__
-from .interrupt import exiting_on_signals, exiting_when_stuck
-from .startup import (
-    INTERRUPTED,
-    collect_garbage_rarely,
-    share_busy_cores,
-    use_utf8,
-)
+from .process import INTERRUPTED, exiting_on_signals, exiting_when_stuck
 
 GRACE = 2.0  # seconds
+ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
 
 
 def _console(quiet: bool = False, stderr: bool = False) -> Console:
@@ -46,18 +42,7 @@ def print_command(why: str, command: str) -> None:
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
     """Run a command; a user's mistake prints one sentence and exits with status 2."""
-    use_utf8()
-    collect_garbage_rarely()
-    share_busy_cores()
-    formatted = warnings.formatwarning
-    warnings.formatwarning = lambda message, category, *others: (
-        f"warning: {message}\n"
-        if issubclass(category, MorlaxWarning)
-        else formatted(message, category, *others)
-    )
-    usual = threading.excepthook
-    # if TensorBoard's writer thread fails, its next call raises the error here
-    threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
+    _prepare()
     arguments = sys.argv[1:]
     try:
         if "--version" in arguments:
@@ -96,6 +81,25 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if sentence is None:
             raise
         fail(sentence)
+
+
+def _prepare() -> None:
+    """Set how this process collects garbage, waits for threads, and prints warnings."""
+    gc.set_threshold(100_000)  # looking for cycles takes a third of importing torch
+    # On a busy machine, threads that wait for each other hold cores that others need. GNU's OpenMP,
+    # which torch has on Linux, reads this when torch is imported.
+    told = {"OMP_WAIT_POLICY", "OMP_NUM_THREADS", "GOMP_SPINCOUNT"} & os.environ.keys()
+    if not told and hasattr(os, "getloadavg") and os.getloadavg()[0] >= 1:
+        os.environ["GOMP_SPINCOUNT"] = str(ACTIVE_WAITS)
+    formatted = warnings.formatwarning
+    warnings.formatwarning = lambda message, category, *others: (
+        f"warning: {message}\n"
+        if issubclass(category, MorlaxWarning)
+        else formatted(message, category, *others)
+    )
+    usual = threading.excepthook
+    # if TensorBoard's writer thread fails, its next call raises the error here
+    threading.excepthook = lambda e: None if issubclass(e.exc_type, OSError) else usual(e)
 
 
 def skip_teardown(status: int = 0) -> NoReturn:

@@ -1,6 +1,7 @@
 """Live progress in the terminal."""
 
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
@@ -13,7 +14,7 @@ from ...runs.references import NAMES_CODE
 from ...runs.training import TRAINING
 from .cli import console, print_command
 from .live import Live, described
-from .startup import program
+from .process import program
 
 SLOW = 1000.0  # steps/s; hyper-sac learns from 500 on one CPU core
 
@@ -33,39 +34,41 @@ class Display:
         self._unreached: str | None = None  # why the latest hypervolume of trained policies is 0
 
     def __enter__(self) -> Self:
-        config, env = self._learner.config, self._learner.env
-        console.print(
+        for line in self._introduction():
+            console.print(line)
+        self._live.__enter__()
+        return self
+
+    def _introduction(self) -> Iterator[str]:
+        config, env, progress = self._learner.config, self._learner.env, self._progress
+        yield (
             f"{title(config.env)}: {', '.join(config.task.objectives)}; {config.worlds} worlds on "
             f"{env.device} ({env.simulator}), {config.num_clusters} trade-offs at a time, "
             f"seed {config.seed}"
         )
-        console.print(f"{self._folder}  (tensorboard --logdir {self._folder.parent})")
+        yield f"{self._folder}  (tensorboard --logdir {self._folder.parent})"
         if not env.shows_endings:
-            console.print(
+            yield (
                 "these worlds do not show how an episode ended: steps at a time limit are left out "
                 "(ppo.truncation mask)"
             )
-        progress, processes = self._progress, self._learner.group.size
+        processes = self._learner.group.size
         if progress.env_steps and not env.resumable:
-            console.print("the state of these worlds cannot be saved: they start anew")
+            yield "the state of these worlds cannot be saved: they start anew"
         elif progress.env_steps and progress.processes != processes:
-            console.print(
+            yield (
                 f"number of processes: {processes} instead of {progress.processes}, so worlds "
                 "start anew"
             )
         if progress.env_steps and progress.best_selection is None:
-            console.print(
+            yield (
                 "evaluations are not those of the run so far: its record of the best checkpoint "
                 "begins anew"
             )
         if env.simulator == "mjlab" and env.device.type == "cpu":
-            console.print(
-                "on a CPU, mjlab takes a few hundred steps per second: use a GPU to train"
-            )
+            yield "on a CPU, mjlab takes a few hundred steps per second: use a GPU to train"
         if env.simulator == "MuJoCo Warp":
-            console.print("compiling kernels: up to a minute the first time on a machine")
-        self._live.__enter__()
-        return self
+            yield "compiling kernels: up to a minute the first time on a machine"
 
     def __exit__(self, *_: object) -> None:
         self._live.__exit__()
@@ -84,14 +87,14 @@ class Display:
             f"{row['total_seconds']:9.1f}  {row[name]:{len(volume)}.4e}  "
             f"{row['cardinality']:5d}  {_count(row['steps_per_second']):>9}"
         )
-        found = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
+        blowups = [f"{_count(row['blowups'])} while training"] if row["blowups"] else []
         if row.get("blowup_rate"):
-            found.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
-        if found:
-            console.print(f"{'':8}  blow-ups: {', '.join(found)}")
-        before, self._unreached = self._unreached, None
-        if evaluation.env_steps:  # untrained policies need not exceed the reference point
-            self._unreached = unreached(evaluation.front)
+            blowups.append(f"{row['blowup_rate']:.1%} of the evaluated episodes")
+        if blowups:
+            console.print(f"{'':8}  blow-ups: {', '.join(blowups)}")
+        # untrained policies need not exceed the reference point
+        reason = unreached(evaluation.front) if evaluation.env_steps else None
+        before, self._unreached = self._unreached, reason
         if self._unreached and not before:
             console.print(f"{self._unreached}.")
         self._hint(row["steps_per_second"])

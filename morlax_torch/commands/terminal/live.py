@@ -27,9 +27,9 @@ class Live:
     """
 
     def __init__(self, rows: int = 1, describe: Callable[[str, float | None], str] = described):
-        words = _Words(describe)
+        self._words = _Words(describe)
         self._moving = Progress(
-            *(BarColumn(bar_width=8), words, TimeElapsedColumn()),
+            *(BarColumn(bar_width=8), self._words, TimeElapsedColumn()),
             console=console,
             transient=True,
             disable=not console.is_terminal,
@@ -38,26 +38,24 @@ class Live:
             self._moving.add_task("starting", total=None)
         self._told, self._over, self._open = Event(), Event(), ExitStack()
 
-        def tell() -> None:
-            while not self._over.is_set():
-                if not self._told.wait(LONGEST_SILENCE):
-                    for task in self._moving.tasks:
-                        console.print(f"   {words.render(task)}")
-                self._told.clear()
-
-        self._teller = None if console.is_terminal else Thread(target=tell, daemon=True)
-
     def __enter__(self) -> Self:
         self._open.enter_context(heard_by(self.show))
         self._open.enter_context(self._moving)
-        if self._teller is not None:
-            self._teller.start()
+        if not console.is_terminal:
+            Thread(target=self._tell, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._open.close()
         self._over.set()
         self.told()
+
+    def _tell(self) -> None:
+        while not self._over.is_set():
+            if not self._told.wait(LONGEST_SILENCE):
+                for task in self._moving.tasks:
+                    console.print(f"   {self._words.render(task)}")
+            self._told.clear()
 
     def show(self, name: str, share: float | None = None, row: int = 0) -> None:
         task = self._moving.tasks[row]

@@ -4,21 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field, PositiveFloat, ValidationError
+from pydantic import Field, PositiveFloat
 
 from ...configuration.config import Config, flat
 from ...envs import MorlaxError
-from ...envs.errors import explained
-from ...envs.worlds.options import Count, Section
-from .startup import program
-from .task_arguments import (
-    CommandLine,
-    asks_for_help,
+from ...envs.worlds.options import Count
+from .arguments import (
+    Start,
+    begin,
     draft,
     placed,
+    values_over,
 )
 
-ABOUT = "Search for a task's hyperparameters with Optuna."
 OURS = {  # options of a config that the search sets itself
     "max_seconds": "--seconds",
     "max_env_steps": "--seconds",
@@ -26,9 +24,19 @@ OURS = {  # options of a config that the search sets itself
 }
 
 
-class TuneOptions(Section):
-    config: Path | None = None
-    """A YAML file of changes to the task's config."""
+class TuneOptions(Start):
+    """Search for a task's hyperparameters with Optuna."""
+
+    command = "tune"
+    shown = {
+        "What to tune": ("env", "algorithm", "config", "space", "indicators", "device"),
+        "The search": ("trials", "seconds", "minutes", "workers"),
+        "Where it is kept": ("output", "storage", "study"),
+    }
+    examples = (
+        "--env cheetah --minutes 60",
+        "--env hopper --space my_space.yaml",
+    )
     trials: Count = 50
     """Number of trials of the study; finished ones count, so the same command resumes."""
     seconds: PositiveFloat = 60.0
@@ -62,16 +70,9 @@ class Request(NamedTuple):
 
 def read(arguments: Sequence[str]) -> Request:
     """Read the command line over the config of the file or task that it names."""
-    line = CommandLine(program("tune"), ABOUT, TuneOptions)
-    early = line.early(arguments)
-    if asks_for_help(arguments) and not (early.env or early.config):
-        line.help_for_any_task(early.device)
-    below = draft(early)
-    own, values = line.parse(arguments, below)
-    try:
-        options = TuneOptions.model_validate(own)
-    except ValidationError as error:
-        raise explained(error, TuneOptions) from None
+    options, others = begin(TuneOptions, arguments)
+    below = draft(options)
+    values = values_over(below, options, others)
     one_gpu = ":" in (values["device"] or "")
     own, usual = flat(values), flat(below.model_dump())
     for name, instead in OURS.items():

@@ -12,7 +12,7 @@ from ...envs.naming import title
 from ...tuning.results import FEWEST, importances
 from ...tuning.study import Result, Study
 from .cli import console, print_command
-from .startup import program
+from .process import program
 
 BEST = 5  # trials in the table
 LABEL, VALUE = 24, 8  # widths of columns

@@ -7,8 +7,7 @@ from typing import Any, Protocol
 from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...networks.policy import Policy
-from ...runs.bookmarks import bookmark, bookmarks
-from ...runs.loading import own_folder
+from ...runs.loading import bookmark, bookmarks, own_folder
 from . import library, messages
 from .asking import Asking
 from .behavior import Behavior

@@ -7,8 +7,7 @@ from typing import NamedTuple
 from ...envs import MorlaxError
 from ...envs.errors import unknown
 from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND
-from ...runs.checkpoint import RUNS, named_run, newest_runs
-from ...runs.loading import SHIPPED, find_checkpoint, find_run
+from ...runs.loading import RUNS, SHIPPED, find_checkpoint, find_run, named_run, newest_runs
 
 NEEDS_MJLAB, NO_ROBOT = " (needs mjlab)", " (no MuJoCo robot)"
 

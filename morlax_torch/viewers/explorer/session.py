@@ -10,8 +10,7 @@ from ...envs.worlds.designs import DesignSpace
 from ...envs.worlds.trees import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
-from ...runs.fronts import load_front
-from ...runs.loading import load
+from ...runs.loading import load, load_front
 from ..player import Player
 from .behavior import Behavior
 from .library import Choice

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from ...envs import MorlaxError
 from ...envs.errors import explained
 from ...exports.deployment import SETTINGS
-from ...host.files import exists, is_folder, read
+from ...host.files import read
 from .settings import Settings
 
 
@@ -31,10 +31,10 @@ def open_export(path: Path) -> Export:
     Raises:
         MorlaxError: a file is missing or damaged, or gains or the command are not known.
     """
-    folder = path if is_folder(path) else path.parent
-    if not exists(path):
+    folder = path if path.is_dir() else path.parent
+    if not path.exists():
         raise MorlaxError(f"there is no export {path}: morlax export writes one.")
-    if not exists(folder / SETTINGS):
+    if not (folder / SETTINGS).exists():
         raise MorlaxError(
             f"{folder} has no {SETTINGS}: morlax export writes one for policies whose actions are "
             "positions of joints, such as those of mjlab's velocity tasks."

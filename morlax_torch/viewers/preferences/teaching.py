@@ -11,7 +11,7 @@ from ...envs import MorlaxError, TaskOptions
 from ...envs.making import check_seed
 from ...envs.worlds.learned import TERM
 from ...envs.worlds.options import check_objectives
-from ...host.files import exists, make_folder, write_file
+from ...host.files import make_folder, write_file
 from ...host.phases import phase
 from ...runs.loading import find_checkpoint, load
 from . import reward
@@ -69,7 +69,7 @@ class Lesson:
             )
         check_seed(seed)
         path = folder / "comparisons.npz"
-        known = Comparisons.load(path) if exists(path) else None
+        known = Comparisons.load(path) if path.exists() else None
         if known is not None and known.answers and known.objective not in (None, objective):
             raise MorlaxError(
                 f"{folder} has answers about {known.objective}, not about {objective}: use another "

@@ -15,9 +15,8 @@ from ...envs.worlds.trees import horizontal
 from ...exports.exporting import export
 from ...host.phases import phase
 from ...networks.policy import Policy
-from ...runs.bookmarks import bookmarks
 from ...runs.evaluating import front_of
-from ...runs.loading import load
+from ...runs.loading import bookmarks, load
 from ..explaining import explain, is_told_velocity
 from ..front_map import front_map
 from .checking import check

@@ -1,0 +1,134 @@
+"""The process of a command: how it was started, when, and the signals that end it."""
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import Any
+
+BEGAN = time.perf_counter()  # almost when the process began: the package imports this module first
+INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
+STUCK = 5.0  # seconds in which a process that is not stuck notices a signal
+SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
+
+_noticed = threading.Event()  # set when Python has run one of the signal handlers below
+
+
+def _is_module() -> bool:
+    modules = (word for option, word in pairwise(sys.orig_argv) if option == "-m")
+    return any(module.split(".")[0] == "morlax_torch" for module in modules)
+
+
+def is_command() -> bool:
+    """Return whether this process was started as `morlax` or `python -m morlax_torch`."""
+    scripts = {os.path.basename(word) for word in sys.orig_argv[:2]}
+    return _is_module() or bool(scripts & {"morlax", "morlax.exe"})
+
+
+def program(name: str) -> str:
+    """Return how to start the command `name`: through `python -m` if this one was started so."""
+    return f"python -m morlax_torch {name}" if _is_module() else f"morlax {name}"
+
+
+def end_at_once_on_ctrl_c() -> None:
+    """Let Ctrl-C end a command with one word while nothing is to be cleaned up: as it imports.
+
+    An exception would come out of an import as a traceback, or be lost in one.
+    """
+
+    def end(number: int, frame: Any) -> None:
+        os.write(2, b"interrupted\n")
+        os._exit(INTERRUPTED)
+
+    if is_command() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, end)
+
+
+class Interruption:
+    """Whether a signal has asked the program to end; call it to ask."""
+
+    signal: int = 0
+
+    def __call__(self) -> bool:
+        return self.signal != 0
+
+    @property
+    def exit_status(self) -> int:
+        """0, or 128 plus the signal, as shells report it: 130 for Ctrl-C, 143 for SIGTERM."""
+        return 128 + self.signal if self.signal else 0
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Turn the first signal of SIGNALS into a flag; a second one acts as usual."""
+    interruption = Interruption()
+
+    def receive(number: int, frame: Any) -> None:
+        interruption.signal = number
+        for which, handler in usual.items():
+            signal.signal(which, handler)
+
+    with _handling(receive) as usual:
+        yield interruption
+
+
+@contextmanager
+def exiting_on_signals() -> Iterator[None]:
+    """Raise an exception for each of SIGNALS, so that `finally` removes temporary files."""
+
+    def receive(number: int, frame: Any) -> None:
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        sys.exit(128 + number)
+
+    with _handling(receive):
+        yield
+
+
+@contextmanager
+def _handling(handle: Callable[[int, Any], None]) -> Iterator[dict[signal.Signals, Any]]:
+    def receive(number: int, frame: Any) -> None:
+        _noticed.set()
+        handle(number, frame)
+
+    # nohup ignores SIGHUP, and shells ignore SIGINT for jobs in the background
+    heard = [which for which in SIGNALS if signal.getsignal(which) != signal.SIG_IGN]
+    usual = {which: signal.signal(which, receive) for which in heard}
+    try:
+        yield usual
+    finally:
+        for which, handler in usual.items():
+            signal.signal(which, handler)
+
+
+@contextmanager
+def exiting_when_stuck() -> Iterator[None]:
+    """Exit on a SIGTERM that Python does not notice within STUCK seconds.
+
+    Python runs signal handlers between its own instructions, but a process that waits for one that
+    has ended, in NCCL or in a rendezvous, does not come back to them.
+    """
+    received, notice = os.pipe()
+    os.set_blocking(notice, False)
+    usual = signal.set_wakeup_fd(notice)
+
+    def watch() -> None:
+        while number := os.read(received, 1):
+            if number[0] == signal.SIGTERM and not _noticed.wait(STUCK):
+                os._exit(128 + signal.SIGTERM)
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(usual)
+        os.close(notice)
+        thread.join()
+        os.close(received)
