@@ -19,7 +19,7 @@ from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.envs import resolve_device
-from morlax_torch.envs.worlds.designs import DesignSpace
+from morlax_torch.envs.worlds.design_space import DesignSpace
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.train import train

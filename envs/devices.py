@@ -20,20 +20,18 @@ def resolve_device(device: str | torch.device | None) -> torch.device:
     if device is None:
         device = "cuda" if torch.cuda.is_available() else "cpu"
     try:
-        found = torch.device(device)
+        device = torch.device(device)
     except (RuntimeError, TypeError):
         raise MorlaxError(f"{device!r} is not a device: use 'cuda', 'cuda:1' or 'cpu'.") from None
-    if found.type not in ("cpu", "cuda"):
-        raise MorlaxError(f"device {found} is not supported: use 'cuda' or 'cpu'.")
-    if found.type == "cuda":
+    if device.type not in ("cpu", "cuda"):
+        raise MorlaxError(f"device {device} is not supported: use 'cuda' or 'cpu'.")
+    if device.type == "cuda":
         if not torch.cuda.is_available():
             raise MorlaxError("no CUDA device was found: use --device cpu, or check the driver.")
-        found = torch.device("cuda", found.index or 0)
-        if found.index >= torch.cuda.device_count():
-            raise MorlaxError(
-                f"{found} does not exist: this machine has {torch.cuda.device_count()} GPUs."
-            )
-    return found
+        device, number = torch.device("cuda", device.index or 0), torch.cuda.device_count()
+        if device.index >= number:
+            raise MorlaxError(f"{device} does not exist: this machine has {number} GPUs.")
+    return device
 
 
 EVALUATION_SEEDS = 2**63  # training seeds are smaller, so evaluation never repeats their draws
@@ -76,9 +74,7 @@ class Draws:
 
 def seed_of(seed: int, rank: int) -> int:
     """Return the seed of the process `rank` of a run with `seed`; its first process has that."""
-    if rank == 0:
-        return seed
-    return _hashed(f"{seed} {rank}".encode())
+    return _hashed(f"{seed} {rank}".encode()) if rank else seed
 
 
 def restore_generator(generator: torch.Generator, state: Tensor) -> None:

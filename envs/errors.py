@@ -39,10 +39,10 @@ def shortened(value: object) -> str:
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
     """Return the error for a `name` that is not `known`; it suggests the nearest one."""
-    known = sorted(known)
-    near = difflib.get_close_matches(name[:LONGEST], known, n=1)
+    names = sorted(known)
+    near = difflib.get_close_matches(name[:LONGEST], names, n=1)
     guess = f": did you mean {near[0]!r}?" if near else "."
-    listed = f" Known: {', '.join(known)}." if known else ""
+    listed = f" Known: {', '.join(names)}." if names else ""
     return MorlaxError(f"unknown {kind} {shortened(name)}{guess}{listed}")
 
 
@@ -81,7 +81,7 @@ def _sentence(finding: Mapping[str, Any], model: type[BaseModel]) -> str:
             owner = owner.model_fields[part].annotation
         section = f"{'.'.join(path)} key" if path else "key"
         return str(unknown(section, str(last), getattr(owner, "model_fields", ())))
-    given = "" if isinstance(value, dict) else f" (given: {shortened(value)})"
+    input_value = "" if isinstance(value, dict) else f" (given: {shortened(value)})"
     key = ".".join(" ".join(str(part)[:LONGEST].split()) for part in path)
     reason = finding["msg"].removeprefix("Value error, ")
-    return f"{key}: {reason}{given}." if key else reason
+    return f"{key}: {reason}{input_value}." if key else reason

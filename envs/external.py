@@ -5,11 +5,14 @@ import importlib.util
 import inspect
 import os
 import sys
+from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 
+import mujoco
 from pydantic import ValidationError
 
 from .bridges.gymnasium import GymnasiumWorlds
@@ -30,11 +33,11 @@ def from_file(name: str) -> type[Worlds]:
     file, _, member = absolute(name).rpartition(":")
     if name.endswith(".py"):
         raise MorlaxError(f"{name} is a file: name a class in it, such as {name}:MyRobot.")
-    module = import_file(file, f"the task {member}")
-    own = {key for key, value in vars(module).items() if _is_task(value)}
-    if member not in own:
-        raise unknown(f"task of {file}", member, own)
-    return checked(getattr(module, member))
+    members = vars(import_file(file, f"the task {member}"))
+    if not _is_task(members.get(member)):
+        tasks = [key for key, value in members.items() if _is_task(value)]
+        raise unknown(f"task of {file}", member, tasks)
+    return checked(members[member])
 
 
 def from_entry_point(name: str) -> type[Worlds]:
@@ -51,26 +54,16 @@ def from_entry_point(name: str) -> type[Worlds]:
             "uninstall all but one."
         )
     try:
-        found = next(iter(points)).load()
+        task = next(iter(points)).load()
     except (Exception, SystemExit) as error:  # any error of the package's own code
         raise MorlaxError(
             f"the environment {name!r} cannot be imported from {values[0]}: {words(error)}"
         ) from None
-    if not _is_task(found):
-        raise MorlaxError(
-            f"the environment {name!r} is {values[0]}, which is not a subclass of "
-            "morlax_torch.envs.Worlds."
-        )
-    return checked(found)
+    return checked(task)
 
 
 def checked(task: type[Worlds]) -> type[Worlds]:
-    """Return the class if it is complete.
-
-    Raises:
-        MorlaxError: it is no class of worlds, or abstract methods or default objectives are
-            missing.
-    """
+    """Return the class, or raise MorlaxError unless it is a complete class of worlds."""
     if not inspect.isclass(task) or not issubclass(task, Worlds):
         raise MorlaxError(f"{shortened(task)} is not a subclass of morlax_torch.envs.Worlds.")
     missing = sorted(getattr(task, "__abstractmethods__", ()))
@@ -110,28 +103,18 @@ def parts_of(file: Path, *more: str) -> list[Path]:
         nodes = list(ast.walk(ast.parse(file.read_bytes())))
     except (OSError, SyntaxError, ValueError):
         nodes = []
-    names = [node.value for node in nodes if isinstance(node, ast.Constant)]
-    found = {file: None}  # ordered
-    for name in (*more, *names):
-        if isinstance(name, str) and not os.path.isabs(name):
-            path = os.path.normpath(os.path.join(file.parent, name))
-            if os.path.isfile(path):  # unlike Path.is_file, it never fails
-                found |= dict.fromkeys(_with_assets(Path(path)))
-    return list(found)
-
-
-def _with_assets(path: Path) -> list[Path]:
-    """Return a file, and if it is a model, the files that it depends on."""
-    if path.suffix.lower() not in MODELS:
-        return [path]
-    import mujoco
-
-    try:
-        listed = mujoco.mju_getXMLDependencies(str(path))
-    except Exception:  # not a model; MuJoCo says so when it is loaded
-        listed = []
-    others = [Path(os.path.normpath(path.parent / name)) for name in listed]
-    return [path, *(other for other in others if os.path.isfile(other))]
+    names = [*more, *(node.value for node in nodes if isinstance(node, ast.Constant))]
+    paths = [os.path.join(file.parent, x) for x in names if isinstance(x, str) and x[:1] != os.sep]
+    parts = {file: None}  # ordered
+    for path in paths:
+        assets: Iterable[str] = ()
+        if os.path.isfile(path) and path.lower().endswith(MODELS):
+            with suppress(Exception):  # not a model; MuJoCo says so when it is loaded
+                assets = mujoco.mju_getXMLDependencies(path)
+        for part in (path, *(os.path.join(os.path.dirname(path), name) for name in assets)):
+            if os.path.isfile(part):  # unlike Path.is_file, it never fails
+                parts[Path(os.path.normpath(part))] = None
+    return list(parts)
 
 
 @cache
@@ -146,8 +129,8 @@ def _run(file: str) -> ModuleType:
     except (Exception, SystemExit) as error:  # any error of the user's own code
         del sys.modules[file]
         line = line_in(error, file)
-        place = f"{file}, line {line}," if line else file
-        raise MorlaxError(f"{place} cannot be imported: {words(error)}") from None
+        where = f"{file}, line {line}," if line else file
+        raise MorlaxError(f"{where} cannot be imported: {words(error)}") from None
     return module
 
 

@@ -12,7 +12,7 @@ from .naming import MJLAB, check_name
 from .registry import get
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
-from .worlds.robot import Robot
+from .worlds.mujoco_robot import Robot
 
 MOST_WORLDS = 2**31  # simulators count them in 32 bits
 
@@ -47,23 +47,15 @@ def make(
         MorlaxError: an unknown name, option or backend, a number out of range, or a missing device.
     """
     task = get(name)
-    options = _checked(task, task_options)
-    place = resolve_device(device)
+    options, chosen = _checked(task, task_options), resolve_device(device)
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
     check_seed(seed)
     _check_integer("num_worlds", num_worlds)
     if not 1 <= num_worlds < MOST_WORLDS:
         raise MorlaxError(f"num_worlds is {num_worlds}: it must be from 1 to {MOST_WORLDS - 1}.")
-    return task.build(
-        options,
-        int(num_worlds),
-        place,
-        backend,
-        int(seed),
-        auto_reset=auto_reset,
-        deterministic=deterministic,
-    )
+    kind = {"auto_reset": auto_reset, "deterministic": deterministic}
+    return task.build(options, int(num_worlds), chosen, backend, int(seed), **kind)
 
 
 def check_seed(seed: int) -> None:

@@ -71,10 +71,8 @@ def runs_code(name: str) -> bool:
 def check_trusted(name: str, source: object) -> None:
     """Check that the task `name`, which `source` names, may be imported.
 
-    Built-in tasks, entry points of installed packages and the registered environments of
-    Gymnasium, mjlab and Playground always may. FILE.py:CLASS, gymnasium:MODULE:ID,
-    mjlab:MODULE:TASK and playground:MODULE:TASK run code that the file's author chose; they may
-    once the user has named them to `envs.get` or `envs.make`, or trusts the file.
+    Those that run code that the source's author chose (`runs_code`) may once the user has named
+    them to `envs.get` or `envs.make`, or trusts the source.
 
     Raises:
         MorlaxError: the user has not allowed this code.

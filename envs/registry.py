@@ -30,13 +30,13 @@ def register(name: str, task: "type[Worlds]") -> None:
     from .external import checked
 
     check_name(name)
-    known = _known(name)
-    if known is None:
+    former = _registered(name)
+    if former is None:
         task = checked(task)
         for announce in _LISTENERS:
             announce(name)
         _REGISTRY[name] = task
-    elif known is not task:
+    elif former is not task:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
 
 
@@ -53,11 +53,9 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> "type[Worlds]":
-    """Return the class registered as `name`.
+    """Return the class registered as `name`, "FILE.py:CLASS", "gymnasium:ID" or "mjlab:TASK".
 
-    It can also be that of "FILE.py:CLASS", "gymnasium:ID", "mjlab:TASK" or "playground:TASK".
-
-    The code of such a class runs, and files may name it from now on (see `trust`).
+    Also "playground:TASK". Its code runs, and files may name it from now on (see `trust`).
 
     Raises:
         MorlaxError: there is no such task, or it cannot be loaded.
@@ -71,26 +69,23 @@ def get(name: str) -> "type[Worlds]":
         from .external import from_file
 
         return from_file(name)
-    known = _known(name)
-    if known is not None:
-        return known
-    if name not in offered():
-        raise unknown("environment", name, names())
-    from .external import from_entry_point
+    task = _registered(name)
+    if task is None:
+        if name not in offered():
+            raise unknown("environment", name, names())
+        from .external import from_entry_point
 
-    task = from_entry_point(name)
-    register(name, task)
+        task = from_entry_point(name)
+        register(name, task)
     return task
 
 
-def _known(name: str) -> "type[Worlds] | None":
-    """Return a registered class, or a built-in one, whose module is imported only now."""
+def _registered(name: str) -> "type[Worlds] | None":
     if name in TASKS and name not in _REGISTRY:
         _REGISTRY[name] = _imported(f"robots.{TASKS[name]}")
     return _REGISTRY.get(name)
 
 
 def _imported(home: str) -> Any:
-    """Return the member of "MODULE:MEMBER", a module of this package."""
     module, _, member = home.partition(":")
     return getattr(import_module(f".{module}", __package__), member)

@@ -19,7 +19,7 @@ from morlax_torch.commands import design as searching
 from morlax_torch.commands import record
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
 from morlax_torch.envs.robots.designed import DesignedHopper
-from morlax_torch.envs.worlds.designs import (
+from morlax_torch.envs.worlds.design_space import (
     DesignParameter,
     DesignSpace,
     compile_bank,
@@ -178,16 +178,10 @@ def test_a_design_keeps_the_parts_of_the_robot(monkeypatch):
         bank_of(env)
 
 
-@pytest.mark.parametrize(
-    ("parameter", "sentence"),
-    [
-        (DesignParameter(0.3, 0.1, float("inf")), "goes from 0.1 to inf, with the default 0.3"),
-        (DesignParameter(0.3, 0.5, 0.9), "needs finite bounds, and a default between them"),
-    ],
-)
-def test_a_parameter_needs_bounds(parameter, sentence):
-    with pytest.raises(MorlaxError, match=sentence):
-        DesignSpace({"shin": parameter})
+def test_a_parameter_needs_bounds_around_its_default():
+    for low, high in ((0.1, float("inf")), (0.5, 0.9)):
+        with pytest.raises(MorlaxError, match="needs finite bounds, and a default between them"):
+            DesignSpace({"shin": DesignParameter(0.3, low, high)})
 
 
 @pytest.mark.parametrize(
@@ -207,10 +201,7 @@ def test_a_wrong_design_is_one_sentence(task, design, sentence):
     ("design", "sentence"),
     [
         (None, r"a design is numbers by name, such as \{'thigh': 0\.33\}, not None\."),
-        ("thigh", r"a design is numbers by name, such as .*, not 'thigh'\."),
         ({"thigh": "x"}, r"the design parameter 'thigh' must be a number, not 'x'\."),
-        ({"thigh": "0.3"}, r"the design parameter 'thigh' must be a number, not '0\.3'\."),
-        ({"thigh": None}, r"the design parameter 'thigh' must be a number, not None\."),
         ({"thigh": True}, r"the design parameter 'thigh' must be a number, not True\."),
         ({"thigh": np.zeros(3)}, r"the design parameter 'thigh' must be a number, not array"),
         ({"thigh": float("nan")}, r"'thigh' is nan m: it must be from 0\.2 to 0\.5 m"),

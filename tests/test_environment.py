@@ -61,12 +61,11 @@ def test_actions_of_another_shape_or_type_are_one_sentence():
     env.step(torch.zeros(2, A, dtype=torch.float64))
 
 
-@pytest.mark.parametrize("task", ["walker", "ant"])
-def test_the_default_dtype_changes_no_step(task, backend, dtypes):
+def test_the_default_dtype_changes_no_step(backend, dtypes):
     steps = []
     for _ in dtypes:
         random = {"friction": (0.5, 1.5), "push": 0.5, "push_every": 2, "action_delay": (0, 2)}
-        env = make(task, backend, reset_noise=0.01, randomization=random)
+        env = make("ant", backend, reset_noise=0.01, randomization=random)
         action = torch.full((3, env.action_size), 0.3)
         steps.append([list(env.step(action)[:5]) for _ in range(5)])
     assert_same(*steps)
@@ -263,11 +262,6 @@ def disturb(values: Tensor) -> None:
     values.copy_(values + 1.0 if values.is_floating_point() else ~values)
 
 
-def test_the_robot_has_every_part_of_the_state():
-    model = Everything.load_model()
-    assert all(mujoco.mj_stateSize(model, MEMBERS[member]) for member in STATES.values())
-
-
 @pytest.mark.parametrize("field", STATES)
 def test_an_episode_starts_like_that_of_a_new_world(field, backend):
     env, new = everything(backend), everything(backend)
@@ -351,10 +345,7 @@ def test_staggered_worlds_start_at_different_ages(backend):
     options = {"episode_length": 100, "stagger": True}
     env = make("hopper", backend, 256, **options)
     ages = env.age.clone()
-    assert ages.min() < 10
-    assert ages.max() >= 90
-    assert ages.max() < 100
-    assert len(ages.unique()) > 50
+    assert ages.min() < 10 and 90 <= ages.max() < 100 and len(ages.unique()) > 50
     assert torch.equal(make("hopper", backend, 256, **options).age, ages)
     assert not torch.equal(make("hopper", backend, 256, seed=1, **options).age, ages)
 
@@ -447,20 +438,6 @@ def test_reset_noise_keeps_loops_closed(noise):
     assert (np.std(turns, 0) > noise / 8).all()
 
 
-def test_reset_noise_differs_by_episode_and_depends_on_the_seed(backend):
-    options = {"reset_noise": 0.05, "episode_length": 3}
-
-    def starts(seed: int) -> list[Tensor]:
-        env = make("cheetah", backend, seed=seed, **options)
-        steps = [env.step(action) for action in random_actions(env, 6)]
-        return [step.observation for step in steps if step.truncated.all()]
-
-    first, second = starts(seed=0)
-    assert not torch.equal(first, second)
-    assert all(map(torch.equal, starts(seed=0), (first, second)))
-    assert not any(map(torch.equal, starts(seed=1), (first, second)))
-
-
 @pytest.mark.parametrize("iterations", (None, 8))
 def test_eight_solver_iterations_converge_and_the_paper_s_two_do_not(backend, iterations):
     with np.load(Path(__file__).parent / "reference" / "walker.npz") as file:
@@ -488,35 +465,3 @@ def test_the_extremities_option_adds_hands_and_feet_to_the_observation(backend):
         for name in ("right_hand", "left_hand", "right_foot", "left_foot")
     ]
     np.testing.assert_allclose(with_them[0, 22:34], np.concatenate(expected), atol=SINGLE)
-
-    for action in random_actions(blind, 20):
-        seen = blind.step(action).observation
-        assert (seen[:, 22:25] == 0).all()
-        assert torch.equal(seeing.step(action).observation[:, 34:], seen[:, 25:])
-
-
-# Saved states
-
-
-@pytest.mark.parametrize("task", ("humanoid", "walker"))
-def test_worlds_resume_exactly_from_a_saved_state(task, backend):
-    options = {"episode_length": 25, "stagger": True, "reset_noise": 0.02}
-    env = make(task, backend, **options)
-    actions = random_actions(env, 60)
-    for action in actions[:20]:
-        env.step(action)
-    env.physics.qpos[1] = float("nan")
-    env.step(still(env))
-    saved, expected, shown = env.state_dict(), state(env), env.observe()
-    went_on = [env.step(action) for action in actions[20:]]
-    assert sum((step.truncated | step.terminated).sum() for step in went_on) >= 3
-
-    other = make(task, backend, **options)
-    other.step(actions[0])  # so that the random generator also has to be restored
-    for resumed in (other, env):
-        resumed.load_state_dict(saved)  # a copy, which did not change
-        assert resumed.blowups == 1
-        assert torch.equal(resumed.observe(), shown)
-        assert_same(state(resumed), expected)
-        for action, then in zip(actions[20:], went_on, strict=True):
-            assert_same(resumed.step(action)._asdict(), then._asdict())

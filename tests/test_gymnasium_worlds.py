@@ -76,6 +76,7 @@ def test_worlds_expose_objectives_spaces_and_limits():
     assert worlds.objectives == ("reward_0", "reward_1")
     assert worlds.episode_length == 999
     assert worlds.reference_point == (-999.0, -999.0)  # the lowest reward on every step
+    assert (worlds.observation_size, worlds.action_size, len(worlds.objectives)) == (2, 1, 2)
     assert worlds.dt == math.inf
     assert envs.make("gymnasium:mo-hopper-v5", 1, "cpu").dt == pytest.approx(0.008)
     assert load_config(task_values(CAR, "cpu")).worlds == 64

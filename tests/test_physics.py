@@ -90,9 +90,8 @@ def test_warp_sensors_lag_like_those_of_c_mujoco(robot):
 # Multithreaded C MuJoCo
 
 
-@pytest.mark.parametrize("robot", ("cheetah", "humanoid"))
-def test_many_threads_match_a_single_loop(robot):
-    env = make(robot, "mujoco", 9, auto_reset=False)
+def test_many_threads_match_a_single_loop():
+    env = make("humanoid", "mujoco", 9, auto_reset=False)
     worlds = [mujoco.MjData(env.physics.model) for _ in range(env.num_worlds)]
     for world in worlds:
         world.qpos = env.initial_qpos()
@@ -119,14 +118,10 @@ def test_state_tensors_share_the_simulator_s_memory(backend):
     env.step(still(env))
     assert not torch.equal(tensors["qpos"], before)
 
-    physics.qpos[0, 0] += 5.0  # meters along the track; nothing else changes
-    physics.qvel[1, 0] += 1.0
+    physics.qvel[1, 0] += 1.0  # m/s along the track
     x = physics.qpos[:, 0].clone()
     env.step(still(env))
-    moved = physics.qpos[:, 0] - x
-    assert physics.qpos[0, 0] == pytest.approx(5.0, abs=0.01)
-    assert moved[0].item() == pytest.approx(moved[3].item(), abs=1e-5)
-    assert moved[1].item() == pytest.approx(0.01, abs=1e-3)
+    assert (physics.qpos[1, 0] - x[1]).item() == pytest.approx(0.01, abs=1e-3)
     assert torch.equal(physics.qpos[2], physics.qpos[3])
 
     env.reset()
@@ -175,8 +170,7 @@ def test_a_blow_up_restarts_only_its_own_world(task, backend):
     assert well.blowups == 0
 
 
-@pytest.mark.parametrize("tensor", ("qpos", "qvel"))
-@pytest.mark.parametrize("value", (float("nan"), float("-inf")))
+@pytest.mark.parametrize(("tensor", "value"), [("qpos", float("nan")), ("qvel", float("-inf"))])
 def test_any_non_finite_number_is_a_blow_up_without_a_log(
     tensor, value, backend, tmp_path, monkeypatch
 ):
@@ -242,34 +236,17 @@ def test_reaching_the_solver_iteration_limit_is_not_an_overflow():
 
 
 PID = '<extension><plugin plugin="mujoco.pid"/></extension>'
-PILE = "".join(f'<body pos="0 {i} 9"><freejoint/><geom size=".1"/></body>' for i in range(10))
+DRIVE = '<plugin joint="arm" plugin="mujoco.pid"/>'
 
 
 @pytest.mark.usefixtures("crowd")
 @pytest.mark.parametrize(
     ("backend", "mjcf", "words"),
     [
-        (
-            "warp",
-            '<option solver="PGS"/>',
-            r'MuJoCo Warp .*PGS.*: set <option solver="Newton"/>, or',
-        ),
-        (
-            "warp",
-            '<option><flag fwdinv="enable"/></option>',
-            "FWDINV.*: leave fwdinv out of <flag>",
-        ),
-        ("warp", f'<option jacobian="dense"/><worldbody>{PILE}</worldbody>', 'jacobian="sparse"'),
-        (
-            "warp",
-            f'{PID}<actuator><plugin joint="arm" plugin="mujoco.pid"/></actuator>',
-            "plugins out",
-        ),
-        (
-            "mujoco",
-            '<size memory="3000"/>',
-            r'out of memory.*: raise <size memory="100M"/> in the MJCF',
-        ),
+        ("warp", '<option solver="PGS"/>', r'Warp .*PGS.*: set <option solver="Newton"/>, or'),
+        ("warp", '<option><flag fwdinv="enable"/></option>', "leave fwdinv out of <flag>"),
+        ("warp", f"{PID}<actuator>{DRIVE}</actuator>", "plugins out"),
+        ("mujoco", '<size memory="3000"/>', r'out of memory.*: raise <size memory="100M"/> in'),
     ],
 )
 def test_what_a_simulator_refuses_has_a_remedy(backend, mjcf, words, monkeypatch):

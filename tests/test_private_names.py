@@ -9,7 +9,6 @@ import importlib.util
 import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -101,23 +100,6 @@ def dispatch() -> None:
     assert drawing._schema.arguments[0].alias_info.is_write
     assert reading is torch.ops.aten._local_scalar_dense.default
     assert tree_leaves(tree_map(abs, {"a": [-1, (-2,)]})) == [1, 2]
-
-
-@private("warp", "_compile", "_get_compile_output_name")
-def compiling() -> None:
-    module = wp.Module("private_names")
-    # public, but replaced or called by envs/physics/compiling.py, which needs these arguments
-    assert {"device", "block_dim"} <= set(signature(wp.Module.load).parameters)
-    assert list(signature(wp.capture_while).parameters)[:2] == ["condition", "while_body"]
-    branches = ["condition", "on_true", "on_false"]
-    assert list(signature(wp.capture_if).parameters)[:3] == branches
-    assert list(signature(wp.get_suggested_block_size).parameters) == ["kernel", "device"]
-    for name in ("array_scan", "radix_sort_pairs", "segmented_sort_pairs"):
-        assert callable(getattr(wp.utils, name))
-    options = module.resolve_options(wp.config, 1)
-    signature(module._compile).bind(wp.get_device("cpu"), options=options)
-    file = module._get_compile_output_name(wp.get_device("cpu"), block_dim=1)
-    assert Path(file).suffix == ".o" and module.get_module_identifier(1)
 
 
 @private("mujoco_warp", "_src")

@@ -94,14 +94,6 @@ def test_only_critics_see_privileged_observations(generator):
         assert not torch.allclose(values(changed), values(seen))
 
 
-def test_observations_and_privileged_observations_are_normalized(generator):
-    normalizer = learner(blind(), 3).agent.observation_normalizer
-    assert normalizer.mean.shape == (O + P,)
-    assert (normalizer.variance != 1).all()
-    seen = torch.randn(5, O + P, generator=generator)
-    assert torch.equal(normalizer(seen)[:, :O], normalizer(seen[:, :O]))
-
-
 @pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator):
     morlax = learner(blind(), 3)

@@ -9,13 +9,10 @@ import torch
 from acting import random_actions, still
 from crowd import DOOR, MOTOR, ROBOT, SCENE
 from same import assert_same
-from tiny import tiny
 
-from morlax_torch import MORLAX, MorlaxError, envs
-from morlax_torch.configuration.config import load_config
+from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.envs.worlds.trees import base_of
-from morlax_torch.runs.evaluating import evaluate
 
 BACKENDS = ("mujoco", "warp")
 MODELS = {
@@ -89,12 +86,6 @@ def test_randomized_c_mujoco_worlds_match_separately_compiled_models(task):
 @pytest.mark.parametrize("task", ("cheetah", "hopper", "ant", "humanoid"))
 def test_randomized_warp_worlds_start_like_separately_compiled_models(task):
     assert errors(make(task, "warp", MODELS, auto_reset=False), 10).max() < SINGLE
-
-
-@pytest.mark.parametrize("task", ("cheetah", "hopper"))  # 3D contacts differ between engines anyway
-def test_randomized_warp_worlds_match_separate_models_in_contact(task):
-    env = make(task, "warp", MODELS, auto_reset=False, solver_iterations=50)
-    assert errors(env, 60).max() < 1e-3
 
 
 def test_friction_varies_by_world_mass_by_body_and_strength_by_motor():
@@ -263,30 +254,21 @@ def test_pushes_move_the_robot_or_the_named_body(task, body):
         torch.testing.assert_close(size, expected, rtol=0, atol=0.05)
 
 
-@pytest.mark.parametrize(
-    ("actuators", "base"),
-    [
-        (MOTOR, ROBOT),
-        ('<motor joint="door"/>', DOOR),
-        ('<motor joint="door"/>' + 2 * MOTOR, ROBOT),
-        ('<motor joint="door"/>' + MOTOR, ROBOT),  # which has more degrees of freedom
-        ('<motor tendon="tendon"/>', ROBOT),
-        ('<general site="hand" gear="0 0 1 0 0 0"/>', ROBOT),
-        ('<adhesion body="arm" ctrlrange="0 1"/>', ROBOT),
-        ('<motor jointinparent="arm"/>', ROBOT),
-    ],
-)
-def test_the_robot_is_the_tree_with_the_most_actuators(actuators, base):
-    assert base_of(mujoco.MjModel.from_xml_string(SCENE.format(actuators))) == base
-
-
-def test_bases_without_actuators_trees_or_such_a_body():
+def test_the_robot_is_the_tree_with_the_most_actuators():
+    for actuators, base in {
+        '<motor joint="door"/>': DOOR,
+        '<motor joint="door"/>' + 2 * MOTOR: ROBOT,
+        '<motor joint="door"/>' + MOTOR: ROBOT,  # which has more degrees of freedom
+        '<motor tendon="tendon"/>': ROBOT,
+        '<general site="hand" gear="0 0 1 0 0 0"/>': ROBOT,
+        '<adhesion body="arm" ctrlrange="0 1"/>': ROBOT,
+        '<motor jointinparent="arm"/>': ROBOT,
+    }.items():
+        assert base_of(mujoco.MjModel.from_xml_string(SCENE.format(actuators))) == base
     scene = mujoco.MjModel.from_xml_string(SCENE.format(""))
     assert base_of(scene, "arm") == ROBOT
     with pytest.raises(MorlaxError, match="unknown body 'rbot': did you mean 'robot'"):
         base_of(scene, "rbot")
-    still_life = "<mujoco><worldbody><body/></worldbody></mujoco>"
-    assert base_of(mujoco.MjModel.from_xml_string(still_life)) == 1
     assert base_of(mujoco.MjModel.from_xml_string("<mujoco/>")) == 0
 
 
@@ -310,6 +292,8 @@ def test_randomized_worlds_resume_exactly_from_a_saved_state(task, backend):
     actions = random_actions(env, 40)
     for action in actions[:15]:
         env.step(action)
+    env.physics.qpos[1] = float("nan")
+    env.step(still(env))
     saved, shown = env.state_dict(), env.critic_observation()
     went_on = [env.step(action) for action in actions[15:]]
 
@@ -318,33 +302,11 @@ def test_randomized_worlds_resume_exactly_from_a_saved_state(task, backend):
     other.starts = env.starts
     other.step(actions[0])
     for resumed in (other, env):
-        resumed.load_state_dict(saved)
+        resumed.load_state_dict(saved)  # a copy, which did not change
+        assert resumed.blowups == 1
         assert torch.equal(resumed.critic_observation(), shown)
         for action, then in zip(actions[15:], went_on, strict=True):
-            step = resumed.step(action)
-            assert torch.equal(step.observation, then.observation)
-            assert torch.equal(step.final_observation, then.final_observation)
-            assert torch.equal(step.reward, then.reward)
-            assert torch.equal(step.truncated, then.truncated)
-
-
-def test_training_with_randomization_resumes_exactly():
-    config = tiny(**{"task.randomization": {**MODELS, **MOMENTS}, "task.episode_length": 10})
-    assert load_config(config.model_dump(mode="json")) == config
-    whole, first, second = (MORLAX(config.make_worlds(8, config.seed), config) for _ in range(3))
-    for learner, iterations in ((whole, 4), (first, 2)):
-        for _ in range(iterations):
-            learner.iterate()
-    second.load_state_dict(first.state_dict())
-    for _ in range(2):
-        second.iterate()
-    assert_same(second.state_dict(), whole.state_dict())
-
-
-def test_more_evaluation_seeds_use_other_randomized_worlds(make_policy):
-    policy = make_policy("hopper", task={"episode_length": 30, "randomization": MODELS})
-    one, several = (evaluate(policy, tradeoffs=4, device="cpu", seeds=seeds) for seeds in (1, 3))
-    assert not np.allclose(one.returns, several.returns)
+            assert_same(resumed.step(action)._asdict(), then._asdict())
 
 
 @pytest.mark.parametrize(
@@ -354,20 +316,12 @@ def test_more_evaluation_seeds_use_other_randomized_worlds(make_policy):
         ({"mass": (0, 1)}, "greater than 0"),
         ({"frction": (1, 2)}, "did you mean 'friction'"),
         ({"observation_noise": {"positon": 1.0}}, "did you mean 'position'"),
-        ({"fields": {"no_such": (1, 2)}}, "cannot vary 'no_such' between worlds"),
-        ({"fields": {"tendon_range": (1, 2)}}, "that this robot has"),
+        ({"fields": {"tendon_range": (1, 2)}}, "cannot vary 'tendon_range' .* that this robot has"),
     ],
 )
 def test_invalid_randomization_gives_a_clear_error(randomization, expected, backend):
     with pytest.raises(MorlaxError, match=expected):
         make("hopper", backend, randomization)
-
-
-def test_a_field_that_only_warp_cannot_vary_is_rejected_only_there():
-    randomization = {"fields": {"dof_M0": (1, 2)}}
-    make("hopper", "mujoco", randomization)
-    with pytest.raises(MorlaxError, match="MuJoCo Warp cannot vary 'dof_M0' between worlds"):
-        make("hopper", "warp", randomization)
 
 
 def test_worlds_without_mujoco_batch_are_simulated_alike(monkeypatch):

@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -94,10 +93,11 @@ def replay(request: pytest.FixtureRequest) -> Replay:
 def test_trajectories_match_the_published_ones(replay):
     assert_equal(stacked(replay.qpos), replay.reference["qpos"])
     assert_equal(stacked(replay.qvel), replay.reference["qvel"])
-
-
-def test_observations_match_the_published_ones(replay):
     assert_equal(stacked(replay.observations), replay.reference["obs"])
+    assert_equal(stacked(replay.rewards), replay.reference[replay.published.reward])
+    terminated = stacked([step.terminated for step in replay.steps])
+    for failures in (stacked(replay.failed), terminated):
+        assert (failures == replay.reference["terminated"]).all()
 
 
 def test_reward_terms_match_the_published_ones(replay):
@@ -106,16 +106,6 @@ def test_reward_terms_match_the_published_ones(replay):
     for name in names:
         term = stacked([step.terms[name] for step in replay.steps])
         assert_equal(term, replay.reference[f"term_{name}"])
-
-
-def test_objectives_match_the_published_ones(replay):
-    assert_equal(stacked(replay.rewards), replay.reference[replay.published.reward])
-
-
-def test_failures_match_the_published_ones(replay):
-    assert (stacked(replay.failed) == replay.reference["terminated"]).all()
-    terminated = stacked([step.terminated for step in replay.steps])
-    assert (terminated == replay.reference["terminated"]).all()
 
 
 def test_a_step_returns_the_published_numbers_in_single_precision(replay):
@@ -198,7 +188,7 @@ def test_planar_robots_clip_observed_velocities_to_ten(task):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("task", PUBLISHED)
-def test_a_task_exposes_objectives_spaces_and_limits_and_steps_obey_them(task, backend):
+def test_a_task_exposes_objectives_and_limits_and_steps_obey_them(task, backend):
     env = make(task, backend, worlds=3)
     assert (env.num_worlds, env.device, env.episode_length) == (3, torch.device("cpu"), 500)
     assert env.dt == pytest.approx(0.01)
@@ -206,20 +196,11 @@ def test_a_task_exposes_objectives_spaces_and_limits_and_steps_obey_them(task, b
     assert env.reference_point == (0.0,) * len(env.objectives)
     for weighted in (env.options.shared, *env.options.objectives.values()):
         assert set(weighted) <= set(env.reward_terms)
-    assert (env.action_space.low == -1).all() and (env.action_space.high == 1).all()
     first = env.reset()
     step = env.step(torch.zeros(3, env.action_size))
-    for space, size, *values in (
-        (env.action_space, env.action_size),
-        (env.observation_space, env.observation_size, first, step.observation),
-        (env.observation_space, env.observation_size, step.final_observation),
-        (env.reward_space, len(env.objectives), step.reward),
-    ):
-        assert isinstance(space, gymnasium.spaces.Box)
-        assert (space.shape, space.dtype) == ((size,), np.float32)
-        for value in values:
-            assert (value.shape, value.dtype) == ((3, size), torch.float32)
-            assert space.contains(value[0].numpy())
+    for value in (first, step.observation, step.final_observation):
+        assert (value.shape, value.dtype) == ((3, env.observation_size), torch.float32)
+    assert (step.reward.shape, step.reward.dtype) == ((3, len(env.objectives)), torch.float32)
     for flag in (step.terminated, step.truncated):
         assert (flag.shape, flag.dtype) == ((3,), torch.bool)
     assert tuple(step.terms) == env.reward_terms
@@ -245,7 +226,6 @@ def test_objectives_are_the_configured_weighted_sums(task, objectives, shared):
     env = make(task, objectives=objectives, shared=shared, reference_point=point)
     assert env.objectives == tuple(objectives)
     assert env.reference_point == tuple(map(float, point))
-    assert env.reward_space.shape == (len(objectives),)
     for action in random_actions(env, 5):
         step = env.step(action)
         for column, group in enumerate(objectives.values()):
@@ -272,8 +252,6 @@ def test_objectives_are_the_configured_weighted_sums(task, objectives, shared):
             "reference_point has 3 numbers, but there are 2 objectives: run, energy.",
         ),
         ({"episode_length": 0}, "episode_length: Input should be greater than 0 (given: 0)."),
-        ({"reset_noise": -0.1}, "reset_noise: Input should be greater than or equal to 0"),
-        ({"solver_iterations": 0}, "solver_iterations: Input should be greater than 0 (given: 0)."),
     ],
 )
 def test_a_wrong_option_is_explained(options, sentence):
@@ -288,19 +266,13 @@ def test_a_wrong_option_is_explained(options, sentence):
         (("chetah", 1, "cpu"), "unknown environment 'chetah': did you mean 'cheetah'? Known: ant,"),
         (("walker", 1, "cpu", "mujuco"), "unknown backend 'mujuco': did you mean 'mujoco'?"),
         ((None, 1), "an environment's name is text, such as 'cheetah', not None."),
-        ((["walker"], 1), "an environment's name is text, such as 'cheetah', not ['walker']."),
         (("walker", 1, 1.5), "1.5 is not a device: use 'cuda', 'cuda:1' or 'cpu'."),
         (("walker", 1.5, "cpu"), "num_worlds is 1.5: it must be an integer."),
-        (("walker", "a", "cpu"), "num_worlds is 'a': it must be an integer."),
-        (("walker", None, "cpu"), "num_worlds is None: it must be an integer."),
         (("walker", True, "cpu"), "num_worlds is True: it must be an integer."),
         (("walker", 1, "cpu", None, "0"), "seed is '0': it must be an integer."),
-        (("walker", 1, "cpu", None, 0.5), "seed is 0.5: it must be an integer."),
         (("walker", 1, "cpu", None, -1), "seed is -1: it must be from 0 to 2^64 - 1."),
-        (("walker", 0, "cpu"), "num_worlds is 0: it must be from 1 to 2147483647."),
         (("walker", 2**31, "cpu"), "num_worlds is 2147483648: it must be from 1 to 2147483647."),
         (("walker", 2**31 - 1, "cpu", "warp"), "cannot hold 2147483647 worlds with task.nconmax"),
-        (("walker", 1, "gpu"), "'gpu' is not a device: use 'cuda', 'cuda:1' or 'cpu'."),
         (("walker", 1, "meta"), "device meta is not supported: use 'cuda' or 'cpu'."),
     ],
 )

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import gymnasium
-import numpy as np
 import pytest
 import torch
 from peers import check_run
@@ -106,56 +104,12 @@ def test_resumable_worlds_must_have_a_state():
         envs.register("forgetful", Forgetful)
 
 
-class Turning(gymnasium.Env):
-    """A wheel that turns by its action, as an environment of Gymnasium."""
-
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,))
-    action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,))
-    reward_space = gymnasium.spaces.Box(-np.inf, np.inf, (2,))
-
-    def reset(self, *, seed=None, options=None):
-        return np.zeros(1), {}
-
-    def step(self, action):
-        return action, np.array([action[0], -abs(action[0])]), False, False, {}
-
-
-class Rolling:
-    """The same as a vectorized environment with the interface of rsl_rl."""
-
-    num_actions = 1
-
-    def __init__(self, num_envs, device, seed):
-        self.num_envs, self.device, self.x = num_envs, device, torch.zeros(num_envs, 1)
-
-    def reset(self):
-        return self.x, {}
-
-    def step(self, actions):
-        self.x = self.x + actions
-        return self.x, None, torch.zeros(self.num_envs, dtype=torch.bool), {"go": self.x[:, 0]}
-
-
-def rolling() -> type[envs.Worlds]:
-    terms = {"go": {"go": 1.0}, "save": {"go": -1.0}}
-    return envs.from_vecenv(Rolling, lambda env, extras: {"go": extras["go"]}, terms)
-
-
-KINDS = {
-    "cheetah": lambda: envs.get("cheetah"),
-    "bruce": lambda: envs.get("bruce"),
-    "own worlds": lambda: Points,
-    "gymnasium": lambda: envs.from_gymnasium(Turning),
-    "vecenv": rolling,
-}
-
-
-@pytest.mark.parametrize(
-    ("kind", "backend"), [*((kind, None) for kind in KINDS), ("cheetah", "warp"), ("bruce", "warp")]
-)
-def test_a_step_keeps_no_graph_of_the_actions(kind, backend):
-    task, options = KINDS[kind](), {"auto_reset": True, "deterministic": False}
-    env = task.build(task.Options(), 2, torch.device("cpu"), backend, 0, **options)
+@pytest.mark.parametrize("name", [POINTS, "cheetah", "bruce"])
+@pytest.mark.parametrize("backend", ["mujoco", "warp"])
+def test_a_step_keeps_no_graph_of_the_actions(name, backend):
+    task = envs.get(name)
+    kind = {"auto_reset": True, "deterministic": False}
+    env = task.build(task.Options(), 2, torch.device("cpu"), backend, 0, **kind)
     policy = torch.nn.Linear(env.observation_size, env.action_size)
     observation = env.reset()
     for _ in range(3):

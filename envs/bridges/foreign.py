@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, words
+from ..worlds import checks
 from ..worlds.interface import TimeStep, Worlds
 
 ACTORS = ("actor", "policy")  # names of the group that a policy sees
@@ -100,14 +101,14 @@ class ForeignWorlds(Worlds):
         return self._policy(self._seen.clone())
 
     def restart(self, which: Tensor) -> Tensor:
-        self.check_mask(which)
+        checks.mask(self, which)
         self._seen.copy_(self._restart(which, self._seen))
         self._failed &= ~which
         self._timed_out &= ~which
         return self._policy(self._seen.clone())
 
     def step(self, action: Tensor) -> TimeStep:
-        self.check_action(action)
+        checks.action(self, action)
         standing = self._failed | self._timed_out  # none with automatic reset
         seen, final, paid, failed, timed_out, blown_up = self._advance(action)
         blown_up = blown_up & ~standing
@@ -147,13 +148,13 @@ def actor_group(groups: Any, owner: str) -> str:
     Raises:
         MorlaxError: `owner` has no such group, or a group that is not one vector.
     """
-    known = list(groups.keys())
-    actor = next((name for name in ACTORS if name in known), None)
+    names = list(groups.keys())
+    actor = next((name for name in ACTORS if name in names), None)
     if actor is None:
         raise MorlaxError(
-            f"{owner} has no observations called actor or policy, but {', '.join(known)}."
+            f"{owner} has no observations called actor or policy, but {', '.join(names)}."
         )
-    for name in {actor, CRITIC} & set(known):
+    for name in {actor, CRITIC} & set(names):
         if not isinstance(groups[name], Tensor) or groups[name].ndim != 2:
             raise MorlaxError(
                 f"the observations {name} of {owner} are not one vector for each world: policies "

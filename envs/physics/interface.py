@@ -1,16 +1,17 @@
-"""The interface of a simulator."""
+"""The interface of a simulator, and errors for models that it refuses."""
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 
 import mujoco
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from ..errors import unknown
+from ..errors import MorlaxError, unknown, words
 
 _ODD = {"WARMSTART": "qacc_warmstart", "PLUGIN": "plugin_state"}
 STATE: dict[str, mujoco.mjtState] = {  # the parts of MuJoCo's state, by their names in MjData
@@ -21,11 +22,36 @@ STATE: dict[str, mujoco.mjtState] = {  # the parts of MuJoCo's state, by their n
 MAIN = "qpos", "qvel", "act", "ctrl", "qacc_warmstart"  # those that `Physics` has by name
 
 
-def initial_parts(model: mujoco.MjModel) -> dict[str, NDArray[np.float64]]:
-    """Return the parts of MuJoCo's state that a model has beside the MAIN ones, in new MjData."""
-    data, names = mujoco.MjData(model), [name for name in STATE if name not in MAIN]
-    has = [name for name in names if mujoco.mj_stateSize(model, STATE[name])]
-    return {name: np.array(getattr(data, name), float) for name in has}
+REMEDIES = {  # for what simulators say of a model
+    r"mjSOL_": 'set <option solver="Newton"/>, or model.opt.solver in load_model',
+    r"mjINT_": 'set <option integrator="implicitfast"/>, or model.opt.integrator in load_model',
+    r"mjCONE_": 'set <option cone="pyramidal"/>, or model.opt.cone in load_model',
+    r"mj(?:ENBL|DSBL)_(\w+)": "leave {} out of <flag>",
+    r"Dense is": 'set <option jacobian="sparse"/>, or model.opt.jacobian in load_model',
+    r"noslip": 'set <option noslip_iterations="0"/>, or model.opt.noslip_iterations in load_model',
+    r"(\w+) plugins": "leave the {} plugins out",
+    r"out of memory|overflow": 'raise <size memory="100M"/> in the MJCF',
+}
+REFUSALS = NotImplementedError, ValueError, AttributeError, TypeError, KeyError
+STOPS = mujoco.FatalError, RuntimeError  # while C MuJoCo steps
+
+
+@contextmanager
+def explained(simulator: str, errors: tuple[type[Exception], ...] = REFUSALS) -> Iterator[None]:
+    """Raise MorlaxError, with a remedy, where a simulator refuses a model."""
+    try:
+        yield
+    except errors as error:
+        reason = words(error).removeprefix("NotImplementedError: ").removeprefix("ValueError: ")
+        reason = reason.rstrip(".")
+        remedy = "leave this out of the MJCF, or choose the other simulator with --backend"
+        for pattern, advice in REMEDIES.items():
+            if match := re.search(pattern, reason):
+                remedy = advice.format(*(each.lower() for each in match.groups()))
+                break
+        raise MorlaxError(
+            f"{simulator} cannot simulate this model ({reason}): {remedy}."
+        ) from error
 
 
 class Physics(ABC):
@@ -113,12 +139,13 @@ class Physics(ABC):
 
     def _view_parts(self, view: Callable[[str], Tensor]) -> None:
         """Set `parts`; `view` returns the simulator's array of a name."""
-        self.parts = {
-            name: (values := view(name), torch.from_numpy(initial).to(values))
-            for name, initial in initial_parts(self.model).items()
-        }
+        data, self.parts = mujoco.MjData(self.model), {}
+        for name in (name for name in STATE if name not in MAIN):
+            if mujoco.mj_stateSize(self.model, STATE[name]):
+                initial = torch.from_numpy(np.array(getattr(data, name), float))
+                self.parts[name] = view(name), initial.to(view(name))
 
     @cached_property
     def _readings_of(self) -> dict[str, Tensor]:
-        found = [self.model.sensor(index) for index in range(self.model.nsensor)]
-        return {x.name: self.sensors[:, x.adr[0] : x.adr[0] + x.dim[0]] for x in found}
+        sensors = [self.model.sensor(index) for index in range(self.model.nsensor)]
+        return {x.name: self.sensors[:, x.adr[0] : x.adr[0] + x.dim[0]] for x in sensors}

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import MorlaxError
-from .interface import STATE, Physics
-from .refusals import STOPS, explained
+from .interface import STATE, STOPS, Physics, explained
 
 _ALL = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -95,14 +94,13 @@ def varying(
     model: mujoco.MjModel, num_worlds: int, fields: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return `fields` and every derived constant that they change in some world, (N, ...)."""
-    batch = Batch(model, nsim=num_worlds)
+    batch, varied = Batch(model, nsim=num_worlds), {}
     vary(batch, fields)
-    found = {name: batch.expanded(name) for name in MODEL_FIELDS}
-    return {
-        name: values.copy()
-        for name, values in found.items()
-        if values is not None and (name in fields or (values != getattr(model, name)).any())
-    }
+    for name in MODEL_FIELDS:
+        values = batch.expanded(name)
+        if values is not None and (name in fields or (values != getattr(model, name)).any()):
+            varied[name] = values.copy()
+    return varied
 
 
 def cannot_vary(simulator: str, field: str) -> MorlaxError:
@@ -132,22 +130,20 @@ class MujocoPhysics(Physics):
                 if "bad_alloc" in str(error):
                     raise MemoryError from None
                 raise
-        self.qpos = torch.from_numpy(self._batch.bind("qpos"))
-        self.qvel = torch.from_numpy(self._batch.bind("qvel"))
-        self.ctrl = torch.from_numpy(self._batch.bind("ctrl"))
-        self.act = (
-            torch.from_numpy(self._batch.bind("act"))
-            if model.na
-            else torch.zeros(num_worlds, 0, dtype=torch.float64)
-        )
-        self.warmstart = torch.from_numpy(self._batch.bind("qacc_warmstart"))
+        names = "qpos", "qvel", "ctrl", "qacc_warmstart"
+        self.qpos, self.qvel, self.ctrl, self.warmstart = map(self._view, names)
+        nothing = torch.zeros(num_worlds, 0, dtype=torch.float64)
+        self.act = self._view("act") if model.na else nothing
         # MuJoCo's sensor readings are read-only, but a reset has to write them
         self.sensors = torch.zeros(num_worlds, model.nsensordata, dtype=torch.float64)
         self._readings = self._batch.bind("sensordata") if model.nsensordata else None
-        self._view_parts(lambda name: torch.from_numpy(self._batch.bind(name)))
+        self._view_parts(self._view)
         self._no_overflow = torch.zeros(num_worlds, dtype=torch.int32)
         self._kept: list[mujoco.MjModel] = []
         self._moving: NDArray[np.int64] | None = None  # indices of worlds; None: all
+
+    def _view(self, name: str) -> Tensor:
+        return torch.from_numpy(self._batch.bind(name))
 
     def step(self) -> None:
         with explained(self.name, STOPS):

@@ -13,9 +13,8 @@ from torch import Tensor
 
 from ..errors import MorlaxError
 from . import compiling
-from .interface import Physics
+from .interface import Physics, explained
 from .mujoco import MODEL_FIELDS, cannot_vary, varying
-from .refusals import explained
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
 
@@ -24,6 +23,8 @@ _LIMITS = sum(getattr(OverflowType, name, 0) for name in ("ITERATIONS", "LS_ITER
 _CONSTRAINTS = OverflowType.NEFC | OverflowType.NJMAX_NNZ
 # For these constraints MuJoCo Warp computes accelerations from the previous step's velocities.
 _ANCHORED = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+_FIELDS = dataclasses.fields(mjw.Model)
+_VARIABLE = {field.name for field in _FIELDS if getattr(field.type, "shape", ())[:1] == ("*",)}
 _SLEEP = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0)  # since MuJoCo 3.4
 
 
@@ -67,10 +68,8 @@ class WarpPhysics(Physics):
             with explained(self.name):
                 compiling.start(partial(mjw.step, self._model, self._make_data(1)))
             wp.synchronize_device()  # Warp frees the spare data on another stream
-        self.qpos = wp.to_torch(data.qpos)
-        self.qvel = wp.to_torch(data.qvel)
-        self.ctrl = wp.to_torch(data.ctrl)
-        self.act = wp.to_torch(data.act)
+        self.qpos, self.qvel = wp.to_torch(data.qpos), wp.to_torch(data.qvel)
+        self.ctrl, self.act = wp.to_torch(data.ctrl), wp.to_torch(data.act)
         self.warmstart = wp.to_torch(data.qacc_warmstart)
         self.sensors = wp.to_torch(data.sensordata)
         self._view_parts(lambda name: wp.to_torch(getattr(data, name)))
@@ -112,10 +111,8 @@ class WarpPhysics(Physics):
                 mjw.step(self._model, self._data)
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
-        shapes = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
-        found = varying(self.model, self.num_worlds, fields)
-        for name, values in found.items():
-            if shapes.get(name, ())[:1] != ("*",):
+        for name, values in varying(self.model, self.num_worlds, fields).items():
+            if name not in _VARIABLE:
                 if name in fields:
                     raise cannot_vary(self.name, name)
                 continue  # a constant that this simulator does not use
@@ -123,19 +120,18 @@ class WarpPhysics(Physics):
             if len(shared) == self.num_worlds:  # in place: a recorded graph keeps its address
                 shared.assign(values)
             else:
-                own = wp.array(values, dtype=shared.dtype, device=shared.device)
-                setattr(self._model, name, own)
+                array = wp.array(values, dtype=shared.dtype, device=shared.device)
+                setattr(self._model, name, array)
         wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
 
     def keep(self, models: list[mujoco.MjModel]) -> None:
-        shapes = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
         self._kept = []
-        for name in filter(MODEL_FIELDS.__contains__, shapes):
+        for name in (field.name for field in _FIELDS if field.name in MODEL_FIELDS):
             values = np.stack([getattr(model, name) for model in models])
             unused = name == "dof_length" and not self.model.opt.enableflags & _SLEEP
             if unused or (values == getattr(self.model, name)).all():
                 continue
-            if shapes[name][:1] != ("*",):
+            if name not in _VARIABLE:
                 raise MorlaxError(
                     f"{self.name} cannot vary {name!r} between worlds, but designs differ in it: "
                     "change other numbers of the body."
@@ -143,15 +139,15 @@ class WarpPhysics(Physics):
             shared = getattr(self._model, name)
             rows = wp.array(values, dtype=shared.dtype, device=shared.device)
             shape = (self.num_worlds, *shared.shape[1:])
-            own = wp.empty(shape, dtype=shared.dtype, device=shared.device)
-            setattr(self._model, name, own)
-            self._kept.append((wp.to_torch(rows), wp.to_torch(own)))
+            array = wp.empty(shape, dtype=shared.dtype, device=shared.device)
+            setattr(self._model, name, array)
+            self._kept.append((wp.to_torch(rows), wp.to_torch(array)))
         wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
         self.choose(torch.zeros(self.num_worlds, dtype=torch.int64, device=self.device))
 
     def choose(self, rows: Tensor) -> None:
-        for kept, own in self._kept:
-            torch.index_select(kept, 0, rows, out=own)
+        for kept, values in self._kept:
+            torch.index_select(kept, 0, rows, out=values)
 
     def overflow(self) -> Tensor:
         return self._overflow & ~int(_LIMITS)

@@ -5,8 +5,8 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
+from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Objectives, TaskOptions
-from ..worlds.robot import Part, positions, velocities
 
 MIN_UPRIGHT = 0.45  # world-z of the torso's up axis, a tilt of 63 degrees
 

@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 
-from ..worlds.designs import DesignParameter
+from ..worlds.design_space import DesignParameter
 from .ant import Ant
 from .cheetah import Cheetah3
 from .planar import Hopper

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
+from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import TaskOptions
-from ..worlds.robot import Part, positions, velocities
 from .bodies import Bodies, sense_contacts, sense_motion
 
 

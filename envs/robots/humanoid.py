@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
+from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Objectives, TaskOptions
-from ..worlds.robot import Part, positions, velocities
 
 ACTION_SCALE = 3.0  # the motors clip control to [-1, 1]; the energy term uses the unclipped action
 EXTREMITIES = ("right_hand", "left_hand", "right_foot", "left_foot")

@@ -12,8 +12,8 @@ import torch
 from pydantic import NonNegativeFloat
 from torch import Tensor
 
+from ..worlds.mujoco_robot import Part
 from ..worlds.options import Count, Objectives, Point, TaskOptions
-from ..worlds.robot import Part
 from .bodies import sense_contacts
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 

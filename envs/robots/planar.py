@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from ..worlds.environment import Environment
+from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Objectives, TaskOptions
-from ..worlds.robot import Part, positions, velocities
 
 MAX_VELOCITY = 10.0  # m/s, rad/s; clipping limit of observed velocities
 ACTION_SCALE = 3.0

@@ -1,4 +1,4 @@
-"""Check a task's model and the shapes that its methods return.
+"""Check a task's model, the shapes that its methods return, and what is given to its worlds.
 
 `env` is an `Environment` that is being built.
 """
@@ -89,31 +89,25 @@ def _attributes(env: Any) -> Iterator[tuple[str, Tensor]]:
     for name, value in vars(env).items():
         several = enumerate(value) if isinstance(value, list | tuple) else ()
         several = value.items() if isinstance(value, dict) else several
-        for key, each in ((f"{name}[{key!r}]", each) for key, each in several):
-            yield from _of_worlds(env, key, each)
-        yield from _of_worlds(env, name, value)
-
-
-def _of_worlds(env: Any, name: str, value: object) -> Iterator[tuple[str, Tensor]]:
-    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        value = torch.from_numpy(value)
-    if isinstance(value, Tensor) and value.ndim and len(value) == env.num_worlds:
-        yield name, value.detach()
+        for label, each in ((name, value), *((f"{name}[{key!r}]", each) for key, each in several)):
+            if isinstance(each, np.ndarray) and each.dtype.kind in "biuf":
+                each = torch.from_numpy(each)
+            if isinstance(each, Tensor) and each.ndim and len(each) == env.num_worlds:
+                yield label, each.detach()
 
 
 def rows(env: Any, method: str, letter: str) -> int:
     """Return the width of the rows (N, width) that `method` returns, or 0 for None."""
-    given, N = getattr(env, method)(), env.num_worlds
-    if given is None:
+    values, N = getattr(env, method)(), env.num_worlds
+    if values is None:
         return 0
-    if _shape(given)[:1] != (N,) or given.ndim != 2:
-        expected = f"({N}, {letter}), one row per world"
-        raise _wrong(env, f"{method}()", _shape(given), expected)
-    return given.shape[1]
+    if _shape(values)[:1] != (N,) or values.ndim != 2:
+        raise _wrong(env, f"{method}()", _shape(values), f"({N}, {letter}), one row per world")
+    return values.shape[1]
 
 
 def sizes(env: Any) -> None:
-    """Refuse robots that cannot act, and policies that would see nothing."""
+    """Refuse robots that cannot act, policies that would see nothing, and a wrong `layout()`."""
     task = type(env).__name__
     if env.action_size < 1 and not env.physics.model.nu:
         raise MorlaxError(
@@ -123,29 +117,12 @@ def sizes(env: Any) -> None:
     for what, size in (("count_actions()", env.action_size), ("observe()", env.observation_size)):
         if size < 1:
             raise MorlaxError(f"{task}.{what} gives {size} numbers: it must be at least one.")
-
-
-def layout(env: Any) -> None:
-    """Check that `layout()` names as many numbers as `observe()` returns."""
     named = sum(part.size for part in env.layout())
     if named != env.observation_size:
         raise MorlaxError(
-            f"{type(env).__name__}: layout() names {named} numbers, but observe() gives "
-            f"{env.observation_size}: they must agree."
+            f"{task}: layout() names {named} numbers, but observe() gives {env.observation_size}: "
+            "they must agree."
         )
-
-
-def rewards(env: Any) -> None:
-    """Check that `terms()` returns (N,) by name and `failed()` (N,) bool."""
-    expected = f"({env.num_worlds},), one number per world"
-    for name, term in env.terms().items():
-        if _shape(term) != (env.num_worlds,):
-            raise _wrong(env, f"terms()[{name!r}]", _shape(term), expected)
-    failed = env.failed()
-    if _shape(failed) != (env.num_worlds,) or failed.dtype != torch.bool:
-        kind = getattr(failed, "dtype", type(failed).__name__)
-        expected = f"({env.num_worlds},) of torch.bool, one answer per world"
-        raise _wrong(env, "failed()", f"{_shape(failed)} of {kind}", expected)
 
 
 def control(env: Any) -> None:
@@ -167,9 +144,43 @@ def control(env: Any) -> None:
     ctrl.copy_(before)
 
 
-def _shape(given: object) -> tuple[int, ...]:
-    return tuple(getattr(given, "shape", ()))
+def rewards(env: Any) -> None:
+    """Check that `terms()` returns (N,) by name and `failed()` (N,) bool."""
+    N = env.num_worlds
+    for name, term in env.terms().items():
+        if _shape(term) != (N,):
+            raise _wrong(env, f"terms()[{name!r}]", _shape(term), f"({N},), one number per world")
+    failed = env.failed()
+    if _shape(failed) != (N,) or failed.dtype != torch.bool:
+        kind = f"{_shape(failed)} of {getattr(failed, 'dtype', type(failed).__name__)}"
+        raise _wrong(env, "failed()", kind, f"({N},) of torch.bool, one answer per world")
 
 
-def _wrong(env: Any, what: str, given: object, expected: str) -> MorlaxError:
-    return MorlaxError(f"{type(env).__name__}.{what} has shape {given}: it must be {expected}.")
+def action(worlds: Any, values: Any) -> None:
+    """Raise MorlaxError unless `values` is (N, A), of floating point, on the device of `worlds`."""
+    if not isinstance(values, Tensor):
+        raise MorlaxError(f"step needs actions as a torch.Tensor, not {type(values).__name__}.")
+    shape, device = (worlds.num_worlds, worlds.action_size), worlds.device.type
+    if values.shape != shape or not values.is_floating_point() or values.device.type != device:
+        raise MorlaxError(
+            f"step needs actions of shape {shape} and a floating-point type on {device}, "
+            f"not {tuple(values.shape)} of {values.dtype} on {values.device.type}."
+        )
+
+
+def mask(worlds: Any, which: Any) -> None:
+    """Raise MorlaxError unless `which` is (N,) bool, one answer for each world."""
+    kind = getattr(which, "dtype", type(which).__name__)
+    if kind != torch.bool or which.shape != (worlds.num_worlds,):
+        raise MorlaxError(
+            f"restart needs a mask of shape ({worlds.num_worlds},) and torch.bool, one answer for "
+            f"each world, not {_shape(which)} of {kind}."
+        )
+
+
+def _shape(value: object) -> tuple[int, ...]:
+    return tuple(getattr(value, "shape", ()))
+
+
+def _wrong(env: Any, what: str, shape: object, expected: str) -> MorlaxError:
+    return MorlaxError(f"{type(env).__name__}.{what} has shape {shape}: it must be {expected}.")

@@ -1,6 +1,5 @@
 """Base class of MuJoCo tasks: stepping, episode ends, automatic resets and rewards."""
 
-import itertools
 import sys
 import warnings
 from abc import abstractmethod
@@ -15,17 +14,16 @@ from torch import Tensor
 
 from ..devices import Draws, restore_generator
 from ..errors import MorlaxError, MorlaxWarning
-from ..physics.interface import Physics
-from ..physics.refusals import explained
-from . import checks, designs, episodes, randomization
-from .designs import Bank
+from ..physics.interface import Physics, explained
+from . import checks, episodes, randomization
+from .design_space import Bank, compiled
 from .episodes import Starts, around
 from .interface import TimeStep
 from .mirror import Mirror
 from .mirroring import PAIRS, find_mirror
+from .mujoco_robot import Part, Robot
 from .options import Randomization, TaskOptions
 from .randomization import Delay, Noise, Pushes
-from .robot import Part, Robot
 
 STARTS_OF_BODY = 16  # noisy initial states of each body, where bodies differ
 
@@ -47,8 +45,6 @@ class Environment(Robot):
     recordable = True
     model_file: ClassVar[str]  # the MJCF, relative to the Python file that defines this attribute
     substeps: ClassVar[int] = 1  # physics steps per control step
-    # Reward terms that the paper's evaluation adds to each return, on top of any step's reward.
-    paper_reset_terms: ClassVar[dict[str, float]] = {}
     physics: Physics
     embodied: Tensor | None = None  # (N,) int64 rows of the adopted bank
     # The task's own tensors (N, ...) by name, from `initial_state`; `command` is one of them.
@@ -77,9 +73,15 @@ class Environment(Robot):
         self.observation_size = checks.rows(self, "observe", "O")
         self.privileged_size = checks.rows(self, "privileged", "P")
         checks.sizes(self)
-        checks.layout(self)
         self._vary()
-        self._disturb()
+        chosen, draws = options.randomization, self.draws
+        self._noise = self._delay = self._pushes = None
+        if any(chosen.observation_noise.values()):
+            self._noise = Noise(chosen.observation_noise, self.layout(), physics, draws)
+        if any(chosen.action_delay):
+            self._delay = Delay(chosen.action_delay, self.action_size, physics, draws)
+        if chosen.push:
+            self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
         checks.control(self)
         checks.rewards(self)
         self._judge = options.judge(self)
@@ -123,23 +125,11 @@ class Environment(Robot):
         return model
 
     def _vary(self) -> None:
-        """Draw the models of the worlds."""
         drawn = self.vary_model(self._seed)
         drawn = {name: self.draws.of_worlds(values) for name, values in drawn.items()}
         self._model = {name: torch.from_numpy(values) for name, values in drawn.items()}
         if drawn:
             self.physics.vary(drawn)
-
-    def _disturb(self) -> None:
-        """Prepare observation noise, action delays and pushes."""
-        chosen, physics, draws = self.options.randomization, self.physics, self.draws
-        self._noise = self._delay = self._pushes = None
-        if any(chosen.observation_noise.values()):
-            self._noise = Noise(chosen.observation_noise, self.layout(), physics, draws)
-        if any(chosen.action_delay):
-            self._delay = Delay(chosen.action_delay, self.action_size, physics, draws)
-        if chosen.push:
-            self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -172,7 +162,7 @@ class Environment(Robot):
     def model_for(cls, options: Any) -> mujoco.MjModel:
         """Return the model of this robot under `options`, of the class `Options`."""
         if cls.designs:
-            return designs.compiled(cls, options.design)
+            return compiled(cls, options.design)
         if options.design:
             raise MorlaxError(
                 f"{cls.__name__} declares no design parameters, so leave out task.design "
@@ -281,12 +271,12 @@ class Environment(Robot):
         physics, noise = self.physics, self.options.reset_noise
         physics.keep(bank.models)
         self.embodied = torch.zeros(self.num_worlds, dtype=torch.int64, device=self.device)
-        several = (
-            around(start, noise, model, self._seed, STARTS_OF_BODY)
-            for start, model in zip(bank.starts, bank.models, strict=True)
-        )
-        number = len(bank.models)
-        self.starts = Starts(itertools.chain(*several), physics, self.embodied, number)
+        starts = [
+            start
+            for qpos, model in zip(bank.starts, bank.models, strict=True)
+            for start in around(qpos, noise, model, self._seed, STARTS_OF_BODY)
+        ]
+        self.starts = Starts(starts, physics, self.embodied, len(bank.models))
         physics.choose(self.embodied)
         self.reset()
 
@@ -303,14 +293,14 @@ class Environment(Robot):
     def reset(self) -> Tensor:
         everywhere = torch.ones_like(self.age, dtype=torch.bool)
         self._restart(everywhere)
-        if self.options.stagger:
+        if self.options.stagger:  # the ages of first episodes only
             self.age.random_(0, self.episode_length, generator=self.generator)
         if self._noise:
             self._noise.draw()
         return self.critic_observation()[:, : self.observation_size]
 
     def restart(self, which: Tensor) -> Tensor:
-        self.check_mask(which)
+        checks.mask(self, which)
         self._restart(which)
         return self.critic_observation()[:, : self.observation_size]
 
@@ -318,13 +308,13 @@ class Environment(Robot):
         self.physics.move_only(which)
 
     def step(self, action: Tensor) -> TimeStep:
-        self.check_action(action)
+        checks.action(self, action)
         self.apply(self._delay(action) if self._delay else action)
         if self._pushes:
             self._pushes()
         self.physics.step()
         self.advance()
-        if self._noise:
+        if self._noise:  # once per step, so that both observations of a step have the same noise
             self._noise.draw()
         named = self.terms()
         if self._judge:
@@ -332,16 +322,9 @@ class Environment(Robot):
         terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
+        failed, length = self.failed(), self.episode_length
         terminated, truncated, over, blown_up = episodes.end(
-            self.physics,
-            action,
-            final_seen,
-            self.failed(),
-            self.episode_length,
-            self.age,
-            reward,
-            terms,
-            self.blowups,
+            self.physics, action, final_seen, failed, length, self.age, reward, terms, self.blowups
         )
         final_seen = torch.where(blown_up[:, None], self._zero, final_seen)
         if self.auto_reset:
@@ -351,17 +334,9 @@ class Environment(Robot):
             self._remember()
             seen = final_seen
         observation, final_observation = (x[:, : self.observation_size] for x in (seen, final_seen))
-        return TimeStep(
-            observation,
-            reward,
-            terminated,
-            truncated,
-            final_observation,
-            dict(zip(named, terms.unbind(-1), strict=True)),
-            seen,
-            final_seen,
-            blown_up,
-        )
+        by_name = dict(zip(named, terms.unbind(-1), strict=True))
+        ends = terminated, truncated, final_observation
+        return TimeStep(observation, reward, *ends, by_name, seen, final_seen, blown_up)
 
     def critic_observation(self) -> Tensor:
         observation, privileged = self.observe(), self.privileged()
@@ -385,7 +360,7 @@ class Environment(Robot):
 
     def _remember(self) -> None:
         for name, value in self.remember().items():
-            self.memory[name].copy_(value)
+            self.memory[name].copy_(value)  # in place: a recorded step keeps its address
         if self._judge:
             self._judge.remember(self.observe())
 
@@ -433,15 +408,10 @@ class Environment(Robot):
         restore_generator(self.generator, state["generator"])
 
     def _state(self) -> dict[str, Tensor]:
-        physics = self.physics
+        names = "qpos", "qvel", "act", "ctrl", "warmstart", "sensors"
         return {
-            "qpos": physics.qpos,
-            "qvel": physics.qvel,
-            "act": physics.act,
-            "ctrl": physics.ctrl,
-            "warmstart": physics.warmstart,
-            "sensors": physics.sensors,
-            **{name: values for name, (values, _) in physics.parts.items()},
+            **{name: getattr(self.physics, name) for name in names},
+            **{name: values for name, (values, _) in self.physics.parts.items()},
             "age": self.age,
             "blowups": self.blowups,
             **{f"memory.{name}": value for name, value in self.memory.items()},
@@ -464,7 +434,7 @@ class Environment(Robot):
         changes = {"randomization": Randomization(), "stagger": False}
         options, cpu = self.options.model_copy(update=changes), torch.device("cpu")
         kind = {"auto_reset": False, "deterministic": False}
-        # without the models that a task may draw, which no one can decide about by a few of them
+        # A few of the models that a task may draw decide nothing: compare the nominal one.
         nominal = type(type(self).__name__, (type(self),), {"vary_model": lambda env, seed: {}})
         return find_mirror(nominal.build(options, 2 * PAIRS, cpu, "mujoco", 0, **kind), tolerance)
 
@@ -473,8 +443,3 @@ class Environment(Robot):
 
     def remedy(self, bits: int) -> str:
         return self.physics.remedy(bits)
-
-    def paper_reset_reward(self) -> Tensor:
-        named = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
-        terms = torch.tensor(named, dtype=torch.float32).to(self._weights)
-        return (terms[:, None] * self._weights).sum(0).float()

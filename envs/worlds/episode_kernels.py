@@ -6,6 +6,7 @@ import warp as wp
 from .episodes import MAX_POSITION, MAX_VELOCITY, Ends
 
 wp.set_module_options({"enable_backward": False})
+FINITE = wp.constant(3.4028234663852886e38)  # the largest number in single precision
 
 
 @wp.func
@@ -18,11 +19,15 @@ def _bounded(rows: wp.array2d(dtype=float), row: int, limit: float):
 
 
 @wp.func
-def _finite(rows: wp.array2d(dtype=float), row: int):
-    finite = wp.bool(True)
-    for i in range(rows.shape[1]):
-        finite = finite and wp.isfinite(rows[row, i])
-    return finite
+def _copy(rows: wp.array2d(dtype=float), row: int, values: wp.array2d(dtype=float), world: int):
+    for i in range(values.shape[1]):
+        values[world, i] = rows[row, i]
+
+
+@wp.func
+def _clear(values: wp.array2d(dtype=float), world: int):
+    for i in range(values.shape[1]):
+        values[world, i] = 0.0
 
 
 @wp.kernel
@@ -46,14 +51,12 @@ def _end(
 ):
     world = wp.tid()
     sane = _bounded(qpos, world, max_position) and _bounded(qvel, world, max_velocity)
-    sane = sane and _finite(action, world) and _finite(reward, world)
+    sane = sane and _bounded(action, world, FINITE) and _bounded(reward, world, FINITE)
     sane = sane and wp.isfinite(largest[world])
     if not sane:
         wp.atomic_add(blowups, 0, wp.int64(1))
-        for i in range(reward.shape[1]):
-            reward[world, i] = 0.0
-        for i in range(terms.shape[1]):
-            terms[world, i] = 0.0
+        _clear(reward, world)
+        _clear(terms, world)
     older = age[world] + 1
     age[world] = older
     fallen = failed[world] or not sane
@@ -83,17 +86,12 @@ def _restart(
     world = wp.tid()
     if over[world]:
         row = int(chosen[world])
-        for i in range(qpos.shape[1]):
-            qpos[world, i] = start_qpos[row, i]
-        for i in range(qvel.shape[1]):
-            qvel[world, i] = start_qvel[row, i]
-            warmstart[world, i] = 0.0
-        for i in range(ctrl.shape[1]):
-            ctrl[world, i] = start_ctrl[row, i]
-        for i in range(act.shape[1]):
-            act[world, i] = 0.0
-        for i in range(sensors.shape[1]):
-            sensors[world, i] = start_sensors[row, i]
+        _copy(start_qpos, row, qpos, world)
+        _copy(start_qvel, row, qvel, world)
+        _copy(start_ctrl, row, ctrl, world)
+        _copy(start_sensors, row, sensors, world)
+        _clear(act, world)
+        _clear(warmstart, world)
         age[world] = 0
 
 

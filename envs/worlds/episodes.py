@@ -66,6 +66,8 @@ class Starts:
         if self._each > 1:
             draws.integers_(self.rows, 0, self._each)
         if self._bodies is not None:
+            # Rows of one body follow each other, so row r of body b is b * each + r. Without a new
+            # draw (each = 1), `rows` still holds that of the body before: the remainder drops it.
             self.rows.remainder_(self._each).add_(self._bodies, alpha=self._each)
         return [self.rows, *self.states]
 

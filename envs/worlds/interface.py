@@ -6,13 +6,12 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, ClassVar, NamedTuple, NoReturn, Self
 
-import gymnasium
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, unknown
-from .designs import DesignParameter
+from .design_space import DesignParameter
 from .mirror import Mirror
 from .options import ObjectiveOptions
 
@@ -32,7 +31,7 @@ class TimeStep(NamedTuple):
 
 
 def _without_gradients(step: Callable[..., TimeStep]) -> Callable[..., TimeStep]:
-    """Return `step` without the graph of the actions, which worlds would keep for ever."""
+    # worlds would keep the graph of the actions for ever
 
     @wraps(step)
     def stepped(self: "Worlds", action: Tensor) -> TimeStep:
@@ -73,6 +72,7 @@ class Worlds(ABC):
     quantities: tuple[str, ...] = ()  # with units, that evaluations measure beside returns
     designs: ClassVar[dict[str, DesignParameter]] = {}  # parameters of the robot's body, by name
     lower_is_better: tuple[str, ...] = ()  # those of the quantities that policies should keep low
+    paper_reset_terms: ClassVar[dict[str, float]] = {}  # for `paper_reset_reward`
     generator: torch.Generator  # of every random draw while stepping
     blowups: Tensor  # () int64: how often a world left sane bounds
     _weights: Tensor  # (terms, m)
@@ -142,28 +142,6 @@ class Worlds(ABC):
     def interrupted(self) -> bool:
         """Whether others moved these worlds since their last step, so that `reset` comes next."""
         return False
-
-    def check_action(self, action: Tensor) -> None:
-        """Raise MorlaxError unless `action` is (N, A), of floating point, on the worlds' device."""
-        if not isinstance(action, Tensor):
-            raise MorlaxError(f"step needs actions as a torch.Tensor, not {type(action).__name__}.")
-        wanted = (self.num_worlds, self.action_size)
-        on, there = action.device.type, self.device.type
-        if action.shape != wanted or not action.is_floating_point() or on != there:
-            raise MorlaxError(
-                f"step needs actions of shape {wanted} and a floating-point type on {there}, "
-                f"not {tuple(action.shape)} of {action.dtype} on {on}."
-            )
-
-    def check_mask(self, which: Tensor) -> None:
-        """Raise MorlaxError unless `which` is (N,) bool, one answer for each world."""
-        kind = getattr(which, "dtype", type(which).__name__)
-        if kind != torch.bool or which.shape != (self.num_worlds,):
-            shape = tuple(getattr(which, "shape", ()))
-            raise MorlaxError(
-                f"restart needs a mask of shape ({self.num_worlds},) and torch.bool, one answer "
-                f"for each world, not {shape} of {kind}."
-            )
 
     def measure(self) -> Tensor:
         """Return numbers of the last step (N, S), for `quantify`."""
@@ -244,7 +222,7 @@ class Worlds(ABC):
             if name not in self.reward_terms:
                 raise unknown("reward term", name, self.reward_terms)
         weights = [
-            [sum(each.get(name, 0.0) for each in (*common, own)) for own in objectives.values()]
+            [sum(group.get(name, 0.0) for group in (*common, x)) for x in objectives.values()]
             for name in self.reward_terms
         ]
         self._weights = torch.tensor(weights, dtype=torch.float64).to(self.device, dtype)
@@ -259,19 +237,6 @@ class Worlds(ABC):
 
     def paper_reset_reward(self) -> Tensor:
         """Return the reward (m,) that the paper's evaluation protocol adds to every return."""
-        return torch.zeros(len(self.objectives), dtype=torch.float32, device=self.device)
-
-    @property
-    def observation_space(self) -> gymnasium.spaces.Box:
-        """The observation space of one world."""
-        return gymnasium.spaces.Box(-np.inf, np.inf, (self.observation_size,), np.float32)
-
-    @property
-    def action_space(self) -> gymnasium.spaces.Box:
-        """The action space of one world."""
-        return gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
-
-    @property
-    def reward_space(self) -> gymnasium.spaces.Box:
-        """The reward space of one world, one number per objective in the order of `objectives`."""
-        return gymnasium.spaces.Box(-np.inf, np.inf, (len(self.objectives),), np.float32)
+        rewards = [self.paper_reset_terms.get(name, 0.0) for name in self.reward_terms]
+        terms = torch.tensor(rewards, dtype=torch.float32).to(self._weights)
+        return self._combine(terms[None])[0].float()

@@ -47,15 +47,16 @@ class LearnedReward(nn.Module):
         inputs = 2 * observation_size + action_size
         sizes = (inputs, *hidden, 1)
         self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
+        single = torch.float32
         for rows, columns in pairwise(sizes):
-            drawn = torch.randn(members, rows, columns, generator=generator, dtype=torch.float32)
+            drawn = torch.randn(members, rows, columns, generator=generator, dtype=single)
             self.weights.append(nn.Parameter(drawn / rows**0.5))
-            self.biases.append(nn.Parameter(torch.zeros(members, 1, columns, dtype=torch.float32)))
-        self.register_buffer("mean", torch.zeros(inputs, dtype=torch.float32))
-        self.register_buffer("scale", torch.ones(inputs, dtype=torch.float32))  # 1 / std
+            self.biases.append(nn.Parameter(torch.zeros(members, 1, columns, dtype=single)))
+        self.register_buffer("mean", torch.zeros(inputs, dtype=single))
+        self.register_buffer("scale", torch.ones(inputs, dtype=single))  # 1 / std
         # ratings that earn nothing, and one more
-        self.register_buffer("offset", torch.zeros((), dtype=torch.float32))
-        self.register_buffer("unit", torch.ones((), dtype=torch.float32))
+        self.register_buffer("offset", torch.zeros((), dtype=single))
+        self.register_buffer("unit", torch.ones((), dtype=single))
 
     def forward(self, before: Tensor, action: Tensor, after: Tensor) -> Tensor:
         """Return the rewards (N,) of steps from (N, O) under (N, A) to (N, O)."""
@@ -103,13 +104,13 @@ class LearnedReward(nn.Module):
                     f"the learned reward {path} has format {shortened(values['format'])}, but this "
                     f"version of morlax_torch reads format {FORMAT}."
                 )
-            found = (values["observation_size"], values["action_size"])
-            if found != (observation_size, action_size):
+            O, A = values["observation_size"], values["action_size"]
+            if (observation_size, action_size) != (O, A):
                 raise MorlaxError(
-                    f"the learned reward {path} is for {found[0]} observations and {found[1]} "
-                    f"actions, but this task has {observation_size} and {action_size}."
+                    f"the learned reward {path} is for {O} observations and {A} actions, but this "
+                    f"task has {observation_size} and {action_size}."
                 )
-            reward = cls(*found, values["members"], values["hidden"])
+            reward = cls(O, A, values["members"], values["hidden"])
             reward.load_state_dict(values["state"])
             if not all(value.isfinite().all() for value in reward.state_dict().values()):
                 raise ValueError("a parameter is not finite")

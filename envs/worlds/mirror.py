@@ -7,14 +7,8 @@ as the axis of a rotation, (-x, y, -z).
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple, Self
 
-import numpy as np
 import torch
 from torch import Tensor
-
-from ..errors import MorlaxError
-
-FLIP = np.array([1.0, -1.0, 1.0])  # of positions and velocities
-NEAR, PARALLEL = 0.01, 0.99  # meters between partners; cosine of the angle between their axes
 
 
 class Reflection(NamedTuple):
@@ -65,48 +59,3 @@ class Mirror(NamedTuple):
 
     observation: Reflection  # of the O + P features that critics see
     action: Reflection  # of the A numbers
-
-
-def partners(
-    places: np.ndarray, names: Sequence[str], barred: np.ndarray | None = None
-) -> list[int]:
-    """Return the partner of each of n things: what is at its mirrored place, itself if need be.
-
-    Args:
-        places: (n, 3) in the robot's own frame, in m.
-        names: for the error.
-        barred: (n, n) bool, which two cannot be partners; None: any can.
-
-    Raises:
-        MorlaxError: one has no partner that has it as a partner, too.
-    """
-    apart = np.linalg.norm(places[:, None] * FLIP - places, axis=-1)
-    if barred is not None:
-        apart = apart + NEAR * barred
-    order = (apart + NEAR / 1000 * np.eye(len(places))).argmin(1)
-    for i, k in enumerate(order):
-        if order[k] != i or apart[i, k] >= NEAR:
-            raise MorlaxError(
-                f"{names[i]} has no mirrored partner on the robot: set network.symmetric to false."
-            )
-    return order.tolist()
-
-
-def of_joints(
-    places: np.ndarray, axes: np.ndarray, slides: np.ndarray, names: Sequence[str]
-) -> Reflection:
-    """Return the reflection of the positions of n joints, found in a pose that looks mirrored.
-
-    Args:
-        places: (n, 3) in the robot's own frame, in m.
-        axes: (n, 3), in the same frame.
-        slides: (n,) bool, whether a joint slides along its axis instead of turning around it.
-        names: for the error.
-
-    Raises:
-        MorlaxError: a joint has no partner.
-    """
-    alike = axes * np.where(slides[:, None], FLIP, -FLIP) @ axes.T
-    barred = (abs(alike) < PARALLEL) | (slides[:, None] != slides)
-    order = partners(places, names, barred)
-    return Reflection.of(order, np.sign([alike[i, k] for i, k in enumerate(order)]).tolist())

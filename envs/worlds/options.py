@@ -46,10 +46,9 @@ class Section(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _no_truth_for_numbers(cls, value: object, info: ValidationInfo) -> object:
-        if isinstance(value, bool) and info.field_name is not None:
-            kind = cls.model_fields[info.field_name].annotation
-            if bool not in (kind, *get_args(kind)):
-                raise ValueError("true and false are neither numbers nor names")
+        kind = cls.model_fields[str(info.field_name)].annotation
+        if isinstance(value, bool) and bool not in (kind, *get_args(kind)):
+            raise ValueError("true and false are neither numbers nor names")
         return value
 
     @field_validator("*")
@@ -64,11 +63,8 @@ class Section(BaseModel):
 def _floats(value: object) -> Iterable[float]:
     if isinstance(value, float):
         yield value
-    elif isinstance(value, dict):
-        for part in value.values():
-            yield from _floats(part)
-    elif isinstance(value, tuple | list):
-        for part in value:
+    elif isinstance(value, dict | tuple | list):
+        for part in value.values() if isinstance(value, dict) else value:
             yield from _floats(part)
 
 

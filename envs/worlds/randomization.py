@@ -10,8 +10,8 @@ from ..devices import Draws
 from ..errors import MorlaxError, unknown
 from ..physics.interface import Physics
 from ..physics.mujoco import MODEL_FIELDS, cannot_vary
+from .mujoco_robot import Part
 from .options import Randomization
-from .robot import Part
 from .trees import horizontal
 
 LINEAR = [int(kind) for kind in (mjtGain.mjGAIN_FIXED, mjtGain.mjGAIN_AFFINE)]
@@ -38,16 +38,15 @@ def draw(
         factor = drawn(options.mass, model.nbody)
         factors |= {"body_mass": factor, "body_inertia": factor[..., None]}
     if options.strength:
-        motors = [model.actuator(i).name for i in range(len(model.actuator_gaintype))]
-        for name, gain, bias in zip(
-            motors, model.actuator_gaintype, model.actuator_biastype, strict=True
-        ):
-            if int(gain) not in LINEAR or int(bias) not in LINEAR_BIAS:
-                raise MorlaxError(
-                    f"task.randomization.strength: the actuator {name!r} is not a plain motor, "
-                    "position servo or velocity servo: leave it out."
-                )
-        factor = drawn(options.strength, len(motors), 1)
+        linear = np.isin(model.actuator_gaintype, LINEAR)
+        linear &= np.isin(model.actuator_biastype, LINEAR_BIAS)
+        if not linear.all():
+            name = model.actuator(linear.argmin()).name
+            raise MorlaxError(
+                f"task.randomization.strength: the actuator {name!r} is not a plain motor, "
+                "position servo or velocity servo: leave it out."
+            )
+        factor = drawn(options.strength, len(linear), 1)
         factors |= {"actuator_gainprm": factor, "actuator_biasprm": factor}
     for name, limits in options.fields.items():
         field = getattr(model, name, None) if name in MODEL_FIELDS else None
@@ -80,16 +79,15 @@ class Noise:
     ):
         words = [part.name.split(".") for part in parts]
         names = {".".join(some[: n + 1]) for some in words for n in range(len(some))}
-        for name in deviations:
-            if name not in names:
-                raise unknown("part of the observation", name, names)
-        found = []
+        for name in deviations.keys() - names:
+            raise unknown("part of the observation", name, names)
+        values = []  # of each number
         for name, size, _ in parts:
             near = [key for key in deviations if f"{name}.".startswith(f"{key}.")]
-            found += [deviations[max(near, key=len)] if near else 0.0] * size
+            values += [deviations[max(near, key=len)] if near else 0.0] * size
         self._draws = draws
-        self._deviations = torch.tensor(found, dtype=torch.float32, device=physics.device)
-        self.now = self._deviations.new_zeros(physics.num_worlds, len(found))  # (N, O)
+        self._deviations = torch.tensor(values, dtype=torch.float32, device=physics.device)
+        self.now = self._deviations.new_zeros(physics.num_worlds, len(values))  # (N, O)
         self.state = {"noise": self.now}
 
     def draw(self) -> None:

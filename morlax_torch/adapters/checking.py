@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from importlib import metadata
 from typing import Any
 
+import gymnasium
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -122,6 +123,11 @@ def one_seed(seeds: Sequence[int], number: int) -> int:
     )
 
 
+def box(size: int, limit: float = np.inf) -> gymnasium.spaces.Box:
+    """Return the space of `size` numbers in [-limit, limit] of one world."""
+    return gymnasium.spaces.Box(-limit, limit, (size,), np.float32)
+
+
 class OneTask(WithSpec):
     """Rewards and resets, which one world and N worlds as Gymnasium environments share."""
 
@@ -130,7 +136,7 @@ class OneTask(WithSpec):
     _was_reset = False
 
     def _show(self, worlds: Worlds, tradeoff: Sequence[float] | None) -> None:
-        self.objectives, self.reward_space = worlds.objectives, worlds.reward_space
+        self.objectives, self.reward_space = worlds.objectives, box(len(worlds.objectives))
         if tradeoff is not None:
             self.reward_space = None  # each reward is one number
             self._weights = one_tradeoff(tradeoff, worlds.objectives, worlds.device)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import envs
 from ..envs import MorlaxError
 from ..envs.errors import shortened, unknown
-from .checking import OneTask, check_options
+from .checking import OneTask, box, check_options
 from .pictures import Pictures, Window
 
 
@@ -62,7 +62,8 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         self.worlds = worlds = envs.make_robot(task, model_seed, **task_options)
         self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
         self.render_mode = render_mode
-        self.observation_space, self.action_space = worlds.observation_space, worlds.action_space
+        self.observation_space = box(worlds.observation_size)
+        self.action_space = box(worlds.action_size, 1.0)
         self.reward_dim = len(worlds.objectives)
         self._show(worlds, tradeoff)
         self._pictures = Pictures(worlds, width, height)

@@ -15,7 +15,7 @@ from torch import Tensor
 from .. import envs
 from ..envs import Environment, MorlaxError
 from ..envs.errors import unknown
-from .checking import OneTask, Stepping, check_options, one_seed
+from .checking import OneTask, Stepping, box, check_options, one_seed
 from .pictures import Pictures
 
 
@@ -78,10 +78,10 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         seed = secrets.randbits(32) if model_seed is None else model_seed
         self.worlds = worlds = envs.make(task, num_envs, device, backend, seed, **task_options)
         self.num_envs, self.device = num_envs, worlds.device
-        self.single_observation_space = worlds.observation_space
-        self.single_action_space = worlds.action_space
-        self.observation_space = batch_space(worlds.observation_space, num_envs)
-        self.action_space = batch_space(worlds.action_space, num_envs)
+        self.single_observation_space = box(worlds.observation_size)
+        self.single_action_space = box(worlds.action_size, 1.0)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         self._show(worlds, tradeoff)
         self.render_mode = render_mode
         self._pictures: Pictures | None = None

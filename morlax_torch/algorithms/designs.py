@@ -4,9 +4,9 @@ import torch
 from torch import Tensor
 
 from ..configuration.config import Config
-from ..envs.worlds import sides
-from ..envs.worlds.designs import DesignSpace, compile_bank
+from ..envs.worlds.design_space import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
+from ..envs.worlds.mirroring import check
 
 
 class DesignDraws:
@@ -26,8 +26,7 @@ class DesignDraws:
         self.bank = compile_bank(env, space.spread(config.sampling.designs, seed))
         if config.network.symmetric and type(env).mirror is Environment.mirror:
             for row in {*self.bank.designs.argmin(0), *self.bank.designs.argmax(0)}:
-                body = self.bank.models[row]
-                sides.check(body, sides.motion_of(body), config.network.symmetry_tolerance)
+                check(self.bank.models[row], config.network.symmetry_tolerance)
         contexts = torch.from_numpy(space.scaled(self.bank.designs)).float()
         self._contexts = contexts.to(env.device)  # (D, d)
         env.adopt(self.bank)

@@ -149,7 +149,7 @@ def _write(
 ) -> None:
     """Write the front of all bodies as a table and a figure, and the best body."""
     from ..envs import get
-    from ..envs.worlds.designs import mjcf
+    from ..envs.worlds.design_space import mjcf
     from ..evaluation import pareto
     from ..evaluation.figures import designs_figure
     from ..evaluation.figures import save as save_figure

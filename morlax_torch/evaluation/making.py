@@ -9,7 +9,7 @@ from ..configuration.sections import Protocol
 from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import EVALUATION_SEEDS
-from ..envs.worlds.designs import DesignSpace, compile_bank
+from ..envs.worlds.design_space import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
 from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent

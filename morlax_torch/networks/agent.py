@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError, Worlds
-from ..envs.worlds.designs import DesignParameter, DesignSpace
+from ..envs.worlds.design_space import DesignParameter, DesignSpace
 from ..envs.worlds.mirror import Mirror, Reflection
 from .conditioned import Conditioned
 from .family import Family

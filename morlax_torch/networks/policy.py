@@ -12,7 +12,7 @@ from ..configuration.config import Config
 from ..configuration.tradeoffs import checked_tradeoff, one_tradeoff
 from ..envs import MorlaxError
 from ..envs.errors import shortened
-from ..envs.worlds.designs import DesignSpace
+from ..envs.worlds.design_space import DesignSpace
 from .agent import Agent, SpecializedPolicy
 
 

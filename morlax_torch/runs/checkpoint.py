@@ -26,7 +26,7 @@ from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, explained, shortened
 from ..envs.naming import is_file, movable
-from ..envs.worlds.designs import DesignParameter
+from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import check_objectives
 from ..host.files import AnyPath, read, write_file
 from .progress import Progress

@@ -8,7 +8,7 @@ import torch
 
 from ..configuration.tradeoffs import evaluation_tradeoffs
 from ..envs import MorlaxError
-from ..envs.worlds.designs import DesignSpace
+from ..envs.worlds.design_space import DesignSpace
 from ..envs.worlds.environment import Environment
 from ..evaluation import pareto
 from ..evaluation.evaluator import Evaluator

@@ -2,7 +2,7 @@
 
 from inspect import cleandoc
 
-from ..envs.worlds.robot import Robot
+from ..envs.worlds.mujoco_robot import Robot
 
 VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
 

@@ -16,7 +16,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from ...worlds.robot import Deployment, Part, Robot
+from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .worlds import MjlabWorlds, from_task
 
 XML = "robot.xml"

@@ -8,7 +8,7 @@ from torch import Tensor
 from ...physics.interface import Physics
 from ...worlds.environment import Environment
 from ...worlds.episodes import Starts
-from ...worlds.robot import Part
+from ...worlds.mujoco_robot import Part
 from . import model as bruce
 from .beginnings import FASTEST, Beginnings
 from .gaits import Library

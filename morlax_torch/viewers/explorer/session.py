@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from ...envs import MorlaxError
-from ...envs.worlds.designs import DesignSpace
+from ...envs.worlds.design_space import DesignSpace
 from ...envs.worlds.trees import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy

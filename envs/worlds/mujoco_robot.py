@@ -1,7 +1,6 @@
 """A MuJoCo robot for viewers, films and exports, and the names of what it observes."""
 
 from abc import abstractmethod
-from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import mujoco
@@ -23,8 +22,8 @@ class Part(NamedTuple):
 def positions(model: mujoco.MjModel) -> list[Part]:
     """Name the parts of `qpos`, joint by joint."""
     parts = []
-    for joint, kind in _joints(model):
-        name = f"position.{joint}"
+    for index, kind in enumerate(model.jnt_type.tolist()):
+        name = f"position.{model.joint(index).name}"
         if kind == mjtJoint.mjJNT_FREE:
             parts += [Part(f"{name}.{axis}", 1, "m") for axis in "xyz"]
         if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
@@ -38,8 +37,8 @@ def velocities(model: mujoco.MjModel, limit: float | None = None) -> list[Part]:
     """Name the parts of `qvel`, clipped to [-limit, limit] if there is a limit."""
     clipped = "" if limit is None else f", clipped to [{-limit:g}, {limit:g}]"
     parts = []
-    for joint, kind in _joints(model):
-        name = f"velocity.{joint}"
+    for index, kind in enumerate(model.jnt_type.tolist()):
+        name = f"velocity.{model.joint(index).name}"
         if kind == mjtJoint.mjJNT_FREE:
             parts.append(Part(f"{name}.linear", 3, "m/s, in the world" + clipped))
         if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
@@ -48,11 +47,6 @@ def velocities(model: mujoco.MjModel, limit: float | None = None) -> list[Part]:
             unit = "m/s" if kind == mjtJoint.mjJNT_SLIDE else "rad/s"
             parts.append(Part(name, 1, unit + clipped))
     return parts
-
-
-def _joints(model: mujoco.MjModel) -> Iterator[tuple[str, int]]:
-    for index, kind in enumerate(model.jnt_type):
-        yield model.joint(index).name, int(kind)
 
 
 class Deployment(NamedTuple):

@@ -51,8 +51,7 @@ class DesignSpace:
             MorlaxError: a name is unknown, a value is out of its range, or these are no numbers by
                 name.
         """
-        design = self.default.copy()
-        names = list(self.parameters)
+        design, names = self.default.copy(), list(self.parameters)
         if not isinstance(values, Mapping):
             example = {name: each.default for name, each in list(self.parameters.items())[:1]}
             raise MorlaxError(
@@ -85,10 +84,8 @@ class DesignSpace:
     def spread(self, number: int, seed: int) -> np.ndarray:
         """Return designs (number, d) that cover the space evenly: a scrambled Sobol sequence."""
         engine = torch.quasirandom.SobolEngine(len(self), scramble=True, seed=seed % 2**63)
-        return (
-            self._low
-            + (self._high - self._low) * engine.draw(number, dtype=torch.float32).double().numpy()
-        )
+        shares = engine.draw(number, dtype=torch.float32).double().numpy()
+        return self._low + (self._high - self._low) * shares
 
 
 class Bank(NamedTuple):
@@ -106,21 +103,26 @@ def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
     Raises:
         MorlaxError: a parameter is unknown or out of its range, or they make no body.
     """
-    space = DesignSpace(task.designs)
-    design = space.named(space.vector(values))
-    try:
-        return _compiled(task, task.load_spec(), design)
-    except ValueError as error:
-        raise MorlaxError(f"{task.__name__}: {design} makes no body: {_line(error)}") from None
+    return _compiled(task, values)[1]
 
 
 def mjcf(task: Any, values: Mapping[str, float]) -> str:
     """Return the MJCF of a robot with these design parameters; raises as `compiled`."""
-    compiled(task, values)
+    return _compiled(task, values)[0].to_xml()
+
+
+def _compiled(task: Any, values: Mapping[str, float]) -> tuple[MjSpec, MjModel]:
     space, spec = DesignSpace(task.designs), task.load_spec()
-    task.shape(spec, space.named(space.vector(values)))
-    spec.compile()
-    return spec.to_xml()
+    design = space.named(space.vector(values))
+    try:
+        return spec, _shaped(task, spec, design)
+    except ValueError as error:
+        raise MorlaxError(f"{task.__name__}: {design} makes no body: {_line(error)}") from None
+
+
+def _shaped(task: Any, spec: MjSpec, design: dict[str, float]) -> MjModel:
+    task.shape(spec, design)
+    return spec.compile()
 
 
 def compile_bank(env: Any, designs: np.ndarray) -> Bank:
@@ -142,7 +144,7 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
     kept = np.zeros(len(designs), dtype=bool)
     for row, design in enumerate(designs):
         try:
-            model = task.prepared(_compiled(task, spec, space.named(design)), env.options)
+            model = task.prepared(_shaped(task, spec.copy(), space.named(design)), env.options)
         except ValueError as error:
             reason = _line(error)
             continue
@@ -152,21 +154,15 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
                     f"{task.__name__}.shape changes {size} of the model from {getattr(base, size)} "
                     f"to {getattr(model, size)}: it may change numbers, not add or remove parts."
                 )
-        own = start + model.qpos0 - base.qpos0
-        if _depth(model, own) <= deepest:
+        qpos = start + model.qpos0 - base.qpos0
+        if _depth(model, qpos) <= deepest:
             kept[row] = True
             models.append(model)
-            starts.append(own)
+            starts.append(qpos)
     if not models:
         number = len(designs)
         raise MorlaxError(f"{task.__name__}: none of {number} designs makes a body: {reason}.")
     return Bank(designs[kept], models, starts, kept)
-
-
-def _compiled(task: Any, spec: MjSpec, design: dict[str, float]) -> MjModel:
-    own = spec.copy()
-    task.shape(own, design)
-    return own.compile()
 
 
 def _depth(model: MjModel, qpos: np.ndarray) -> float:
