@@ -6,11 +6,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 
-from morlax_torch.envs.physics.mujoco import MujocoPhysics
-from morlax_torch.envs.physics.warp import WarpPhysics
 from morlax_torch.envs.robots.bruce import model as bruce
 
 FACTS = Path(__file__).parent / "reference" / "bruce.csv"
@@ -141,19 +138,3 @@ def test_it_stands_with_little_torque_and_closed_chains(chains):
     assert 8 < np.square(torques).sum() < 11
     if chains == "closed":
         assert np.abs(data.efc_pos[: data.ne]).max() < 3e-4
-
-
-@pytest.mark.parametrize("chains", CHAINS)
-def test_warp_and_c_mujoco_steps_agree(chains):
-    model = bruce.load(chains)
-    qpos, ctrl = standing(model)
-    c = MujocoPhysics(model, 2, 5)
-    warp = WarpPhysics(bruce.load(chains), 2, torch.device("cpu"), 5, 24, 96)
-    for physics in (c, warp):
-        physics.qpos[:], physics.ctrl[:] = torch.tensor(qpos), torch.tensor(ctrl)
-    for _ in range(25):
-        c.step()
-        warp.step()
-    assert not warp.overflow().any()
-    torch.testing.assert_close(warp.qpos.double(), c.qpos, rtol=0, atol=2e-4)
-    torch.testing.assert_close(warp.sensors.double()[:, 6:], c.sensors[:, 6:], rtol=0, atol=0.05)

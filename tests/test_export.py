@@ -197,7 +197,7 @@ def saved(trained, tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     save(trained(), tmp_path / "policy.pt")
     (tmp_path / "metrics.csv").write_text(
-        "iteration,env_steps,train_seconds,hypervolume\n0,0,0,5\n1,10,1,7.5\n2,20,2,6\n"
+        "iteration,env_steps,train_seconds,hypervolume,best\n0,0,0,5,1\n1,10,1,7.5,1\n2,20,2,6,0\n"
     )
     return tmp_path
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import mujoco
 import torch
-from torch import Tensor
 
 from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .worlds import MjlabWorlds, from_task
@@ -47,7 +46,10 @@ class MjlabRobot(MjlabWorlds, Robot):
 
     def _open(self, seed: int) -> None:
         super()._open(seed)
-        self.physics = _MjlabState(self.env.sim, self.env.cfg.viewer.distance)
+        data, model = self.env.sim.data, self.env.sim.mj_model
+        model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away
+        state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
+        self.physics = SimpleNamespace(model=model, **state)
         self.command_limits = {}
         for name, term in self.env.cfg.commands.items():
             ranges = vars(term.ranges) if hasattr(term, "ranges") else {}
@@ -160,18 +162,6 @@ class MjlabRobot(MjlabWorlds, Robot):
             info = {"name": part.name, "unit": UNITS.get(name, "as in mjlab"), "noise": noise}
             rows.append((term, info))
         return rows
-
-
-class _MjlabState:
-    """mjlab's simulation as a `State`."""
-
-    def __init__(self, sim: Any, distance: float):
-        self.model: mujoco.MjModel = sim.mj_model
-        self.model.stat.extent = distance / 2  # cameras stand two extents away
-        self.qpos: Tensor = sim.data.qpos[:]
-        self.qvel: Tensor = sim.data.qvel[:]
-        self.ctrl: Tensor = sim.data.ctrl[:]
-        self.act: Tensor = sim.data.act[:]
 
 
 def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
