@@ -86,7 +86,7 @@ class MjlabWorlds(ForeignWorlds):
         self.privileged_size = joined(groups, self.actor_group).shape[1] - self.observation_size
         manager = self.env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
-        self._command = next((x for x in terms if type(x).__name__ == COMMAND), None)
+        self._command: Any = next((x for x in terms if type(x).__name__ == COMMAND), None)
         if self._command:
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
         self._groups = tuple(name for name in (self.actor_group, CRITIC) if name in groups)
