@@ -5,25 +5,31 @@ python benchmarks/kernels.py --env cheetah ant --output kernels.csv
 
 import csv
 import time
-from importlib import import_module
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import torch
 import tyro
 from throughput import milliseconds
 
 from morlax_torch import MORLAX, config_for
+from morlax_torch.algorithms import ppo
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs.replacing import replaced
+from morlax_torch.gpu import fused, optimizer
+from morlax_torch.networks import gaussian
 
-KERNELS = {  # name of the kernel: where its definition stands
-    "mlps": ("gpu.fused", "mlps"),
-    "mlp": ("gpu.fused", "mlp"),
-    "affine": ("gpu.fused", "affine"),
-    "Adam": ("gpu.optimizer", "step"),
-    "sample": ("algorithms.rollout", "sample"),
-    "policy loss": ("algorithms.ppo", "policy_loss"),
+DEFINITIONS = {  # of the kernels, in torch
+    "step": optimizer.step,
+    "sample": gaussian.sample,
+    "policy_loss": ppo.policy_loss,
 }
+
+
+def run_mlps(x: Any, sizes: Any, parameters: Any, definition: Callable[[], Any]) -> Any:
+    """Run `fused.mlps` without its kernel."""
+    return definition()
 
 
 def main(
@@ -53,12 +59,15 @@ def main(
             console.print(*rows[-1])
 
         measure("all", "")
-        for kernel, (module, name) in KERNELS.items():
-            owner = import_module(f"morlax_torch.{module}")
-            definition = getattr(owner, name).__wrapped__
-            for way, run in (("definition", definition), ("compiled", torch.compile(definition))):
-                with replaced(owner, name, run):
-                    measure(kernel, way)
+        kernels = fused.kernels(worlds.device)
+        assert kernels is not None
+        for way, made in (("definition", lambda run: run), ("compiled", torch.compile)):
+            with replaced(fused, "mlps", made(run_mlps)):
+                measure("mlps", way)
+            for name, definition in DEFINITIONS.items():
+                others = kernels._replace(**{name: made(definition)})
+                with replaced(fused, "kernels", lambda _, others=others: others):
+                    measure(name, way)
         measure("all", "")
     if output:
         with output.open("w", newline="") as file:

@@ -9,15 +9,14 @@ and critic, each by itself, in the configs for GPUs. compare_methods.yaml has th
 from collections.abc import Sequence
 from itertools import pairwise
 
-import torch
 import tyro
 
 from morlax_torch import envs
+from morlax_torch.algorithms.base import make_agent
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
-from morlax_torch.networks.agent import Agent
 
 WIDEST = 4096
 
@@ -76,14 +75,7 @@ def parameters(
     values = task_values(task, "cuda", algorithm)
     config = load_config(merged(values, {"network": network or {}}))
     env = envs.make(task, 1, "cpu")
-    agent = Agent(
-        config,
-        env.observation_size,
-        env.action_size,
-        len(env.objectives),
-        torch.Generator(),
-        privileged_size=env.privileged_size,
-    )
+    agent = make_agent(env, config)
     families = {"actor": agent.actor, "critic": agent.critic}
     return {name: sum(p.numel() for p in part.parameters()) for name, part in families.items()}
 

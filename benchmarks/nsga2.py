@@ -16,6 +16,7 @@ from torch import Tensor
 from morlax_torch import envs
 from morlax_torch.algorithms.base import make_agent
 from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.envs import Worlds
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu.group import ALONE
@@ -42,7 +43,7 @@ class NSGA2:
         self.env, self.config = env, config
         m = len(env.objectives)
         self.agent = make_agent(env, config)
-        self._tried = make_agent(env, config, in_order=config.worlds)
+        self._tried = make_agent(env, config)
         self._tried.observation_normalizer = self.agent.observation_normalizer
         self._evaluator = Evaluator(
             self._tried,
@@ -55,7 +56,7 @@ class NSGA2:
                 auto_reset=False,
                 **config.task.for_evaluation().model_dump(),
             ),
-            torch.full((config.worlds, m), 1 / m),  # policies come in order
+            even_tradeoffs(config.worlds, m),  # of which the k-th gets the k-th policy
             seed=SEED,
         )
         self.iteration = self.env_steps = 0

@@ -20,10 +20,10 @@ from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
-from morlax_torch.configuration.sections import OPTIONS, NetworkConfig
+from morlax_torch.configuration.sections import NetworkConfig, options_class
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.resources import one_thread
-from morlax_torch.networks.agent import Agent
+from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.runs.checkpoint import fingerprint
 from morlax_torch.viewers.filming.rendering import choose_opengl
 
@@ -159,7 +159,7 @@ def constants(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def change(algorithm: str, **values: object) -> None:
         for name, value in values.items():
-            monkeypatch.setattr(OPTIONS[algorithm], name, value)
+            monkeypatch.setattr(options_class(algorithm), name, value)
 
     return change
 
@@ -181,7 +181,7 @@ def make_agent(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Agent]:
         changes = {"network": NetworkConfig.model_validate({**sizes, **network})}
         config = load_config(task_values("hopper", "cpu")).model_copy(update=changes)
         generator = torch.Generator().manual_seed(seed)
-        return Agent(config, observation_size, action_size, num_objectives, generator)
+        return Agent(config, Sizes(observation_size, action_size, num_objectives), generator)
 
     return make
 
@@ -223,8 +223,8 @@ def make_policy() -> Callable[..., Policy]:
         config = load_config(merged(task_values(name, "cpu"), changes))
         env = envs.make(name, 1, "cpu")
         generator = torch.Generator().manual_seed(0)
-        sizes = env.observation_size, env.action_size, len(env.objectives)
-        agent = Agent(config, *sizes, generator)
+        sizes = Sizes(env.observation_size, env.action_size, len(env.objectives))
+        agent = Agent(config, sizes, generator)
         torch.nn.init.normal_(agent.actor.weight, std=0.2, generator=generator)
         return Policy(agent, config, env.objectives)
 

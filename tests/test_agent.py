@@ -24,22 +24,6 @@ def test_log_prob_is_the_density_of_the_squashed_action(generator):
     torch.testing.assert_close(squashed(mean, spread).log_prob(action), expected)
 
 
-def test_the_mean_entropy_estimate_matches_quadrature(generator):
-    mean, spread = torch.tensor([0.7, -0.3]).double(), torch.tensor([-0.5, 0.8]).double()
-    many = squashed(mean.expand(200_000, 2), spread.expand(200_000, 2))
-    # -E[log p] by quadrature: the actions' dimensions are independent
-    expected = 0.0
-    for center, width in zip(mean, many.std[0], strict=True):
-        u = torch.linspace(-12, 12, 20001, dtype=torch.float64) * width + center
-        gaussian = Normal(center, width).log_prob(u)
-        expected += torch.trapezoid(
-            gaussian.exp() * ((1 - u.tanh() ** 2).clamp(min=1e-300).log() - gaussian), u
-        ).item()
-    estimates = many.entropy(many.noise(generator))
-    error = estimates.std().item() / math.sqrt(len(estimates))
-    assert estimates.mean().item() == pytest.approx(expected, abs=5 * error)
-
-
 @pytest.mark.parametrize("std", (0.05, 0.694, 2.0))
 def test_actors_start_with_the_configured_std(std, make_agent):
     policies = make_agent(scale=0.0, initial_std=std).policies(TRADEOFFS)
@@ -74,7 +58,7 @@ def test_a_small_output_layer_starts_from_small_actions(make_agent, generator):
     torch.testing.assert_close(0.01 * means[0], means[1])
 
 
-@pytest.mark.parametrize("action", (-200.0, -30.0, 0.0, 30.0, 200.0))
+@pytest.mark.parametrize("action", (-200.0, 0.0, 200.0))
 def test_extreme_values_stay_finite(action, generator):
     u = torch.full((1, 1), action)
     for mean in (-200.0, 0.0, 200.0):

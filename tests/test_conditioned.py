@@ -8,7 +8,7 @@ from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, load
 from morlax_torch.commands.train import command as train_command
-from morlax_torch.networks.conditioned import Conditioned
+from morlax_torch.networks.family import Conditioned
 from morlax_torch.networks.mlp import mlp
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.train import train

@@ -9,7 +9,7 @@ import yaml
 from closed_form import Quadratic
 
 from morlax_torch import MorlaxError, config_for, envs
-from morlax_torch.commands.terminal import tune_arguments
+from morlax_torch.commands import tune
 from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.configuration import files as config_files
 from morlax_torch.configuration.config import load_config
@@ -180,7 +180,7 @@ def test_options_are_checked_together_with_the_file_that_they_change(name, tmp_p
             read(typed)
     assert read([*typed, *options])[0] == load_config(read([*typed, *options])[0].model_dump())
     repaired = [] if name == "no limit" else options
-    assert tune_arguments.read([*typed, *repaired]).config.env == "hopper"
+    assert tune.read([*typed, *repaired])[0].env == "hopper"
 
 
 def test_options_repair_the_defaults_of_a_task_with_many_objectives(monkeypatch):
@@ -200,7 +200,7 @@ def test_options_repair_the_defaults_of_a_task_with_many_objectives(monkeypatch)
     expected = config_for("many", device="cpu", **changes)
     config = read([*typed, *options])[0]
     assert config.sampling == expected.sampling and config.worlds == expected.worlds
-    assert tune_arguments.read([*typed, *options]).config.sampling == expected.sampling
+    assert tune.read([*typed, *options])[0].sampling == expected.sampling
 
 
 @pytest.mark.parametrize("env", ["cheetah", "walker", "hopper", "ant", "humanoid"])

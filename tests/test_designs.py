@@ -468,9 +468,6 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
 )
 def test_a_wrong_search_is_one_sentence(run, words, sentence, refused):
     assert sentence in refused(searching, str(run), *words)
-
-
-def test_a_run_with_one_body_cannot_be_searched(refused):
     assert "were trained with one body" in refused(searching, "hopper")
 
 

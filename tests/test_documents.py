@@ -183,7 +183,7 @@ def test_the_shown_search_space_is_valid(workplace):
 
     for device_type in ("cpu", "cuda"):
         config = load_config(task_values("cheetah", device_type))
-        assert Space.of(space_values(Path("my_space.yaml"), device_type), config, "").parameters
+        assert Space(space_values(Path("my_space.yaml"), device_type), config, "").distributions
 
 
 CONFIGS = [block for block in blocks("yaml") if not block.values[0].startswith("# my_space.yaml")]

@@ -23,7 +23,6 @@ from morlax_torch.envs.worlds.learned import LearnedReward
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
-from morlax_torch.reports.chart import descriptions
 from morlax_torch.reports.comparison import (
     Evaluated,
     check_comparable,
@@ -32,6 +31,7 @@ from morlax_torch.reports.comparison import (
     quartiles,
 )
 from morlax_torch.reports.evaluating import column_heads, table
+from morlax_torch.reports.page import descriptions
 from morlax_torch.reports.printing import latex
 from morlax_torch.reports.results import duration, steps
 from morlax_torch.reports.verdict import verdict

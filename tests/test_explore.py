@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pytest
-from browsing import PATIENCE, View, chromium, exploring
+from browsing import PATIENCE, View, chromium, exploring, needs_page
 from matplotlib.colors import to_rgb
 
 from morlax_torch.commands import explore
@@ -24,7 +24,6 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import find_run
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.opening import free_port
 
 
 def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refused):
@@ -36,10 +35,14 @@ def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refus
 
 
 def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, refused):
+    needs_page()
+    from morlax_torch.viewers.explorer.server import listening
+
     make_run(workplace / "run", "hopper", "best")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert port < free_port("127.0.0.1", port) < port + 20
+        with listening("127.0.0.1", port) as other:
+            assert port < other.getsockname()[1] < port + 20
     assert "from 0 to 65535" in refused(explore, "run", "--port", "70000")
     for host in ("192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""):
         text = refused(explore, "run", "--host", host)
@@ -48,7 +51,7 @@ def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, 
 
 def test_without_websockets_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
     make_run(workplace / "run", "hopper", "best")
-    ours = [f"morlax_torch.viewers.explorer.{name}" for name in ("access", "page", "server")]
+    ours = [f"morlax_torch.viewers.explorer.{name}" for name in ("page", "server")]
     for name in [name for name in sys.modules if name.startswith("websockets.") or name in ours]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
@@ -58,7 +61,8 @@ def test_without_websockets_the_error_names_the_extra(workplace, make_run, monke
 
 WAITING = """
 import signal, threading, time
-from morlax_torch.viewers.explorer.requests import Requests
+from queue import Queue
+from morlax_torch.viewers.explorer.page import drained
 
 def interrupt(thread):
     while True:
@@ -72,9 +76,9 @@ def keep_busy():
 signal.signal(signal.SIGINT, lambda number, frame: None)
 threading.Thread(target=keep_busy, daemon=True).start()
 threading.Thread(target=interrupt, args=(threading.get_ident(),), daemon=True).start()
-requests = Requests(None)
+queue = Queue()
 for _ in range(200):
-    requests.execute(0.002)
+    drained(queue, 0.002)
 """
 
 
@@ -170,10 +174,6 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.tab.focus("#push")
     view.tab.keyboard.press("r")
     view.until(lambda: view.clock() < 0.5, "the key has no effect while a button has the focus")
-    view.tab.locator("#typed").press_sequentially(" r")
-    assert timeline.is_hidden()
-    for head in view.tab.locator("#episode th:not(.objective)").all():
-        assert head.evaluate("head => getComputedStyle(head).textAlign") == "right"
 
     # type a trade-off; nonsense changes nothing
     view.tab.fill("#typed", "3; 1, 0")
@@ -187,7 +187,6 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.tab.evaluate("navigator.clipboard.writeText = async (text) => (self.copied = text)")
     view.press("copy")
     view.until(lambda: view.tab.evaluate("self.copied") == "0.75, 0.25, 0", "nonsense is copied")
-    view.until(lambda: view.field() == "0.75, 0.25, 0", "nonsense is kept")
     view.until(lambda: view.text("mistyped") == "", "a mistake is still told")
     assert view.value("run") == 0.75 and view.value("energy") == 0.25
 
@@ -199,19 +198,6 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.until(lambda: max(view.tradeoff()) == 1, "the click has no effect")
     mark = view.tab.locator("#front .mark")
     view.until(lambda: middle(mark) == pytest.approx(middle(corner), abs=1), "no mark")
-
-    # while it is dragged, the sentence beside it follows
-    points = view.tab.locator("#front circle:not(.mark, .dominated)").all()
-    other = next(point for point in points if middle(point) != middle(corner))
-    view.tab.mouse.move(*middle(corner))
-    former = view.tab.inner_text(".tip")
-    view.tab.mouse.down()
-    view.tab.mouse.move(*middle(other))
-    dragged = view.tab.inner_text(".tip")
-    view.tab.mouse.up()
-    view.tab.mouse.move(0, 0)
-    view.tab.mouse.move(*middle(other))
-    assert former != dragged == view.tab.inner_text(".tip")
 
     # drag the point of the triangle, also beyond an edge
     triangle = view.tab.locator("#triangle polygon.edge")
@@ -248,9 +234,6 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     phone.until(lambda: phone.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
     phone.press("energy")  # while the first tab's field still has the focus
     first.until(lambda: first.field() == "0, 1, 0", "the field does not follow")
-    header, theme = (phone.tab.locator(part).bounding_box() for part in ("header", "#theme"))
-    assert theme["x"] + theme["width"] <= header["x"] + header["width"] and theme["width"] == 44
-    assert phone.tab.locator("header").evaluate("head => head.scrollWidth <= head.clientWidth")
 
     # a slider stays under the hand while another tab steers; its tab closes in the middle of a drag
     box = first.slider("run").bounding_box()
@@ -310,10 +293,9 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
         third.tab.keyboard.press("s")
     phone.until(lambda: phone.value("m/s forward") == pytest.approx(low), "it is not clamped")
     show(third, "runs/cheetah3/a", 3)
-    third.tab.select_option("#checkpoint-list", "latest")
-    phone.until(lambda: phone.tab.input_value("#checkpoint-list") == "latest", "the old one")
-    third.tab.select_option("#checkpoint-list", "best")
-    phone.until(lambda: phone.tab.input_value("#checkpoint-list") == "best", "the old one")
+    for name in ("latest", "best"):
+        third.tab.select_option("#checkpoint-list", name)
+        phone.until(lambda n=name: phone.tab.input_value("#checkpoint-list") == n, "the old one")
 
 
 @pytest.mark.slow
@@ -337,13 +319,6 @@ def test_robots_are_added_steered_and_removed_in_a_browser(visit, tmp_path):
     view.until(lambda: view.names() == ["1: 0.90, 0.10", name], "the names do not follow")
     assert view.tab.locator("#front .mark").count() == 2
 
-    # a color of its own for each robot: button, name, ring of its mark on the front
-    color = "el => getComputedStyle(el).getPropertyValue('--color')"
-    tags, buttons = view.tab.locator("#names span"), view.tab.locator("#robots .dot")
-    colors = [tags.nth(i).evaluate(color) for i in range(2)]
-    assert [buttons.nth(i).evaluate(color) for i in range(2)] == colors and len(set(colors)) == 2
-    outlines = {mark.get_attribute("stroke") for mark in view.tab.locator("#front .mark").all()}
-    assert outlines == set(colors)
     shot(view, "compare", tmp_path)
 
     # each robot keeps its own trade-off
@@ -354,17 +329,6 @@ def test_robots_are_added_steered_and_removed_in_a_browser(visit, tmp_path):
     view.until(lambda: view.names() == [], "it is not removed")
     view.until(lambda: view.tradeoff() == second, "the other robot is not steered")
     assert view.tab.get_by_role("button", name="remove").count() == 0
-
-    # names of many weights are short
-    show(view, "runs/cheetah3/a", 3)
-    view.tab.fill("#typed", "0.2, 0.7, 0.1")
-    view.until(lambda: view.value("energy") == 0.7, "typing has no effect")
-    for _ in range(2):
-        view.press("add a robot")
-    view.until(lambda: view.names() == [f"{i}: energy 0.70" for i in (1, 2, 3)], "other names")
-    for _ in range(2):
-        view.press("remove")
-    view.until(lambda: view.names() == [], "they are not removed")
 
 
 @pytest.mark.slow
@@ -488,13 +452,10 @@ def test_a_browser_finds_the_preferred_tradeoff(visit, tmp_path):
     before = view.field()
     view.press("A or B?")
     view.until(lambda: view.text("question").endswith("so far: 0"), "no second time")
-    for _ in range(3):
-        view.press("skip")
+    view.press("skip")
     assert view.text("evidence") == ""
     ask(0, 1)
     view.until(lambda: view.text("evidence") != "", "no recommendation")
-    view.press("start again")
-    view.until(lambda: view.text("question").endswith("so far: 0"), "it does not start again")
     view.press("back")
     view.until(lambda: view.tab.is_visible("#weights"), "the mode does not end")
     view.until(lambda: view.field() == before, "the trade-off is another one")
@@ -582,14 +543,6 @@ def test_weights_sum_to_one_after_any_slider_moves(visit):
         assert len(weights) == m and min(weights) >= 0
         assert sum(weights) == pytest.approx(1, abs=1e-9)
         assert weights[index] == value
-    script = """
-        const { moved, parsed, shown } = await load('panel/weights.js');
-        const corner = moved([0.5, 0.3, 0.2], 0, 1);
-        return [moved([0.5, 0.3, 0.2], 0, 0), corner, moved(corner, 0, 0.5), parsed('(3 1)', 2),
-          parsed('1;0', 2), parsed(shown([0.125, 0.875]), 2)];"""
-    expected = [(0, 0.6, 0.4), (1, 0, 0), (0.5, 0.25, 0.25), None, (1, 0), (0.125, 0.875)]
-    for found, weights in zip(run_in(view, script), expected, strict=True):
-        assert found == (None if weights is None else pytest.approx(weights))
 
 
 SHAPES = """
@@ -677,7 +630,7 @@ FIT = """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 2, 4])
+@pytest.mark.parametrize("number", [1, 4])
 def test_robots_fit_into_the_picture_and_users_keep_their_direction(visit, number):
     view = visit()
     turned = np.array([0.1, -2.0, 0.6])
@@ -688,90 +641,6 @@ def test_robots_fit_into_the_picture_and_users_keep_their_direction(visit, numbe
             assert sight == pytest.approx(turned / np.linalg.norm(turned), abs=0.02)
         assert np.abs(corners).max() < 1.0
         assert np.ptp(corners[:, 0]) > 0.5 or np.ptp(corners[:, 1]) > 0.5  # and are large in it
-
-
-GROUND = """
-  const { Surroundings } = await load('stage/surroundings.js');
-  const THREE = await import('three');
-  const [lanes, gap, places] = given;
-  const around = new Surroundings(new THREE.Scene(), 1.5, 0, lanes, gap);
-  around.dress('light');
-  return places.map((x) => {
-    const origin = new THREE.Vector3();
-    around.follow(lanes.map(() => new THREE.Vector3(x, 0, 0)), origin, origin);
-    return around.floors.map(({ position, geometry, material: { map } }) => {
-      const { width } = geometry.parameters;
-      return { middle: position.x, width, offset: map.offset.x, repeat: map.repeat.x };
-    });
-  });"""
-
-
-@pytest.mark.slow
-def test_tiles_of_a_lane_move_with_the_robot_and_stay_in_the_lane(visit):
-    places, lanes, gap = [0.0, 0.3, 7.9, -123.4], [-0.9, 0.9], 1.8
-    found = run_in(visit(), GROUND, lanes, gap, places)
-    for x, floors in zip(places, found, strict=True):
-        for lane, floor in zip(lanes, floors, strict=True):
-            assert floor["middle"] == lane and 0.9 * gap < floor["width"] < gap
-            period = floor["width"] / floor["repeat"]  # m
-            phase = floor["offset"] + 0.5 * floor["repeat"] - x / period  # of the lane's middle
-            assert phase == pytest.approx(round(phase), abs=1e-6)
-
-
-DECORATE = """
-  const { Robot } = await load('stage/robot.js');
-  const THREE = await import('three');
-  const model = { nbody: 1, ngeom: 0 };
-  const robot = new Robot(model, 1, null);
-  const vector = (...x) => new THREE.Vector3(...x);
-  const draw = (shown, rest) => robot.decorate(new Set(shown), {
-    at: vector(), velocity: vector(2, 0, 0), heading: Math.PI / 2, command: [1, 0],
-    contacts: [0, 0, 0, 0, 0, 1], former: [], ...rest });
-  const tip = ({ group }) => {
-    const arrow = group.children.find(({ visible }) => visible);
-    if (!arrow) return null;
-    const { position, quaternion, children: [shaft] } = arrow;
-    const along = vector(0, 1, 0).applyQuaternion(quaternion);
-    return along.multiplyScalar(shaft.scale.y).add(position).toArray();
-  };
-  const tips = () => ['velocity', 'command', 'contacts'].map((name) => tip(robot.arrows[name]));
-  draw(['velocity', 'command', 'contacts', 'trail'], { former: [vector(), vector(1, 0, 0)] });
-  const all = [tips(), robot.trail.visible];
-  draw([]);
-  return [all, [tips(), robot.trail.visible]];"""
-
-
-@pytest.mark.slow
-def test_arrows_show_velocity_command_and_contacts_where_a_visitor_wants_them(visit):
-    (tips, trail), hidden = run_in(visit(), DECORATE)
-    assert tips[0] == pytest.approx([0.5, 0, 0.3], abs=0.03)  # 0.25 s ahead
-    assert tips[1] == pytest.approx([0, 1, 0.36], abs=0.03)  # forward, after a turn to the left
-    assert tips[2] == pytest.approx([0, 0, 1], abs=0.03)
-    assert trail is True
-    assert hidden == [[None, None, None], False]
-
-
-CHART = """
-  const { Charts } = await load('panel/charts.js');
-  const about = { objectives: ['a'], pushed: [], dt: 0.5 };
-  const robot = { returns: [0], velocity: [], power: 1, counted: 0 };
-  const charts = new Charts({ about, selected: 0, get steered() { return robot; } });
-  document.getElementById('charts-section').open = true;
-  for (const counted of [1, 2, 3, 4, 1, 2, 3]) {
-    Object.assign(robot, { counted, returns: [10 * counted] });
-    charts.show();
-  }
-  const drawing = document.querySelector('#charts svg');
-  const path = drawing.querySelector('path').getAttribute('d');
-  return [drawing.querySelectorAll('.end-mark').length, path];"""
-
-
-@pytest.mark.slow
-def test_lines_of_charts_break_where_an_episode_ends(visit):
-    ends, path = run_in(visit(), CHART)
-    assert ends == 1
-    parts = path.split("M")[1:]
-    assert [part.count("L") for part in parts] == [3, 2]
 
 
 CHOSEN = """

@@ -1,6 +1,5 @@
 """The explorer's server: who may use it, and what it does with input that no page would send."""
 
-import json
 import math
 import signal
 import socket
@@ -211,30 +210,6 @@ def test_only_what_the_page_offers_is_accepted(address):
     other.close()
 
 
-def test_robots_are_added_steered_and_removed(address):
-    client = Client(address)
-    assert len(client.state["robots"]) == 1
-    client.send("press", name="add")
-    client.until(lambda: len(client.poses) == 2, "there is no second robot")
-    client.send("steer", weights=[0, 0, 0, 0, 0, 1])
-    client.until(lambda: client.tradeoff(1) == [0, 0, 0, 0, 0, 1], "it is not steered")
-    assert client.tradeoff(0) == pytest.approx([1 / 6] * 6)
-    client.send("select", robot=0)
-    client.until(lambda: client.state["selected"] == 0, "the first is not selected")
-    client.send("press", name="remove")
-    client.until(lambda: len(client.poses) == 1, "it is not removed")
-    client.until(lambda: client.tradeoff() == [0, 0, 0, 0, 0, 1], "the wrong one is removed")
-    client.moves()
-    for _ in range(4):
-        client.send("press", name="add")
-    client.until(lambda: bool(client.told), "nothing is said about the fifth")
-    assert client.told == ["the page shows at most 4 robots: remove one first."]
-    for _ in range(4):
-        client.send("press", name="remove")
-    client.until(lambda: len(client.poses) == 1, "they are not removed")
-    client.close()
-
-
 def has(client: Client, name: str, value: float) -> bool:
     return client.state[name] == value
 
@@ -314,13 +289,3 @@ def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_poli
         client.moves()
         client.close()
         assert ended(process).count("RuntimeError: a joint broke") == 1
-
-
-def test_messages_are_json_of_known_kinds():
-    from morlax_torch.viewers.explorer.messages import Press, Steer, accepted
-
-    assert accepted('{"act": "press", "name": "push"}') == Press(act="press", name="push")
-    steer = json.dumps({"act": "steer", "weights": [1, 0.5]})
-    assert accepted(steer) == Steer(act="steer", weights=[1.0, 0.5]) == accepted(steer.encode())
-    for text in ("{}", "[]", '{"act": "steer"}', '{"act": "press", "name": "open"}'):
-        assert accepted(text) is None

@@ -14,9 +14,8 @@ from morlax_torch import MorlaxError
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import read_yaml
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.clip import Clip
 from morlax_torch.viewers.explorer.comparisons import ClipComparisons, PolicyComparisons
-from morlax_torch.viewers.explorer.session import Session
+from morlax_torch.viewers.explorer.session import Clip, Session
 from morlax_torch.viewers.preferences.comparisons import Comparisons
 
 BOXES = """

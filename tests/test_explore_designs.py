@@ -12,7 +12,7 @@ import morlax_torch
 from morlax_torch import Front, Policy
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.train import train
-from morlax_torch.viewers.explorer import bodies, messages
+from morlax_torch.viewers.explorer import lineup
 from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
 
@@ -42,15 +42,15 @@ def test_a_slider_changes_the_body_and_then_the_front(folder):
     session = exhibit.behaviors[0]
     robot, model = session.robot, session.model
     assert exhibit.state()["design"] == [0.33, 0.32] and exhibit.state()["measured"]
-    exhibit.react(messages.Reshape(act="reshape", index=1, value=9.0))  # clamped
+    exhibit.react({"act": "reshape", "index": 1, "value": 9.0})  # clamped
     design = {"thigh": 0.33, "calf": 0.5}
     assert session.model is not model and session.robot is robot  # the panel stays
     assert session.model.geom("calf").size[1] == pytest.approx(0.25)
     assert exhibit.state()["design"] == [0.33, 0.5] and not exhibit.state()["measured"]
     assert exhibit.state()["choosing"] is None and session.front is None
-    exhibit.react(messages.Press(act="press", name="add"))
+    exhibit.react({"act": "press", "name": "add"})
     assert len({id(each.player.policy) for each in exhibit.behaviors}) == 1
-    exhibit.react(messages.Press(act="press", name="measure"))
+    exhibit.react({"act": "press", "name": "measure"})
     waiting.get(timeout=PATIENCE)()
     policy = morlax_torch.load(folder).for_design(design)
     expected = evaluate(policy, 33, device="cpu").returns
@@ -64,9 +64,9 @@ def test_a_front_of_a_former_body_is_not_shown(folder):
     waiting = Queue[Any]()
     exhibit = RunExhibit(choose(folder, None), waiting.put)
     for value in (0.4, 0.45):
-        exhibit.react(messages.Reshape(act="reshape", index=0, value=value))
+        exhibit.react({"act": "reshape", "index": 0, "value": value})
         if value == 0.4:
-            exhibit.react(messages.Press(act="press", name="measure"))
+            exhibit.react({"act": "press", "name": "measure"})
     waiting.get(timeout=PATIENCE)()
     assert exhibit.behaviors[0].front is None and not exhibit.state()["measured"]
 
@@ -78,11 +78,11 @@ def test_of_many_bodies_the_first_and_the_last_are_evaluated(folder, monkeypatch
         evaluated.append(policy.config.task.design["thigh"])
         return evaluate(policy, *others, **named)
 
-    monkeypatch.setattr(bodies, "evaluate", counted)
+    monkeypatch.setattr(lineup, "evaluate", counted)
     exhibit = RunExhibit(choose(folder, None), waiting.put)
     for value in (0.4, 0.42, 0.44, 0.46):
-        exhibit.react(messages.Reshape(act="reshape", index=0, value=value))
-        exhibit.react(messages.Press(act="press", name="measure"))
+        exhibit.react({"act": "reshape", "index": 0, "value": value})
+        exhibit.react({"act": "press", "name": "measure"})
     while not exhibit.state()["measured"]:
         waiting.get(timeout=PATIENCE)()
     assert evaluated == [0.4, 0.46] and exhibit.behaviors[0].front is not None
@@ -91,7 +91,7 @@ def test_of_many_bodies_the_first_and_the_last_are_evaluated(folder, monkeypatch
 def test_robots_with_one_body_have_no_sliders_for_it():
     exhibit = RunExhibit(choose("hopper", None), lambda request: None)
     model = exhibit.behaviors[0].model
-    exhibit.react(messages.Reshape(act="reshape", index=0, value=0.4))
+    exhibit.react({"act": "reshape", "index": 0, "value": 0.4})
     assert exhibit.behaviors[0].model is model and exhibit.state()["design"] == []
 
 

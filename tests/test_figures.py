@@ -17,8 +17,7 @@ from morlax_torch.evaluation.figures.colors import of_objectives
 from morlax_torch.evaluation.figures.front import MOST_PAIRS
 from morlax_torch.evaluation.figures.hypervolume import Band
 from morlax_torch.evaluation.figures.style import colors_of, limits
-from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.representatives import representatives
+from morlax_torch.evaluation.front import Front, representatives
 from morlax_torch.runs.progress import History
 
 NAMES = ("run", "energy", "height", "jump")

@@ -25,12 +25,12 @@ from morlax_torch.exports.exporting import provenance
 from morlax_torch.host.files import AnyPath
 from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
+from morlax_torch.runs.choosing import USUAL, trials
 from morlax_torch.runs.choosing import choose as choice_of
 from morlax_torch.runs.evaluating import evaluate, pack
 from morlax_torch.runs.loading import find_run, load_front
 from morlax_torch.runs.progress import Evaluation, History, hypervolume_of, read_rows
 from morlax_torch.runs.training import Session, make_evaluator
-from morlax_torch.runs.trials import USUAL, trials
 from morlax_torch.train import train
 
 WORSE = {"max_env_steps": 192, "ppo.learning_rate": 0.1}  # the best evaluation is not the last

@@ -17,15 +17,15 @@ def test_without_triton_training_on_cuda_says_once_what_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "triton", None)
     monkeypatch.delitem(sys.modules, "morlax_torch.gpu.mlp_kernels", raising=False)
     monkeypatch.delattr(gpu, "mlp_kernels", raising=False)  # another test may have imported it
-    fused.available.cache_clear()
+    fused.kernels.cache_clear()
     try:
         with pytest.warns(UserWarning, match="triton halted.*pip install triton") as said:
-            assert not fused.available(torch.device("cuda"))
+            assert not fused.kernels(torch.device("cuda"))
         assert len(said) == 1
         with warnings.catch_warnings(action="error"):
-            assert not fused.available(torch.device("cuda"))
+            assert not fused.kernels(torch.device("cuda"))
     finally:
-        fused.available.cache_clear()
+        fused.kernels.cache_clear()
 
 
 def test_only_mlps_have_sizes():

@@ -64,15 +64,6 @@ def test_custom_networks_train(type):
     assert_same(weights(trainer(config, 3, **networks)), after)
 
 
-def test_every_tradeoff_starts_with_the_given_network(generator):
-    actor, critic = normed(), normed(outputs=m)
-    agent = trainer(usual(), actor=actor, critic=critic).agent
-    seen = torch.randn(3, 5, O, generator=generator)
-    policies, values = agent.policies(torch.eye(3)[:, :2] + 0.1), agent.values(torch.ones(3, 2))
-    torch.testing.assert_close(policies(seen).output, actor(seen))
-    torch.testing.assert_close(values(seen), critic(seen))
-
-
 MISFITS = {
     r"the actor maps observations \(2, 13\) to \(2, 4\), but it should return \(2, 8\)": {
         "actor": nn.Linear(O, A)

@@ -11,9 +11,9 @@ import torch
 from tiny import tiny
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load
-from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.configuration.config import Config
-from morlax_torch.networks.agent import Agent
+from morlax_torch.configuration.sections import ALGORITHMS
+from morlax_torch.networks.agent import Agent, Sizes
 
 WEIGHTS = (0.3, 0.7)
 TASK = """
@@ -26,7 +26,7 @@ class Leaping(envs.get("hopper")):
 
 
 CASES = [("bruce", "morlax"), ("mo-gymnasium/hopper", "morlax")]
-CASES += [("cheetah", name) for name in LEARNERS]
+CASES += [("cheetah", name) for name in ALGORITHMS]
 
 
 @pytest.mark.parametrize(("env", "algorithm"), CASES)
@@ -55,7 +55,7 @@ def saved_and_loaded(policy: Policy) -> Policy:
 )
 def test_copies_of_policies_give_the_same_actions(changes, copied):
     config = tiny(**changes)
-    agent = Agent(config, 13, 4, 2)
+    agent = Agent(config, Sizes(13, 4, 2))
     for parameter in agent.parameters():  # they start equal for all trade-offs
         torch.nn.init.normal_(parameter)
     policy, observation = Policy(agent, config, ("run", "jump")), torch.randn(5, 13)

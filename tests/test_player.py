@@ -9,7 +9,7 @@ from morlax_torch import MorlaxError, Policy, envs
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import task_values
 from morlax_torch.evaluation.evaluator import Evaluator
-from morlax_torch.networks.agent import Agent
+from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.viewers.player import Player
 
 CART = """
@@ -98,7 +98,7 @@ class Cart(envs.Environment):
 def test_motor_forces_include_activations(monkeypatch):
     monkeypatch.setattr(envs.registry, "_REGISTRY", {"cart-with-lag": Cart})
     config = load_config(task_values("cart-with-lag", "cpu"))
-    player = Player(Policy(Agent(config, 2, 1, 2), config, ("far", "near")), (0.5, 0.5))
+    player = Player(Policy(Agent(config, Sizes(2, 1, 2)), config, ("far", "near")), (0.5, 0.5))
     player.env.physics.part("mocap_pos")[0, 0, 2] = 3.0
     for _ in range(50):
         player.step()

@@ -14,7 +14,7 @@ from tiny import learner, scaled, tiny
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
 from morlax_torch.algorithms.base import make_agent
-from morlax_torch.networks.agent import Agent
+from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.networks.mlp import Linear
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
@@ -120,7 +120,7 @@ def test_tradeoffs_can_be_lists_tuples_arrays_or_tensors(policy, observation, fo
 )
 def test_threads_can_share_a_policy(observation, tmp_path, monkeypatch, changes):
     config = tiny(**changes)
-    agent = Agent(config, 13, 4, 2)
+    agent = Agent(config, Sizes(13, 4, 2))
     for parameter in agent.parameters():  # they start equal for all trade-offs
         torch.nn.init.normal_(parameter)
     policy, usual = Policy(agent, config, ("run", "jump")), Linear.forward

@@ -12,7 +12,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import pytest
 import torch
 import warp as wp
@@ -107,12 +106,6 @@ def overflow() -> None:
     from mujoco_warp._src.types import OverflowType
 
     assert OverflowType.NEFC | OverflowType.NJMAX_NNZ == 3
-
-
-@private("mujoco", "_gl_context", "_mjr_context")
-def rendering() -> None:
-    names = mujoco.Renderer.__init__.__code__.co_names
-    assert {"_gl_context", "_mjr_context"} <= set(names)
 
 
 @private("stable_baselines3", "_get_indices", "_reset_options", "_reset_seeds")

@@ -50,10 +50,10 @@ def test_the_robot_is_large_and_stays_in_the_picture_for_an_episode(task):
                 break
             following.follow(player.data, player.env.dt)
     sides = np.stack(seen)
-    assert sides.min() > 0.01 and sides.max() < 0.99
+    assert sides.min() > 0 and sides.max() < 1
     sizes = (sides[:, 2:] - sides[:, :2]).max(1)
-    assert 0.6 < sizes[0] < 0.8
-    assert sizes.min() > 0.35
+    assert 0.5 < sizes[0] < 0.85
+    assert sizes.min() > 0.3
 
 
 @pytest.mark.usefixtures("opengl")
@@ -82,8 +82,8 @@ def test_cameras_show_the_robot_or_the_named_body(task, body, make_policy):
     following.restart(data)
     np.testing.assert_allclose(following.camera.lookat, place, atol=0.2)
     take = Take(Player(make_policy(task), (0.5, 0.5)), 480, 360)
-    assert take._camera._view._tree == env.base
-    assert Pictures(env, 64, 64)._view._tree == env.base
+    assert take._camera.base == env.base
+    assert Pictures(env, 64, 64)._camera.base == env.base
     (camera,) = cameras_for(env.physics.model, 1.0, [data], env.base)
     np.testing.assert_allclose(camera.lookat[:2], place[:2], atol=0.2)
 

@@ -11,14 +11,14 @@ import torch
 from tiny import Blind, learner, tiny
 
 from morlax_torch import MorlaxError, Policy, envs, load, save
-from morlax_torch.algorithms.registry import LEARNERS, make_learner
+from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.configuration.files import task_values
+from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.envs import Worlds
 from morlax_torch.envs.worlds.mirror import Mirror, Reflection
 from morlax_torch.exports.exporting import export
 from morlax_torch.networks.hypernetwork import Hypernetwork
-from morlax_torch.networks.mlp import mlp
-from morlax_torch.networks.symmetric import Symmetric
+from morlax_torch.networks.mlp import Symmetric, mlp
 
 SEEN = Reflection.of([1, 0, 2, 4, 3, 5, 6, 7, 9, 8, 10, 11, 12], [1, 1, -1, -1, -1, 1] * 2 + [1])
 ACTED = Reflection.of([0, 2, 1, 3], [-1.0, 1.0, 1.0, 1.0])
@@ -59,7 +59,7 @@ def test_mirrored_observations_give_mirrored_actions_and_equal_values(tmp_path, 
     torch.testing.assert_close(loaded(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
 
 
-@pytest.mark.parametrize("algorithm", LEARNERS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constants):
     own = {
         "hyper-sac": {"method.batch": 8, "method.updates": 2},

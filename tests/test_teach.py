@@ -24,8 +24,7 @@ from morlax_torch.runs.loading import start_from
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.preferences import reward
-from morlax_torch.viewers.preferences.clips import SECONDS, Clips, record
-from morlax_torch.viewers.preferences.comparisons import Comparisons
+from morlax_torch.viewers.preferences.comparisons import SECONDS, Clips, Comparisons, record
 from morlax_torch.viewers.preferences.teaching import Lesson
 
 pytestmark = pytest.mark.usefixtures("single_thread")
@@ -117,11 +116,6 @@ def test_ratings_are_those_of_plain_networks():
     assert_allclose(learned(before, action, after).detach(), -0.25)
 
 
-class Named(envs.get("cheetah")):  # type: ignore[misc]
-    def terms(self):
-        return {**super().terms(), "learned": self.physics.qpos[:, 0]}
-
-
 def damaged(path: Path) -> Path:
     data = bytearray(saved(path).read_bytes())
     data[len(data) // 2] ^= 255
@@ -130,9 +124,8 @@ def damaged(path: Path) -> Path:
 
 
 MISTAKES = {
-    "missing": (lambda path: path, "cannot read the learned reward .*No such file"),
     "damaged": (damaged, "is damaged or not one: fit it again"),
-    "text": (lambda path: path.write_text("?") and path, "is damaged or not one"),
+    "missing": (lambda path: path, "cannot read the learned reward .*No such file"),
     "of another task": (lambda path: saved(path, 13, 6), "for 13 observations and 6 actions"),
 }
 
@@ -145,6 +138,10 @@ def test_a_wrong_file_is_one_sentence(make, message, tmp_path):
 
 
 def test_a_task_may_not_have_a_term_of_that_name(tmp_path, monkeypatch):
+    class Named(envs.get("cheetah")):  # type: ignore[misc]
+        def terms(self):
+            return {**super().terms(), "learned": self.physics.qpos[:, 0]}
+
     monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("named", Named)
     with pytest.raises(MorlaxError, match="a reward term of its own with the name learned"):
@@ -167,12 +164,8 @@ def test_clips_show_the_policies_of_their_trade_offs(base):
         assert_allclose(clips.action[clip], expected, atol=1e-5)
     for name, expected in (("height", clips.qpos[:, 1:, 1] + 0.2), ("alive", np.ones((6, 150)))):
         assert_allclose(clips.terms[:, names.index(name)], expected.sum(1), rtol=1e-4)
-
-
-def test_every_second_clip_is_without_noise(base):
-    clips, _ = record(morlax_torch.load(base), 6)
     smooth = [np.abs(np.diff(clip, axis=0)).mean() for clip in clips.action]
-    assert len(smooth) == 6 and max(smooth[::2]) < 0.5 * min(smooth[1::2])
+    assert max(smooth[::2]) < 0.5 * min(smooth[1::2])
 
 
 def test_episodes_that_fail_at_once_give_no_clips(make_policy):
@@ -278,18 +271,6 @@ def test_training_continues_with_one_more_objective(lesson, tmp_path):
         assert Player(morlax_torch.load(tmp_path / "packed"), (0, 0, 1)).env.objectives[2] == "tall"
     finally:
         hidden.rename(lesson.folder)
-
-
-def test_training_with_a_learned_reward_resumes_exactly(lesson):
-    config = load_config(read_yaml(lesson.folder / "config.yaml"))
-    whole, half, resumed = (make_learner(config.make_worlds(32, 0), config) for _ in range(3))
-    for learner, iterations in ((whole, 4), (half, 2)):
-        for _ in range(iterations):
-            learner.iterate()
-    resumed.load_state_dict(half.state_dict())
-    for _ in range(2):
-        resumed.iterate()
-    assert_same(resumed.state_dict(), whole.state_dict())
 
 
 # starting from another run

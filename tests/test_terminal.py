@@ -23,11 +23,12 @@ from tiny import tiny
 
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
-from morlax_torch.commands.terminal import arguments, live, tune_arguments
+from morlax_torch.commands import tune
+from morlax_torch.commands.terminal import arguments, live
 from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.commands.terminal.display import Display
 from morlax_torch.configuration.config import Config, config_class, flat
-from morlax_torch.configuration.sections import OPTIONS, SamplingConfig
+from morlax_torch.configuration.sections import ALGORITHMS, SamplingConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.phases import phase, within
 from morlax_torch.runs.progress import Evaluation, Progress
@@ -235,8 +236,8 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
-    models = [arguments.Train, tune_arguments.TuneOptions]
-    models += [config_class(env, name) for name in ("morlax", *OPTIONS)]
+    models = [arguments.Train, tune.TuneOptions]
+    models += [config_class(env, name) for name in ALGORITHMS]
     for model in models:
         assert not undescribed(model)
 

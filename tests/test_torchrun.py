@@ -219,17 +219,6 @@ def test_restarts_need_a_folder(monkeypatch):
         train.read(SMALL)
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_restarts_do_not_continue_a_run_of_another_launch(whole):
-    before = state(whole).progress
-    command = [*TORCHRUN, *RESTARTING, "-m", "morlax_torch.train", *SMALL, "--output", str(whole)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=200)
-    assert done.returncode != 0
-    assert "whole exists already" in done.stderr
-    assert state(whole).progress == before
-
-
 WAITING = """
 from datetime import timedelta
 from torch.distributed import TCPStore

@@ -11,7 +11,7 @@ from morlax_torch.networks.mlp import mlp
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from morlax_torch.gpu import adam_kernels, affine_kernels, mlp_kernels
+from morlax_torch.gpu import adam_kernels, mlp_kernels
 
 DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
 TF32_ERROR = 1e-5 if mlp_kernels.INTERPRETED else 2e-3  # TF32 has 10 bits
@@ -72,25 +72,8 @@ def test_mlps_and_their_gradients_equal_vmap_and_repeat(sizes, K, S):
     assert torch.equal(gradient, torch.cat([each.flatten(1) for each in found[1:]], 1))
 
 
-@pytest.mark.parametrize(
-    ("K", "F", "P"),
-    [(8, 16, 1000), (16, 3, 131), (1, 1, 1), (2, 40, 64)]
-    + ([] if mlp_kernels.INTERPRETED else [(64, 3, 131), (3, 16, 22160)]),
-)
-def test_the_affine_map_and_its_gradients_equal_addmm(K, F, P):
-    inputs = [torch.randn(*shape, device=DEVICE) for shape in ((K, F), (P, F), (P,))]
-    slope = torch.randn(K, P, device=DEVICE)
-    leaves = [value.clone().requires_grad_() for value in inputs]
-    exact = [value.double().requires_grad_() for value in inputs]
-    y = affine_kernels.affine(*leaves)
-    true = torch.addmm(exact[2], exact[0], exact[1].t())
-    expected = [true, *torch.autograd.grad(true, exact, slope.double())]
-    for mine, value in zip([y, *torch.autograd.grad(y, leaves, slope)], expected, strict=True):
-        assert relative_error(mine, value) < 1e-5
-
-
 def test_steps_of_adam_equal_torch(monkeypatch):
-    monkeypatch.setattr(fused, "available", lambda device: False)
+    monkeypatch.setattr(fused, "kernels", lambda device: None)
     shapes = [(2, adam_kernels.BLOCK), (100,), (3, 7), (adam_kernels.BLOCK + 1,)]
     parameters = [nn.Parameter(torch.randn(shape, device=DEVICE)) for shape in shapes]
     optimizer = ClippedAdam(parameters, 3e-4, max_norm=1.0)

@@ -18,13 +18,11 @@ from morlax_torch.commands.terminal import cli
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
 from morlax_torch.viewers import libraries
-from morlax_torch.viewers.arrays import drawn_arrays
+from morlax_torch.viewers.describing import drawn_arrays
 from morlax_torch.viewers.web import writing
-from morlax_torch.viewers.web.checking import TOLERANCE, check
 from morlax_torch.viewers.web.model import compiled
-from morlax_torch.viewers.web.robot import build, described
-from morlax_torch.viewers.web.start import start
-from morlax_torch.viewers.web.tracing import PagePhysics, trace
+from morlax_torch.viewers.web.tracing import TOLERANCE, PagePhysics, check, trace
+from morlax_torch.viewers.web.writing import build, described, start
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid", "Tumbler")]
@@ -91,7 +89,7 @@ def test_tasks_that_no_graph_can_express_are_refused(robots, task, reason, gener
 @pytest.mark.parametrize("name", ["bruce", "humanoid", "mo-gymnasium/humanoid", "Tumbler"])
 def test_the_model_survives_as_text(name, robots):
     task = get(f"{robots}:{name}" if name == "Tumbler" else name)
-    model, web = compiled(lambda: task.compile_model(task.Options()), name)
+    model, web = compiled(task, task.Options())
     again = mujoco.MjModel.from_xml_string(web.xml, web.assets)
     for field, numbers in web.fields.items():
         getattr(again, field).flat = numbers

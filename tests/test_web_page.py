@@ -20,9 +20,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.runs.loading import bookmark
 from morlax_torch.train import train
 from morlax_torch.viewers import libraries
-from morlax_torch.viewers.player import Player
-from morlax_torch.viewers.web.robot import build
-from morlax_torch.viewers.web.writing import write_page
+from morlax_torch.viewers.web.writing import build, write_page
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -55,32 +53,6 @@ ACT = """async ([site, folder, tradeoff, steps]) => {
   return found;
 }"""
 
-SLOWER = """async (site) => {
-  const { Quality } = await import(`${site}stage/quality.js`);
-  const quality = new Quality(true);
-  const share = (duration, frames) => {
-    for (let i = 0; i < frames; i++) quality.note(duration);
-    return quality.share;
-  };
-  return {
-    fast: share(17, 1000),
-    hidden: share(60000, 1),
-    slow: share(100, 30),
-    slower: share(100, 30),
-    slowest: share(100, 30),
-  };
-}"""
-KEYS = """async (site) => {
-  const { Local } = await import(`${site}engines/local.js`);
-  const { press } = await import(`${site}panel/driving.js`);
-  const about = { command: { limits: { forward: [-0.1, 0.3] } } };
-  const engine = new Local({ about, command: [0] });
-  const after = (keys) => {
-    for (const key of keys) press(engine, key);
-    return engine.command[0];
-  };
-  return ["ww", "wwwwww", "x", "ssssss"].map(after);
-}"""
 HELD = """
   const get = fetch;
   globalThis.fetch = async (address, ...rest) => {
@@ -88,20 +60,6 @@ HELD = """
     return get(address, ...rest);
   };
 """
-UNRECORDED = """
-  const get = fetch;
-  globalThis.fetch = (address) => get(String(address).replace("start.bin", "nowhere"));
-"""
-RECORDED = """async ([site, folder]) => {
-  const { Recorded } = await import(`${site}engines/recorded.js`);
-  const recorded = await Recorded.load(`${site}${folder}`);
-  recorded.length = Math.min(recorded.length, 30); // a shorter loop
-  const poses = [];
-  const stage = { advance: () => poses.push(recorded.robots[0]), draw: () => {} };
-  stage.advance();
-  await recorded.play(stage, () => poses.length > recorded.length);
-  return poses.map(({ steps, places }) => [steps, Array.from(places)]);
-}"""
 KEPT = """Promise.all(
   [{ name: location.pathname }, ...performance.getEntriesByType("resource")]
     .map(({ name }) => caches.match(name)),
@@ -264,25 +222,6 @@ def test_a_recorded_robot_moves_before_the_physics_has_come(visit):
     assert come == due and not visit.complaints
 
 
-def test_the_recording_repeats_the_robot_of_python(empty, site, folder):
-    poses = empty.evaluate(RECORDED, [site, "runs/1"])
-    policy = morlax_torch.load(str(folder.parent / "run"))
-    player = Player(policy, [0.5, 0.5])
-    assert len(poses) > 30
-    for step, (steps, places) in enumerate(poses[:30]):
-        assert steps == step
-        gap = np.abs(np.array(places) - player.data.xpos.ravel()).max()
-        assert gap < 1e-5, (step, gap)
-        player.step()
-    assert poses[30] == poses[0]
-
-
-def test_a_page_without_a_recording_opens_too(visit):
-    page = visit("?run=cheetah3", before=UNRECORDED)
-    runs(page)
-    assert page.text_content("#progress").startswith("Loading cheetah3: ")
-
-
 # Page
 
 
@@ -443,31 +382,14 @@ def test_an_embedded_page_shows_robot_sliders_and_front_only(visit):
     assert all(shown) and not any(hidden)
     stage, panel = boxes(page)
     assert stage["height"] == panel["height"] == 500
+    page = visit("?embed", 390, 640)  # an address that names no run
+    runs(page)
+    assert page.is_visible("#run") and page.is_hidden("#theme")
 
 
 def boxes(page) -> list[dict[str, float]]:
     """Return where the robot and the panel are."""
     return [page.locator(part).bounding_box() for part in ("#stage", "#panel")]
-
-
-def test_an_embedded_page_has_a_chooser_if_its_address_names_no_run(visit):
-    page = visit("?embed", 390, 640)
-    runs(page)
-    assert page.is_visible("#run") and page.is_hidden("#theme")
-    stage, panel = boxes(page)
-    assert stage["height"] >= 200 and panel["y"] == stage["height"]
-    page.select_option("#run", label="Tumbler")
-    page.wait_for_function("document.title.startsWith('Tumbler')")
-    assert page.is_visible("#run")
-
-
-def test_slow_frames_make_the_drawing_coarser(empty, site):
-    shares = empty.evaluate(SLOWER, site)
-    assert shares == {"fast": 1, "hidden": 1, "slow": 0.7, "slower": 0.5, "slowest": 0.5}
-
-
-def test_keys_change_the_command_within_its_limits(empty, site):
-    assert empty.evaluate(KEYS, site) == pytest.approx([0.08, 0.3, 0, -0.1])
 
 
 def test_on_a_phone_the_panel_lies_below_the_robot_and_is_large_enough_to_tap(visit):

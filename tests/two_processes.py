@@ -10,8 +10,9 @@ from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
+from morlax_torch.baselines.pd_morl.options import PDMORLOptions
 from morlax_torch.configuration.config import Config
-from morlax_torch.configuration.sections import HyperSACOptions, PDMORLOptions
+from morlax_torch.configuration.sections import HyperSACOptions
 from morlax_torch.gpu.group import ALONE, Group, join
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import start_from

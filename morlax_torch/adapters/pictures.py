@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..envs import MorlaxError, Robot
-from ..viewers.camera import FILL, View
+from ..viewers.camera import FollowingCamera
 from ..viewers.filming.rendering import Scene
 
 
@@ -21,14 +21,10 @@ class Pictures:
         self.data = mujoco.MjData(model)
         self._model, self._size = model, (width, height)
         self._scene: Scene | None = None
-        self._view = View(model, width / height, base=robot.base)
-        self._camera = mujoco.MjvCamera()
         # all pictures share the camera's distance, which is chosen by the model's own pose
         mujoco.mj_forward(model, self.data)
-        points = self._view.points(self.data)
-        center = self._view.middle(points)
-        self._offset = center - self._view.mass(self.data)
-        self._distance = self._view.distance(points, center, FILL)
+        self._camera = FollowingCamera(model, width / height, base=robot.base)
+        self._camera.restart(self.data)
 
     def pose(self, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
         """Put the robot into a state, qpos (nq,) and qvel (nv,); returns `data`."""
@@ -45,9 +41,9 @@ class Pictures:
         """
         if self._scene is None:
             self._scene = Scene(self._model, *self._size)
-        data, view = self.pose(qpos, qvel), self._view
-        view.place(self._camera, view.mass(data) + self._offset, self._distance)
-        return self._scene.draw(data, self._camera)
+        data, camera = self.pose(qpos, qvel), self._camera.camera
+        camera.lookat[:] = data.subtree_com[self._camera.base]
+        return self._scene.draw(data, camera)
 
     def close(self) -> None:
         """Free the renderer."""

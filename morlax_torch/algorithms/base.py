@@ -1,42 +1,73 @@
-"""What all learners share: worlds, the order of an iteration, recorded graphs, state."""
+"""What all learners share: worlds, trade-offs, an iteration's order, recorded graphs, metrics."""
 
 from abc import abstractmethod
 from functools import partial
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor
 
 from ..configuration.config import Config
+from ..configuration.tradeoffs import even_tradeoffs, sample_cells, sample_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import restore_generator, seed_of
 from ..gpu.graph import Graph
 from ..gpu.group import Group
-from ..networks.agent import Agent
-from .draws import TradeoffDraws
+from ..networks.agent import Agent, Sizes, agent_class
 from .learner import Learner
 from .rollout import Episodes, Rollout
 
 
-def make_agent(
-    env: Worlds, config: Config, in_order: int = 0, **networks: nn.Module | None
-) -> Agent:
-    """Return a new agent for the worlds, on their device; `Agent` explains the arguments."""
-    network = config.network
-    # a tolerance only if there is one: tasks may override `mirror` without
-    tolerance = [network.symmetry_tolerance] if network.symmetry_tolerance else []
-    return Agent(
-        config,
-        env.observation_size,
-        env.action_size,
-        len(env.objectives),
-        torch.Generator().manual_seed(config.seed),
-        privileged_size=env.privileged_size,
-        mirror=env.mirror(*tolerance) if network.symmetric else None,
-        in_order=in_order,
-        designs=env.designs,
-        **networks,
-    ).to(env.device)
+def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
+    """Return a new agent for the worlds, on their device; `networks` are arguments of `Agent`."""
+    if config.network.symmetric:
+        # a tolerance only if there is one: tasks may override `mirror` without
+        tolerance = config.network.symmetry_tolerance
+        networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
+    generator = torch.Generator().manual_seed(config.seed)
+    return agent_class(config)(config, Sizes.of(env), generator, **networks).to(env.device)
+
+
+def copies(tensors: list[Tensor]) -> list[Tensor]:
+    return [value.detach().clone() for value in tensors]
+
+
+@torch.no_grad()
+def restore(tensors: list[Tensor], stored: list[Tensor]) -> None:
+    """Copy stored values in place, also from another device; ValueError if shapes differ."""
+    for mine, value in zip(tensors, stored, strict=True):
+        if value.shape != mine.shape:
+            raise ValueError(f"a tensor has shape {tuple(value.shape)}, not {tuple(mine.shape)}")
+        mine.copy_(value)
+
+
+class TradeoffDraws:
+    """Draws trade-offs (K, m) as `config.sampling` says."""
+
+    def __init__(self, config: Config, num_objectives: int, device: torch.device):
+        sampling = config.sampling
+        self._alpha = sampling.alpha
+        self._corners = config.num_corners(num_objectives)
+        self._focus: Tensor | None = None
+        if sampling.focus is not None:
+            *weights, self._until = sampling.focus
+            focus = torch.tensor(weights, dtype=torch.float32, device=device)
+            self._focus = focus / focus.sum()
+        self._centers: Tensor | None = None  # of the cells
+        others = config.num_clusters - self._corners
+        if sampling.cells and sampling.mode == "sparse" and others >= num_objectives:
+            self._centers = even_tradeoffs(others, num_objectives).to(device)
+
+    def fill(self, out: Tensor, generator: torch.Generator, done: Tensor) -> None:
+        """Fill `out` (K, m) when a share () of training is done. Runs inside a recorded graph."""
+        if self._centers is None:
+            sample_tradeoffs(out, self._corners, self._alpha, generator)
+        else:
+            sample_cells(out[: len(self._centers)], self._centers, generator)
+            out[len(self._centers) :] = torch.eye(self._corners, out.shape[1], device=out.device)
+        if self._focus is not None:
+            away = (done / self._until).clamp(max=1.0)
+            out.copy_(torch.lerp(self._focus, out, away))
 
 
 class BaseLearner(Learner):
@@ -103,6 +134,7 @@ class BaseLearner(Learner):
         """
         if self.env.device.type != "cuda":
             return
+        # warming up explores and learns for a moment, which changes all of this
         state, tradeoffs = self.state_dict(), self.tradeoffs.clone()
         self._record()
         if self.env.recordable:
@@ -129,10 +161,34 @@ class BaseLearner(Learner):
     def _learn_from_it(self) -> None:
         self.learn()
 
+    def _read(self, means: dict[str, Tensor]) -> dict[str, float]:
+        """Return metrics () and those of all worlds, means over all processes.
+
+        Waits for the GPU, and for the other processes. Returns and lengths are means of the
+        episodes that have ended, if any have.
+        """
+        env, group = self.env, self.group
+        means = {**means, "blowups": env.blowups.float()}
+        # one copy to the CPU, since each waits for the GPU
+        sums = group.mean_(torch.stack([*means.values(), *self._episodes.totals]))
+        overflow = group.largest_(env.overflow().max().float()[None])
+        *values, largest = torch.cat([sums, overflow]).tolist()
+        metrics = dict(zip(means, values, strict=False))
+        metrics["blowups"] *= group.size
+        *totals, number = values[len(means) :]
+        if number:
+            names = [*(f"episode_return/{name}" for name in env.objectives), "episode_length"]
+            metrics |= {name: x / number for name, x in zip(names, totals, strict=True)}
+        return {**metrics, "overflow": largest}
+
     def _start_here(self) -> None:
         """Explore from what the worlds show now, with no episode under way."""
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
+
+    def _tensors(self) -> dict[str, list[Tensor]]:
+        """Return further tensors of the state by name; all are updated in place."""
+        return {}
 
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on.
@@ -140,6 +196,7 @@ class BaseLearner(Learner):
         Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
         """
         return {
+            **{name: copies(tensors) for name, tensors in self._tensors().items()},
             "agent": {name: value.clone() for name, value in self.trained.state_dict().items()},
             "generator": self.generator.get_state(),
             "environment": self.env.state_dict() if self.env.resumable else {},
@@ -150,6 +207,8 @@ class BaseLearner(Learner):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
+        for name, tensors in self._tensors().items():
+            restore(tensors, state[name])
         self.trained.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:

@@ -72,6 +72,7 @@ def make_batch(
     variance, mean = torch.var_mean(scalar, together, correction=0, keepdim=True)
     mean, variance = group.moments(mean, variance)
     number = group.size * scalar.numel() // mean.numel()
+    # moments of several processes can only be merged if biased: the factor undoes that
     scalar = (scalar - mean) / ((variance * number / max(number - 1, 1)).sqrt() + 1e-8)
     batch = Batch(
         seen, rollout.action, rollout.log_prob.unsqueeze(-1), scalar.unsqueeze(-1), target
@@ -103,15 +104,15 @@ class Table:
         """
         draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
         order = draws.argsort(1)
-        if self._dense and number == 1:  # as they are: networks of `InOrder` are those of places
+        if self._dense and number == 1:  # as they are: PG-MORL's networks are those of places
             order = torch.arange(order.shape[1], device=order.device)[None]
         dealt = []
         for part, chosen in zip(
             self._rows[self._firsts, order].chunk(number, 1), order.chunk(number, 1), strict=True
         ):
             part = part.transpose(0, 1) if self._dense else part
-            own = conditions[chosen[0]] if self._dense else conditions
-            dealt.append((own, Batch(*part.flatten(1, 2).split(self._widths, -1))))
+            chosen_conditions = conditions[chosen[0]] if self._dense else conditions
+            dealt.append((chosen_conditions, Batch(*part.flatten(1, 2).split(self._widths, -1))))
         return dealt
 
 

@@ -54,7 +54,7 @@ class AMOR(Trainer):
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
-        self._own_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
+        self._process_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
 
     def iterate(self, done: float = 0.0) -> None:
         super().iterate(done)
@@ -127,23 +127,15 @@ class HyperMORL(Trainer):
 
     def _start_hypernetwork(self) -> None:
         balanced = torch.full_like(self.tradeoffs[0], 1 / self.tradeoffs.shape[1])
-        for family in (self.agent.actor, self.agent.critic):
-            assert isinstance(family, Hypernetwork)
-            family.collapse(balanced)
-        self._reset_exploration()
+        actor, critic = self.agent.actor, self.agent.critic
+        assert isinstance(actor, Hypernetwork) and isinstance(critic, Hypernetwork)
+        actor.collapse(balanced)
+        critic.collapse(balanced)
+        # a user's own actor may make standard deviations in any way: it keeps those of the warm-up
+        if "actor" not in self.agent.own_networks():
+            weight, bias = list(actor.split(actor.bias.detach()).values())[-2:]
+            weight[self.env.action_size :] = 0.0
+            bias[self.env.action_size :] = spread_of(self.config.network.initial_std)
         for optimizer, rate in zip(self.ppo.optimizers, self.ppo.rates, strict=False):
             optimizer.forget()
             optimizer.rate.fill_(rate)
-
-    def _reset_exploration(self) -> None:
-        """Give all actions their first standard deviation, `network.initial_std`, again.
-
-        A user's own actor may make standard deviations in any way: it keeps those of the warm-up.
-        """
-        family = self.agent.actor
-        assert isinstance(family, Hypernetwork)
-        if "actor" in self.agent.own_networks():
-            return
-        weight, bias = list(family.split(family.bias.detach()).values())[-2:]
-        weight[self.env.action_size :] = 0.0
-        bias[self.env.action_size :] = spread_of(self.config.network.initial_std)

@@ -1,12 +1,10 @@
 """The clipped policy objective and the value loss, for a whole family at once."""
 
-from collections.abc import Sequence
-
 import torch
 from torch import Tensor
 
 from ..configuration.sections import PPOConfig
-from ..gpu.fused import kernel
+from ..gpu import fused
 from ..gpu.graph import Branch
 from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
@@ -17,7 +15,6 @@ from .batch import Batch
 RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learning rate
 
 
-@kernel("loss_kernels.policy_loss")
 def policy_loss(
     output: Tensor,
     action: Tensor,
@@ -80,32 +77,26 @@ class PPO:
         norm = config.max_grad_norm
         shared = bool({*map(id, actor)} & {*map(id, critic)})
         self.joint = shared or config.optimizer == "joint"
-        groups = [list(dict.fromkeys(actor + critic))] if self.joint else [actor, critic]
+        groups = {"actor": actor, "critic": critic}
+        if self.joint:
+            groups = {"joint": list(dict.fromkeys(actor + critic))}
+        channels = group, group.channel()  # of branches that run in parallel
         self.optimizers = [
-            ClippedAdam(own, rate, norm, agent.num_networks, channel)
-            for own, rate, channel in zip(
-                groups, self.rates, (group, group.channel()), strict=False
+            ClippedAdam(parameters, rate, norm, agent.num_networks, channel)
+            for parameters, rate, channel in zip(
+                groups.values(), self.rates, channels, strict=False
             )
         ]
-        self.optimizer_names = ("joint",) if self.joint else ("actor", "critic")
+        self.optimizer_names = tuple(groups)
         self.entropy = actor[0].new_tensor(config.entropy)
         self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
         self._branch = Branch(actor[0].device)
+        kernels = fused.kernels(actor[0].device)
+        self._policy_loss = kernels.policy_loss if kernels else policy_loss
 
     def state(self) -> list[Tensor]:
         """Return every tensor of the optimizers, in a fixed order; all are updated in place."""
-        return [
-            *(value for optimizer in self.optimizers for value in optimizer.state()),
-            self.entropy,
-        ]
-
-    def restore(self, state: Sequence[Tensor]) -> None:
-        """Load what `state` returned, in place, also on another device."""
-        *moments, entropy = state
-        size = len(moments) // len(self.optimizers)
-        for i, optimizer in enumerate(self.optimizers):
-            optimizer.restore(moments[i * size : (i + 1) * size])
-        self.entropy.copy_(entropy)
+        return [*(x for optimizer in self.optimizers for x in optimizer.state()), self.entropy]
 
     def improve(
         self,
@@ -127,31 +118,26 @@ class PPO:
         """
         policies, values = [], []
         shapes = [batch.action.shape for _, batch in parts]
-        drawn = self.entropy.new_empty(sum(shape.numel() for shape in shapes))
-        drawn = drawn.normal_(generator=generator).split([shape.numel() for shape in shapes])
+        sizes = [shape.numel() for shape in shapes]
+        drawn = self.entropy.new_empty(sum(sizes)).normal_(generator=generator).split(sizes)
         noises = [noise.view(shape) for noise, shape in zip(drawn, shapes, strict=True)]
-        if self.joint:
-            for (conditions, batch), noise in zip(parts, noises, strict=True):
-                policy_loss, found = self.policy_loss(conditions, batch, noise)
-                value_loss = self.value_loss(conditions, batch)
-                if policies or not first:
-                    self._adapt(found)
-                self.optimizers[0].step(policy_loss + value_loss)
-                policies.append(found)
-                values.append(value_loss.detach())
-        else:
-            actor, critic = self.optimizers
+        if not self.joint:
             with self._branch:
                 for conditions, batch in parts:
                     value_loss = self.value_loss(conditions, batch)
-                    critic.step(value_loss)
+                    self.optimizers[1].step(value_loss)
                     values.append(value_loss.detach())
-            for (conditions, batch), noise in zip(parts, noises, strict=True):
-                policy_loss, found = self.policy_loss(conditions, batch, noise)
-                if policies or not first:
-                    self._adapt(found)
-                actor.step(policy_loss)
-                policies.append(found)
+        for (conditions, batch), noise in zip(parts, noises, strict=True):
+            loss, found = self.policy_loss(conditions, batch, noise)
+            if self.joint:
+                value_loss = self.value_loss(conditions, batch)
+                values.append(value_loss.detach())
+                loss = loss + value_loss
+            if policies or not first:
+                self._adapt(found)
+            self.optimizers[0].step(loss)
+            policies.append(found)
+        if not self.joint:
             self._branch.join()
         if last and self.config.desired_kl is not None:
             with torch.no_grad():
@@ -162,7 +148,7 @@ class PPO:
     def policy_loss(self, conditions: Tensor, batch: Batch, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Compute `policy_loss` of the current actors on a minibatch with noise (K, S, A)."""
         policy = self.agent.policies(conditions)(batch.observation)
-        return policy_loss(
+        return self._policy_loss(
             policy.output,
             batch.action,
             noise,
@@ -179,7 +165,7 @@ class PPO:
         error = (value - batch.target).square().sum(-1).mean()
         return self.config.value_coefficient * error
 
-    def _adapt(self, found: Tensor) -> None:
+    def _adapt(self, metrics: Tensor) -> None:
         """Change the actor's learning rate towards `desired_kl`, as rsl_rl's adaptive schedule.
 
         The first minibatch of a rollout is left out: before any step its KL is zero. Each later one
@@ -187,7 +173,7 @@ class PPO:
         """
         if self.config.desired_kl is None:
             return
-        kl, rate = self._group.mean_(found[2].clone()), self.optimizers[0].rate
+        kl, rate = self._group.mean_(metrics[2].clone()), self.optimizers[0].rate
         factor = torch.where(kl < self.desired_kl / 2, RATE_STEP, 1.0)
         factor = torch.where(kl > self.desired_kl * 2, 1 / RATE_STEP, factor)
         rate.mul_(factor.to(rate)).clamp_(*RATES)

@@ -1,16 +1,15 @@
-"""The learners by name."""
+"""The learners by name; those of `morlax_torch.baselines` are imported when asked for."""
 
 from torch import nn
 
 from ..configuration.config import Config
+from ..configuration.sections import baseline
 from ..envs import Worlds
 from ..gpu.group import ALONE, Group
 from .learner import Learner
 from .methods import AMOR, MORLAX, HyperMORL, IndependentPPO
 from .off_policy.hyper_sac import HyperSAC
 from .off_policy.learner import OffPolicy
-from .off_policy.pd_morl import PDMORL
-from .pg_morl.learner import PGMORL
 from .trainer import Trainer
 
 LEARNERS: dict[str, type[Trainer] | type[OffPolicy]] = {
@@ -18,8 +17,6 @@ LEARNERS: dict[str, type[Trainer] | type[OffPolicy]] = {
     "hyper-sac": HyperSAC,
     "amor": AMOR,
     "hyper-morl": HyperMORL,
-    "pg-morl": PGMORL,
-    "pd-morl": PDMORL,
     "independent": IndependentPPO,
 }
 
@@ -33,4 +30,6 @@ def make_learner(
     group: Group = ALONE,
 ) -> Learner:
     """Make the learner of the config's algorithm; `MORLAX` explains the arguments and errors."""
-    return LEARNERS[config.algorithm](env, config, actor=actor, critic=critic, group=group)
+    module = baseline(config.algorithm, "learner")
+    make = module.LEARNER if module else LEARNERS[config.algorithm]
+    return make(env, config, actor=actor, critic=critic, group=group)

@@ -124,6 +124,8 @@ class Episodes:
 
     def observe(self, rollout: Rollout) -> None:
         """Add a rollout, in place. Runs inside a recorded graph."""
+        # without loops or boolean indexing, which a recorded graph cannot hold: a world's steps up
+        # to its last ending belong to completed episodes, those after it to the one under way
         over = (rollout.terminated | rollout.truncated).flatten(1)  # (T, N)
         ahead = over.int().flip(0).cumsum(0).flip(0) > 0  # an episode ends at this step or later
         reward = rollout.reward.flatten(1, 2)

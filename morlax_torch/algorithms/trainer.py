@@ -1,19 +1,18 @@
 """One iteration: explore with the policies of K trade-offs, then learn from all that they did."""
 
-from typing import Any
-
 import torch
 from torch import Tensor, nn
 
 from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
+from ..envs.worlds.design_space import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
+from ..envs.worlds.mirroring import check
 from ..gpu.group import ALONE, Group
 from ..host.resources import one_thread
+from ..networks.agent import Agent
 from .base import BaseLearner, make_agent
 from .batch import Table, expected_returns, make_batch
-from .designs import DesignDraws
-from .metrics import read
 from .ppo import PPO
 from .rollout import collect
 from .scalarizations.registry import make_scalarization
@@ -21,13 +20,53 @@ from .scalarizations.registry import make_scalarization
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
 
 
+class DesignDraws:
+    """Gives each of K clusters a body, for as long as an episode may last, and then another one.
+
+    Clusters begin at even distances in time, so that a few of them change in each iteration.
+
+    Args:
+        env: the worlds, which adopt a bank of `config.sampling.designs` bodies.
+        config: with K clusters.
+        seed: of the bank.
+    """
+
+    def __init__(self, env: Environment, config: Config, seed: int):
+        space, K = DesignSpace(env.designs), config.num_clusters
+        self.env, self._each = env, config.worlds // K
+        self.bank = compile_bank(env, space.spread(config.sampling.designs, seed))
+        if config.network.symmetric and type(env).mirror is Environment.mirror:
+            for row in {*self.bank.designs.argmin(0), *self.bank.designs.argmax(0)}:
+                check(self.bank.models[row], config.network.symmetry_tolerance)
+        contexts = torch.from_numpy(space.scaled(self.bank.designs)).float()
+        self._contexts = contexts.to(env.device)  # (D, d)
+        env.adopt(self.bank)
+        self.rows = torch.zeros(K, dtype=torch.int64, device=env.device)  # of the bank
+        # steps until a cluster changes its body; at first, all get one
+        self.left = -(torch.arange(K, device=env.device) * env.episode_length // K)
+        self.state = {"design_rows": self.rows, "design_steps": self.left}
+
+    @property
+    def context(self) -> Tensor:
+        """(K, d)"""
+        return self._contexts[self.rows]
+
+    def draw(self, steps: int, generator: torch.Generator) -> Tensor:
+        """Change the bodies that are due, before so many steps; returns which worlds, (N,) bool."""
+        due = self.left <= 0
+        drawn = torch.empty_like(self.rows).random_(0, len(self._contexts), generator=generator)
+        self.rows.copy_(torch.where(due, drawn, self.rows))
+        self.left.add_(torch.where(due, self.env.episode_length, 0)).sub_(steps)
+        bodies, fresh = (x[:, None].expand(-1, self._each).flatten() for x in (self.rows, due))
+        self.env.embody(bodies, fresh)
+        return fresh
+
+
 class Trainer(BaseLearner):
     """Trains an agent with PPO, as all methods do. Subclasses say what is special about them.
 
-    Arguments and errors are those of `MORLAX`.
+    Arguments and errors are those of `MORLAX`; `agent` replaces the one of the config.
     """
-
-    in_order = False  # trains K independent networks, each with the trade-off in its place
 
     def __init__(
         self,
@@ -37,28 +76,28 @@ class Trainer(BaseLearner):
         critic: nn.Module | None = None,
         *,
         group: Group = ALONE,
+        agent: Agent | None = None,
     ):
         if config.ppo.truncation == "bootstrap" and not env.shows_endings:
             raise MorlaxError(
                 "these worlds do not show how an episode ended, so there is no value to bootstrap "
                 "from: set ppo.truncation to mask."
             )
-        number = config.num_clusters if self.in_order else 0
-        agent = make_agent(env, config, number, actor=actor, critic=critic)
+        agent = agent or make_agent(env, config, actor=actor, critic=critic)
         super().__init__(env, config, agent, group)
         self.ppo = PPO(agent, config.ppo, group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
-        self._own_state: dict[str, Tensor] = {}  # of this process, that not every method has
+        self._process_state: dict[str, Tensor] = {}  # of this process alone
         self.designs: DesignDraws | None = None
         if config.sampling.designs:
             assert isinstance(env, Environment)
             self.designs = DesignDraws(env, config, config.seed)
-            self._own_state |= self.designs.state
+            self._process_state |= self.designs.state
             self._start_here()
         if self.scalarization.uses_returns:
             starts = self.observation.view(config.num_clusters, -1, self.observation.shape[1])
             self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
-            self._own_state["starts"] = self._starts
+            self._process_state["starts"] = self._starts
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
         self.metric_names = (
             *PPO.metrics,
@@ -70,7 +109,7 @@ class Trainer(BaseLearner):
 
     @property
     def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, *self._own_state
+        return *super().per_process, *self._process_state
 
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
         """Choose the trade-offs (K, m) of an iteration, in place; by default, they stay.
@@ -146,17 +185,18 @@ class Trainer(BaseLearner):
         iterations = max(1, self._iterations)
         updates = iterations * self.config.ppo.epochs * self.config.ppo.minibatches
         optimizers = dict(zip(self.ppo.optimizer_names, self.ppo.optimizers, strict=True))
-        parts = {
-            **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
-            **{f"learning_rate/{name}": own.rate for name, own in optimizers.items()},
-            **{f"gradient_norm/{name}": own.norms / updates for name, own in optimizers.items()},
-            **self.scalarization.metrics(self.env.objectives),
-        }
-        found = read(parts, self.env, self._episodes, self.group)
+        metrics = self._read(
+            {
+                **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
+                **{f"learning_rate/{name}": x.rate for name, x in optimizers.items()},
+                **{f"gradient_norm/{name}": x.norms / updates for name, x in optimizers.items()},
+                **self.scalarization.metrics(self.env.objectives),
+            }
+        )
         if self.designs:
-            found["bodies"] = len(self.designs.bank.models)
+            metrics["bodies"] = len(self.designs.bank.models)
         self._restart_metrics()
-        return found
+        return metrics
 
     def _restart_metrics(self) -> None:
         self._iterations = 0
@@ -164,18 +204,9 @@ class Trainer(BaseLearner):
         for value in sums:
             value.zero_()
 
-    def state_dict(self) -> dict[str, Any]:
+    def _tensors(self) -> dict[str, list[Tensor]]:
         return {
-            **{name: value.clone() for name, value in self._own_state.items()},
-            **super().state_dict(),
-            "optimizers": [value.clone() for value in self.ppo.state()],
-            "scalarization": [value.clone() for value in self.scalarization.state()],
+            "optimizers": self.ppo.state(),
+            "scalarization": self.scalarization.state(),
+            **{name: [value] for name, value in self._process_state.items()},
         }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.ppo.restore(state["optimizers"])
-        for mine, value in zip(self.scalarization.state(), state["scalarization"], strict=True):
-            mine.copy_(value)
-        for name, value in self._own_state.items():
-            value.copy_(state[name])

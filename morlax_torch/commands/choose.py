@@ -19,8 +19,7 @@ from .terminal.arguments import (
 from .terminal.live import Live
 
 if TYPE_CHECKING:
-    from ..evaluation.requirements import Choice, Requirements
-    from ..networks.policy import Policy
+    from ..evaluation.requirements import Choice
 
 
 class Choose(OfRun, Limits):
@@ -55,24 +54,21 @@ class Choose(OfRun, Limits):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Choose, arguments)
     least, most = options.limits(options.constrain)
+    if options.card is not None and options.card.suffix != ".html":
+        raise MorlaxError(f"the decision card {options.card} must end in .html.")
     with Live():
-        from ..envs.devices import resolve_device
         from ..envs.making import has_robot
-        from ..evaluation.requirements import Requirements, shown
+        from ..evaluation.requirements import shown
         from ..runs import loading
-        from ..runs.choosing import chooser
-        from ..runs.loading import find_checkpoint, load, load_front, trust_run
+        from ..runs.choosing import Chooser
+        from ..runs.loading import find_checkpoint, load, load_front
 
-        trust_run(options.run, options.trust, options.env)
         if options.bookmark is not None:
             loading.check_bookmark(options.run, options.bookmark)
-        if options.card is not None and options.card.suffix != ".html":
-            raise MorlaxError(f"the decision card {options.card} must end in .html.")
-        policy = load(options.run, resolve_device(options.device), trust=options.trust)
-        choosing = chooser(policy, load_front(options.run), options.seeds, options.seed)
-        choice = choosing.choose(least, options.maximize, most, options.margin)
-        required = Requirements.of(choice.names, least, most, options.maximize)
-    _show(choice, required)
+        policy = load(options.run, options.device, trust=options.trust, env=options.env)
+        chooser = Chooser(policy, load_front(options.run), options.seeds, options.seed)
+        choice = chooser.choose(least, options.maximize, most, options.margin)
+    _show(choice)
     weights = shown(choice.tradeoff)
     how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
     cli.console.print(f"trade-off: {weights} (best of {how})")
@@ -89,66 +85,37 @@ def command(arguments: Sequence[str]) -> None:
         }
     if options.card is not None:
         with Live():
-            page = _card(
-                options.run, policy, choice, required, options.seed, list(commands.values())
-            )
+            from ..viewers.explorer.saving import decision_card
+
+            typed = list(commands.values())
+            page = decision_card(options.run, policy, choice, typed, options.seed)
             write_file(options.card, page.encode())
         cli.console.print(f"written: {options.card}", soft_wrap=True)
     for purpose, typed in commands.items():
         cli.print_command(purpose, typed)
 
 
-def _card(
-    run: str,
-    policy: "Policy",
-    choice: "Choice",
-    required: "Requirements",
-    seed: int,
-    commands: Sequence[str],
-) -> str:
-    """Simulate the choice under other conditions, and describe it."""
-    from ..envs.making import has_robot
-    from ..envs.naming import title
-    from ..host.version import __version__
-    from ..reports.card import card
-    from ..runs.checkpoint import fingerprint
-    from ..runs.loading import find_checkpoint
-    from ..runs.trials import trials
-    from ..viewers.filming.recording import strip
-
-    tried = trials(policy, choice.tradeoff, seed)
-    about = {
-        "run": run,
-        "checkpoint": str(find_checkpoint(run)),
-        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
-        "morlax-torch": __version__,
-    }
-    env = policy.config.env
-    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
-    return card(title(env), choice, required, tried, about, commands, picture)
-
-
-def _show(choice: "Choice", required: "Requirements") -> None:
+def _show(choice: "Choice") -> None:
     """Print promised and simulated, or evaluated values, margins and the cost."""
     from rich.table import Table  # takes a while to import
 
-    table = Table(box=None)
+    required, table = choice.required, Table(box=None)
     kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
     for column in ("value", *kinds, "required", "margin"):
         table.add_column(column, justify="left" if column == "value" else "right")
     for index in required.used:
-        name = required.names.all[index]
+        name = required.names[index]
         promised = f"{choice.promised[name]:.5g}" if name in choice.promised else ""
-        told = [promised, f"{choice.values[index]:.5g}"][-len(kinds) :]
+        values = [promised, f"{choice.values[index]:.5g}"][-len(kinds) :]
         limits = [limit.shown() for limit in required.limits if limit.index == index]
-        margin = [f"{choice.margins[name]:+.4g}"] if limits else []
-        table.add_row(name, *told, " and ".join(limits), *margin)
+        margin = f"{choice.margins[name]:+.4g}" if limits else ""
+        table.add_row(name, *values, " and ".join(limits), margin)
     cli.console.print(table)
     if required.limits:
         best = choice.values[required.maximized] + choice.cost
         cli.console.print(
             f"cost of the requirements: {choice.cost:.4g} of "
-            f"{required.names.all[required.maximized]}, which reaches {best:.5g} without them"
+            f"{required.names[required.maximized]}, which reaches {best:.5g} without them"
         )
     if choice.falls:
         broken = ", which breaks every requirement" if required.limits else ""

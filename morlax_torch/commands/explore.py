@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Annotated
 
-from ..viewers.explorer.opening import free_port, importing_page
 from .terminal import cli
 from .terminal.arguments import (
     Positional,
@@ -52,13 +51,11 @@ def explore(run: str, host: str, port: int) -> None:
         from ..viewers.explorer import library
 
         choice = library.choose(run)
-        port = free_port(host, port)
-        with importing_page():
-            from ..viewers.explorer.exhibits import RunExhibit
-            from ..viewers.explorer.page import Page
         import torch
 
         from ..host.resources import one_thread
+        from ..viewers.explorer.exhibits import RunExhibit
+        from ..viewers.explorer.page import Page
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         with Live():

@@ -7,7 +7,6 @@ from typing import Annotated
 
 from pydantic import NonNegativeInt
 
-from ..viewers.explorer.opening import free_port, importing_page
 from .terminal import cli
 from .terminal.arguments import (
     Positional,
@@ -49,16 +48,13 @@ def command(arguments: Sequence[str]) -> None:
         from ..viewers.preferences.teaching import Lesson
 
         trust_run(options.run, options.trust, options.env)
-        if serves:
-            port = free_port(host, port)
         lesson = Lesson(options.run, options.folder, options.objective, options.clips, options.seed)
     if options.judge is not None:
         lesson.judge(options.judge, answers)
     elif serves:
-        with importing_page():
-            from ..viewers.explorer.comparisons import questions
-            from ..viewers.explorer.exhibits import ComparisonExhibit
-            from ..viewers.explorer.page import Page
+        from ..viewers.explorer.comparisons import questions
+        from ..viewers.explorer.exhibits import ComparisonExhibit
+        from ..viewers.explorer.page import Page
 
         with interruptible() as ended:
             page = Page(lambda _: ComparisonExhibit(questions(lesson, answers)), host, port)
@@ -68,7 +64,7 @@ def command(arguments: Sequence[str]) -> None:
     with Live():
         fitted = lesson.finish()
     cli.console.print(
-        f"{len(lesson.comparisons)} answers; the learned reward agrees with "
+        f"{len(lesson.comparisons.answers)} answers; the learned reward agrees with "
         f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"
     )
     config = shlex.quote(str(options.folder / "config.yaml"))

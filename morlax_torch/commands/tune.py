@@ -1,101 +1,200 @@
 """Search for a task's hyperparameters."""
 
-import json
 import math
+import os
 import shlex
+import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from pydantic import Field, PositiveFloat
+
+from ..configuration.config import Config, flat
 from ..envs import MorlaxError
-from ..host.phases import heard_by
+from ..envs.naming import title
+from ..envs.worlds.options import Count
 from ..host.torchrun import SEVERAL
-from .terminal import cli
+from .terminal.arguments import Start, begin, draft, placed, values_over
+from .terminal.cli import console, print_command
 from .terminal.live import Live
 from .terminal.process import Interruption, interruptible, program
-from .terminal.tune_arguments import read
 
 if TYPE_CHECKING:
-    from .terminal.tune_display import TuneDisplay
+    from optuna.trial import FrozenTrial
+
+    from ..tuning.study import Search
+
+PARENT = "MORLAX_TUNE_PARENT"  # set in workers: the process that waits for them
+OURS = "max_seconds", "max_env_steps", "evaluation.every"  # options that the search sets itself
+BEST = 5  # trials that are listed at the end
+PAUSE = 0.5  # seconds between looks at what workers have done
+
+
+class TuneOptions(Start):
+    """Search for a task's hyperparameters with Optuna."""
+
+    command = "tune"
+    shown = {
+        "What to tune": ("env", "algorithm", "config", "space", "indicators", "device"),
+        "The search": ("trials", "seconds", "minutes", "workers"),
+        "Where it is kept": ("output", "storage", "study"),
+    }
+    examples = ("--env cheetah --minutes 60", "--env hopper --space my_space.yaml")
+    trials: Count = 50
+    """Number of trials of the study; finished ones count, so the same command resumes."""
+    seconds: PositiveFloat = 60.0
+    """Training time of each trial, without compiling and evaluating, in seconds."""
+    minutes: PositiveFloat | None = None
+    """Limit of the whole search, in minutes; a trial that runs then is queued again."""
+    space: Path | None = None
+    """A YAML file of options and their values (None: configs/tuning/space.yaml)."""
+    storage: str | None = None
+    """A journal file, or the URL of a database, which several processes and machines may share
+    (None: journal.log in the output folder)."""
+    study: str | None = Field(default=None, min_length=1, max_length=200)
+    """Name of the study in its storage (None: the task)."""
+    output: Path | None = None
+    """Folder of best.yaml and trials.csv (None: tuning/<task>)."""
+    indicators: tuple[
+        Literal["hypervolume", "expected_utility", "sparsity", "obedience", "cardinality"], ...
+    ] = ("hypervolume",)
+    """Indicators of fronts to optimize; with several, no trial is pruned."""
+    workers: Annotated[int, Field(ge=1, le=1024)] | None = None
+    """Number of processes that run trials (None: one per visible GPU, one on a CPU)."""
+
+
+def read(arguments: Sequence[str]) -> tuple[Config, TuneOptions, bool]:
+    """Read the config of the file or task that is named, options, and whether one GPU is named."""
+    options, others = begin(TuneOptions, arguments)
+    below = draft(options)
+    values = values_over(below, options, others)
+    if any(flat(values)[name] != flat(below.model_dump())[name] for name in OURS):
+        raise MorlaxError(f"the search sets {', '.join(OURS)} itself: use --seconds instead.")
+    config = placed({**values, "max_seconds": options.seconds})
+    return config, options, ":" in (values["device"] or "")
 
 
 def command(arguments: Sequence[str]) -> None:
     if SEVERAL:
         raise MorlaxError("tune has --workers of its own: start it without torchrun.")
     config, options, one_gpu = read(arguments)
-    from ..envs import resolve_device  # imports torch
-    from ..tuning import workers
-    from ..tuning.results import write_results
-    from ..tuning.searching import folder_of, open_study, search
-    from .terminal.tune_display import TuneDisplay
+    from ..tuning.study import Search  # imports torch
 
-    folder = folder_of(config, options.output)
-    study = open_study(
-        config,
-        options.space,
-        options.output,
-        options.seconds,
-        options.indicators,
-        options.storage,
-        options.study,
-    )
-    display = TuneDisplay(study, folder, options.trials)
-    end = time.monotonic() + 60 * (options.minutes or math.inf)
-
-    def stopped() -> bool:
-        return interrupted() or workers.is_orphan() or time.monotonic() >= end
-
+    others = {*Start.model_fields, "trials", "minutes", "workers"}
+    search = Search(config, **options.model_dump(exclude=others))
+    parent, end = os.environ.get(PARENT), time.monotonic() + 60 * (options.minutes or math.inf)
     with interruptible() as interrupted:
-        if workers.is_worker():
-            teller = workers.Teller()
-            with heard_by(teller.phase):
-                search(study, folder, options.trials, stopped, teller.finished)
+
+        def stopped() -> bool:
+            orphaned = parent is not None and parent != str(os.getppid())
+            return interrupted() or orphaned or time.monotonic() >= end
+
+        if parent is not None:
+            search.run(options.trials, stopped)
+            return
+        search.write()  # a folder that cannot be written is told before training
+        gpus = visible_gpus(str(config.device), options.workers, one_gpu)
+        console.print(
+            f"{title(config.env)}: {options.trials} trials of {options.seconds:g} s, "
+            f"{len(search.finished())} of them done; {len(gpus)} x {config.device}"
+        )
+        console.print(f"study {search.study.study_name} in {search.storage}")
+        names = "  ".join(f"{name[:11]:>11}" for name in options.indicators)
+        console.print(f"trial  state     {names}  ratio  changed options")
+        if len(gpus) > 1:
+            _run_workers(arguments, gpus, search, interrupted)
         else:
-            visible = workers.places(resolve_device(config.device), options.workers, one_gpu)
-            several = len(visible) > 1
-            write_results(study, folder)  # a folder that cannot be written is told before training
-            display.started(f"{len(visible)} workers" if several else str(config.device))
-            if several:
-                _search_together(arguments, visible, display, interrupted)
-                write_results(study, folder)
-            else:
-                with Live():
-                    search(study, folder, options.trials, stopped, display.finished)
-            display.ended(f"{program('tune')} {shlex.join(arguments)}")
-            results = study.results()
-            if results and all(result.state == "failed" for result in results):
-                last = results[-1].reason
-                raise MorlaxError(f"every trial failed, the last one because: {last}")
+            with Live():
+                search.run(options.trials, stopped, lambda trial: _print_trial(search, trial))
+        _print_end(search, options.trials, arguments)
     if interrupted():
         sys.exit(interrupted.exit_status)
 
 
-def _search_together(
-    arguments: Sequence[str],
-    visible: Sequence[str | None],
-    display: "TuneDisplay",
-    interrupted: Interruption,
+def visible_gpus(device: str, workers: int | None, one_gpu: bool) -> list[str | None]:
+    """Return the value of CUDA_VISIBLE_DEVICES for each worker; None: as it is."""
+    import torch
+
+    if device == "cpu" or one_gpu:
+        return [None] * (workers or 1)
+    count = torch.cuda.device_count()
+    named = os.environ.get("CUDA_VISIBLE_DEVICES", "")
+    gpus = named.split(",")[:count] if named else [str(index) for index in range(count)]
+    return [gpus[index % count] for index in range(workers or count)]
+
+
+def _run_workers(
+    arguments: Sequence[str], gpus: list[str | None], search: "Search", interrupted: Interruption
 ) -> None:
-    from ..tuning.workers import MARK, run_workers
+    """Run a `tune` for each of the GPUs until all have ended, and print their trials."""
+    threads = str(max(1, (os.cpu_count() or 1) // len(gpus)))
+    workers, printed = [], {trial.number for trial in search.finished()}
+    running, asked = len(gpus), False
+    for gpu in gpus:
+        environment = {"OMP_NUM_THREADS": threads, **os.environ, PARENT: str(os.getpid())}
+        if gpu is not None:
+            environment["CUDA_VISIBLE_DEVICES"] = gpu
+        command = [sys.executable, "-m", "morlax_torch", "tune", *arguments]
+        # in a group of its own, the terminal's Ctrl-C reaches it through this process only
+        workers.append(subprocess.Popen(command, env=environment, process_group=0))
+    try:
+        with Live(len(gpus)) as live:
+            while running:
+                time.sleep(PAUSE)
+                running = sum(worker.poll() is None for worker in workers)
+                if interrupted() and not asked:
+                    asked = True
+                    for worker in workers:
+                        worker.terminate()
+                trials = search.trials()
+                for trial in trials:
+                    if trial.state.is_finished() and trial.number not in printed:
+                        printed.add(trial.number)
+                        _print_trial(search, trial)
+                numbers = [trial.number for trial in trials if trial.state.name == "RUNNING"]
+                for row, number in enumerate(numbers[: len(gpus)]):
+                    live.show(f"trial {number}", row=row)
+    finally:
+        for worker in workers:
+            worker.kill()
+    if all(worker.returncode for worker in workers) and not interrupted():
+        raise MorlaxError(f"all {len(workers)} workers ended early: see the lines above.")
 
-    def printed(index: int, line: str) -> None:
-        if not line.startswith(MARK):
-            print(line, file=sys.stderr)  # an error or a warning
-            return
-        told = json.loads(line[len(MARK) :])
-        if isinstance(told, int):
-            display.finished_by_worker(told)
-        else:
-            live.show(*told, row=index)
 
-    def ended(index: int, status: int) -> None:
-        if status and not interrupted():
-            cli.console.print(
-                f"worker {index} ended with status {status}; its trial is queued again"
-            )
+def _print_trial(search: "Search", trial: "FrozenTrial") -> None:
+    usual, about = flat(search.base.model_dump(mode="json")), trial.user_attrs
+    text, measured = about.get("reason", ""), about.get("measured")
+    if measured and not text:
+        base = next((t.user_attrs for t in search.finished() if t.user_attrs.get("base")), {})
+        volume = base.get("measured", {}).get(search.main, 0.0)
+        ratio = f"{measured[search.main] / volume:.2f}" if volume > 0 else "-"
+        changed = [
+            f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
+            for name, value in about["options"].items()
+            if value != usual.get(name)
+        ]
+        values = "  ".join(f"{measured[name]:11.4e}" for name in search.indicators)
+        text = f"{values}  {ratio:>5}  {' '.join(changed) or 'the base config'}"
+    console.print(f"{trial.number:5d}  {trial.state.name.lower():8}  {text}")
 
-    with Live(len(visible)) as live:
-        statuses = run_workers(arguments, visible, lambda: interrupted.signal, printed, ended)
-    if all(statuses) and not interrupted():
-        raise MorlaxError(f"all {len(statuses)} workers ended early: see the lines above.")
+
+def _print_end(search: "Search", trials: int, arguments: Sequence[str]) -> None:
+    """Print the best trials and the next command, or raise MorlaxError if all have failed."""
+    finished, ranked = search.finished(), search.ranked()
+    console.print(f"{len(finished)} of {trials} trials done; the best:")
+    for trial in ranked[:BEST]:
+        _print_trial(search, trial)
+    if shares := search.importances():
+        listed = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
+        console.print(f"how much options decide whether a trial is among the best: {listed}")
+    if len(finished) < trials:
+        print_command("continue", f"{program('tune')} {shlex.join(arguments)}")
+    if ranked:
+        best = shlex.quote(str(search.folder / "best.yaml"))
+        print_command("next", f"{program('train')} --config {best}")
+    elif finished:
+        last = finished[-1].user_attrs.get("reason")
+        raise MorlaxError(f"no trial is complete, the last one because: {last}")

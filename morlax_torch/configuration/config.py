@@ -23,19 +23,15 @@ from ..host.phases import phase
 from .files import algorithm_of, merged, nested, over_task_values, task_values
 from .sections import (
     DESIGNING,
-    OPTIONS,
-    REQUIRED,
+    Algorithm,
     EvaluationConfig,
-    HyperMORLOptions,
-    HyperSACOptions,
     MethodOptions,
     NetworkConfig,
     OffPolicyOptions,
-    PDMORLOptions,
-    PGMORLOptions,
     PPOConfig,
     Protocol,
     SamplingConfig,
+    options_class,
 )
 
 if TYPE_CHECKING:
@@ -53,9 +49,7 @@ class Config(Section):
     env: str
     """The task: a name of docs/tasks.md, mjlab:TASK, playground:TASK, a registered name,
     FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
-    algorithm: Literal[
-        "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent"
-    ] = "morlax"
+    algorithm: Algorithm = "morlax"
     """What learns the front: MORLAX, hyper-sac (few steps), or a baseline of docs/algorithms.md."""
     scalarization: str = "linear"
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
@@ -152,14 +146,8 @@ class Config(Section):
     @property
     def num_networks(self) -> int:
         """R, the number of independent networks; 0 of other types."""
-        if isinstance(self.method, PGMORLOptions):
-            return self.method.bins * self.method.bin_size
-        return self.sampling.clusters if self.network.type == "independent" else 0
-
-    @property
-    def own_statistics(self) -> bool:
-        """Whether each independent network has normalizers of its own."""
-        return isinstance(self.method, PGMORLOptions)
+        independent = self.network.type == "independent"
+        return self.method.num_networks or (self.sampling.clusters if independent else 0)
 
     @property
     def off_policy(self) -> bool:
@@ -180,7 +168,7 @@ class Config(Section):
         return self
 
     def _check_algorithm(self) -> None:
-        required = REQUIRED.get(self.algorithm, {})
+        required = self.method.required
         for name, value in required.items():
             section, _, key = name.partition(".")
             given = getattr(getattr(self, section), key)
@@ -199,7 +187,7 @@ class Config(Section):
                 f"algorithm {self.algorithm} cannot train with many bodies: set sampling.designs "
                 f"to 0, or use {' or '.join(DESIGNING)}"
             )
-        if isinstance(self.method, HyperMORLOptions | PDMORLOptions) and not self.ends:
+        if self.method.warms_up and not self.ends:
             raise ValueError(
                 f"algorithm {self.algorithm} needs max_env_steps or max_seconds: it warms up for a "
                 "share of them"
@@ -214,7 +202,7 @@ class Config(Section):
             raise unknown("objective", objective, self.task.objectives)
         if self.ppo.critic == "scalar":
             raise ValueError(f"scalarization {name} needs ppo.critic vector")
-        if self.algorithm == "pg-morl" or self.off_policy:
+        if self.method.weighted_sums:
             raise ValueError(
                 f"algorithm {self.algorithm} needs weighted sums: leave out scalarization"
             )
@@ -265,12 +253,7 @@ class Config(Section):
                 f"each of the {num_objectives} objectives"
             )
         self.task.check_seeds(self.evaluation.seeds)
-        method = self.method
-        if isinstance(method, HyperSACOptions):
-            _check_multiple("batch", method.batch, K, " (sampling.clusters)")
-        if isinstance(method, PDMORLOptions):
-            _check_multiple("batch", method.batch, method.relabels + 1)
-            _check_multiple("updates", method.updates, method.delay)
+        self.method.check(K)
         if self.off_policy:
             return
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
@@ -281,17 +264,9 @@ class Config(Section):
             )
 
 
-def _check_multiple(name: str, value: int, factor: int, meaning: str = "") -> None:
-    if value % factor:
-        raise ValueError(
-            f"method.{name} ({value}) must be a multiple of {factor}{meaning}: "
-            f"try --method.{name} {max(1, value // factor) * factor}"
-        )
-
-
 def config_class(env: str, algorithm: str = "morlax") -> type[Config]:
     """Return `Config` with the options of one task and one algorithm, so that they are checked."""
-    return _with_options(envs.get(env).Options, OPTIONS.get(algorithm, MethodOptions))
+    return _with_options(envs.get(env).Options, options_class(algorithm))
 
 
 @cache

@@ -1,13 +1,20 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from typing import Annotated, Any, ClassVar, Literal, Self
+from importlib import import_module
+from types import ModuleType
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
 from ..envs.worlds.options import Count, Section
 
+Algorithm = Literal[
+    "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent"
+]
+ALGORITHMS: tuple[str, ...] = get_args(Algorithm)
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
+DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of Adam's moments, per step; keeps its steps finite
 
 Width = Annotated[int, Field(ge=1, le=65536)]
 Layers = Annotated[tuple[Width, ...], Field(max_length=16)]
@@ -137,19 +144,53 @@ class EvaluationConfig(Section):
         return mine == theirs
 
 
+SPARSE = {"sampling.mode": "sparse", "sampling.corners": 0}  # what several algorithms need
+
+
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
+
+    required: ClassVar[dict[str, Any]] = {}  # values that the algorithm cannot do without
+    weighted_sums: ClassVar[bool] = False  # whether it knows no other scalarization
+    warms_up: ClassVar[bool] = False  # for a share of the run, which must have an end
+
+    @property
+    def num_networks(self) -> int:
+        """R of the algorithm's own number of independent networks; 0: as `sampling` says."""
+        return 0
+
+    def check(self, clusters: int) -> None:
+        """Raise ValueError unless the options fit a run with so many trade-offs at a time."""
+
+    def agent_class(self) -> Any:
+        """Return the class of the algorithm's own kind of `Agent`, which imports torch, or None."""
+        return None
+
+
+class AMOROptions(MethodOptions):
+    """AMOR has no options."""
+
+    required: ClassVar[dict[str, Any]] = {"network.type": "conditioned"}
+
+
+class IndependentOptions(MethodOptions):
+    """Independent policies have no options."""
+
+    required: ClassVar[dict[str, Any]] = {"network.type": "independent", **SPARSE}
 
 
 class HyperMORLOptions(MethodOptions):
     """HYPER-MORL has no options, but a constant."""
 
+    required: ClassVar[dict[str, Any]] = {"network.type": "single", **SPARSE}
+    warms_up: ClassVar[bool] = True
     warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
 
 
 class OffPolicyOptions(MethodOptions):
     """Options of the algorithms that learn from a replay."""
 
+    weighted_sums: ClassVar[bool] = True
     start: ClassVar[int] = 5_000  # transitions to store before the first gradient step
     updates: Count
     """Gradient steps per iteration."""
@@ -170,6 +211,11 @@ class OffPolicyOptions(MethodOptions):
 class HyperSACOptions(OffPolicyOptions):
     """Options of hyper-sac."""
 
+    required: ClassVar[dict[str, Any]] = {
+        "network.type": "dual",
+        "sampling.mode": "sparse",
+        "ppo.critic": "vector",
+    }
     target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
     steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows
     temperature: ClassVar[float] = 0.02  # initial weight of the entropy, for scaled rewards
@@ -192,59 +238,37 @@ class HyperSACOptions(OffPolicyOptions):
     def replay_size(self) -> int:
         return self.replay
 
-
-class PDMORLOptions(OffPolicyOptions):
-    """Options of PD-MORL; its constants are those of the paper."""
-
-    learning_rate: ClassVar[float] = 3e-4
-    discount: ClassVar[float] = 0.995
-    target_rate: ClassVar[float] = 0.005  # step of the target networks, per step of the actor
-    delay: ClassVar[int] = 2  # gradient steps of the critics per gradient step of the actor
-    relabels: ClassVar[int] = 3  # samples with a random trade-off per one with its own
-    exploration: ClassVar[float] = 0.1  # standard deviation of noise on actions in (-1, 1)
-    smoothing: ClassVar[float] = 0.2  # standard deviation of noise on the actions of targets
-    clip: ClassVar[float] = 0.5  # largest such noise
-    warmup: ClassVar[float] = 0.4  # share of the run for the key trade-offs, without angles
-    critic_angle: ClassVar[float] = 1.0  # weight of the angle in the critics' loss, per degree
-    actor_angle: ClassVar[float] = 10.0  # in the actor's loss, weighted returns per degree
-    updates: Count = 200
-    """Gradient steps of the critics per iteration; must be even."""
-    batch: Count = 256
-    """Samples of a gradient step; must be a multiple of 4."""
-    refresh: int = Field(default=20_000, gt=0, lt=2**40)
-    """Environment steps between evaluations of the key trade-offs."""
-
-    @property
-    def rounds(self) -> int:
-        return self.updates // self.delay
-
-
-class PGMORLOptions(MethodOptions):
-    """PG-MORL has no options, but constants."""
-
-    generation: ClassVar[int | None] = None
-    # iterations between two selections of what to train (None: at least 20, and so many that
-    # measuring the policies takes at most about 8 % of the time)
-    warmup: ClassVar[int] = 80  # iterations in which policies keep trade-offs of an even grid
-    bins: ClassVar[int] = 100  # directions of the objective space in which policies are kept
-    bin_size: ClassVar[int] = 2  # policies kept per direction
-    candidates: ClassVar[int] = 7  # trade-offs considered for each of the kept policies
-    sparsity: ClassVar[float] = 1.0  # weight of the front's sparsity, beside its hypervolume
+    def check(self, clusters: int) -> None:
+        check_multiple("batch", self.batch, clusters, " (sampling.clusters)")
 
 
 OPTIONS: dict[str, type[MethodOptions]] = {
+    "morlax": MethodOptions,
     "hyper-sac": HyperSACOptions,
-    "pd-morl": PDMORLOptions,
+    "amor": AMOROptions,
     "hyper-morl": HyperMORLOptions,
-    "pg-morl": PGMORLOptions,
+    "independent": IndependentOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
-_GROUPS = {"sampling.mode": "sparse", "sampling.corners": 0}
-REQUIRED: dict[str, dict[str, Any]] = {  # what an algorithm cannot do without
-    "amor": {"network.type": "conditioned"},
-    "hyper-morl": {"network.type": "single", **_GROUPS},
-    "independent": {"network.type": "independent", **_GROUPS},
-    "hyper-sac": {"network.type": "dual", "sampling.mode": "sparse", "ppo.critic": "vector"},
-    "pd-morl": {"network.type": "conditioned", "ppo.critic": "vector", **_GROUPS},
-    "pg-morl": {"network.type": "independent", "ppo.optimizer": "separate", **_GROUPS},
-}
+
+
+def baseline(algorithm: str, module: str) -> ModuleType | None:
+    """Import a module of `morlax_torch.baselines` by the algorithm's name; None of others."""
+    if algorithm not in ALGORITHMS or algorithm in OPTIONS:
+        return None
+    return import_module(f"morlax_torch.baselines.{algorithm.replace('-', '_')}.{module}")
+
+
+def options_class(algorithm: str) -> type[MethodOptions]:
+    """Return the class of an algorithm's options."""
+    module = baseline(algorithm, "options")
+    return module.OPTIONS if module else OPTIONS.get(algorithm, MethodOptions)
+
+
+def check_multiple(name: str, value: int, factor: int, meaning: str = "") -> None:
+    """Raise ValueError unless an option of the algorithm is a multiple of another number."""
+    if value % factor:
+        raise ValueError(
+            f"method.{name} ({value}) must be a multiple of {factor}{meaning}: "
+            f"try --method.{name} {max(1, value // factor) * factor}"
+        )

@@ -165,6 +165,29 @@ class Front(NamedTuple):
             raise ValueError("there must be trade-offs, each with a weight above zero")
 
 
+def representatives(front: Front) -> dict[int, str]:
+    """Return the indices of policies that stand for a front, with their names.
+
+    They are the best policies of each objective; the knee, whose returns, scaled to their ranges
+    over the front, have the largest sum; and the balanced policy, whose trade-off is closest to
+    equal weights, even if it is dominated. A policy that is several of them has all their names.
+    """
+    best = np.flatnonzero(front.non_dominated)
+    returns = front.returns[best]
+    extent = np.ptp(returns, axis=0)
+    scaled = (returns - returns.min(0)) / np.where(extent > 0, extent, 1.0)
+    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
+    chosen = {
+        f"best {name}": best[returns[:, k].argmax()] for k, name in enumerate(front.objectives)
+    }
+    chosen["knee"] = best[scaled.sum(1).argmax()]
+    chosen["balanced"] = np.square(shares - 1 / len(front.objectives)).sum(1).argmin()
+    names: dict[int, list[str]] = {}
+    for name, index in chosen.items():
+        names.setdefault(int(index), []).append(name)
+    return {index: ", ".join(parts) for index, parts in names.items()}
+
+
 def mean_indicators(fronts: Sequence[Front]) -> dict[str, float]:
     """Return the mean of each indicator over fronts, such as those of several bodies."""
     found = [front.indicators() for front in fronts]

@@ -16,7 +16,6 @@ from ..envs.errors import unknown
 from ..host.files import AnyPath, write_file
 from ..host.phases import phase
 from ..host.version import __version__
-from ..networks.agent import normalizer_for
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
 from ..runs.loading import find_checkpoint, find_run
@@ -43,7 +42,7 @@ class FamilyPolicy(nn.Module):
     def forward(self, observation: Tensor, tradeoff: Tensor) -> Tensor:
         condition = torch.cat([tradeoff, self.context]) if len(self.context) else tradeoff
         parameters = {name: value[0] for name, value in self.actor(condition[None]).items()}
-        normalizer = normalizer_for(self.actor, self.normalizer, tradeoff)
+        normalizer = self.normalizer.of(self.actor, tradeoff)
         return TanhNormal(self.actor.run_one(parameters, normalizer(observation))).mode
 
 
@@ -102,7 +101,7 @@ def _samples(policy: Policy, rows: int, with_tradeoff: bool) -> tuple[Tensor, ..
     noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
-    normalizer = normalizer_for(agent.actor, agent.observation_normalizer, tradeoff)
+    normalizer = agent.observation_normalizer.of(agent.actor, tradeoff)
     observation = normalizer.inverse(noise)
     return (observation, tradeoff) if with_tradeoff else (observation,)
 
@@ -165,8 +164,8 @@ def actuators(env: Robot) -> list[dict[str, Any]]:
     """
     targets = env.targets()
     if targets is not None:
-        unknown = {"gear": None, "control_range": None}
-        return [{"name": name, "joint": name, **unknown} for name in targets]
+        rest = {"gear": None, "control_range": None}
+        return [{"name": name, "joint": name, **rest} for name in targets]
     model, rows = env.physics.model, []
     for index in range(model.nu):
         driven, limits = model.actuator_trnid[index, 0], model.actuator_ctrlrange[index]

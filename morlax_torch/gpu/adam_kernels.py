@@ -11,7 +11,7 @@ import torch
 import triton
 import triton.language as tl
 
-from .optimizer import DECAYS, EPSILON
+from ..configuration.sections import DECAYS, EPSILON
 
 BLOCK = 1024  # numbers per program
 

@@ -3,28 +3,33 @@
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from ..envs.replacing import P, R
-from ..envs.replacing import kernel as choice
-
 FEWEST_ROWS = 16  # samples per network, below which a batched product is as fast
-MOST_NETWORKS = 64  # above it, the affine map is a product large enough for cuBLAS
+
+
+class Kernels(NamedTuple):
+    """Triton's version of each torch definition that has one, of the same parameters."""
+
+    step: Callable[..., None]  # `gpu.optimizer.step`
+    sample: Callable[..., tuple[Tensor, Tensor]]  # `networks.gaussian.sample`, without gradients
+    policy_loss: Callable[..., tuple[Tensor, Tensor]]  # `algorithms.ppo.policy_loss`
 
 
 @cache
-def available(device: torch.device) -> bool:
-    """Return whether Triton's kernels run on this device; on CUDA, warn once if they do not."""
+def kernels(device: torch.device) -> Kernels | None:
+    """Return Triton's kernels if they run on this device; on CUDA, warn once if they do not."""
     if device.type != "cuda":
-        return False
+        return None
     try:
-        from . import mlp_kernels
+        from . import adam_kernels, gaussian_kernels, loss_kernels, mlp_kernels
 
         with torch.cuda.device(device):
             if mlp_kernels.fits((1, 1, 1), device):
-                return True
+                return Kernels(adam_kernels.step, gaussian_kernels.sample, loss_kernels.policy_loss)
         reason = "they do not fit on this GPU"
     except Exception as error:  # without a compiler, or on an old GPU, Triton raises many kinds
         reason = (str(error) or repr(error)).splitlines()[0]
@@ -34,28 +39,37 @@ def available(device: torch.device) -> bool:
         "capability 8.0 or newer.",
         stacklevel=2,
     )
-    return False
+    return None
 
 
-def kernel(
-    twin: str, when: Callable[..., bool] = lambda *_: True
-) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Let a Triton kernel replace the torch definition that is decorated.
+def mlps(
+    x: Tensor,
+    sizes: tuple[int, ...],
+    parameters: Sequence[Tensor],
+    definition: Callable[[], Tensor],
+) -> Tensor:
+    """Run K MLPs with these parameters (K, ...) on x (K, S, O), as `definition` does."""
+    if not _suits(x, parameters):
+        return definition()
+    from . import mlp_kernels
 
-    Args:
-        twin: "module.function" of this package, of the same parameters.
-        when: tells from the arguments whether the kernel can and should run where Triton does.
-    """
-
-    def suits(*arguments) -> bool:
-        first = arguments[0] if isinstance(arguments[0], Tensor) else arguments[0][0]
-        return when(*arguments) and available(first.device)
-
-    return choice(f"{__package__}.{twin}", suits)
+    if not mlp_kernels.fits(sizes, x.device):
+        return definition()
+    whole = _whole(parameters)
+    return mlp_kernels.run(sizes, parameters if whole is None else [whole], x)
 
 
-def _suits_mlps(x: Tensor, sizes: tuple[int, ...], parameters: Sequence[Tensor], *_) -> bool:
-    if not (
+def mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> Tensor:
+    """Run a network on x (S, O); `sizes` are None if it is no MLP."""
+    if sizes is None or not x.is_cuda:
+        return network(x)
+    parameters = [value[None] for value in network.parameters()]
+    return mlps(x[None], sizes, parameters, lambda: network(x)[None]).squeeze(0)
+
+
+def _suits(x: Tensor, parameters: Sequence[Tensor]) -> bool:
+    """Return whether the kernels can and should run these networks."""
+    return (
         x.is_cuda
         and x.dim() == 3
         and x.dtype == torch.float32
@@ -64,51 +78,13 @@ def _suits_mlps(x: Tensor, sizes: tuple[int, ...], parameters: Sequence[Tensor],
         and (len(x) == 1 or x.shape[1] >= FEWEST_ROWS)
         and all(p.dtype == x.dtype and p[0].is_contiguous() for p in parameters)
         and torch.get_float32_matmul_precision() != "highest"  # they round to TF32
-        and _alone()
-        and available(x.device)
-    ):
-        return False
-    from . import mlp_kernels
-
-    return mlp_kernels.fits(sizes, x.device)
-
-
-@kernel("fused.run_mlps", _suits_mlps)
-def mlps(
-    x: Tensor,
-    sizes: tuple[int, ...],
-    parameters: Sequence[Tensor],
-    definition: Callable[[], Tensor],
-) -> Tensor:
-    """Run K MLPs with these parameters (K, ...) on x (K, S, O), as `definition` does."""
-    return definition()
-
-
-def run_mlps(x: Tensor, sizes: tuple[int, ...], parameters: Sequence[Tensor], *_) -> Tensor:
-    """`mlps` with Triton."""
-    from . import mlp_kernels
-
-    whole = _whole(parameters)
-    return mlp_kernels.run(sizes, parameters if whole is None else [whole], x)
-
-
-def _suits_mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> bool:
-    return sizes is not None and _suits_mlps(x[None], sizes, _as_family(network))
-
-
-@kernel("fused.run_mlp", _suits_mlp)
-def mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> Tensor:
-    """Run a network on x (S, O); `sizes` are None if it is no MLP."""
-    return network(x)
-
-
-def run_mlp(x: Tensor, sizes: tuple[int, ...], network: nn.Module) -> Tensor:
-    """`mlp` with Triton."""
-    return run_mlps(x[None], sizes, _as_family(network)).squeeze(0)
-
-
-def _as_family(network: nn.Module) -> list[Tensor]:
-    return [value[None] for value in network.parameters()]
+        and not (  # a tracer, compiler or transform of torch.func is at work
+            torch.jit.is_tracing()
+            or torch.compiler.is_compiling()
+            or torch._C._are_functorch_transforms_active()
+        )
+        and kernels(x.device) is not None
+    )
 
 
 def _whole(parameters: Sequence[Tensor]) -> Tensor | None:
@@ -126,23 +102,3 @@ def _whole(parameters: Sequence[Tensor]) -> Tensor | None:
             return None
         start += parameter[0].numel()
     return whole if start == whole.storage_offset() + whole.shape[1] else None
-
-
-def _suits_affine(features: Tensor, weight: Tensor, _: Tensor) -> bool:
-    few = features.is_cuda and len(features) <= MOST_NETWORKS
-    return few and features.dtype == weight.dtype == torch.float32 and _alone()
-
-
-@kernel("affine_kernels.affine", _suits_affine)
-def affine(features: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """Return features (K, F) @ weight (P, F).T + bias (P,)."""
-    return torch.addmm(bias, features, weight.t())
-
-
-def _alone() -> bool:
-    """Return whether no tracer, compiler or transform of torch.func is at work."""
-    return not (
-        torch.jit.is_tracing()
-        or torch.compiler.is_compiling()
-        or torch._C._are_functorch_transforms_active()
-    )

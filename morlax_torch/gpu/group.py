@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, TypeVar
 from uuid import uuid4
 
@@ -24,51 +24,6 @@ BUSY = timedelta(minutes=30)  # for one that films or writes an evaluation, whil
 PAUSE = 0.02  # s
 
 
-class Group:
-    """The processes of a run, started by `torchrun`. Alone, every method changes nothing.
-
-    Collectives run in the same order in every process. On CUDA they are recorded in graphs, like
-    other GPU work; work in parallel branches needs a `channel` of its own.
-    """
-
-    rank: int = 0
-    size: int = 1
-
-    def channel(self) -> "Group":
-        """Return the same processes, for collectives in parallel with those of this group."""
-        return self
-
-    def mean_(self, x: Tensor) -> Tensor:
-        """Average a tensor over the processes, in place."""
-        return x
-
-    def largest_(self, x: Tensor) -> Tensor:
-        """Take the maximum of a tensor over the processes, in place."""
-        return x
-
-    def moments(self, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
-        """Return mean and biased variance of the samples of all processes, each of as many."""
-        return mean, variance
-
-    def first(self, value: T) -> T:
-        """Return the first process's value, a number or another object on the CPU."""
-        return value
-
-    def gather(self, value: T) -> list[T]:
-        """Return every process's value, in the order of ranks."""
-        return [value]
-
-    def share(self, module: nn.Module) -> None:
-        """Copy the first process's parameters and buffers into `module`, in place.
-
-        Raises:
-            MorlaxError: they have other sizes in another process.
-        """
-
-
-ALONE = Group()
-
-
 @contextmanager
 def _together() -> Iterator[None]:
     """Tell a user why a collective fails: gloo and NCCL only name a socket."""
@@ -81,62 +36,95 @@ def _together() -> Iterator[None]:
         ) from None
 
 
-class Processes(Group):
-    """Several processes. One process group is for tensors, one for objects on the CPU."""
+class Group:
+    """The processes of a run, started by `torchrun`. Alone, every method changes nothing.
 
-    def __init__(self, tensors: Any, objects: Any):
+    Collectives run in the same order in every process. On CUDA they are recorded in graphs, like
+    other GPU work; work in parallel branches needs a `channel` of its own. One process group is for
+    tensors, one for objects on the CPU.
+    """
+
+    rank: int = 0
+    size: int = 1
+
+    def __init__(self, tensors: Any = None, objects: Any = None):
         self._tensors, self._objects = tensors, objects
-        self.rank, self.size = dist.get_rank(), dist.get_world_size()
-        self._channel: Processes | None = None
+        if tensors is not None:
+            self.rank, self.size = dist.get_rank(), dist.get_world_size()
 
-    def channel(self) -> "Processes":
-        if self._channel is None:
-            backend = dist.get_backend(self._tensors)
-            tensors = dist.new_group(backend=backend, timeout=PATIENCE)
-            self._channel = Processes(tensors, self._objects)
-        return self._channel
+    @cached_property
+    def _other(self) -> "Group":
+        backend = dist.get_backend(self._tensors)
+        return Group(dist.new_group(backend=backend, timeout=PATIENCE), self._objects)
+
+    def channel(self) -> "Group":
+        """Return the same processes, for collectives in parallel with those of this group."""
+        return self._other if self.size > 1 else self
 
     def mean_(self, x: Tensor) -> Tensor:
+        """Average a tensor over the processes, in local."""
+        if self.size == 1:
+            return x
         with _together():
             dist.all_reduce(x, group=self._tensors)
         return x.div_(self.size)
 
     def largest_(self, x: Tensor) -> Tensor:
-        with _together():
-            dist.all_reduce(x, dist.ReduceOp.MAX, group=self._tensors)
+        """Take the maximum of a tensor over the processes, in local."""
+        if self.size > 1:
+            with _together():
+                dist.all_reduce(x, dist.ReduceOp.MAX, group=self._tensors)
         return x
 
     def moments(self, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
-        own = mean.double()
+        """Return mean and biased variance of the samples of all processes, each of as many."""
+        if self.size == 1:
+            return mean, variance
         # double, because the mean of the squares may be far larger than the variance
-        both = self.mean_(torch.stack([own, variance.double() + own.square()]))
+        square = variance.double() + mean.double().square()
+        both = self.mean_(torch.stack([mean.double(), square]))
         return both[0].to(mean), (both[1] - both[0].square()).clamp(min=0).to(variance)
 
     def first(self, value: T) -> T:
-        box = [value]
-        with _together():
-            dist.broadcast_object_list(box, 0, group=self._objects)
-        return box[0]
+        """Return the first process's value, a number or another object on the CPU."""
+        values = [value]
+        if self.size > 1:
+            with _together():
+                dist.broadcast_object_list(values, 0, group=self._objects)
+        return values[0]
 
     def gather(self, value: T) -> list[T]:
+        """Return every process's value, in the order of ranks."""
+        if self.size == 1:
+            return [value]
         values: list[Any] = [None] * self.size
         with _together():
             dist.all_gather_object(values, value, group=self._objects)
         return values
 
     def share(self, module: nn.Module) -> None:
-        own = [*module.parameters(), *module.buffers()]
-        sizes = self.gather([x.shape for x in own])
-        for rank, found in enumerate(sizes):
-            if found != sizes[0]:
+        """Copy the first process's parameters and buffers into `module`, in local.
+
+        Raises:
+            MorlaxError: they have other sizes in another process.
+        """
+        if self.size == 1:
+            return
+        tensors = [*module.parameters(), *module.buffers()]
+        sizes = self.gather([x.shape for x in tensors])
+        for rank, others in enumerate(sizes):
+            if others != sizes[0]:
                 raise MorlaxError(
                     f"process {rank} has networks of other sizes than process 0: give every "
                     "process the same actor, critic and task."
                 )
-        firsts = self.first([x.detach().cpu() for x in own])
+        firsts = self.first([x.detach().cpu() for x in tensors])
         with torch.no_grad():
-            for x, first in zip(own, firsts, strict=True):
+            for x, first in zip(tensors, firsts, strict=True):
                 x.copy_(first)
+
+
+ALONE = Group()
 
 
 def join(device: str | None, settings: str) -> tuple[str | None, Group]:
@@ -157,12 +145,12 @@ def join(device: str | None, settings: str) -> tuple[str | None, Group]:
     """
     if not SEVERAL:
         return device, ALONE
-    place = resolve_device(device)
-    if place.type == "cuda":
-        place = resolve_device(f"cuda:{LOCAL_RANK}")
-        torch.cuda.set_device(place)
+    local = resolve_device(device)
+    if local.type == "cuda":
+        local = resolve_device(f"cuda:{LOCAL_RANK}")
+        torch.cuda.set_device(local)
     try:
-        group = _processes("nccl" if place.type == "cuda" else "gloo")
+        group = _processes("nccl" if local.type == "cuda" else "gloo")
         all_settings = group.gather(settings)
     except (OSError, RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
@@ -175,11 +163,11 @@ def join(device: str | None, settings: str) -> tuple[str | None, Group]:
             f"process {others[0]} has another config than process 0: start all processes with the "
             "same command."
         )
-    return str(place), group
+    return str(local), group
 
 
 @cache
-def _processes(backend: str) -> Processes:
+def _processes(backend: str) -> Group:
     """Return all processes, once they have met."""
     if not dist.is_initialized():
         store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
@@ -187,7 +175,7 @@ def _processes(backend: str) -> Processes:
         store = dist.PrefixStore(meet(store, rank, size, PATIENCE.total_seconds()), store)
         dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=PATIENCE)
     objects = dist.new_group(backend="gloo", timeout=BUSY)
-    return Processes(dist.group.WORLD, objects)
+    return Group(dist.group.WORLD, objects)
 
 
 def meet(store: Store, rank: int, size: int, seconds: float) -> str:

@@ -7,13 +7,11 @@ import torch
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
-from .fused import kernel
+from ..configuration.sections import DECAYS, EPSILON
+from . import fused
 from .group import ALONE, Group
 
-DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of the moments, per step; keeps steps finite
 
-
-@kernel("adam_kernels.step")
 def step(
     vector: Tensor,
     gradients: Sequence[Tensor],
@@ -90,23 +88,14 @@ class ClippedAdam:
             parameter.data = part.view_as(parameter)
         self.mean, self.square = torch.zeros_like(self.vector), torch.zeros_like(self.vector)
         self.steps, self.rate = self.vector.new_zeros(()), self.vector.new_tensor(rate)
+        kernels = fused.kernels(self.vector.device)
+        self._step = kernels.step if kernels else step
         self.norms = torch.zeros_like(self.rate)
         """Sum over steps of the gradients' norm before clipping, a mean over networks."""
 
     def state(self) -> list[Tensor]:
         """Return the moments, the number of steps and the learning rate."""
         return [self.mean, self.square, self.steps, self.rate]
-
-    def restore(self, state: Sequence[Tensor]) -> None:
-        """Load what `state` returned, in place, also on another device.
-
-        Raises:
-            ValueError: the state is of another number of parameters.
-        """
-        for mine, stored in zip(self.state(), state, strict=True):
-            if stored.shape != mine.shape:
-                raise ValueError(f"Adam's state has shape {stored.shape}, not {mine.shape}")
-            mine.copy_(stored)
 
     def forget(self) -> None:
         """Reset moments and step count; keep the current parameters."""
@@ -121,7 +110,7 @@ class ClippedAdam:
         if self.networks > 1:
             gradients, max_norm, norms = self._clipped(gradients), math.inf, None
         state = self.mean, self.square, self.steps, self.rate
-        step(self.vector, gradients, *state, max_norm, norms)
+        self._step(self.vector, gradients, *state, max_norm, norms)
 
     def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
         """Average gradients over the processes, in one collective."""

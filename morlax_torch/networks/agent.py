@@ -2,8 +2,9 @@
 
 import copy
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -13,15 +14,13 @@ from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.worlds.design_space import DesignParameter, DesignSpace
 from ..envs.worlds.mirror import Mirror, Reflection
-from .conditioned import Conditioned
-from .family import Family
+from ..gpu import fused
+from .family import Conditioned, Family
 from .gaussian import TanhNormal, limited, sample, spread_of
-from .generated import Independent, InOrder
+from .generated import Independent
 from .hypernetwork import Hypernetwork
-from .mlp import check_network, mlp
+from .mlp import Symmetric, Twins, check_network, mlp
 from .normalizer import Normalizer
-from .symmetric import Symmetric
-from .twins import Twins
 
 
 class Actors(NamedTuple):
@@ -44,11 +43,11 @@ class Actors(NamedTuple):
     def explore(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Sample actions before the tanh (K, B, A), with their log-probabilities (K, B).
 
-        Args:
-            observation: raw, (K, B, O).
-            noise: standard normal, (K, B, A).
+        Observations (K, B, O) are raw; the noise (K, B, A) is standard normal.
         """
-        return sample(self.distribution(observation).output, noise)
+        output = self.distribution(observation).output
+        kernels = fused.kernels(output.device)
+        return (kernels.sample if kernels else sample)(output, noise)
 
     def act(self, observation: Tensor) -> Tensor:
         """Map raw observations (K, B, O) to deterministic actions (K, B, A) in (-1, 1)."""
@@ -56,23 +55,12 @@ class Actors(NamedTuple):
 
     def copy_(self, other: Self, rows: slice = slice(None)) -> None:
         """Copy the numbers of other actors to these rows, in place: recorded graphs read them."""
-        for name, values in other.parameters.items():
-            self.parameters[name][rows].copy_(values)
+        pairs = [(self.parameters[name], values) for name, values in other.parameters.items()]
         if self.normalizer is not other.normalizer:  # else it is the agent's own, always up to date
-            for mine, values in zip(
-                self.normalizer.statistics(), other.normalizer.statistics(), strict=True
-            ):
-                mine[rows].copy_(values)
-
-
-def normalizer_for(actor: Family, normalizer: Normalizer, tradeoffs: Tensor) -> Normalizer:
-    """Return the observation normalizer of the actors of trade-offs (K, m), or of one (m,).
-
-    That is the one normalizer of an agent, or rows of it, chosen like the actors' networks.
-    """
-    if normalizer.rows and isinstance(actor, Independent):
-        return normalizer.select(actor.chosen(tradeoffs))
-    return normalizer
+            statistics = self.normalizer.statistics(), other.normalizer.statistics()
+            pairs += zip(*statistics, strict=True)
+        for mine, values in pairs:
+            mine[rows].copy_(values)
 
 
 class SpecializedPolicy(nn.Module):
@@ -87,21 +75,36 @@ class SpecializedPolicy(nn.Module):
         return self.actor(self.normalizer(observation)).chunk(2, dim=-1)[0].tanh()
 
 
+class Sizes(NamedTuple):
+    """Numbers of a task that determine the shapes of its networks."""
+
+    observation: int  # O, features that actors see
+    action: int  # A
+    objectives: int  # m
+    privileged: int = 0  # P, further features that critics see
+    designs: Mapping[str, DesignParameter] = MappingProxyType({})  # of the robot's body, by name
+
+    @classmethod
+    def of(cls, task: Any) -> Self:
+        """Return the sizes of worlds, or of those that a checkpoint describes."""
+        m, P = len(task.objectives), task.privileged_size
+        return cls(task.observation_size, task.action_size, m, P, task.designs)
+
+
 class Agent(nn.Module):
     """Everything that training changes: an actor and a critic for every trade-off, and normalizers.
 
-    Critics see all O + P features of an observation, actors the first O: the last P are
-    privileged. There are A actions and m objectives. The generator draws the initial parameters.
+    Critics see all O + P features of an observation, actors the first O. With `sampling.designs`,
+    the body is the context of the networks (see `family`), by default that of `task.design`.
 
     Args:
+        config: the config.
+        sizes: of the task.
+        generator: draws the initial parameters.
         actor: replaces the config's actor: a module from (B, O) to (B, 2A). One that is conditioned
             takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to the values.
         mirror: of the robot, for `network.symmetric`; None: a checkpoint will tell.
-        designs: parameters of the robot's body. With `sampling.designs`, the body is the context of
-            the networks (see `family`), by default that of `task.design`.
-        in_order: have so many independent networks, and give the k-th of as many trade-offs the
-            k-th one, instead of the one for that trade-off.
 
     Raises:
         MorlaxError: an actor or critic has the wrong sizes, or there are no design parameters.
@@ -110,87 +113,94 @@ class Agent(nn.Module):
     def __init__(
         self,
         config: Config,
-        observation_size: int,
-        action_size: int,
-        num_objectives: int,
+        sizes: Sizes,
         generator: torch.Generator | None = None,
         *,
-        privileged_size: int = 0,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
         mirror: Mirror | None = None,
-        in_order: int = 0,
-        designs: Mapping[str, DesignParameter] = MappingProxyType({}),
     ):
         super().__init__()
-        self.num_networks = num_networks = in_order or config.num_networks
-        num_values, sizes = config.num_values(num_objectives), config.network
-        self.observation_size, self.privileged_size = observation_size, privileged_size
-        self.action_size, self._max_std = action_size, sizes.max_std
-        self.num_objectives = num_objectives
-        self.designs = dict(designs)
+        network, m = config.network, sizes.objectives
+        self.num_networks = config.num_networks
+        self.observation_size, self.privileged_size = sizes.observation, sizes.privileged
+        self.action_size, self.num_objectives = sizes.action, m
+        self.designs, self._max_std = dict(sizes.designs), network.max_std
         self.context: Tensor  # (d,)
         self.register_buffer("context", _context(self.designs, config), persistent=False)
-        context_size = len(self.context)
-        given = {"actor": actor, "critic": critic}
-        self._own = [name for name, network in given.items() if network is not None]
-        whole = observation_size + privileged_size
-        conditions = num_objectives + context_size if sizes.type == "conditioned" else 0
-        actor_inputs, critic_inputs = observation_size + conditions, whole + conditions
-        if actor is None:
-            actor = mlp(actor_inputs, sizes.actor, 2 * action_size, generator)
-            last = f"{2 * len(sizes.actor)}"
-            with torch.no_grad():
-                actor.get_parameter(f"{last}.weight").mul_(sizes.output_scale)
-                actor.get_parameter(f"{last}.bias")[action_size:] = spread_of(sizes.initial_std)
-        else:
-            check_network("actor", actor, actor_inputs, 2 * action_size)
-        if config.off_policy:
-            critic = Twins(critic_inputs + action_size, sizes.critic, num_values, generator)
-        elif critic is None:
-            critic = mlp(critic_inputs, sizes.critic, num_values, generator)
-        else:
-            check_network("critic", critic, critic_inputs, num_values)
-        if sizes.symmetric:
-            none = Reflection.none
-            seen, acted = mirror or Mirror(none(whole), none(action_size))
-            spread = acted._replace(sign=torch.ones(action_size, dtype=torch.float32))
-            outputs = Reflection.joined([acted, spread])
-            inputs = [seen.first(observation_size), none(conditions)]
-            actor = Symmetric(actor, Reflection.joined(inputs), outputs, sizes.asymmetry)
-            inputs = [seen, *([acted] if config.off_policy else []), none(conditions)]
-            values = none(2 * num_values if config.off_policy else num_values)
-            critic = Symmetric(critic, Reflection.joined(inputs), values, sizes.asymmetry)
-
-        def family(target: nn.Module, features: nn.Module | None = None) -> Hypernetwork:
-            return Hypernetwork(
-                target,
-                num_objectives,
-                sizes.hidden,
-                sizes.features,
-                context_size=context_size,
-                scale=sizes.scale,
-                features=features,
-                generator=generator,
-            )
-
-        self.actor: Hypernetwork | Conditioned | InOrder
-        self.critic: Hypernetwork | Conditioned | InOrder
-        if sizes.type == "conditioned":
-            self.actor, self.critic = (Conditioned(p, num_objectives) for p in (actor, critic))
-        elif in_order:
-            self.actor, self.critic = (InOrder(part, num_networks) for part in (actor, critic))
-        elif sizes.type == "independent":
-            keys = even_tradeoffs(num_networks, num_objectives)
+        self._own = [name for name, x in (("actor", actor), ("critic", critic)) if x is not None]
+        self.num_values = config.num_values(m)
+        actor, critic = self._networks(actor, critic, config, generator)
+        if network.symmetric:
+            actor, critic = self._symmetric(actor, critic, config, mirror)
+        self.actor: Hypernetwork | Conditioned | Independent
+        self.critic: Hypernetwork | Conditioned | Independent
+        if network.type == "conditioned":
+            self.actor, self.critic = Conditioned(actor, m), Conditioned(critic, m)
+        elif network.type == "independent":
+            keys = even_tradeoffs(self.num_networks, m)
             self.actor, self.critic = Independent(actor, keys), Independent(critic, keys)
         else:
-            self.actor = family(actor)
-            shared = self.actor.features if sizes.type == "single" else None
-            self.critic = family(critic, shared)
-        rows = num_networks if config.own_statistics else 0
-        reflection = mirror.observation if mirror and sizes.symmetric else None
-        self.observation_normalizer = Normalizer(whole, rows, reflection)
-        self.value_normalizer = Normalizer(num_values, rows)
+            make = partial(
+                Hypernetwork,
+                num_objectives=m,
+                hidden_sizes=network.hidden,
+                num_features=network.features,
+                context_size=len(self.context),
+                scale=network.scale,
+                generator=generator,
+            )
+            self.actor = make(actor)
+            self.critic = make(
+                critic, features=self.actor.features if network.type == "single" else None
+            )
+        features = sizes.observation + sizes.privileged
+        self.observation_normalizer = Normalizer(features, mirror.observation if mirror else None)
+        self.value_normalizer = Normalizer(self.num_values)
+
+    def _networks(
+        self,
+        actor: nn.Module | None,
+        critic: nn.Module | None,
+        config: Config,
+        generator: torch.Generator | None,
+    ) -> tuple[nn.Module, nn.Module]:
+        """Return an actor and a critic of one trade-off: a user's, which are checked, or new."""
+        network, A = config.network, self.action_size
+        conditions = self.num_objectives + len(self.context) if network.type == "conditioned" else 0
+        inputs = self.observation_size + conditions
+        if actor is None:
+            actor = mlp(inputs, network.actor, 2 * A, generator)
+            weight, bias = list(actor.parameters())[-2:]
+            with torch.no_grad():
+                weight.mul_(network.output_scale)
+                bias[A:] = spread_of(network.initial_std)
+        else:
+            check_network("actor", actor, inputs, 2 * A)
+        inputs += self.privileged_size
+        if config.off_policy:
+            critic = Twins(inputs + A, network.critic, self.num_values, generator)
+        elif critic is None:
+            critic = mlp(inputs, network.critic, self.num_values, generator)
+        else:
+            check_network("critic", critic, inputs, self.num_values)
+        return actor, critic
+
+    def _symmetric(
+        self, actor: nn.Module, critic: nn.Module, config: Config, mirror: Mirror | None
+    ) -> tuple[Symmetric, Symmetric]:
+        """Let both answer mirrored inputs by mirrored outputs; conditions stay as they are."""
+        none, joined, A = Reflection.none, Reflection.joined, self.action_size
+        seen, acted = mirror or Mirror(none(self.observation_size + self.privileged_size), none(A))
+        m, d = self.num_objectives, len(self.context)
+        condition = none(m + d if config.network.type == "conditioned" else 0)
+        spread = acted._replace(sign=torch.ones(A, dtype=torch.float32))
+        inputs = joined([seen.first(self.observation_size), condition])
+        asymmetry = config.network.asymmetry
+        actor = Symmetric(actor, inputs, joined([acted, spread]), asymmetry)
+        inputs = joined([seen, *([acted] if config.off_policy else []), condition])
+        values = none(2 * self.num_values if config.off_policy else self.num_values)
+        return actor, Symmetric(critic, inputs, values, asymmetry)
 
     def check_sizes(self, env: Worlds) -> None:
         """Raise MorlaxError unless policies can act in these worlds."""
@@ -228,7 +238,7 @@ class Agent(nn.Module):
 
     def actors(self, tradeoffs: Tensor) -> Actors:
         """Generate the actors of K trade-offs (K, m) or conditions (K, m + d)."""
-        normalizer = normalizer_for(self.actor, self.observation_normalizer, tradeoffs)
+        normalizer = self.observation_normalizer.of(self.actor, tradeoffs)
         return Actors(self.actor(self.conditions(tradeoffs)), self.actor, normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
@@ -252,9 +262,14 @@ class Agent(nn.Module):
 
     def specialize(self, tradeoff: Tensor) -> SpecializedPolicy:
         """Return the policy of one trade-off (m,) as a plain module with its own parameters."""
-        normalizer = normalizer_for(self.actor, self.observation_normalizer, tradeoff)
+        normalizer = self.observation_normalizer.of(self.actor, tradeoff)
         actor = self.actor.specialize(self.conditions(tradeoff))
         return SpecializedPolicy(copy.deepcopy(normalizer), actor)
+
+
+def agent_class(config: Config) -> type[Agent]:
+    """Return the class of a config's agents: an algorithm may have agents of its own kind."""
+    return config.method.agent_class() or Agent
 
 
 def _context(designs: Mapping[str, DesignParameter], config: Config) -> Tensor:

@@ -1,15 +1,18 @@
-"""The interface of a family of networks: one network per condition.
+"""Families of networks, one network per condition: their interface, and conditioned networks.
 
 A condition is a trade-off of m weights and, in families of robots whose bodies differ, d numbers of
 context, which describe the body.
 """
 
+import copy
 from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 
 from ..envs import MorlaxError
+from ..gpu import fused
+from .mlp import mlp_sizes
 
 
 class Family(Protocol):
@@ -57,3 +60,68 @@ def _is_recorded() -> bool:
     """Return whether torch only records the operations, and no number exists yet."""
     capturing = torch.cuda.is_available() and torch.cuda.is_current_stream_capturing()
     return capturing or torch.jit.is_tracing() or torch.compiler.is_compiling()
+
+
+class Conditioned(nn.Module):
+    """One network for every trade-off w, which it takes beside its input x: g(x, w).
+
+    (AMOR: Alegre et al., 2025. A hypernetwork instead generates the network's parameters.)
+
+    Args:
+        network: maps rows (B, inputs + m + d) to (B, outputs); its last m + d inputs are the
+            condition. It is copied, not changed.
+        num_objectives: m, if conditions have a context (see `family`).
+    """
+
+    def __init__(self, network: nn.Module, num_objectives: int | None = None):
+        super().__init__()
+        self._num_objectives = num_objectives
+        self.network = copy.deepcopy(network)
+        self.shapes = {name: value.shape for name, value in network.named_parameters()}
+        self._mlp = mlp_sizes(network)
+
+    def forward(self, conditions: Tensor) -> dict[str, Tensor]:
+        """Return the parameters of K networks: {"condition": (K, m + d)}.
+
+        Their trade-offs are scaled to sum to one.
+
+        Raises:
+            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
+        """
+        return {"condition": on_simplex(conditions, self._num_objectives)}
+
+    def run(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
+        """Run the network under K conditions, each on its own inputs (K, B, ...)."""
+        (x,) = inputs
+        rows = _beside(x, parameters["condition"][:, None]).flatten(0, 1)
+        return fused.mlp(rows, self._mlp, self.network).unflatten(0, x.shape[:2])
+
+    def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
+        """Run the network under one {"condition": (m + d,)} on its inputs (B, ...)."""
+        (x,) = inputs
+        return self.network(_beside(x, parameters["condition"]))
+
+    def specialize(self, condition: Tensor) -> nn.Module:
+        """Return the network of one condition (m + d,), with parameters of its own."""
+        network = copy.deepcopy(self.network).to(condition.device)
+        return _Fixed(network, on_simplex(condition[None], self._num_objectives))
+
+
+class _Fixed(nn.Module):
+    """The network under one condition (1, m + d)."""
+
+    condition: Tensor
+
+    def __init__(self, network: nn.Module, condition: Tensor):
+        super().__init__()
+        self.network = network
+        self.register_buffer("condition", condition.clone())
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.network(_beside(x, self.condition))
+
+
+def _beside(x: Tensor, condition: Tensor) -> Tensor:
+    """Return x (..., inputs) with the condition (..., c) in every row, (..., inputs + c)."""
+    # not `expand`: traced, it would fix the number of rows
+    return torch.cat([x, torch.zeros_like(x[..., :1]) + condition], -1)

@@ -8,7 +8,6 @@ from torch import Tensor
 from torch.nn.functional import softplus
 
 from ..configuration.sections import MIN_STD
-from ..gpu.fused import kernel
 
 
 class TanhNormal:
@@ -65,9 +64,8 @@ def limited(output: Tensor, max_std: float) -> Tensor:
     return torch.cat([mean, most - softplus(most - spread)], -1)
 
 
-@kernel("gaussian_kernels.sample")
 def sample(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Sample actions before the tanh, with their log-probabilities.
+    """Sample actions before the tanh, with their log-probabilities (`gaussian_kernels.sample`).
 
     Args:
         output: of the actors, (K, G, 2A).

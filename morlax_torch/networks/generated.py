@@ -15,8 +15,7 @@ from ..envs.errors import shortened
 from ..envs.worlds.mirror import Reflection
 from ..gpu import fused
 from .family import on_simplex
-from .mlp import mlp_sizes
-from .symmetric import Symmetric
+from .mlp import Symmetric, mlp_sizes
 
 
 class PerThread(threading.local):
@@ -57,6 +56,11 @@ class Generated(nn.Module, ABC):
         self._names_of_buffers = list(dict(target.named_buffers()))
         for index, buffer in enumerate(target.buffers()):
             self.register_buffer(f"target_buffer_{index}", buffer.clone())
+
+    @property
+    def target(self) -> nn.Module:
+        """The module whose parameters are generated."""
+        return self._target.original
 
     @abstractmethod
     def flat(self, conditions: Tensor) -> Tensor:
@@ -113,7 +117,7 @@ class Generated(nn.Module, ABC):
 
     def specialize(self, condition: Tensor) -> nn.Module:
         """Return a plain copy of the target with the parameters of one condition (m + d,)."""
-        network = copy.deepcopy(self._target.original).to(condition.device)
+        network = copy.deepcopy(self.target).to(condition.device)
         with torch.no_grad():
             generated = self(condition[None])
             for name, parameter in network.named_parameters():
@@ -127,20 +131,7 @@ class Generated(nn.Module, ABC):
         return {name: getattr(self, f"target_buffer_{index}") for index, name in names}
 
 
-class InOrder(Generated):
-    """R networks that share nothing and start alike; the k-th of R trade-offs gets the k-th."""
-
-    def __init__(self, target: nn.Module, number: int):
-        super().__init__(target)
-        start = torch.cat([p.detach().flatten() for p in target.parameters()])
-        self.rows = nn.Parameter(start.repeat(number, 1))  # (R, P)
-
-    def flat(self, conditions: Tensor) -> Tensor:
-        assert len(conditions) == len(self.rows), "one trade-off per network"
-        return self.rows
-
-
-class Independent(InOrder):
+class Independent(Generated):
     """R networks that share no parameters; a trade-off w gets the one it values most.
 
     That is the network r with the largest w . keys[r] + offsets[r]. With points a of the simplex as
@@ -156,7 +147,9 @@ class Independent(InOrder):
     offsets: Tensor
 
     def __init__(self, target: nn.Module, keys: Tensor):
-        super().__init__(target, len(keys))
+        super().__init__(target)
+        start = torch.cat([p.detach().flatten() for p in target.parameters()])
+        self.rows = nn.Parameter(start.repeat(len(keys), 1))  # (R, P)
         self.register_buffer("keys", keys.clone())  # (R, m)
         self.register_buffer("offsets", keys.square().sum(-1) / -2)  # (R,)
 

@@ -1,13 +1,10 @@
 """The hypernetwork: a network whose output is the parameters of other networks."""
 
 from collections.abc import Sequence
-from numbers import Integral
 
 import torch
 from torch import Tensor, nn
 
-from ..envs import MorlaxError
-from ..envs.errors import shortened
 from ..gpu import fused
 from .family import on_simplex
 from .generated import Generated
@@ -37,7 +34,7 @@ class Hypernetwork(Generated):
         generator: draws the initial f and M.
 
     Raises:
-        MorlaxError: a size is out of range, or the target is no module with parameters.
+        MorlaxError: the target is no module with parameters.
     """
 
     def __init__(
@@ -53,16 +50,6 @@ class Hypernetwork(Generated):
         generator: torch.Generator | None = None,
     ):
         super().__init__(target)
-        for name, sizes, least in (
-            ("num_objectives", [num_objectives], 1),
-            ("hidden_sizes", hidden_sizes, 1),
-            ("num_features", [num_features], 1),
-            ("context_size", [context_size], 0),
-        ):
-            for size in sizes:
-                if not isinstance(size, Integral) or size < least:
-                    wrong = shortened(size)
-                    raise MorlaxError(f"{name} must be a whole number from {least}, not {wrong}.")
         inputs = num_objectives + context_size
         start = torch.cat([p.detach().flatten() for p in target.parameters()])
         self.features = features or mlp(inputs, hidden_sizes, num_features, generator, start.dtype)
@@ -75,7 +62,7 @@ class Hypernetwork(Generated):
     def flat(self, conditions: Tensor) -> Tensor:
         inputs = on_simplex(conditions, self._num_objectives)
         features = fused.mlp(inputs, self._features_mlp, self.features)  # (K, F)
-        return fused.affine(features, self.weight, self.bias)
+        return torch.addmm(self.bias, features, self.weight.t())
 
     @torch.no_grad()
     def collapse(self, condition: Tensor) -> None:

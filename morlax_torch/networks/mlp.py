@@ -1,4 +1,4 @@
-"""Plain networks: MLPs, and checks of networks that users bring."""
+"""Networks that families run: MLPs, symmetric ones, twin critics, and those that users bring."""
 
 import copy
 import math
@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.func import vmap
 
 from ..envs import MorlaxError
+from ..envs.worlds.mirror import Reflection
 
 MEANINGS = {
     "actor": "a mean and a spread per action dimension",
@@ -53,6 +54,98 @@ def mlp_sizes(network: nn.Module) -> tuple[int, ...] | None:
     if not plain or len(list(network.parameters())) < 2 * len(linear):  # shared, or without bias
         return None
     return linear[0].in_features, *(layer.out_features for layer in linear)
+
+
+class Symmetric(nn.Module):
+    """A network that answers a mirrored input by the mirrored output, or almost.
+
+    f(x) = (1 + a) / 2 g(x) + (1 - a) / 2 M'g(Mx), where M and M' reflect inputs and outputs. With
+    a = 0 that is exact (Ravindran and Barto, 2001, on symmetries of decisions; "NET" in
+    Abdolhosseini et al., "On Learning Symmetric Locomotion", 2019). But then a robot that stands
+    exactly symmetric moves both legs alike; with a > 0 it can take a first step.
+
+    Args:
+        network: g, from inputs (B, I) to outputs (B, O).
+        inputs: M.
+        outputs: M'.
+        asymmetry: a, from 0 to 1, where f = g.
+    """
+
+    inputs_order: Tensor
+    inputs_sign: Tensor
+    outputs_order: Tensor
+    outputs_sign: Tensor
+
+    def __init__(
+        self, network: nn.Module, inputs: Reflection, outputs: Reflection, asymmetry: float = 0.0
+    ):
+        super().__init__()
+        self.network, self.shares = network, ((1 + asymmetry) / 2, (1 - asymmetry) / 2)
+        for name, reflection in (("inputs", inputs), ("outputs", outputs)):
+            self.register_buffer(f"{name}_order", reflection.order)
+            self.register_buffer(f"{name}_sign", reflection.sign)
+
+    def forward(self, x: Tensor) -> Tensor:
+        inputs = Reflection(self.inputs_order, self.inputs_sign)
+        outputs = Reflection(self.outputs_order, self.outputs_sign)
+        return self.mixed(self.network(x), outputs(self.network(inputs(x))))
+
+    def mixed(self, own: Tensor, mirrored: Tensor) -> Tensor:
+        """Return f(x) from g(x) and M'g(Mx)."""
+        mine, its = self.shares
+        return mine * own + its * mirrored
+
+
+class Twins(nn.Module):
+    """Two critics Q(s, a) of m objectives that share nothing.
+
+    The smaller of two estimates counters overestimation (Fujimoto et al., 2018), and normalized
+    layers keep values bounded where no data is (Ball et al., 2023).
+
+    Args:
+        inputs: features of an observation, and actions.
+        hidden: hidden layers of each.
+        num_objectives: m.
+        generator: draws the initial parameters.
+    """
+
+    def __init__(
+        self,
+        inputs: int,
+        hidden: Sequence[int],
+        num_objectives: int,
+        generator: torch.Generator | None = None,
+    ):
+        super().__init__()
+        self.networks = nn.ModuleList(
+            _normalized(mlp(inputs, hidden, num_objectives, generator)) for _ in range(2)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Map observations beside actions (..., inputs) to values (..., 2m), first by twin."""
+        return torch.cat([network(x) for network in self.networks], -1)
+
+
+def smaller(values: Tensor, weights: Tensor) -> Tensor:
+    """Return the values (..., m) of the twin whose weighted sum is the smaller one.
+
+    Args:
+        values: of the twins (..., 2m), first by twin.
+        weights: (..., m)
+    """
+    one, other = values.chunk(2, -1)
+    less = (one * weights).sum(-1, True) < (other * weights).sum(-1, True)
+    return torch.where(less, one, other)
+
+
+def _normalized(network: nn.Sequential) -> nn.Sequential:
+    """Return the network with a normalization before each activation."""
+    layers: list[nn.Module] = []
+    for layer in network:
+        layers.append(layer)
+        if isinstance(layer, nn.Linear) and layer is not network[-1]:
+            layers.append(nn.LayerNorm(layer.out_features, dtype=torch.float32))
+    return nn.Sequential(*layers)
 
 
 def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> None:

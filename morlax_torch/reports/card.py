@@ -1,19 +1,17 @@
 """The decision card: why a trade-off was chosen, and what its policy does; one HTML file."""
 
 from collections.abc import Mapping, Sequence
-from html import escape
 
 from ..evaluation.requirements import Choice, Requirements
-from ..runs.trials import CONDITIONS, Trial
-from .html import document, facts, number, row, scrolled, table
+from ..runs.choosing import CONDITIONS, Trial
+from .page import data_url, number, rendered
 
 
 def card(
     task: str,
     choice: Choice,
-    required: Requirements,
     trials: Mapping[str, Trial],
-    about: Mapping[str, str],
+    origin: Mapping[str, str],
     commands: Sequence[str],
     strip: bytes | None = None,
 ) -> str:
@@ -22,71 +20,63 @@ def card(
     Args:
         task: its name.
         choice: what was chosen.
-        required: what it keeps, without a margin.
         trials: the choice under other conditions, by their names.
-        about: checkpoint and the like, by name.
+        origin: checkpoint and the like, by name.
         commands: command lines that use the choice.
         strip: film strip as PNG (None: leave it out).
     """
-    names = required.names.all
-    wanted = " and ".join(
+    required, names = choice.required, choice.required.names
+    limits = " and ".join(
         f"{'at least' if limit.sign > 0 else 'at most'} {number(limit.level)} of "
         f"{names[limit.index]}"
         for limit in required.limits
     )
-    asked = f"As much {names[required.maximized]} as possible" + (wanted and f", with {wanted}")
-    weights = ", ".join(
-        f"{name} {weight:.1%}" for name, weight in zip(choice.returns, choice.tradeoff, strict=True)
+    return rendered(
+        "card.html",
+        task=task,
+        wish=f"As much {names[required.maximized]} as possible" + (limits and f", with {limits}"),
+        weights=", ".join(
+            f"{name} {weight:.1%}"
+            for name, weight in zip(choice.returns, choice.tradeoff, strict=True)
+        ),
+        strip=strip and data_url("png", strip),
+        values=[_value(choice, index) for index in required.used],
+        cost=_cost(choice),
+        conditions=["condition", *(names[i] for i in required.used), "falls", "keeps all"],
+        trials=[
+            [
+                name,
+                *map(number, trial.values[required.used]),
+                f"{trial.falls:.0%}",
+                "yes" if _keeps(trial, required) else "no",
+            ]
+            for name, trial in trials.items()
+        ],
+        kept=_kept(trials, required),
+        origin=origin,
+        commands=commands,
     )
-    parts = [
-        f"<h1>{escape(task)}: a policy for a requirement</h1>",
-        f'<p class="verdict">{escape(asked)}.<br>The trade-off {escape(weights)}.</p>',
-        "" if strip is None else f"<figure>{scrolled('film strip', 'png', strip)}</figure>",
-        "<h2>Result</h2>",
-        _values(choice, required),
-        f"<p>{escape(_cost(choice, required))}</p>",
-        "<h2>Under other conditions</h2>",
-        _trials(trials, required),
-        f"<p>{escape(_kept(trials, required))}</p>",
-        "<h2>Where it comes from</h2>",
-        facts(about),
-        "<h2>Use it</h2>",
-        f"<pre>{escape(chr(10).join(commands))}</pre>",
-    ]
-    return document(f"{task}: {asked}", parts)
 
 
-def _values(choice: Choice, required: Requirements) -> str:
-    rows = [row("th", ["value", "required", "promised", "simulated", "margin", ""])]
-    for index in required.used:
-        name = required.names.all[index]
-        limits = [limit.shown(",.4g") for limit in required.limits if limit.index == index]
-        promised = number(choice.promised[name]) if name in choice.promised else ""
-        margin = f"{choice.margins[name]:+.4g}" if limits else ""
-        value = number(choice.values[index])
-        rows.append(row("td", [name, " and ".join(limits), promised, value, margin, ""]))
-    return table(rows, "facts")
+def _value(choice: Choice, index: int) -> list[str]:
+    """Return a row of the result: a value, what is required, promised and simulated, the margin."""
+    required, name = choice.required, choice.required.names[index]
+    limits = [limit.shown(",.4g") for limit in required.limits if limit.index == index]
+    promised = number(choice.promised[name]) if name in choice.promised else ""
+    margin = f"{choice.margins[name]:+.4g}" if limits else ""
+    return [name, " and ".join(limits), promised, number(choice.values[index]), margin]
 
 
-def _cost(choice: Choice, required: Requirements) -> str:
+def _cost(choice: Choice) -> str:
+    required = choice.required
     if not required.limits:
         return "Nothing is required."
     best = number(choice.values[required.maximized] + choice.cost)
     return (
         f"The requirements cost {number(choice.cost)} of "
-        f"{required.names.all[required.maximized]}, which reaches {best} without them. "
+        f"{required.names[required.maximized]}, which reaches {best} without them. "
         f"{choice.simulated} trade-offs were simulated."
     )
-
-
-def _trials(trials: Mapping[str, Trial], required: Requirements) -> str:
-    names = [required.names.all[index] for index in required.used]
-    rows = [row("th", ["condition", *names, "falls", "keeps all", ""])]
-    for name, trial in trials.items():
-        told = "yes" if _keeps(trial, required) else "no"
-        values = map(number, trial.values[required.used])
-        rows.append(row("td", [name, *values, f"{trial.falls:.0%}", told, ""]))
-    return table(rows, "facts")
 
 
 def _kept(trials: Mapping[str, Trial], required: Requirements) -> str:

@@ -22,8 +22,7 @@ from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_fold
 from ..runs.progress import History
 from . import comparison
 from .comparison import Evaluated
-from .html import number
-from .page import words
+from .page import number, words
 from .results import write
 
 PROTOCOLS: dict[Protocol, str] = {

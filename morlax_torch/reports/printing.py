@@ -10,7 +10,7 @@ import matplotlib as mpl
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
 from ..evaluation import figures
-from ..evaluation.representatives import representatives
+from ..evaluation.front import representatives
 from ..host.files import make_folder, write_file
 from ..runs.loading import find_run, load, load_front
 from ..runs.progress import History

@@ -1,21 +1,21 @@
 """Choose a trade-off whose policy keeps requirements in simulation."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
 from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError, get, resolve_device
-from ..evaluation.candidates import Candidates, rounded
+from ..envs.worlds.options import TaskOptions
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.front import Front
 from ..evaluation.making import evaluation_worlds
-from ..evaluation.names import Names
 from ..evaluation.requirements import Choice, Requirements
 from ..host.files import AnyPath
+from ..host.phases import phase
 from ..networks.policy import Policy
 from .loading import load, load_front
 
@@ -26,6 +26,28 @@ FINALISTS, MOST_GROUPS = 8, 4  # simulated again on other episodes, if the task 
 RANDOM_SEEDS = 8  # episodes per trade-off of a random task, at least
 RANDOM_MARGIN = 0.02
 NOTHING: Mapping[str, float] = MappingProxyType({})
+
+# proposals
+NEIGHBORS = 8  # of each trade-off, if there are more than two objectives
+FRACTIONS = np.linspace(0, 1, 20, endpoint=False)[1:, None]  # between two neighbors
+DECIMALS = 5  # of weights; what is simulated can be printed
+ERROR = 0.005  # of an evaluated value: least standard error, as a share of the range
+LEAST_ERROR = 1e-6  # of one interpolated between simulated ones, likewise
+GAIN = 0.005  # improvement that is worth a simulation, likewise
+UNCONSTRAINED = 4  # candidates of the first batch that ignore the requirements, to know their cost
+
+# other conditions
+EPISODES = 32
+USUAL = "as in evaluations"
+# changes of `task.randomization`, on top of the task's own
+CONDITIONS: dict[str, dict[str, Any]] = {
+    "other starts": {},
+    "pushes of 0.5 m/s": {"push": 0.5, "push_every": 100},
+    "friction times 0.5 to 1.5": {"friction": (0.5, 1.5)},
+    "masses times 0.8 to 1.2": {"mass": (0.8, 1.2)},
+    "motors times 0.8 to 1.2": {"strength": (0.8, 1.2)},
+}
+STARTS = 0.01  # least spread of starts, so that episodes differ
 
 
 def choose(
@@ -46,13 +68,12 @@ def choose(
     unit.
 
     Simulates evaluated trade-offs and others between them, and returns the best that keeps every
-    requirement in simulation. If the task is random, the best ones are simulated again on other
-    episodes, more of them, and these decide.
+    requirement in simulation. If the task is random, more episodes decide among the best ones.
 
     Args:
         run: a run's folder, a checkpoint file, a shipped name, or a policy, which is moved to the
-            device. Of a `Front`, evaluated trade-offs are returned, and nothing is simulated; so,
-            too, of a run on a CPU whose task needs a GPU.
+            device. Of a `Front`, or of a run on a CPU whose task needs a GPU, nothing is simulated:
+            the best evaluated trade-off is returned.
         constraints: least value by name.
         maximize: name of a value.
         at_most: largest value by name.
@@ -68,84 +89,42 @@ def choose(
             or no policy keeps the requirements.
     """
     if isinstance(run, Front):
-        return Evaluated(run).choose(constraints, maximize, at_most, margin)
-    place = resolve_device(device)
+        return Chooser(None, run).choose(constraints, maximize, at_most, margin)
+    torch_device = resolve_device(device)
     front = None if isinstance(run, Policy) else load_front(run)
-    policy = (run if isinstance(run, Policy) else load(run, place)).to(place)
-    return chooser(policy, front, seeds, seed).choose(constraints, maximize, at_most, margin)
+    policy = (run if isinstance(run, Policy) else load(run, torch_device)).to(torch_device)
+    return Chooser(policy, front, seeds, seed).choose(constraints, maximize, at_most, margin)
 
 
-def chooser(
-    policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
-) -> "Evaluated | Simulated":
-    """Return what chooses: only of a front if the task needs a GPU and the policy is on a CPU.
+class Chooser:
+    """Chooses trade-offs of a policy by simulation on its device.
+
+    It starts from an evaluated front; without one, or if the front lacks a required quantity, it
+    simulates some trade-offs first. It chooses from the front alone if there is no policy, or if
+    the task needs a GPU and the policy is on a CPU.
 
     Raises:
         MorlaxError: `seeds` is given, and nothing is simulated.
     """
-    on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
-    if front is not None and on_cpu and get(policy.config.env).needs_gpu:
-        if seeds is not None:
-            raise MorlaxError(
-                f"{policy.config.env} is only simulated on a GPU, so seeds has no effect here: "
-                "leave it out."
-            )
-        varies = policy.config.task.for_evaluation().varies
-        return Evaluated(front, RANDOM_MARGIN if varies else 0.0)
-    return Simulated(policy, front, seeds, seed)
-
-
-class Evaluated(NamedTuple):
-    """Chooses among the evaluated trade-offs of a front."""
-
-    front: Front
-    margin: float = 0.0  # unless told otherwise
-
-    def choose(
-        self,
-        constraints: Mapping[str, float],
-        maximize: str,
-        at_most: Mapping[str, float] = NOTHING,
-        margin: float | None = None,
-    ) -> Choice:
-        front = self.front
-        names = Names(front.objectives, front.quantity_names)
-        required = Requirements.of(names, constraints, at_most, maximize)
-        finite = required.finite(front.values)
-        if not finite.any():
-            raise required.missed(front.tradeoffs, front.values, "evaluated")
-        tradeoffs, values = front.tradeoffs[finite], front.values[finite]
-        required = required.with_margin(self.margin if margin is None else margin, values)
-        best, most = required.best(values), float(values[:, required.maximized].max())
-        if best is None:
-            raise required.missed(tradeoffs, values, "evaluated")
-        choice = required.choice(tradeoffs[best], values[best], values[best], most, 0)
-        falls = 0.0 if front.falls is None else float(front.falls[finite][best])
-        return choice._replace(falls=falls)
-
-
-class Simulated:
-    """Chooses trade-offs of a policy by simulation on its device.
-
-    It starts from an evaluated front; without one, or if the front lacks a required quantity, it
-    simulates some trade-offs first.
-    """
 
     def __init__(
-        self, policy: Policy, front: Front | None = None, seeds: int | None = None, seed: int = 0
+        self, policy: Policy | None, front: Front | None, seeds: int | None = None, seed: int = 0
     ):
-        self._policy, self._seed = policy, seed
-        self._random = policy.config.task.for_evaluation().varies
-        usual = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
-        self._seeds = usual if seeds is None else seeds
-        place = str(policy.agent.observation_normalizer.mean.device)
-        config = policy.config.model_copy(update={"device": place, "backend": None})
-        self._env = evaluation_worlds(config, BATCH, self._seeds, seed)
-        self._evaluator = self._make_evaluator(BATCH, seed)
-        self._front = front
-        self._names = Names(policy.objectives, self._env.quantities, policy.config.env)
-        self._even: tuple[np.ndarray, np.ndarray] | None = None
-        self._falls: dict[tuple[float, ...], float] = {}  # by trade-off, in its last simulation
+        self._front, self._seed = front, seed
+        self._random = policy is not None and policy.config.task.for_evaluation().varies
+        self._falls: dict[tuple[float, ...], float] = {}  # by trade-off, in its last episodes
+        self._evaluator: Evaluator | None = None
+        if front is not None and (policy is None or _lacks_gpu(policy)):
+            if seeds is not None:
+                raise MorlaxError("nothing is simulated without a GPU: leave seeds out.")
+            self._names = front.objectives, front.quantity_names
+            self._remember(front.tradeoffs, front)
+        elif policy is not None:
+            if seeds is None:
+                seeds = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
+            self._evaluator = _evaluator(policy, BATCH, seeds, seed)
+            self._evaluator.compile()
+            self._names = policy.objectives, self._evaluator.env.quantities
 
     def choose(
         self,
@@ -154,83 +133,282 @@ class Simulated:
         at_most: Mapping[str, float] = NOTHING,
         margin: float | None = None,
     ) -> Choice:
+        """Simulate until a gain is unlikely, and return the best; see `choose` of this module."""
+        required = Requirements.of(*self._names, constraints, maximize, at_most)
         if margin is None:
             margin = RANDOM_MARGIN if self._random else 0.0
-        required = Requirements.of(self._names, constraints, at_most, maximize)
-        tradeoffs, values, simulated = self._start(required)
-        known = values[required.finite(values)]
-        if len(known) == 0:
-            raise required.missed(tradeoffs, values, "simulated")
-        required = required.with_margin(margin, known)
-        found = Candidates(tradeoffs, values, simulated, required)
+        candidates = Candidates(*self._start(required), required, margin)
         for batch in range(MOST_BATCHES):
-            proposed, promised, chance = found.propose(BATCH)
+            if self._evaluator is None:
+                break
+            proposed, promised, chance = candidates.propose(BATCH)
             if len(proposed) == 0 or (batch > 0 and chance < SETTLED):
                 break
-            found.tell(proposed, promised, self._simulate(self._evaluator, proposed))
-        choice = self._best(found, required)
-        return choice._replace(falls=self._falls[choice.tradeoff])
-
-    def _best(self, found: Candidates, required: Requirements) -> Choice:
-        """Return the best simulated trade-off that keeps the requirements.
-
-        Of a random task, those that a few episodes show as the best are also the luckiest, so
-        other episodes decide.
-        """
-        ranked, free = found.ranked(), found.unconstrained()
-        simulated = int(found.simulated.sum())
-        if not self._random:
-            best = ranked[0]
-            most = float(found.values[free, required.maximized])
-            row = found.tradeoffs[best], found.values[best], found.promised[best]
-            return required.choice(*row, most, simulated)
-        evaluator = self._make_evaluator(FINALISTS, self._seed + 1)
-        groups = [ranked[i : i + FINALISTS - 1] for i in range(0, len(ranked), FINALISTS - 1)]
-        tried = np.empty(0, dtype=int)
-        values = np.empty((0, len(self._names.all)))
-        for group in groups[:MOST_GROUPS]:
-            finalists = np.append(group, free)
-            again = self._simulate(evaluator, found.tradeoffs[finalists])
-            tried, values = np.append(tried, finalists), np.vstack([values, again])
-            if (best := required.best(values)) is not None:
-                row = found.tradeoffs[tried[best]], values[best], found.promised[tried[best]]
-                most = float(values[-1, required.maximized])
-                return required.choice(*row, most, simulated)
-        raise required.missed(found.tradeoffs[tried], values, "simulated")
+            candidates.tell(proposed, promised, self._simulate(self._evaluator, proposed))
+        best, values, most = self._best(candidates)
+        tradeoff, promised = candidates.tradeoffs[best].tolist(), candidates.promised[best]
+        m = len(required.objectives)
+        return Choice(
+            tuple(tradeoff),
+            returns=dict(zip(required.objectives, values[:m].tolist(), strict=True)),
+            promised=dict(zip(required.objectives, promised[:m].tolist(), strict=True)),
+            margins=required.margins(values),
+            cost=max(0.0, most - float(values[required.maximized])),
+            simulated=int(candidates.final.sum()) if self._evaluator else 0,
+            quantities=dict(zip(required.quantities, values[m:].tolist(), strict=True)),
+            falls=self._falls.get(tuple(tradeoff), 0.0),
+            required=required,
+        )
 
     def _start(self, required: Requirements) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Return trade-offs (n, m), values (n, m + q), and whether they were simulated here."""
-        if self._front is not None:
-            values = self._evaluated(self._front)
+        """Return trade-offs (n, m), values (n, m + q), and whether these may be chosen."""
+        if (front := self._front) is not None:
+            names = (*front.objectives, *front.quantity_names)
+            columns = dict(zip(names, front.values.T, strict=True))
+            lacking = np.full(len(front.returns), np.nan)
+            values = np.stack([columns.get(name, lacking) for name in required.names], 1)
+            if self._evaluator is None:
+                return front.tradeoffs, values, True
             if required.finite(values).any():
-                return self._front.tradeoffs, values, False
-        if self._even is None:
-            even = rounded(even_tradeoffs(BATCH, len(self._names.objectives)).double().numpy())
-            self._even = even, self._simulate(self._evaluator, even)
-        return *self._even, True
+                return rounded(front.tradeoffs), values, False
+        assert self._evaluator is not None
+        even = rounded(even_tradeoffs(BATCH, len(required.objectives)).double().numpy())
+        return even, self._simulate(self._evaluator, even), True
 
-    def _evaluated(self, front: Front) -> np.ndarray:
-        """Return the values (K, m + q) of a front; NaN where it lacks a quantity of the task."""
-        quantities = np.full((len(front.returns), len(self._names.quantities)), np.nan)
-        for column, name in enumerate(self._names.quantities):
-            if front.quantities is not None and name in front.quantity_names:
-                quantities[:, column] = front.quantities[:, front.quantity_names.index(name)]
-        return np.hstack([front.returns, quantities])
+    def _best(self, candidates: "Candidates") -> tuple[int, np.ndarray, float]:
+        """Return the best final candidate that keeps the requirements, and its values (m + q,).
 
-    def _make_evaluator(self, tradeoffs: int, seed: int) -> Evaluator:
-        """Evaluate so many trade-offs at once, each in an equal share of the worlds."""
-        some = torch.ones(tradeoffs, len(self._policy.objectives), dtype=torch.float32)
-        seeds = self._env.num_worlds // tradeoffs
-        protocol = self._policy.config.evaluation.protocol
-        made = Evaluator(self._policy.agent, self._env, some, protocol, seed, seeds, alone=True)
-        made.compile()
-        return made
+        The last number is the most of the maximized value without requirements. Of a random task,
+        the candidates that a few episodes show as the best are also the luckiest, so other episodes
+        decide.
+        """
+        source = "simulated" if self._evaluator else "evaluated"
+        ranked, free = candidates.ranked(source), candidates.unconstrained()
+        required, values = candidates.required, candidates.values
+        if not self._random or self._evaluator is None:
+            return int(ranked[0]), values[ranked[0]], float(values[free, required.maximized])
+        agent, env, protocol = self._evaluator.agent, self._evaluator.env, self._evaluator.protocol
+        points, seeds = torch.ones(FINALISTS, len(required.objectives)), env.num_worlds // FINALISTS
+        evaluator = Evaluator(agent, env, points, protocol, self._seed + 1, seeds, alone=True)
+        evaluator.compile()
+        finalists, values = np.empty(0, dtype=int), np.empty((0, len(required.names)))
+        for first in range(0, min(len(ranked), MOST_GROUPS * (FINALISTS - 1)), FINALISTS - 1):
+            group = np.append(ranked[first : first + FINALISTS - 1], free)
+            again = self._simulate(evaluator, candidates.tradeoffs[group])
+            finalists, values = np.append(finalists, group), np.vstack([values, again])
+            if required.kept(values).any():
+                break
+        best = required.ranked(candidates.tradeoffs[finalists], values, source)[0]
+        return int(finalists[best]), values[best], float(values[-1, required.maximized])
 
     def _simulate(self, evaluator: Evaluator, tradeoffs: np.ndarray) -> np.ndarray:
         """Return the values (n, m + q) of at most as many trade-offs (n, m) as an evaluator has."""
-        filled = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))  # repeats them
-        evaluator.retarget(torch.from_numpy(filled).float())
+        repeated = np.resize(tradeoffs, (evaluator.number, tradeoffs.shape[1]))
+        evaluator.retarget(torch.from_numpy(repeated).float())
         front = evaluator.evaluate()
-        assert front.falls is not None
-        self._falls |= dict(zip(map(tuple, tradeoffs.tolist()), front.falls.tolist(), strict=False))
+        self._remember(tradeoffs, front)
         return front.values[: len(tradeoffs)]
+
+    def _remember(self, tradeoffs: np.ndarray, front: Front) -> None:
+        falls = np.zeros(len(tradeoffs)) if front.falls is None else front.falls
+        self._falls |= dict(zip(map(tuple, tradeoffs.tolist()), falls.tolist(), strict=False))
+
+
+class Candidates:
+    """Trade-offs with known values, and the ones between them.
+
+    Values of a trade-off that was not simulated are promises: evaluated, or interpolated between
+    two neighbors. They are wrong by about as much as neighbors differ. A candidate's score is the
+    probability that it keeps every requirement and gains on the best simulated one, if errors are
+    independent and normal (constrained probability of improvement, as in Bayesian optimization).
+
+    Trade-offs, on the simplex, are (K, m), and values (K, m + q); `final` says whether the values
+    are those of the simulation, so that the trade-off may be chosen. A trade-off whose values are
+    not finite is passed over: the trade-offs on both sides of it count as neighbors.
+
+    Raises:
+        MorlaxError: no values are finite, or the margin is out of range.
+    """
+
+    def __init__(
+        self,
+        tradeoffs: np.ndarray,
+        values: np.ndarray,
+        final: bool,
+        required: Requirements,
+        margin: float = 0.0,
+    ):
+        self._span = required.span(values)
+        self.required = required.with_margin(margin, self._span)
+        self.tradeoffs, first = np.unique(tradeoffs, axis=0, return_index=True)
+        self.values = values[first].astype(float)
+        self.promised = self.values.copy()  # (n, m + q)
+        self.final = np.full(len(first), final)  # (n,)
+
+    def tell(self, tradeoffs: np.ndarray, promised: np.ndarray, values: np.ndarray) -> None:
+        """Add simulated values (n, m + q) of proposed trade-offs (n, m)."""
+        for tradeoff, promise, value in zip(tradeoffs, promised, values, strict=True):
+            same = (self.tradeoffs == tradeoff).all(1)
+            if same.any():
+                self.values[same], self.final[same] = value, True
+                continue
+            self.tradeoffs = np.vstack([self.tradeoffs, tradeoff])
+            self.promised = np.vstack([self.promised, promise])
+            self.values = np.vstack([self.values, value])
+            self.final = np.append(self.final, True)
+
+    def propose(self, number: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return up to `number` trade-offs (n, m), promises (n, m + q) and the best's chance.
+
+        There is at most one between each two neighbors, and one for equal values, so that the
+        trade-offs are not all in one place.
+        """
+        tradeoffs, promised, errors = self._pool()
+        scores = self._scores(promised, errors)
+        order = (-scores).argsort(kind="stable")
+        if not self.final.any():
+            freely = (-promised[:, self.required.maximized]).argsort(kind="stable")
+            order = np.concatenate([freely[:UNCONSTRAINED], order])
+        _, first = np.unique(tradeoffs[order], axis=0, return_index=True)
+        best = order[np.sort(first)[:number]]
+        return tradeoffs[best], promised[best], float(np.exp(scores.max(initial=-np.inf)))
+
+    def ranked(self, source: str = "simulated") -> np.ndarray:
+        """Return which final trade-offs keep the requirements, best first."""
+        rows = self.final.nonzero()[0]
+        return rows[self.required.ranked(self.tradeoffs[rows], self.values[rows], source)]
+
+    def unconstrained(self) -> int:
+        """Return the index of the final trade-off that has most of the maximized value."""
+        value = self.values[:, self.required.maximized]
+        return int(np.where(self.final & np.isfinite(value), value, -np.inf).argmax())
+
+    def _pool(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return trade-offs to simulate (n, m), promises and standard errors (n, m + q)."""
+        finite = self.required.finite(self.values)
+        tradeoffs, final = self.tradeoffs[finite], self.final[finite]
+        values = self.required.relevant(self.values[finite])
+        one, other = _neighbors(tradeoffs)
+        steps = values[other] - values[one]
+        ends, differences = np.concatenate([one, other]), np.zeros_like(values)
+        np.add.at(differences, ends, np.abs(np.tile(steps, (2, 1))))
+        pairs = np.bincount(ends, minlength=len(values))
+        rough = differences / pairs.clip(min=1)[:, None]  # (n, m + q) mean difference to neighbors
+        unsure = np.where(final[:, None], LEAST_ERROR, ERROR) * self._span
+
+        # trade-offs with equal values share a policy, and so do those between them
+        _, different = np.unique(values, axis=0, return_index=True)
+        alone = different[~final[different]]
+        moving = steps.any(1)
+        one, other, steps = one[moving], other[moving], steps[moving]
+
+        t = FRACTIONS[None]
+        between = (1 - t) * tradeoffs[one, None] + t * tradeoffs[other, None]
+        promised = values[one, None] + t * steps[:, None]
+        spread = (rough[one] + rough[other])[:, None] / 2
+        least = np.maximum(unsure[one], unsure[other])[:, None]
+        errors = np.hypot(least, spread * np.sqrt(0.25 + 2 * t * (1 - t)))  # most in the middle
+        top = np.arange(len(one)), self._scores(promised, errors).argmax(1)
+
+        proposed = rounded(np.concatenate([tradeoffs[alone], between[top]]))
+        promised = np.concatenate([values[alone], promised[top]])
+        errors = np.concatenate([np.hypot(unsure, rough / 2)[alone], errors[top]])
+        new = ~(proposed[:, None] == self.tradeoffs[self.final]).all(2).any(1)
+        return proposed[new], promised[new], errors[new]
+
+    def _scores(self, promised: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """Return log probabilities (...) of promises and standard errors (..., m + q)."""
+        required = self.required
+        score = _log_normal(required.excess(promised) / errors[..., required.limited]).sum(-1)
+        rivals = required.kept(self.values) & (self.final | ~self.final.any())
+        if rivals.any():
+            index = required.maximized
+            best = self.values[rivals, index].max() + GAIN * self._span[index]
+            score = score + _log_normal((promised[..., index] - best) / errors[..., index])
+        return score
+
+
+def _neighbors(tradeoffs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of both trade-offs (n, m) of each pair of neighbors."""
+    if tradeoffs.shape[1] == 2:
+        order = tradeoffs[:, 0].argsort(kind="stable")
+        return order[:-1], order[1:]
+    squares = (tradeoffs**2).sum(1)
+    distances = squares[:, None] + squares - 2 * tradeoffs @ tradeoffs.T
+    np.fill_diagonal(distances, np.inf)
+    near = distances.argsort(1, kind="stable")[:, : min(NEIGHBORS, len(squares) - 1)]
+    pairs = np.stack([np.arange(len(near)).repeat(near.shape[1]), near.ravel()], 1)
+    pairs = np.unique(np.sort(pairs, 1), axis=0)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def rounded(tradeoffs: np.ndarray) -> np.ndarray:
+    """Scale trade-offs (n, m) to sum to one and round them, so that the decimals sum to one too."""
+    scaled = tradeoffs / tradeoffs.sum(1, keepdims=True)
+    units = np.rint(scaled * 10**DECIMALS)
+    rows = np.arange(len(units))
+    units[rows, units.argmax(1)] += 10**DECIMALS - units.sum(1)
+    return units / 10**DECIMALS
+
+
+def _log_normal(values: np.ndarray) -> np.ndarray:
+    return torch.special.log_ndtr(torch.from_numpy(np.ascontiguousarray(values))).numpy()
+
+
+class Trial(NamedTuple):
+    """Means over the episodes of one trade-off."""
+
+    values: np.ndarray  # (m + q,) returns by objective, then measured quantities
+    falls: float  # share of episodes that failed
+    episodes: int
+
+
+def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str, Trial]:
+    """Simulate a trade-off (m,) under conditions that training may not have had.
+
+    Only the options of this package's own kind of robot can be changed: other tasks are simulated
+    as usual. Conditions in which a task's worlds cannot differ are left out.
+
+    Args:
+        policy: simulated on its device.
+        tradeoff: not negative.
+        seed: random seed of the worlds.
+    """
+    task = policy.config.task.for_evaluation()
+    tasks = {USUAL: task}
+    if isinstance(task, TaskOptions):
+        for name, changes in CONDITIONS.items():
+            varied = task.randomization.model_copy(update=changes)
+            update = {"randomization": varied, "reset_noise": max(task.reset_noise, STARTS)}
+            tasks[name] = task.model_copy(update=update)
+    results: dict[str, Trial] = {}
+    for number, (name, options) in enumerate(tasks.items()):
+        phase("trying other conditions", number / len(tasks))
+        config = policy.config.model_copy(update={"task": options})
+        episodes = EPISODES if options.varies else 1
+        try:
+            changed = Policy(policy.agent, config, policy.objectives)
+            evaluator = _evaluator(changed, 1, episodes, seed)
+            evaluator.retarget(torch.tensor([tradeoff], dtype=torch.float32))
+            front = evaluator.evaluate()
+        except MorlaxError:  # worlds of this task cannot differ in this
+            if name == USUAL:
+                raise
+            continue
+        falls = 0.0 if front.falls is None else float(front.falls[0])
+        results[name] = Trial(front.values[0], falls, episodes)
+    return results
+
+
+def _lacks_gpu(policy: Policy) -> bool:
+    on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
+    return on_cpu and get(policy.config.env).needs_gpu
+
+
+def _evaluator(policy: Policy, tradeoffs: int, seeds: int, seed: int) -> Evaluator:
+    """Make the evaluator of so many trade-offs at once on the policy's device."""
+    device = str(policy.agent.observation_normalizer.mean.device)
+    config = policy.config.model_copy(update={"device": device, "backend": None})
+    env = evaluation_worlds(config, tradeoffs, seeds, seed)
+    points, protocol = torch.ones(tradeoffs, len(policy.objectives)), config.evaluation.protocol
+    return Evaluator(policy.agent, env, points, protocol, seed, seeds, alone=True)

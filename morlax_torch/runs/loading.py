@@ -17,7 +17,7 @@ from ..envs.errors import LONGEST, unknown
 from ..envs.worlds.options import PLAIN_NAME
 from ..evaluation.front import Front
 from ..host.files import AnyPath, read, write_file
-from ..networks.agent import Agent
+from ..networks.agent import Sizes, agent_class
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
 from . import checkpoint
@@ -139,15 +139,7 @@ def load(
     contents = checkpoint.load(path)
     config = checkpoint.read_config(contents, path)
     task, networks = contents.environment, dict(contents.own_networks)
-    agent = Agent(
-        config,
-        task.observation_size,
-        task.action_size,
-        len(task.objectives),
-        privileged_size=task.privileged_size,
-        actor=actor,
-        designs=task.designs,
-    )
+    agent = agent_class(config)(config, Sizes.of(task), actor=actor)
     state, complete = contents.agent, contents.policy is None
     if networks.pop("critic", None):  # a user's critic, which policies do not need
         state = {name: value for name, value in state.items() if not name.startswith("critic.")}

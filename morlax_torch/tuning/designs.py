@@ -1,23 +1,30 @@
 """Search over bodies and trade-offs together, of a family of policies that knows many bodies."""
 
+import csv
+import io
 from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 
 from ..configuration.tradeoffs import evaluation_tradeoffs
-from ..envs import MorlaxError
-from ..envs.worlds.design_space import DesignSpace
+from ..envs import MorlaxError, get
+from ..envs.worlds.design_space import DesignSpace, mjcf
 from ..envs.worlds.environment import Environment
 from ..evaluation import pareto
 from ..evaluation.evaluator import Evaluator
+from ..evaluation.figures import designs_figure
+from ..evaluation.figures import save as save_figure
 from ..evaluation.making import embody, evaluation_worlds
-from ..evaluation.names import Names
 from ..evaluation.requirements import Requirements
+from ..host.files import write_file
 from ..host.phases import phase
 from ..networks.policy import Policy
-from .storage import optuna, quiet
+from ..runs.loading import save
+from ..runs.references import copy_files
+from .space import optuna
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together
 
@@ -32,7 +39,7 @@ class Simulated(NamedTuple):
     def joined(self, other: Self) -> Self:
         return type(self)(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
-    def rows(self, which: np.ndarray) -> Self:
+    def rows(self, which: np.ndarray | slice) -> Self:
         return type(self)(*(column[which] for column in self))
 
     @property
@@ -58,10 +65,10 @@ class Designer:
                 "these policies were trained with one body: train with --sampling.designs 1024, a "
                 "task with design parameters (docs/designs.md)."
             )
-        place = policy.agent.context.device
+        device = policy.agent.context.device
         self.policy, self.space, self._seed = policy, DesignSpace(policy.agent.designs), seed
-        self._config = policy.config.model_copy(update={"device": str(place), "backend": None})
-        self._batch = BATCH[place.type]
+        self._config = policy.config.model_copy(update={"device": str(device), "backend": None})
+        self._batch = BATCH[device.type]
         self.quantities: tuple[str, ...] = ()
         self.reference_point = np.zeros(len(policy.objectives))
 
@@ -70,8 +77,8 @@ class Designer:
         parts = []
         for first in range(0, len(designs), self._batch):
             phase(f"simulating {len(designs)} bodies and trade-offs", first / len(designs))
-            own = slice(first, first + self._batch)
-            parts.append(self._together(designs[own], tradeoffs[own]))
+            rows = slice(first, first + self._batch)
+            parts.append(self._together(designs[rows], tradeoffs[rows]))
         return Simulated(designs, tradeoffs, np.concatenate(parts))
 
     def _together(self, designs: np.ndarray, tradeoffs: np.ndarray) -> np.ndarray:
@@ -80,20 +87,14 @@ class Designer:
         assert isinstance(env, Environment)
         different, rows = np.unique(designs, axis=0, return_inverse=True)
         rows = rows.reshape(-1)  # numpy 2.0 gives it another shape
-        kept = embody(env, different, torch.from_numpy(rows).repeat(seeds))
+        made = embody(env, different, torch.from_numpy(rows).repeat(seeds))
         conditions = np.concatenate([tradeoffs, self.space.scaled(designs)], 1)
-        evaluator = Evaluator(
-            self.policy.agent,
-            env,
-            torch.from_numpy(conditions).float(),
-            config.evaluation.protocol,
-            self._seed,
-            seeds,
-        )
+        points, protocol = torch.from_numpy(conditions).float(), config.evaluation.protocol
+        evaluator = Evaluator(self.policy.agent, env, points, protocol, self._seed, seeds)
         evaluator.compile()
         self.quantities, self.reference_point = env.quantities, evaluator.reference_point
         values = evaluator.evaluate().values.astype(float)
-        values[~kept[rows]] = np.nan
+        values[~made[rows]] = np.nan
         return values
 
     def grid(self, bodies: int, tradeoffs: int, seed: int) -> Simulated:
@@ -103,39 +104,35 @@ class Designer:
         designs = np.concatenate([self.space.default[None], others])
         return self.simulate(designs.repeat(tradeoffs, 0), np.tile(points, (bodies, 1)))
 
-    def refine(self, known: Simulated, rounds: int, population: int, seed: int) -> Simulated:
-        """Improve the front of known policies by so many generations of NSGA-II (Optuna's).
-
-        Returns what was simulated.
-        """
-        objectives, m = self.policy.objectives, len(self.policy.objectives)
-        number = optuna.distributions.FloatDistribution
-        ranges: dict[str, optuna.distributions.BaseDistribution] = {
-            name: number(each.low, each.high) for name, each in self.space.parameters.items()
+    def refine(self, start: Simulated, rounds: int, population: int, seed: int) -> Simulated:
+        """Return what generations of NSGA-II simulate, from the front of simulated policies."""
+        m = len(self.policy.objectives)
+        names = [*self.space.parameters, *(f"weight of {x}" for x in self.policy.objectives)]
+        bounds = [(each.low, each.high) for each in self.space.parameters.values()]
+        ranges = {
+            name: optuna.distributions.FloatDistribution(*pair)
+            for name, pair in zip(names, [*bounds, *[(0.0, 1.0)] * m], strict=True)
         }
-        ranges |= {f"weight of {name}": number(0.0, 1.0) for name in objectives}
         sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
-        with quiet():
-            maximize = optuna.study.StudyDirection.MAXIMIZE
-            study = optuna.create_study(directions=[maximize] * m, sampler=sampler)
-            for row in best_first(known.returns)[:population]:
-                numbers = [*known.designs[row], *known.tradeoffs[row]]
-                study.enqueue_trial(dict(zip(ranges, map(float, numbers), strict=True)))
-        found = known.rows(np.zeros(0, dtype=int))
+        study = optuna.create_study(
+            directions=[optuna.study.StudyDirection.MAXIMIZE] * m, sampler=sampler
+        )
+        for row in best_first(start.returns)[:population]:
+            numbers = map(float, (*start.designs[row], *start.tradeoffs[row]))
+            study.enqueue_trial(dict(zip(ranges, numbers, strict=True)))
+        simulated = start.rows(np.zeros(0, dtype=int))
         for _ in range(rounds):
-            with quiet():
-                trials = [study.ask(ranges) for _ in range(population)]
+            trials = [study.ask({**ranges}) for _ in range(population)]
             drawn = np.array([[trial.params[name] for name in ranges] for trial in trials])
             designs, weights = drawn[:, :-m], drawn[:, -m:].clip(min=1e-6)
             new = self.simulate(designs, weights / weights.sum(1, keepdims=True))
-            with quiet():
-                for trial, returns in zip(trials, new.returns, strict=True):
-                    if np.isfinite(returns).all():
-                        study.tell(trial, returns.tolist())
-                    else:
-                        study.tell(trial, state=optuna.trial.TrialState.FAIL)
-            found = found.joined(new)
-        return found
+            for trial, returns in zip(trials, new.returns, strict=True):
+                if np.isfinite(returns).all():
+                    study.tell(trial, returns.tolist())
+                else:
+                    study.tell(trial, state=optuna.trial.TrialState.FAIL)
+            simulated = simulated.joined(new)
+        return simulated
 
     def hypervolume(self, simulated: Simulated) -> float:
         returns = simulated.returns
@@ -160,22 +157,37 @@ class Designer:
         Raises:
             MorlaxError: none keeps them, or a name is unknown.
         """
-        names = Names(self.policy.objectives, self.quantities, self.policy.config.env)
-        required = Requirements.of(names, at_least, at_most, maximize)
-        best = required.best(simulated.values)
-        if best is None:
-            finite = required.finite(simulated.values)
-            values = simulated.values[finite]
-            scaled = required.with_margin(0.0, values)
-            raise scaled.missed(simulated.tradeoffs[finite], values, "simulated")
-        return best
+        names = self.policy.objectives, self.quantities
+        required = Requirements.of(*names, at_least, maximize, at_most)
+        return int(required.ranked(simulated.tradeoffs, simulated.values, "simulated")[0])
+
+    def write(
+        self, folder: Path, simulated: Simulated, default: Simulated, best: np.ndarray
+    ) -> None:
+        """Write the front of all bodies as a table and a figure, and the best body."""
+        policy, parameters = self.policy, self.space.parameters
+        weights = [f"weight of {name}" for name in policy.objectives]
+        table, front = io.StringIO(), simulated.rows(pareto.non_dominated(simulated.returns))
+        writer = csv.writer(table, lineterminator="\n")
+        writer.writerow([*parameters, *weights, *policy.objectives, *self.quantities])
+        for row in zip(*front, strict=True):
+            writer.writerow([f"{number:.6g}" for part in row for number in part])
+        write_file(folder / "designs.csv", table.getvalue())
+        units = [f"{name} ({each.unit})" for name, each in parameters.items()]
+        usual = pareto.front(default.returns)
+        figure = designs_figure(policy.objectives, front.returns, front.designs, units, usual)
+        save_figure(figure, folder / "designs")
+        design = self.space.named(best)
+        write_file(folder / "body.xml", mjcf(get(policy.config.env), design))
+        save(policy.for_design(design).cpu(), folder / "body.pt")
+        copy_files(policy.config, folder)
 
 
 def best_first(returns: np.ndarray) -> np.ndarray:
     """Order rows of returns (n, m): first the non-dominated ones, then those of the rest, ..."""
-    left, found = np.flatnonzero(np.isfinite(returns).all(1)), []
+    left, ordered = np.flatnonzero(np.isfinite(returns).all(1)), []
     while len(left):
         front = pareto.non_dominated(returns[left])
-        found.append(left[front])
+        ordered.append(left[front])
         left = left[~front]
-    return np.concatenate(found) if found else left
+    return np.concatenate(ordered) if ordered else left

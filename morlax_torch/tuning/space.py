@@ -1,235 +1,155 @@
-"""The search space: options of a config, and the values that trials may give them."""
+"""The search space: options of a config, with Optuna's distributions of their values."""
 
 import json
 import math
+import warnings
 from collections.abc import Mapping
-from decimal import Decimal
-from typing import Any, NamedTuple, Self
+from typing import Any
 
-from pydantic import ValidationError
-
-from ..configuration.config import Config, config_class, flat, load_config
+from ..configuration.config import DRAFT, Config, flat, load_config
 from ..configuration.files import merged, nested
 from ..envs import MorlaxError
-from ..envs.errors import explained, shortened, unknown
-from .storage import optuna
+from ..envs.errors import installation, shortened
 
-Distribution = optuna.distributions.BaseDistribution
+try:
+    import optuna
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+    from optuna.trial import FrozenTrial as Trial
+    from optuna.trial import TrialState as State
+except ImportError as error:
+    raise MorlaxError(
+        f"tuning needs {error.name}, which is not installed: {installation('tune')}."
+    ) from None
 
-DIGITS = 6  # of drawn numbers, so that files show 0.15 instead of 0.15000000000000002
-RANGE = ("low", "high", "log", "step")
+optuna.logging.set_verbosity(optuna.logging.ERROR)
+
+__all__ = ["Space", "State", "Trial", "optuna"]
+
+Distribution = CategoricalDistribution | FloatDistribution | IntDistribution
+SHARED = "all trials share it, so that they can be compared: leave it out"
+ATTEMPTS = 1000  # draws, of which one must make a valid config
 FIXED = (  # sections and options that all trials share
     *("env", "algorithm", "seed", "device", "backend", "deterministic", "evaluation"),
     *("max_env_steps", "max_seconds", "task.objectives", "task.shared", "task.reference_point"),
 )
 
 
-class OneOf(NamedTuple):
-    values: tuple[Any, ...]
+class Space:
+    """Options by dotted name, with the values that trials may give them.
 
-    @property
-    def distribution(self) -> Distribution:
-        labels = [_label(value) for value in self.values]
-        return optuna.distributions.CategoricalDistribution(labels)
+    Args:
+        values: by option, a list of values, the fields of a range, or factors of the base value.
+        base: the config that trials change.
+        source: what error messages call the space.
 
-    @property
-    def examples(self) -> tuple[Any, ...]:
-        """Values of every type that trials may get."""
-        return self.values
+    Raises:
+        MorlaxError: an option is unknown, or must be equal in all trials, a value of it is not
+            valid, or values do not fit together.
+    """
 
-    def value(self, drawn: Any) -> Any:
-        return next(value for value in self.values if _label(value) == drawn)
-
-    def drawn(self, value: Any) -> Any:
-        """Return the draw that gives a value; raises ValueError if there is none."""
-        return _label(self.values[self.values.index(value)])
-
-
-class Range(NamedTuple):
-    low: float
-    high: float
-    log: bool = False
-    step: float | None = None
-
-    @property
-    def distribution(self) -> Distribution:
-        if self._whole:
-            step = 1 if self.step is None else int(self.step)
-            low, high = int(self.low), int(self.high)
-            return optuna.distributions.IntDistribution(low, high, self.log, step)
-        return optuna.distributions.FloatDistribution(self.low, self.high, self.log, self.step)
-
-    @property
-    def examples(self) -> tuple[Any, ...]:
-        between = () if self._whole else (self.low + 0.618 * (self.high - self.low),)
-        return (self.low, self.high, *between)
-
-    def value(self, drawn: Any) -> Any:
-        return drawn if self._whole else float(f"{drawn:.{DIGITS}g}")
-
-    def drawn(self, value: Any) -> Any:
-        """Return the draw that gives a value; raises ValueError if there is none."""
-        if not isinstance(value, int | float) or not self.low <= value <= self.high:
-            raise ValueError
-        step = self.step or (1 if self._whole else None)
-        if step and (Decimal(str(value)) - Decimal(str(self.low))) % Decimal(str(step)):
-            raise ValueError
-        return value
-
-    @property
-    def _whole(self) -> bool:
-        return all(isinstance(x, int) for x in (self.low, self.high, self.step or 1))
-
-
-class Space(NamedTuple):
-    """Options by dotted name, with the values that trials may give them."""
-
-    parameters: Mapping[str, OneOf | Range]
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any], base: Config, source: str) -> Self:
-        """Check a space of plain values: by option, a list of values or the fields of a range.
-
-        Raises:
-            MorlaxError: an option is unknown, or must be equal in all trials, or a range or value
-                of it is not valid.
-        """
+    def __init__(self, values: Mapping[str, Any], base: Config, source: str):
         if not values:
             raise MorlaxError(f"{source} is empty: name options, such as ppo.epochs: [3, 4].")
-        parameters, options = {}, flat(base.model_dump(mode="json"))
-        for name, given in values.items():
-            name = str(name)
-            if any(f"{name}.".startswith(f"{fixed}.") for fixed in FIXED):
-                raise _uneven(source, name)
-            inside = [option for option in options if option.startswith(f"{name}.")]
-            if inside:
-                raise MorlaxError(
-                    f"{source}: {name} is a section: name its options, such as {inside[0]}."
-                )
+        self.base, self.distributions = base, dict[str, Distribution]()
+        for name, choices in values.items():
             try:
-                parameters[name] = _parameter(given, options.get(name))
-            except ValueError as error:
-                raise MorlaxError(f"{source}: {name} {error}.") from None
-            for value in parameters[name].examples:
-                _check(name, value, base, source)
-        return cls(parameters)
+                self._add(str(name), choices)
+            except (MorlaxError, TypeError, ValueError) as error:
+                raise MorlaxError(f"{source}: {name}: {str(error).rstrip('.')}.") from None
+        rehearsal, reason = optuna.create_study(sampler=optuna.samplers.RandomSampler(0)), None
+        for _ in range(ATTEMPTS):
+            try:
+                self.config(rehearsal.ask({**self.distributions}).params)
+                return
+            except MorlaxError as error:
+                reason = error
+        raise MorlaxError(
+            f"{ATTEMPTS} draws from {source} do not fit together, the last one because {reason}"
+        )
 
-    @property
-    def distributions(self) -> dict[str, Distribution]:
-        return {name: each.distribution for name, each in self.parameters.items()}
+    def _add(self, name: str, choices: Any) -> None:
+        """Add an option, or raise ValueError or MorlaxError if it cannot have these values."""
+        options = flat(self.base.model_dump(mode="json"))
+        if any(f"{name}.".startswith(f"{fixed}.") for fixed in FIXED):
+            raise ValueError(SHARED)
+        inside = [option for option in options if option.startswith(f"{name}.")]
+        if inside:
+            raise ValueError(f"it is a section: name its options, such as {inside[0]}")
+        self.distributions[name] = each = _distribution(choices, options.get(name))
+        if isinstance(each, CategoricalDistribution):
+            examples = [*each.choices]
+        else:  # a value between shows whether an option must be whole
+            examples = [each.low, each.high, type(each.low)(0.382 * each.low + 0.618 * each.high)]
+        for example in examples:
+            config = self.config({name: example}, DRAFT)
+            if config.task.for_evaluation() != self.base.task.for_evaluation():
+                raise ValueError(SHARED)
 
-    def options(self, drawn: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the value of each option for a draw of Optuna."""
-        return {name: self.parameters[name].value(value) for name, value in drawn.items()}
-
-    def config(self, base: Config, drawn: Mapping[str, Any]) -> Config:
-        """Return the config of a trial, or raise MorlaxError if values do not fit together."""
-        values = base.model_dump(mode="json")
-        for name, value in self.options(drawn).items():
+    def config(self, draw: Mapping[str, Any], context: Any = None) -> Config:
+        """Return the config of a draw, or raise MorlaxError if values do not fit together."""
+        values = self.base.model_dump(mode="json")
+        for name, drawn in draw.items():
+            value = drawn
+            if isinstance(self.distributions[name], FloatDistribution):
+                value = float(f"{drawn:.6g}")  # so that files show 0.15, not 0.15000000000000002
+            elif isinstance(drawn, str) and drawn.startswith("["):
+                value = json.loads(drawn)
             values = merged(values, nested(name, value))
-        return load_config(values)
+        return load_config(values, context)
 
-    def drawn(self, config: Config) -> dict[str, Any]:
-        """Return the draw that gives a config; empty if the config lies outside the space."""
-        values = flat(config.model_dump(mode="json"))
+    def base_draw(self) -> dict[str, Any]:
+        """Return the draw that gives the base config; empty if it lies outside the space."""
+        options = flat(self.base.model_dump(mode="json"))
+        draw = {name: _label(options.get(name)) for name in self.distributions}
         try:
-            return {name: each.drawn(values[name]) for name, each in self.parameters.items()}
+            optuna.trial.create_trial(params=draw, distributions={**self.distributions}, value=0.0)
         except ValueError:
             return {}
+        return draw
+
+    def suggest(self, trial: optuna.Trial) -> None:
+        """Draw all options of a trial."""
+        for name, each in self.distributions.items():
+            if isinstance(each, CategoricalDistribution):
+                trial.suggest_categorical(name, each.choices)
+            elif isinstance(each, IntDistribution):
+                trial.suggest_int(name, each.low, each.high, step=each.step, log=each.log)
+            else:
+                trial.suggest_float(name, each.low, each.high, step=each.step, log=each.log)
+
+
+def _distribution(choices: Any, base: Any) -> Distribution:
+    if isinstance(choices, dict) and "times" in choices:
+        return CategoricalDistribution(_multiples(choices["times"], base))
+    if isinstance(choices, list):
+        return CategoricalDistribution([_label(choice) for choice in choices])
+    if not isinstance(choices, dict):
+        raise ValueError(f"use a list of values or {{low: ..., high: ...}}, not {choices!r}")
+    values = {key: _label(value) for key, value in choices.items()}
+    numbers = [value for key, value in values.items() if key != "log"]
+    if not all(isinstance(number, int | float) for number in numbers):
+        raise ValueError(f"{numbers} are not all numbers")
+    whole = all(isinstance(number, int) for number in numbers)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Optuna moves `high` to the last step, and says so
+        return IntDistribution(**values) if whole else FloatDistribution(**values)
+
+
+def _multiples(factors: Any, base: Any) -> list[float]:
+    numbers: list[Any] = factors if isinstance(factors, list) else [None]
+    if isinstance(base, bool) or not isinstance(base, int | float):
+        raise ValueError(f"{shortened(base)} in the base config has no multiples")
+    if not all(isinstance(x, int | float) and 0 < x < math.inf for x in numbers):
+        raise ValueError("use a list of positive factors, such as {times: [0.5, 1, 2]}")
+    values = [max(1, round(base * x)) if isinstance(base, int) else base * x for x in numbers]
+    return list(dict.fromkeys(values))
 
 
 def _label(value: Any) -> Any:
-    """Return a value in a type that Optuna's storages keep."""
-    return json.dumps(value) if isinstance(value, list | dict) else value
-
-
-def _number(value: Any) -> Any:
-    """Return a number for text such as 1e-4, which YAML takes as a number only with a point."""
+    """Return a value in a type that Optuna's storages keep; YAML takes 1e-4 as text."""
+    if isinstance(value, list):
+        return json.dumps(value)
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:
         return value
-
-
-def _parameter(given: Any, base: Any) -> OneOf | Range:
-    """Parse the values of one option; raises ValueError with the rest of a sentence."""
-    if isinstance(given, list):
-        return _choice([_number(value) for value in given])
-    if isinstance(given, dict) and "times" in given:
-        return _multiples(given, base)
-    if not isinstance(given, dict) or not {"low", "high"} <= set(given):
-        raise ValueError(
-            f"needs a list of values or {{low: ..., high: ...}}, not {shortened(given)}"
-        )
-    for key in given:
-        if key not in RANGE:
-            raise ValueError(f"has an {str(unknown('key', str(key), RANGE)).rstrip('.')}")
-    if not isinstance(given.get("log", False), bool):
-        raise ValueError(f"has log {shortened(given['log'])}: use true or false")
-    numbers = {key: _number(given[key]) for key in ("low", "high", "step") if key in given}
-    for key, value in numbers.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"has {key} {shortened(value)}, which is not a number")
-        if not abs(value) < math.inf:
-            raise ValueError(f"has {key} {value}, which is not finite")
-    return _range(**numbers, log=given.get("log", False))
-
-
-def _choice(values: list[Any]) -> OneOf:
-    if not values:
-        raise ValueError("has an empty list: name at least one value")
-    for index, value in enumerate(values):
-        if value in values[:index]:
-            raise ValueError(f"lists {shortened(value)} twice")
-    return OneOf(tuple(values))
-
-
-def _multiples(given: dict, base: Any) -> OneOf:
-    factors = [_number(x) for x in given["times"]] if isinstance(given["times"], list) else []
-    numbers = all(isinstance(x, int | float) and 0 < x < math.inf for x in factors)
-    if len(given) > 1 or not factors or not numbers:
-        raise ValueError("needs a list of positive factors, such as {times: [0.5, 1, 2]}")
-    if isinstance(base, bool) or not isinstance(base, int | float):
-        raise ValueError(f"is {shortened(base)} in the base config, which has no multiples")
-    values = [base * x for x in factors]
-    if isinstance(base, int):
-        values = [max(1, round(value)) for value in values]
-    return OneOf(tuple(dict.fromkeys(values)))
-
-
-def _range(low: float, high: float, log: bool, step: float | None = None) -> Range:
-    if low > high:
-        raise ValueError(f"goes from {low} to {high}: low must not be above high")
-    if log and low <= 0:
-        raise ValueError(f"starts at {low}, which has no logarithm: use a low above 0, or no log")
-    if step is not None:
-        if log:
-            raise ValueError("has both log and step: leave one out")
-        if step <= 0:
-            raise ValueError(f"has step {step}: use one above 0")
-        start, gap = Decimal(str(low)), Decimal(str(step))
-        last = start + (Decimal(str(high)) - start) // gap * gap
-        whole = all(isinstance(x, int) for x in (low, high, step))
-        high = int(last) if whole else float(last)
-    return Range(low, high, log, step)
-
-
-def _check(name: str, value: Any, base: Config, source: str) -> None:
-    """Raise MorlaxError unless an option may have this value in a trial."""
-    kind = config_class(base.env, base.algorithm)
-    values = merged(base.model_dump(mode="json"), nested(name, value))
-    try:
-        config = kind.model_validate(values)
-    except ValidationError as error:
-        if any(finding["loc"] for finding in error.errors()):
-            raise MorlaxError(f"{source}: {explained(error, kind)}") from None
-        return  # it may fit together with other values
-    if config.task.for_evaluation() != base.task.for_evaluation():
-        raise _uneven(source, name)
-
-
-def _uneven(source: str, name: str) -> MorlaxError:
-    return MorlaxError(
-        f"{source} names {name}, which all trials share, so that they can be compared: leave it "
-        "out."
-    )

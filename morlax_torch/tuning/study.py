@@ -1,261 +1,400 @@
-"""A study that several processes and machines may share."""
+"""The search: a study of Optuna, whose trials train and are evaluated a few times."""
 
+import csv
+import io
+import json
+import math
 import os
+import random
 import socket
-from typing import Any, NamedTuple
+import warnings
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing, suppress
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Literal, TypeGuard, get_args
 
-from ..configuration.config import Config, flat
-from ..envs import MorlaxError
+import yaml
+from filelock import FileLock
+
+from ..configuration.config import Config, flat, load_config
+from ..configuration.files import changes, merged, space_values, task_values
+from ..envs import MorlaxError, resolve_device
 from ..envs.naming import title
-from ..host.files import runs
-from .plan import Plan, make_pruner, step
-from .sampling import ATTEMPTS, Sampler
-from .storage import open_storage, optuna, quiet
-
-RUNNING, WAITING, FAIL, PRUNED, COMPLETE = (
-    getattr(optuna.trial.TrialState, name)
-    for name in ("RUNNING", "WAITING", "FAIL", "PRUNED", "COMPLETE")
+from ..evaluation.front import hypervolume_in
+from ..host.files import (
+    AnyPath,
+    attempting,
+    make_folder,
+    runs,
+    write_file,
 )
+from ..host.phases import within
+from ..host.resources import release_memory, shortage_of_memory
+from ..runs.progress import Evaluation
+from ..runs.training import Session
+from .space import Space, State, Trial, optuna
+
+Indicator = Literal["hypervolume", "expected_utility", "sparsity", "obedience", "cardinality"]
+FIRST, REDUCTION = 1 / 9, 3  # a third of the trials goes on after 1/9 and 1/3 of the time
+SEEDS = 3  # of the base config, and of a trial that stays the best with each of them
 MOST_DEATHS = 2  # processes that may die in the same trial before it counts as failed
+HEARTBEAT, SILENCE = 60, 600  # seconds: how often a trial in a database tells that it runs
+REPEATS = 20  # proposals that were run before, and then draws, in a row, until one is run again
+ENOUGH = 20  # trials, from which on TPE draws every second one
+CHANGED = 0.1  # share of the options that a trial changes, beside one
+FEWEST = 10  # trials, from which on the importance of options is known
+JOURNAL = b'{"op_code":'  # begins every line of a journal
 
 
-class Result(NamedTuple):
-    number: int
-    state: str  # complete, pruned or failed
-    base: bool  # whether it is the unchanged base config
-    config: Config
-    options: dict[str, Any]  # of the space, by name
-    indicators: dict[str, float] = {}  # of its best evaluation; empty if it failed
-    train_seconds: float = 0.0
-    env_steps: int = 0
-    seeds: int = 1  # that numbers are means of
-    reason: str = ""  # of a failure
+class Search:
+    """A search for hyperparameters, whose study several processes and machines may share.
 
+    Trial 0 is `config`, and an existing study continues. The `user_attrs` of a trial are its
+    `options`, whether it is the `base` config, and what was `measured`: the indicators of its best
+    evaluation, `train_seconds` and `env_steps`, means over so many `seeds`; or the `reason` why it
+    failed. A failed trial without a reason is void: it was interrupted, or never began.
 
-class Claim(NamedTuple):
-    """A trial that this process runs."""
-
-    trial: optuna.Trial
-    base: bool
-    config: Config
-    deaths: int  # of processes that ran it before
-
-
-class Study:
-    """A study, which several processes and machines may share.
-
-    A trial that fails stores its reason. A failed trial without one is void: it was interrupted,
-    and its options are queued again. `storage` and `name` are those of `tune`.
+    Args:
+        config: of the task; options outside the space keep its values.
+        space: the search space, as plain values or a YAML file (None: configs/tuning/space.yaml).
+        output: folder of trials.csv and best.yaml (None: tuning/<task>).
+        seconds: training time of each trial.
+        indicators: to optimize; several look for trade-offs, without pruning.
+        storage: path of a journal file, or URL of a database (None: journal.log in `output`).
+        study: name of the study in its storage (None: the task).
 
     Raises:
-        MorlaxError: the storage cannot be used, or has a study of this name with another plan.
+        MorlaxError: space, indicators or storage cannot be used, or the storage has a study of this
+            name with other options.
     """
 
-    def __init__(self, plan: Plan, storage: str, name: str | None = None):
-        self.plan, self.storage, self.name = plan, storage, name or title(plan.base.env)
-        self._space, seconds = plan.space, plan.base.max_seconds or 0.0
-        self._base = plan.space.drawn(plan.base)
-        self._invalid: MorlaxError | None = None
-        sampler = Sampler(plan, self._base, self._valid)
-        with quiet():
-            self._try_space(sampler)
-            place = open_storage(storage)
-            try:
-                self._study = optuna.create_study(
-                    storage=place,
-                    sampler=sampler,
-                    pruner=make_pruner(seconds),
-                    study_name=self.name,
-                    directions=plan.directions,
-                    load_if_exists=True,
-                )
-                self._check_plan()
-            except (ValueError, KeyError, OSError) as error:
-                raise MorlaxError(f"cannot use the storage {storage}: {error}.") from None
+    def __init__(
+        self,
+        config: Config,
+        space: Mapping[str, Any] | AnyPath | None = None,
+        output: AnyPath | None = None,
+        *,
+        seconds: float = 60.0,
+        indicators: tuple[Indicator, ...] = ("hypervolume",),
+        storage: str | None = None,
+        study: str | None = None,
+    ):
+        if not 0 < len(indicators) == len({*indicators} & {*get_args(Indicator)}):
+            raise MorlaxError(f"name each indicator once, of {', '.join(get_args(Indicator))}.")
+        limits = {"max_seconds": seconds, "max_env_steps": None, "evaluation": {"every": None}}
+        self.base = load_config(merged(config.model_dump(mode="json"), limits))
+        source = "the search space" if isinstance(space, Mapping | None) else f"the space {space}"
+        if not isinstance(space, Mapping):
+            space = space_values(space, resolve_device(config.device).type)
+        self.space = Space(space, self.base, source)
+        self.folder = Path(output or Path("tuning") / title(config.env))
+        self.storage = storage or str(self.folder / "journal.log")
+        self.seconds, self.indicators, self._repeats = seconds, indicators, 0
+        self.main = indicators[0] if len(indicators) == 1 else "hypervolume"
+        first = max(1, int(1000 * FIRST * seconds))
+        try:
+            self.study = optuna.create_study(
+                storage=_open(self.storage),
+                sampler=optuna.samplers.TPESampler(
+                    n_startup_trials=ENOUGH, multivariate=True, constant_liar=True
+                ),
+                pruner=optuna.pruners.SuccessiveHalvingPruner(first, REDUCTION),
+                study_name=study or title(config.env),
+                directions=["minimize" if x == "sparsity" else "maximize" for x in indicators],
+                load_if_exists=True,
+            )
+            self._begin()
+        except MorlaxError:
+            raise
+        except Exception as error:  # each database and driver fails in its own way
+            raise _unusable(self.storage, error) from None
 
-    def _try_space(self, sampler: Sampler) -> None:
-        """Raise MorlaxError before training if almost no draw from the space is a valid config."""
-        attempt = optuna.create_study(sampler=sampler)
-        attempt.ask()  # the base config
-        drawn = attempt.ask(self._space.distributions).params
-        if not self._valid(drawn):
-            raise self._misfit()
+    def _begin(self) -> None:
+        """Queue the base config in a new study; raise MorlaxError if an old one has other options.
 
-    def _misfit(self) -> MorlaxError:
-        return MorlaxError(
-            f"{ATTEMPTS} draws from the search space do not fit together, the last one because "
-            f"{self._invalid}"
-        )
-
-    def _check_plan(self) -> None:
+        Only trials with equal options can be compared.
+        """
+        plan = flat(self.base.model_dump(mode="json", exclude={"device", "max_seconds"}))
+        plan |= {"seconds": self.seconds, "indicators": self.indicators}
+        plan = json.loads(json.dumps({**plan, "space": str(self.space.distributions)}))
         # in this order: a process that starts at the same time sets the plan before its first trial
-        empty = not self._study.get_trials(deepcopy=False)
-        own, known = self.plan.description(), self._study.user_attrs.get("plan")
-        if known is None and empty:
-            self._study.set_user_attr("plan", own)
-        elif known is None:
-            raise MorlaxError(f"the study {self.name!r} in {self.storage} is of another program.")
-        one, other = flat(known or own), flat(own)
-        for name in (key for key in {**one, **other} if one.get(key) != other.get(key)):
+        empty, stored = not self.study.trials, self.study.user_attrs.get("plan")
+        if stored is None and empty:
+            self.study.set_user_attr("plan", plan)
+            self.study.enqueue_trial(self.space.base_draw(), {"base": True})
+            return
+        stored = stored or {}
+        for name in (key for key in {**stored, **plan} if stored.get(key) != plan.get(key)):
             raise MorlaxError(
-                f"the study {self.name!r} in {self.storage} was started with another "
-                f"{_option(name)}: choose another --study or --output, or start it with the same "
-                "options."
+                f"the study {self.study.study_name!r} in {self.storage} was started with another "
+                f"--{name}: choose another --study or --output, or start it with the same options."
             )
 
-    def _valid(self, drawn: dict[str, Any]) -> bool:
-        try:
-            self._space.config(self.plan.base, drawn)
-            return True
-        except MorlaxError as error:
-            self._invalid = error
-            return False
+    def trials(self) -> list[Trial]:
+        """Return all trials that are not void."""
+        return [each for each in self.study.get_trials(deepcopy=False) if not _is_void(each)]
 
-    def claim(self, most: int) -> Claim | None:
-        """Start a trial, unless `most` have been started; raises MorlaxError if none fits."""
-        with quiet():
-            self._revive()
-            if len([t for t in self._counted() if t.state != WAITING]) >= most:
-                return None
-            trial = self._study.ask()
-            # the storage orders trials, so processes that start one at the same time agree
-            if len([t for t in self._counted() if t.number < trial.number]) >= most:
-                self._study.tell(trial, state=FAIL)
-                return None
-            base = trial.number == 0 or trial.user_attrs.get("base", False)
-            about = {"host": socket.gethostname(), "process": os.getpid(), "base": base}
-            for name, value in about.items():
-                trial.set_user_attr(name, value)
-            if self._base or not base:
-                for name, distribution in self._space.distributions.items():
-                    _suggest(trial, name, distribution)
-            if not base and not self._valid(trial.params):
-                self._study.tell(trial, state=FAIL)
-                raise self._misfit()
-            config = self._config(trial, base)
-            return Claim(trial, base, config, trial.user_attrs.get("deaths", 0))
+    def finished(self) -> list[Trial]:
+        return [trial for trial in self.trials() if trial.state.is_finished()]
 
-    def _config(self, trial: Any, base: bool) -> Config:
-        return self.plan.base if base else self._space.config(self.plan.base, trial.params)
+    def ranked(self) -> list[Trial]:
+        """Return the complete trials, the best ones first; of several indicators, the front."""
+        trials = [trial for trial in self.trials() if trial.state == State.COMPLETE]
+        if len(self.indicators) > 1:
+            trials = self.study.best_trials
+        return sorted(trials, key=lambda t: self._score(t.user_attrs["measured"]), reverse=True)
 
-    def prunes(self, claim: Claim, value: float, train_seconds: float) -> bool:
-        """Report the main indicator of a running trial, and return whether to stop it."""
-        if len(self.plan.indicators) > 1:
-            return False
-        with quiet():
-            claim.trial.report(value, step(train_seconds))
-            return claim.trial.should_prune() and not claim.base
+    def _score(self, measured: Mapping[str, float]) -> float:
+        return -measured[self.main] if self.main == "sparsity" else measured[self.main]
 
-    def looks_best(self, claim: Claim, indicators: dict[str, float]) -> bool:
-        """Return whether a trial is the base config, or better than all complete trials."""
-        if len(self.plan.indicators) > 1:
-            return False
-        best, score = self.ranked()[:1], self.plan.sign * indicators[self.plan.main]
-        return claim.base or not best or score > self.score(best[0])
+    def config(self, trial: Trial | optuna.Trial) -> Config:
+        return self.base if trial.user_attrs.get("base") else self.space.config(trial.params)
 
-    def finish(
+    def run(
         self,
-        claim: Claim,
-        indicators: dict[str, float],
-        train_seconds: float,
-        env_steps: int,
-        seeds: int = 1,
-        pruned: bool = False,
-    ) -> Result:
-        found = {
-            "train_seconds": train_seconds,
-            "env_steps": env_steps,
-            "seeds": seeds,
-            "indicators": indicators,
-        }
-        for name, value in found.items():
-            claim.trial.set_user_attr(name, value)
-        values = [indicators[name] for name in self.plan.indicators]
-        return self._tell(claim, *((PRUNED, None) if pruned else (COMPLETE, values)))
+        trials: int = 50,
+        stopped: Callable[[], bool] = lambda: False,
+        on_trial: Callable[[Trial], object] = lambda trial: None,
+    ) -> None:
+        """Run trials until the study has so many, those of other processes included.
 
-    def fail(self, claim: Claim, reason: str) -> Result:
-        claim.trial.set_user_attr("reason", reason)
-        return self._tell(claim, FAIL, None)
+        `stopped` is asked after each training iteration; true ends the search, and its running
+        trial is queued again. `on_trial` is called with each trial once it is written.
+        """
 
-    def _tell(self, claim: Claim, state: Any, values: list[float] | None) -> Result:
-        with quiet():
-            return self._result(self._study.tell(claim.trial, values, state))
+        def finished(study: optuna.Study, trial: Trial) -> None:
+            if not _is_void(trial):
+                self.write()
+                on_trial(trial)
 
-    def put_back(self, claim: Claim) -> None:
-        self._again(claim.trial.number, claim.trial.params, claim.base, claim.deaths)
-
-    def _again(self, number: int, params: dict[str, Any], base: bool, deaths: int) -> None:
-        with quiet():
-            try:
-                self._study.tell(number, state=FAIL)
-            except (ValueError, optuna.exceptions.UpdateFinishedTrialError):
-                return  # another process has told it
-            attributes = {"base": base, "deaths": deaths}
-            self._study.enqueue_trial(params, attributes)
+        self._most, self._stopped = trials, stopped
+        try:
+            while not stopped():
+                self._revive()
+                begun = sum(trial.state != State.WAITING for trial in self.trials())
+                if begun >= trials:
+                    return
+                if self._repeats < REPEATS and (begun < ENOUGH or begun % 2):
+                    self._propose()
+                self.study.optimize(self._run, 1, callbacks=[finished])
+        except Exception as error:
+            cause: BaseException | None = error
+            while not _is_of_storage(cause):
+                if cause is None:
+                    raise
+                cause = cause.__context__
+            raise _unusable(self.storage, cause.__cause__ or cause) from None
 
     def _revive(self) -> None:
         """Queue the trials of this machine's processes that are gone."""
-        for trial in self._study.get_trials(deepcopy=False, states=(RUNNING,)):
-            about = trial.user_attrs
-            if about.get("host") == socket.gethostname() and not runs(about.get("process", 0)):
-                base, deaths = about.get("base", False), about.get("deaths", 0) + 1
-                self._again(trial.number, trial.params, base, deaths)
+        for trial in self.study.get_trials(deepcopy=False, states=(State.RUNNING,)):
+            host, process = trial.user_attrs.get("process", ("", 0))
+            if host == socket.gethostname() and not runs(process):
+                # another process may have queued it meanwhile
+                with suppress(ValueError, optuna.exceptions.UpdateFinishedTrialError):
+                    self.study.tell(trial.number, state=State.FAIL)
+                    _queue_again(self.study, trial)
 
-    def _counted(self) -> list[optuna.trial.FrozenTrial]:
-        trials = self._study.get_trials(deepcopy=False)
-        return [t for t in trials if t.state != FAIL or "reason" in t.user_attrs]
+    def _propose(self) -> None:
+        """Queue a trial that keeps most options of the best one; the sampler draws the others.
 
-    def results(self) -> list[Result]:
-        return [self._result(t) for t in self._counted() if t.state.is_finished()]
-
-    def _result(self, trial: optuna.trial.FrozenTrial) -> Result:
-        about, base = trial.user_attrs, trial.user_attrs.get("base", False)
-        config = self._config(trial, base)
-        values = flat(config.model_dump(mode="json"))
-        state = {COMPLETE: "complete", PRUNED: "pruned", FAIL: "failed"}[trial.state]
-        options = {name: values[name] for name in self._space.parameters}
-        known = {name: about[name] for name in Result._field_defaults if name in about}
-        return Result(trial.number, state, base, config, options, **known)
-
-    def ranked(self) -> list[Result]:
-        """Return the complete trials, the best ones first.
-
-        Of several indicators, only non-dominated trials, by hypervolume.
+        Most random combinations of many options do not train, and a search has few trials.
         """
-        found = [result for result in self.results() if result.state == "complete"]
-        if len(self.plan.indicators) > 1:
-            with quiet():
-                best = {trial.number for trial in self._study.best_trials}
-            found = [result for result in found if result.number in best]
-        return sorted(found, key=self.score, reverse=True)
+        best = [trial.params for trial in self.study.best_trials] or [self.space.base_draw()]
+        options = random.choice(best)
+        if options and not self.study.get_trials(deepcopy=False, states=(State.WAITING,)):
+            one = random.choice([*options])
+            kept = [name for name in options if name != one and random.random() >= CHANGED]
+            self.study.enqueue_trial({name: options[name] for name in kept})
 
-    def score(self, result: Result) -> float:
-        """Return the main indicator of a trial that has not failed, negated if lower is better."""
-        return self.plan.sign * result.indicators[self.plan.main]
+    def _run(self, trial: optuna.Trial) -> list[float]:
+        """Return the indicators of a trial; none if it has failed, or is void."""
+        # the storage orders trials, so processes that start one at the same time agree
+        earlier = [each for each in self.trials() if each.number < trial.number]
+        if len(earlier) >= self._most:
+            return []
+        trial.set_user_attr("process", (socket.gethostname(), os.getpid()))
+        if not trial.user_attrs.get("base") or self.space.base_draw():
+            self.space.suggest(trial)
+        try:
+            values = flat(self.config(trial).model_dump(mode="json"))
+        except MorlaxError:  # its values do not fit together
+            return []
+        repeated = any(each.params == trial.params for each in earlier)
+        self._repeats = self._repeats + 1 if repeated else 0
+        if repeated and self._repeats <= 2 * REPEATS:
+            return []
+        options = {name: values.get(name) for name in self.space.distributions}
+        trial.set_user_attr("options", options)
+        try:
+            if (deaths := trial.user_attrs.get("deaths", 0)) >= MOST_DEATHS:
+                raise MorlaxError(f"{deaths} processes died in it.")
+            return self._train(trial)
+        except optuna.TrialPruned:
+            raise
+        except BaseException as error:
+            reason = str(error) if isinstance(error, MorlaxError) else None
+            if isinstance(error, MemoryError | RuntimeError):
+                reason = shortage_of_memory(error)
+            if reason is None:
+                _queue_again(self.study, trial, died=False)
+                raise
+            trial.set_user_attr("reason", reason)
+            return []
+        finally:
+            release_memory()
 
-    def base_result(self) -> Result | None:
-        """Return the trial of the base config, once it is complete."""
-        return next((r for r in self.results() if r.base and r.state == "complete"), None)
+    def _train(self, trial: optuna.Trial) -> list[float]:
+        """Train once, or with several seeds if the trial looks like the best one so far.
 
-    def trials_with_options(self) -> list[optuna.trial.FrozenTrial]:
-        """Return the complete and pruned trials whose options are all in the space."""
-        found = self._study.get_trials(deepcopy=False, states=(COMPLETE, PRUNED))
-        return [trial for trial in found if set(trial.params) == set(self._space.parameters)]
+        The best of many trials is partly luck, which other seeds do not share.
+        """
+        base, single = trial.user_attrs.get("base"), len(self.indicators) == 1
+        config, trainings, measured = self.config(trial), [], {}
+        for number in range(SEEDS):
+            with within(f"trial {trial.number}, seed {number + 1}"):
+                seeded = config.model_copy(update={"seed": config.seed + number})
+                training = self._train_once(trial if single and not number else None, seeded)
+            if training is None:
+                _queue_again(self.study, trial, died=False)
+                return []
+            trainings.append(training)
+            release_memory()
+            measured = {name: fmean(each[name] for each in trainings) for name in training}
+            steps = round(measured["env_steps"])
+            stored = {**measured, "env_steps": steps, "seeds": number + 1}
+            trial.set_user_attr("measured", stored)
+            if training["train_seconds"] < self.seconds:
+                raise optuna.TrialPruned
+            best = self.ranked()[:1]
+            beaten = best and self._score(measured) <= self._score(best[0].user_attrs["measured"])
+            if not single or (beaten and not base):
+                break
+        return [measured[name] for name in self.indicators]
+
+    def _train_once(self, trial: optuna.Trial | None, config: Config) -> dict[str, float] | None:
+        """Return the numbers of the best evaluation, or None if stopped; `trial` may be pruned."""
+        chosen, record, seconds, steps = {}, -math.inf, 0.0, 0
+        with closing(evaluations(config, self._stopped)) as evaluated:
+            for evaluation in evaluated:
+                score = self._score(_plain(evaluation.measured))
+                if not chosen or score > record:
+                    chosen, record = _plain(evaluation.indicators), score
+                seconds, steps = evaluation.train_seconds, evaluation.env_steps
+                if trial is not None and steps and seconds < self.seconds:
+                    trial.report(chosen[self.main], int(1000 * seconds))
+                    if trial.should_prune() and not trial.user_attrs.get("base"):
+                        break
+            else:
+                if seconds < self.seconds:
+                    return None
+        return {**chosen, "train_seconds": seconds, "env_steps": steps}
+
+    def write(self) -> None:
+        """Write trials.csv and, once a trial is complete, best.yaml, or raise MorlaxError."""
+        measured = (*get_args(Indicator), "train_seconds", "env_steps", "seeds")
+        names = ("number", "state", "base", *measured, *self.space.distributions, "reason")
+        table = io.StringIO()
+        writer = csv.DictWriter(table, names, extrasaction="ignore")
+        writer.writeheader()
+        for trial in self.finished():
+            about = {**trial.user_attrs, "number": trial.number, "state": trial.state.name.lower()}
+            writer.writerow({**about, **about["options"], **about.get("measured", {})})
+        make_folder(self.folder)
+        # processes must not replace newer files by older ones
+        with attempting(f"write to {self.folder}"), FileLock(self.folder / ".lock"):
+            write_file(self.folder / "trials.csv", table.getvalue())
+            for best in self.ranked()[:1]:
+                write_file(self.folder / "best.yaml", self._yaml(best))
+
+    def _yaml(self, trial: Trial) -> str:
+        config, measured = self.config(trial), trial.user_attrs["measured"]
+        device = resolve_device(config.device).type
+        tuned = load_config(task_values(config.env, device, config.algorithm))
+        values = config.model_dump(mode="json", exclude={"device", "backend"})
+        values = changes(tuned.model_dump(mode="json"), values)
+        values = {"env": config.env, "algorithm": config.algorithm, **values}
+        return (
+            f"# Trial {trial.number} of {self.study.study_name}: {self.main} "
+            f"{measured[self.main]:.4e} after {measured['train_seconds']:.1f} s of training, "
+            f"the mean of {measured['seeds']} seeds.\n"
+            f"# morlax train --config best.yaml --device {device}\n"
+        ) + yaml.safe_dump(values, sort_keys=False)
+
+    def importances(self) -> dict[str, float]:
+        """Return the share of each option in what makes good trials differ, by PED-ANOVA."""
+        complete = [trial for trial in self.finished() if trial.state == State.COMPLETE]
+        if len(complete) < FEWEST or len(self.indicators) > 1:
+            return {}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # says that few trials tell little
+            return optuna.importance.get_param_importances(self.study)
 
 
-def _option(name: str) -> str:
-    """Return the option that sets a value of a plan's description."""
-    if name.startswith("space."):
-        return "--space"
-    own = {"config.max_seconds": "--seconds", "indicators": "--indicators"}
-    return own.get(name, name.removeprefix("config."))
+def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evaluation, None, None]:
+    """Train until max_seconds, and yield evaluations at its start, at its end and between."""
+    times = [share * (config.max_seconds or 0.0) for share in (FIRST, REDUCTION * FIRST, 2 / 3)]
+    session = Session.of(config, written=False)
+    yield from session.training(stopped=stopped, evaluate_at=times)
 
 
-def _suggest(trial: optuna.Trial, name: str, distribution: Any) -> None:
-    if isinstance(distribution, optuna.distributions.CategoricalDistribution):
-        trial.suggest_categorical(name, distribution.choices)
-        return
-    whole = isinstance(distribution, optuna.distributions.IntDistribution)
-    suggest = trial.suggest_int if whole else trial.suggest_float
-    steps = {"step": distribution.step, "log": distribution.log}
-    suggest(name, distribution.low, distribution.high, **steps)
+def _is_of_storage(error: BaseException | None) -> TypeGuard[BaseException]:
+    """Return whether Optuna could not write; others name a file, or are no such error."""
+    full = isinstance(error, OSError) and error.filename is None
+    return full or isinstance(error, optuna.exceptions.StorageInternalError)
+
+
+def _is_void(trial: Trial) -> bool:
+    return trial.state == State.FAIL and "reason" not in trial.user_attrs
+
+
+def _queue_again(study: optuna.Study, trial: Trial | optuna.Trial, died: bool = True) -> None:
+    """Queue a trial that its process has not finished."""
+    about = trial.user_attrs
+    attributes = {"base": about.get("base", False), "deaths": about.get("deaths", 0) + died}
+    study.enqueue_trial(trial.params, attributes)
+
+
+def _plain(indicators: Mapping[str, float]) -> dict[str, float]:
+    values = {**indicators, "hypervolume": indicators[hypervolume_in(indicators)]}
+    return {name: float(values[name]) for name in get_args(Indicator)}
+
+
+class _Lock(optuna.storages.journal.JournalFileSymlinkLock):
+    """Whoever gets it first cuts off an incomplete last line, which a full disk leaves."""
+
+    def acquire(self) -> bool:
+        super().acquire()
+        content = Path(self._lock_target_file).read_bytes()
+        if not content.endswith(b"\n"):
+            os.truncate(self._lock_target_file, content.rfind(b"\n") + 1)
+        return True
+
+
+def _open(storage: str) -> optuna.storages.BaseStorage:
+    """Open a journal file, or the database of a URL, such as postgresql://..."""
+    if "://" in storage:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # heartbeats are experimental
+            return optuna.storages.RDBStorage(
+                storage,
+                heartbeat_interval=HEARTBEAT,
+                grace_period=SILENCE,
+                heartbeat_stale_trial_callback=_queue_again,
+            )
+    path = Path(storage)
+    make_folder(path.parent)
+    if path.exists() and not (path.is_file() and JOURNAL.startswith(path.read_bytes()[:11])):
+        raise MorlaxError(
+            f"cannot use the storage {storage}: it is not a journal of tune. Name a new file, or a "
+            "database, such as sqlite:///study.db."
+        )
+    return optuna.storages.JournalStorage(
+        optuna.storages.journal.JournalFileBackend(storage, _Lock(storage))
+    )
+
+
+def _unusable(storage: str, error: BaseException) -> MorlaxError:
+    reason = getattr(error, "strerror", None) or str(error).split("\n")[0]
+    return MorlaxError(f"cannot use the storage {storage}: {' '.join(reason.split()).rstrip('.')}.")

@@ -1,4 +1,4 @@
-"""The JavaScript libraries of the page: fixed versions from the npm registry, kept in a cache."""
+"""The files of the page, and its JavaScript libraries: fixed versions from npm, kept in a cache."""
 
 import base64
 import hashlib
@@ -8,16 +8,16 @@ import os
 import tarfile
 import urllib.error
 import urllib.request
-from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
 from ..envs import MorlaxError
-from ..host.files import write_file
+from ..host.files import make_folder, write_file
 from ..host.phases import phase
 
 REGISTRY = "https://registry.npmjs.org"
 PATIENCE = 60  # s without an answer
+HERE = Path(__file__).parent
 
 
 class Library(NamedTuple):
@@ -68,24 +68,34 @@ LIBRARIES = (
 )
 
 
+def page_files() -> dict[str, bytes]:
+    """Return the contents of the page's own files by path, such as "stage/stage.js"."""
+    page = HERE / "page"
+    return {
+        file.relative_to(page).as_posix(): file.read_bytes()
+        for file in page.rglob("*")
+        if file.is_file()
+    }
+
+
 def files(*packages: str) -> dict[str, bytes]:
     """Return the files of libraries, or of all, by name, and their licenses.
 
     Raises:
         MorlaxError: a library is neither in the cache nor can it be downloaded.
     """
-    found: dict[str, bytes] = {}
+    contents: dict[str, bytes] = {}
     for library in LIBRARIES:
         if packages and library.package not in packages:
             continue
         with tarfile.open(fileobj=io.BytesIO(_archive(library)), mode="r:gz") as archive:
             for path, name in library.files.items():
-                found[name] = _member(archive, path)
-            ours = resources.files(str(__package__)) / "licenses" / library.license
+                contents[name] = _member(archive, path)
             inside = f"package/{library.license}" in archive.getnames()
+            ours = HERE / "licenses" / library.license
             text = _member(archive, library.license) if inside else ours.read_bytes()
-        found[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
-    return found
+        contents[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
+    return contents
 
 
 def cache() -> Path:
@@ -112,12 +122,7 @@ def _archive(library: Library) -> bytes:
             f"{library.address} has another SHA-512 than expected: it was changed on the way, try "
             "another network."
         )
-    try:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MorlaxError(
-            f"cannot make the cache {kept.parent} ({error.strerror}): set XDG_CACHE_HOME."
-        ) from None
+    make_folder(kept.parent)
     write_file(kept, data)
     return data
 

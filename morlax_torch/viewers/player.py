@@ -9,6 +9,8 @@ from .. import envs
 from ..envs import TimeStep
 from ..networks.policy import Policy
 
+PUSH = 1.5  # m/s added to the robot's velocity by a push
+
 
 class Player:
     """One world of the policy's task on C MuJoCo, driven by the deterministic policy.

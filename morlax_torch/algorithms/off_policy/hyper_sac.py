@@ -11,7 +11,7 @@ from ...configuration.sections import HyperSACOptions
 from ...envs import Worlds
 from ...gpu.optimizer import ClippedAdam
 from ...networks.gaussian import TanhNormal
-from ...networks.twins import smaller
+from ...networks.mlp import smaller
 from ..rollout import Explore, Rollout
 from .learner import OffPolicy
 from .replay import Transitions

@@ -13,8 +13,7 @@ from ...envs import MorlaxError, Worlds
 from ...gpu.group import ALONE, Group
 from ...gpu.optimizer import ClippedAdam
 from ...host.resources import one_thread
-from ..base import BaseLearner, make_agent
-from ..metrics import read
+from ..base import BaseLearner, copies, make_agent, restore
 from ..rollout import Explore, Rollout, collect
 from .replay import Replay
 
@@ -124,9 +123,9 @@ class OffPolicy(BaseLearner):
             **dict(zip(rewards, self._rewards / max(1, self._iterations), strict=True)),
             **self._other_metrics(),
         }
-        found = read(parts, self.env, self._episodes, self.group)
+        metrics = self._read(parts)
         self._restart_metrics()
-        return found
+        return metrics
 
     def _other_metrics(self) -> dict[str, Tensor]:
         return {}
@@ -145,29 +144,20 @@ class OffPolicy(BaseLearner):
         torch._foreach_lerp_(targets, own, rate)
 
     def _tensors(self) -> dict[str, list[Tensor]]:
-        """Return the tensors of the state, without those of agent and worlds, by name."""
         return {
             "target": [x for target in self.targets for x in target.parameters()],
             "optimizers": [x for optimizer in self.optimizers for x in optimizer.state()],
-            **({"replay": self.replay.state()} if self._keeps_replay else {}),
         }
 
     def state_dict(self) -> dict[str, Any]:
-        tensors = self._tensors().items()
-        return {
-            **{name: [value.detach().clone() for value in values] for name, values in tensors},
-            **super().state_dict(),
-            "held": self._held,
-        }
+        replay = {"replay": copies(self.replay.state())} if self._keeps_replay else {}
+        return {**super().state_dict(), **replay, "held": self._held}
 
-    @torch.no_grad()
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        own = self._tensors()
-        for name in own.keys() & state.keys():
-            for mine, stored in zip(own[name], state[name], strict=True):
-                mine.copy_(stored)
         super().load_state_dict(state)
         self._held = state["held"]
-        if not (self._keeps_replay and "replay" in state):
+        if self._keeps_replay and "replay" in state:
+            restore(self.replay.state(), state["replay"])
+        else:
             self.replay.clear()
             self._held = 0

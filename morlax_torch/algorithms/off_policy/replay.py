@@ -38,12 +38,19 @@ class Replay:
     """
 
     def __init__(self, capacity: int, clusters: int, env: Worlds):
-        _check_memory(capacity * env.num_worlds, env)
+        features, number = env.observation_size + env.privileged_size, capacity * env.num_worlds
+        size = 4 * (2 * features + env.action_size + len(env.objectives)) + 2  # bytes of each
+        most = MOST * memory_of(env.device)
+        if number * size > most:
+            raise MorlaxError(
+                f"a replay of {number:,} transitions takes {number * size / 2**30:.1f} GiB, more "
+                f"than {MOST:.0%} of the memory of {env.device}: "
+                f"try --method.replay {int(most / size)}."
+            )
 
         def zeros(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
             return torch.zeros(capacity, env.num_worlds, *shape, dtype=dtype, device=env.device)
 
-        features = env.observation_size + env.privileged_size
         self.capacity, self.num_worlds = capacity, env.num_worlds
         self._observation, self._following = zeros(features), zeros(features)
         self._action, self._reward = zeros(env.action_size), zeros(len(env.objectives))
@@ -53,16 +60,8 @@ class Replay:
 
     def state(self) -> list[Tensor]:
         """Return all tensors, in a fixed order; all are updated in place."""
-        return [
-            self._observation,
-            self._following,
-            self._action,
-            self._reward,
-            self._terminated,
-            self._over,
-            self._stored,
-            self._tradeoff,
-        ]
+        episodes = self._terminated, self._over, self._stored, self._tradeoff
+        return [self._observation, self._following, self._action, self._reward, *episodes]
 
     def clear(self) -> None:
         self._stored.zero_()
@@ -79,8 +78,8 @@ class Replay:
             (self._terminated, rollout.terminated),
             (self._over, rollout.terminated | rollout.truncated),
         )
-        for mine, given in pairs:
-            mine.index_copy_(0, rows, given.flatten(1, 2))
+        for column, values in pairs:
+            column.index_copy_(0, rows, values.flatten(1, 2))
         self._tradeoff.index_copy_(0, rows, tradeoffs.expand(steps, -1, -1))
         self._stored += steps
 
@@ -126,15 +125,4 @@ class Replay:
             self._following[last, world],
             torch.where(ended, 0.0, factor)[:, None],
             self._tradeoff[first, world // (self.num_worlds // self._tradeoff.shape[1])],
-        )
-
-
-def _check_memory(number: int, env: Worlds) -> None:
-    features = env.observation_size + env.privileged_size
-    size = 4 * (2 * features + env.action_size + len(env.objectives)) + 2  # bytes of a transition
-    most = MOST * memory_of(env.device)
-    if number * size > most:
-        raise MorlaxError(
-            f"a replay of {number:,} transitions takes {number * size / 2**30:.1f} GiB, more than "
-            f"{MOST:.0%} of the memory of {env.device}: try --method.replay {int(most / size)}."
         )

@@ -1,11 +1,19 @@
-"""The interface of a scalarization, and the weighted sum."""
+"""Scalarizations: how a trade-off turns the returns of several objectives into one utility."""
 
 from collections.abc import Sequence
 from typing import Protocol
 
+import torch
 from torch import Tensor
 
 from ...gpu.group import ALONE, Group
+
+FORGETTING = 0.01  # share by which the range shrinks towards today's returns, per iteration
+SMOOTHNESS = 0.05  # mu, in units of the range between nadir and ideal
+AUGMENTATION = 0.05  # rho
+LEVELS = 33  # for which multipliers are kept, evenly from the nadir to the ideal point
+RATE = 0.3  # of the multipliers, per iteration
+MOST = 100.0  # of a multiplier
 
 
 class Scalarization(Protocol):
@@ -16,7 +24,7 @@ class Scalarization(Protocol):
     inside a recorded graph: fixed shapes, updates in place, no GPU sync.
     """
 
-    uses_returns: bool
+    uses_returns: bool = True
     """Whether the weights depend on the returns."""
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
@@ -39,7 +47,7 @@ class Scalarization(Protocol):
         return {}
 
 
-class Linear(Scalarization):
+class WeightedSum(Scalarization):
     """The weighted sum u(w, r) = w . r, whose best policies lie on the convex part of a front."""
 
     uses_returns = False
@@ -49,3 +57,146 @@ class Linear(Scalarization):
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         return tradeoffs
+
+
+class Ranged(Scalarization):
+    """A scalarization that measures returns between a running ideal and nadir point.
+
+    These are the best and worst expected return in each objective. A return beyond the range widens
+    it at once. Otherwise both points move slowly towards today's best and worst returns, so that
+    those of the first policies are forgotten.
+    """
+
+    def __init__(self, num_objectives: int, device: torch.device):
+        most = torch.finfo(torch.float32).max  # the first returns replace it
+        self.ideal = torch.full((num_objectives,), -most, dtype=torch.float32, device=device)
+        self.nadir = -self.ideal
+
+    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
+        best = group.largest_(torch.cat([returns.amax(0), -returns.amin(0)]))
+        high, low = best[: len(self.ideal)], -best[len(self.ideal) :]
+        slow_high = self.ideal + FORGETTING * (high - self.ideal)
+        slow_low = self.nadir + FORGETTING * (low - self.nadir)
+        seen = self.nadir <= self.ideal
+        self.ideal.copy_(torch.where(seen, torch.maximum(slow_high, high), high))
+        self.nadir.copy_(torch.where(seen, torch.minimum(slow_low, low), low))
+
+    def scale(self) -> Tensor:
+        """Return the width of the range (m,), above zero."""
+        width = self.ideal - self.nadir
+        return width.clamp(min=1e-6 * self.ideal.abs().clamp(min=1.0))
+
+    def distances(self, returns: Tensor) -> Tensor:
+        """Return how far returns (K, m) lie below the ideal point, in units of the range."""
+        return (self.ideal - returns) / self.scale()
+
+    def state(self) -> list[Tensor]:
+        return [self.ideal, self.nadir]
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        points = {"best_return": self.ideal, "worst_return": self.nadir}
+        return {
+            f"{kind}/{name}": value
+            for kind, point in points.items()
+            for name, value in zip(objectives, point, strict=True)
+        }
+
+
+class AugmentedChebyshev(Ranged):
+    """u = -max_i w_i d_i - rho sum_i w_i d_i, with d_i the distance to the ideal point.
+
+    (Steuer and Choo, 1983. `Ranged` defines the distance.) The gradient is that of the objective
+    that lies furthest behind, and a little of all.
+    """
+
+    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        behind = tradeoffs * self.distances(returns)
+        return -behind.amax(-1) - AUGMENTATION * behind.sum(-1)
+
+    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        behind = tradeoffs * self.distances(returns)
+        furthest = torch.zeros_like(behind).scatter_(-1, behind.argmax(-1, keepdim=True), 1.0)
+        return tradeoffs / self.scale() * (furthest + AUGMENTATION)
+
+
+class SmoothChebyshev(Ranged):
+    """u = -mu log sum_i exp(w_i d_i / mu), with d_i the distance to the ideal point.
+
+    (Lin et al., 2024, "Smooth Tchebycheff Scalarization for Multi-Objective Optimization", eq. 6,
+    for maximization. `Ranged` defines the distance.) All objectives count, the more the further
+    they lie behind.
+    """
+
+    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        behind = tradeoffs * self.distances(returns)
+        return -SMOOTHNESS * (behind / SMOOTHNESS).logsumexp(-1)
+
+    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        behind = tradeoffs * self.distances(returns)
+        return (behind / SMOOTHNESS).softmax(-1) * tradeoffs / self.scale()
+
+
+class Constrained(Ranged):
+    """Maximize the other objectives subject to r_c >= level, for all levels at once.
+
+    The weight w_c of the constrained objective, with index c, is the required level: 0 is its worst
+    return among all trade-offs, 1 its best (see `Ranged`). The other weights weigh the other
+    objectives, in units of their ranges. The Lagrangian is
+
+        u = sum_{i != c} w_i / (1 - w_c) r_i / range_i
+            + lambda(w_c) ((r_c - nadir_c) / range_c - w_c)
+
+    and gradient ascent on the policies takes turns with gradient descent on the multipliers
+    lambda >= 0 (Arrow, Hurwicz and Uzawa, 1958), a piecewise linear function of the level.
+    """
+
+    def __init__(self, constrained: int, num_objectives: int, device: torch.device):
+        super().__init__(num_objectives, device)
+        self._c = constrained
+        self.multipliers = torch.ones(LEVELS, dtype=torch.float32, device=device)
+        self._others = torch.ones(num_objectives, dtype=torch.float32, device=device)
+        self._others[constrained] = 0.0
+        self._levels = torch.linspace(0, 1, LEVELS, dtype=torch.float32, device=device)
+
+    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        spare = self._reached(returns) - tradeoffs[:, self._c]
+        others = (self._weights_of_others(tradeoffs) * returns).sum(-1)
+        return others + self._multiplier(tradeoffs) * spare
+
+    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        constrained = self._multiplier(tradeoffs)[:, None] * (1 - self._others) / self.scale()
+        return self._weights_of_others(tradeoffs) + constrained
+
+    def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
+        super().observe(tradeoffs, returns, group)
+        missing = tradeoffs[:, self._c] - self._reached(returns)
+        near = self._near(tradeoffs)  # (K, LEVELS)
+        sums = group.mean_(torch.stack([(near * missing[:, None]).sum(0), near.sum(0)]))
+        mean = sums[0] / sums[1].clamp(min=1e-6)
+        self.multipliers.add_(RATE * mean).clamp_(0.0, MOST)
+
+    def state(self) -> list[Tensor]:
+        return [*super().state(), self.multipliers]
+
+    def metrics(self, objectives: Sequence[str]) -> dict[str, Tensor]:
+        quarters = range(0, LEVELS, (LEVELS - 1) // 4)
+        multipliers = {f"multiplier/{i / (LEVELS - 1):g}": self.multipliers[i] for i in quarters}
+        return {**super().metrics(objectives), **multipliers}
+
+    def _reached(self, returns: Tensor) -> Tensor:
+        """Return the constrained objective's returns as levels (K,)."""
+        return (1 - self.distances(returns))[:, self._c]
+
+    def _weights_of_others(self, tradeoffs: Tensor) -> Tensor:
+        weights = tradeoffs * self._others
+        total = weights.sum(-1, keepdim=True)
+        even = self._others / self._others.sum()
+        return torch.where(total > 1e-6, weights / total.clamp(min=1e-6), even) / self.scale()
+
+    def _near(self, tradeoffs: Tensor) -> Tensor:
+        """Return the shares (K, LEVELS) of the levels next to each required one."""
+        distance = (tradeoffs[:, self._c, None] - self._levels).abs()
+        return (1 - distance * (LEVELS - 1)).clamp(min=0.0)
+
+    def _multiplier(self, tradeoffs: Tensor) -> Tensor:
+        return self._near(tradeoffs) @ self.multipliers.to(tradeoffs)

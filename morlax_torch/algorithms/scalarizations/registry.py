@@ -9,9 +9,7 @@ from ...configuration.config import CONSTRAINED
 from ...envs import MorlaxError, trust
 from ...envs.errors import located, unknown
 from ...envs.external import import_file
-from .chebyshev import AugmentedChebyshev, SmoothChebyshev
-from .constrained import Constrained
-from .interface import Linear, Scalarization
+from .interface import AugmentedChebyshev, Constrained, Scalarization, SmoothChebyshev, WeightedSum
 
 Utility = Callable[[Tensor, Tensor], Tensor]
 
@@ -31,7 +29,7 @@ def make_scalarization(name: str, objectives: Sequence[str], device: torch.devic
     """
     num_objectives = len(objectives)
     if name == "linear":
-        return Linear()
+        return WeightedSum()
     if name == "chebyshev":
         return SmoothChebyshev(num_objectives, device)
     if name == "augmented-chebyshev":
@@ -58,8 +56,6 @@ class OwnUtility(Scalarization):
             differentiable.
     """
 
-    uses_returns = True
-
     def __init__(self, function: Utility, name: str, num_objectives: int, device: torch.device):
         self._function, self._name = function, name
         corners = torch.eye(num_objectives, dtype=torch.float32, device=device)
@@ -68,27 +64,27 @@ class OwnUtility(Scalarization):
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         try:
-            found = self._function(tradeoffs, returns)
+            utility = self._function(tradeoffs, returns)
         except (MemoryError, torch.OutOfMemoryError):
             raise
         except (Exception, SystemExit) as error:  # any error of the user's own code
             reason = located(error, self._name.rpartition(":")[0])
             raise MorlaxError(f"the utility {self._name} fails: {reason}") from error
-        if not isinstance(found, Tensor) or found.shape != returns.shape[:1]:
+        if not isinstance(utility, Tensor) or utility.shape != returns.shape[:1]:
             K, m = returns.shape
-            given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
+            shape = tuple(utility.shape) if isinstance(utility, Tensor) else type(utility).__name__
             raise MorlaxError(
                 f"{self._name} must return one utility per row, ({K},) of trade-offs and returns "
-                f"({K}, {m}), but returned {given}."
+                f"({K}, {m}), but returned {shape}."
             )
-        return found
+        return utility
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         with torch.enable_grad():
-            given = returns.detach().requires_grad_()
-            found = self.utility(tradeoffs, given)
+            returns = returns.detach().requires_grad_()
+            utility = self.utility(tradeoffs, returns)
             try:
-                (slope,) = torch.autograd.grad(found.sum(), given)
+                (slope,) = torch.autograd.grad(utility.sum(), returns)
             except torch.OutOfMemoryError:
                 raise
             except RuntimeError:

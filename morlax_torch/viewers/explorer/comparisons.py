@@ -1,4 +1,4 @@
-"""Which two behaviors a user compares next, and who learns from the answer."""
+"""Questions "A or B?" to a user: which two behaviors to compare next, and who learns from it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -11,9 +11,7 @@ from ... import envs
 from ...evaluation.front import Front
 from ..preferences.teaching import Lesson
 from ..preferences.tradeoff import Preference
-from .behavior import Behavior
-from .clip import Clip
-from .session import Session, Weights
+from .session import Behavior, Clip, Session, Weights
 
 
 class Question(NamedTuple):
@@ -35,13 +33,43 @@ class Comparisons(Protocol):
         ...
 
 
+class Asking:
+    """Asks "A or B?" until a source has no more questions.
+
+    `behaviors` are A and B, which may be others after each answer, and none at the end.
+    """
+
+    def __init__(self, source: Comparisons):
+        self._source, self.answers = source, 0
+        self._question = source.ask()
+        self._told: dict[str, Any] | None = None  # the answer before
+
+    @property
+    def behaviors(self) -> tuple[Behavior, ...]:
+        return self._question.behaviors if self._question else ()
+
+    def answer(self, preferred: int) -> None:
+        """Learn that the user prefers A (0) or B (1), and ask the next question."""
+        if self._question is not None:
+            self._told = {"preferred": preferred, "policies": self._question.policies}
+            self._source.answer(preferred)
+            self.answers += 1
+            self._question = self._source.ask()
+
+    def skip(self) -> None:
+        """Ask another question."""
+        if self._question is not None:
+            self._told, self._question = None, self._source.ask()
+
+    def state(self) -> dict[str, Any]:
+        """Describe the question for a page."""
+        return {"answers": self.answers, "over": self._question is None, "told": self._told}
+
+
 class PolicyComparisons:
     """Compare policies of a front to find the one that the user likes best.
 
-    Args:
-        front: evaluated trade-offs.
-        sessions: two robots with the policies of that front; their trade-offs are set.
-        seed: random seed of the questions.
+    The two robots have the policies of that front; their trade-offs are set.
 
     Raises:
         MorlaxError: the front has fewer than two non-dominated policies.
@@ -53,8 +81,16 @@ class PolicyComparisons:
         self._pair = (0, 0)  # of the front
 
     def ask(self) -> Question:
-        self._pair = self._preference.pair()
-        self._evidence = self._weighed()
+        preference = self._preference
+        self._pair = preference.pair()
+        index, tradeoff = self.best()
+        self._evidence = {
+            "best": index,
+            "best_tradeoff": tradeoff,
+            "possible": preference.possible().tolist(),
+            "confidence": preference.confidence(),
+            "left": preference.questions_left(),
+        }
         for session, policy in zip(self._sessions, self._pair, strict=True):
             session.tradeoff = self._tradeoff(policy)
             session.reset()
@@ -71,16 +107,6 @@ class PolicyComparisons:
     def state(self) -> dict[str, Any]:
         """Describe what the answers have told, for a page; policies are indices on the front."""
         return self._evidence
-
-    def _weighed(self) -> dict[str, Any]:
-        preference, (index, tradeoff) = self._preference, self.best()
-        return {
-            "best": index,
-            "best_tradeoff": tradeoff,
-            "possible": preference.possible().tolist(),
-            "confidence": preference.confidence(),
-            "left": preference.questions_left(),
-        }
 
     def _tradeoff(self, index: int) -> Weights:
         return tuple(self._front.tradeoffs[index].tolist())
@@ -120,25 +146,20 @@ class ClipComparisons:
 
 
 def questions(lesson: Lesson, most: int) -> ClipComparisons:
-    """Ask about pairs of a lesson's clips, and save each answer.
-
-    Args:
-        lesson: whose clips to compare.
-        most: number of questions.
-    """
-    config = lesson.policy.config
+    """Ask about `most` pairs of a lesson's clips, and save each answer."""
+    config, comparisons = lesson.policy.config, lesson.comparisons
     robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
     asked: list[tuple[int, int]] = []
 
     def pairs() -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
         for _ in range(most):
-            asked.append(lesson.pair())
-            first, second = asked[-1]
-            yield lesson.comparisons.clips.qpos[first], lesson.comparisons.clips.qpos[second]
+            first, second = lesson.pair()
+            asked.append((first, second))
+            yield comparisons.clips.qpos[first], comparisons.clips.qpos[second]
 
     def answered(number: int, preferred: int) -> None:
         pair = asked[number]
-        lesson.comparisons.answer(pair[preferred], pair[1 - preferred])
+        comparisons.answer(pair[preferred], pair[1 - preferred])
         lesson.save()
 
     return ClipComparisons(robot.physics.model, robot.dt, pairs(), answered)

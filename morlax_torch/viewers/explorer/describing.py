@@ -7,36 +7,30 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ...envs.naming import title
 from ...envs.worlds.trees import base_of
-from ..arrays import array_bytes, drawn_arrays
-from ..explaining import explain, is_told_velocity
-from ..front_map import front_map
-from .behavior import Behavior
-from .contacts import contact_arrows
-from .session import Session
+from ..describing import array_bytes, described_task, drawn_arrays, front_map
+from .session import Behavior, Session
 
 MODEL, FRAME = 0, 1  # first byte of a message that is not JSON
+WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of the robot
 
 
 def described(behavior: Behavior) -> dict[str, Any]:
     """Describe a robot, apart from its model and poses."""
-    about: dict[str, Any] = {"dt": behavior.dt, "followed": base_of(behavior.model)}
     if not isinstance(behavior, Session):
-        return {"title": "A or B?", "objectives": [], "pushed": [], "command": None, **about}
-    env, front = behavior.player.env, behavior.front
+        robot = {"dt": behavior.dt, "followed": base_of(behavior.model)}
+        return {"title": "A or B?", "objectives": [], "pushed": [], "command": None, **robot}
+    env, front, policy = behavior.player.env, behavior.front, behavior.player.policy
+    parameters = policy.agent.designs if behavior.design else {}
     return {
-        "title": title(behavior.player.policy.config.env),
-        "objectives": list(behavior.objectives),
-        "notes": [explain(env, name) for name in behavior.objectives],
-        "pushed": behavior.axes,
+        "title": title(policy.config.env),
         "command": {"limits": env.command_limits} if env.command_limits else None,
-        "velocities": is_told_velocity(env),
-        "design": _parameters(behavior),
+        "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
         "front": None if front is None else front_map(front, env.dt, env.lower_is_better),
-        **about,
-        "followed": env.base,
+        **described_task(env),
     }
 
 
@@ -55,14 +49,6 @@ def told(behavior: Behavior) -> dict[str, Any]:
     }
 
 
-def _parameters(session: Session) -> dict[str, Any] | None:
-    """Describe the design parameters of a robot whose body can change."""
-    if not session.design:
-        return None
-    parameters = session.player.policy.agent.designs.items()
-    return {f"{name} ({each.unit})": [each.low, each.high] for name, each in parameters}
-
-
 def _finite(values: list[float]) -> list[float]:
     """Return numbers that JSON has."""
     return [value if math.isfinite(value) else 0.0 for value in values]
@@ -75,10 +61,7 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
 
 
 def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
-    """Return steps, poses of bodies and forces at contacts of each robot, as 32-bit floats.
-
-    None if a state is not finite, since nothing can be drawn then.
-    """
+    """Return steps, poses of bodies and forces at contacts, as 32-bit floats; None: not finite."""
     parts = [np.array([FRAME], np.int32).tobytes()]
     for behavior in behaviors:
         model, data = behavior.model, behavior.data
@@ -88,3 +71,21 @@ def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
         numbers = ([behavior.steps, len(arrows)], data.xpos, data.xquat, arrows)
         parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
     return b"".join(parts)
+
+
+def contact_arrows(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+    """Return arrows (n, 2, 3) of the forces at each contact, as the ground pushes the robot.
+
+    They are at most as long as the robot, because impacts are many times a weight.
+    """
+    size = float(model.stat.extent)
+    newtons = float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
+    arrows, force = np.zeros((data.ncon, 2, 3)), np.zeros(6)
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, force)
+        contact = data.contact[i]
+        push = contact.frame.reshape(3, 3).T @ force[:3]
+        push *= np.copysign(WEIGHT * size / max(newtons, 1e-9), push[2])
+        push *= min(1.0, size / max(float(np.linalg.norm(push)), 1e-12))
+        arrows[i] = contact.pos, contact.pos + push
+    return arrows

@@ -9,27 +9,25 @@ from ...envs.errors import unknown
 from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND
 from ...runs.loading import RUNS, SHIPPED, find_checkpoint, find_run, named_run, newest_runs
 
-NEEDS_MJLAB, NO_ROBOT = " (needs mjlab)", " (no MuJoCo robot)"
-
 
 def shipped() -> list[str]:
     """Return the names of the shipped policies."""
     return sorted(folder.parent.name for folder in SHIPPED.glob("*/checkpoints"))
 
 
-def labels() -> list[str]:
-    """Return the shipped policies, then the runs, as a list shows them; see `named`.
+def trained() -> list[str]:
+    """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
+    return [str(run) for run in newest_runs(RUNS)]
+
+
+def labels() -> dict[str, str]:
+    """Return how a list calls the shipped policies, then the runs, by name.
 
     A label other than the name ends with the reason why that run cannot be shown.
     """
-    return [name + _reason(SHIPPED / name) for name in shipped()] + [
-        name + _reason(Path(name)) for name in trained()
-    ]
-
-
-def named(label: str) -> str:
-    """Return the run or shipped policy of a label."""
-    return label.removesuffix(NEEDS_MJLAB).removesuffix(NO_ROBOT)
+    folders = {name: SHIPPED / name for name in shipped()}
+    folders |= {name: Path(name) for name in trained()}
+    return {name: name + _reason(folder) for name, folder in folders.items()}
 
 
 def _reason(run: Path) -> str:
@@ -40,21 +38,12 @@ def _reason(run: Path) -> str:
         return ""
     task = line.removeprefix("env:").strip(" \n'\"")
     if task.startswith((PLAYGROUND, GYMNASIUM)):
-        return NO_ROBOT
-    return NEEDS_MJLAB if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
-
-
-def trained() -> list[str]:
-    """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
-    return [str(run) for run in newest_runs(RUNS)]
+        return " (no MuJoCo robot)"
+    return " (needs mjlab)" if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
 
 
 def first() -> str:
-    """Return the default choice: the first shipped policy, or else the latest run.
-
-    Raises:
-        MorlaxError: there is neither.
-    """
+    """Return the default choice: the first shipped policy, or else the latest run."""
     for run in [*shipped(), *trained()]:
         return run
     raise MorlaxError(
@@ -76,21 +65,16 @@ class Choice(NamedTuple):
 
 
 def choose(run: str, checkpoint: str | None = None) -> Choice:
-    """Find a checkpoint to show.
+    """Find a checkpoint of a run's folder or of a shipped policy, or a checkpoint file.
 
-    Args:
-        run: a run's folder, a shipped policy, or a checkpoint file.
-        checkpoint: name of a checkpoint of the run, such as "latest" (None: the best one, or the
-            file that `run` names).
-
-    Raises:
-        MorlaxError: there is no such run or checkpoint.
+    `checkpoint` is its name, such as "latest" (None: the best one, or the file). Raises MorlaxError
+    if there is no such run or checkpoint.
     """
     run = str(named_run(run))
     file = find_checkpoint(run)
-    if Path(run).is_file() and file.parent.name != "checkpoints":
-        return Choice(run, file.stem, {file.stem: file})
     if Path(run).is_file():
+        if file.parent.name != "checkpoints":
+            return Choice(run, file.stem, {file.stem: file})
         run = str(find_run(run))
     files = {file.stem: file for file in sorted(file.parent.glob("*.pt"))}
     name = checkpoint or file.stem

@@ -1,137 +1,55 @@
 """What browsers may ask for, as JSON: anything else is ignored."""
 
-from typing import Annotated, Literal
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
+from pydantic import (
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+)
 
 LONGEST = 400  # characters of a name, and numbers in a trade-off
-
-
-class Message(BaseModel):
-    """A message of a browser; numbers are finite."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
-
-
-class Steer(Message):
-    """Give the selected robot a trade-off, which is scaled to sum to one."""
-
-    act: Literal["steer"]
-    weights: Annotated[list[float], Field(max_length=LONGEST)]
-
-
-class Tell(Message):
-    """Set one number of the command of all robots; it is clamped to its limits."""
-
-    act: Literal["tell"]
-    index: NonNegativeInt
-    value: float
-
-
-class Nudge(Message):
-    """Change one number of the command of all robots; it is clamped to its limits."""
-
-    act: Literal["nudge"]
-    index: NonNegativeInt
-    change: float
-
-
-class Reshape(Message):
-    """Set one design parameter of all robots' body; it is clamped to its range."""
-
-    act: Literal["reshape"]
-    index: NonNegativeInt
-    value: float
-
-
-class Pause(Message):
-    act: Literal["pause"]
-    on: bool
-
-
-class Pace(Message):
-    """Set the playback speed; 1 is real time."""
-
-    act: Literal["pace"]
-    value: float
-
-
-class Press(Message):
-    """Press a button."""
-
-    act: Literal["press"]
-    name: (
-        Literal["reset", "push", "add", "remove", "free", "export", "card", "measure"]
-        | Literal["find", "skip", "use", "again", "leave"]
-    )
-
-
-class Select(Message):
-    """Steer another robot."""
-
-    act: Literal["select"]
-    robot: NonNegativeInt
-
-
-class Open(Message):
-    """Show another run or checkpoint; no checkpoint means the best."""
-
-    act: Literal["open"]
-    run: Annotated[str, Field(max_length=LONGEST)]
-    checkpoint: Annotated[str, Field(max_length=LONGEST)] | None
-
-
-class Require(Message):
-    """Require the return of an objective, or a quantity, whose indices follow the objectives'.
-
-    The level is clamped to the front's range; null requires nothing.
-    """
-
-    act: Literal["require"]
-    index: NonNegativeInt
-    level: float | None
-
-
-class Maximize(Message):
-    act: Literal["maximize"]
-    index: NonNegativeInt
-
-
-class Answer(Message):
-    """Prefer A (0) or B (1)."""
-
-    act: Literal["answer"]
-    preferred: Literal[0, 1]
-
-
-class Bookmark(Message):
-    """Keep the selected robot's trade-off under a name."""
-
-    act: Literal["bookmark"]
-    name: Annotated[str, Field(max_length=LONGEST)]
-
-
-Request = (
-    Steer
-    | Tell
-    | Nudge
-    | Reshape
-    | Pause
-    | Pace
-    | Press
-    | Select
-    | Open
-    | Require
-    | Maximize
-    | Answer
-    | Bookmark
-)
-_READER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="act")])
+Request = dict[str, Any]  # "act", and the fields of that act
+Name: Any = Annotated[str, Field(max_length=LONGEST)]
+Button = Literal[
+    *("reset", "push", "add", "remove", "free", "export", "card", "measure"),
+    *("find", "skip", "use", "again", "leave"),
+]
+ACTS: dict[str, dict[str, Any]] = {
+    # the selected robot's trade-off, which is scaled to sum to one
+    "steer": {"weights": Annotated[list[float], Field(max_length=LONGEST)]},
+    # numbers of all robots' command and design parameters of their body, clamped to their limits
+    "tell": {"index": NonNegativeInt, "value": float},
+    "nudge": {"index": NonNegativeInt, "change": float},
+    "reshape": {"index": NonNegativeInt, "value": float},
+    "pause": {"on": bool},
+    "pace": {"value": float},  # playback speed; 1 is real time
+    "press": {"name": Button},
+    "select": {"robot": NonNegativeInt},  # steer another robot
+    "open": {"run": Name, "checkpoint": Name | None},  # no checkpoint means the best
+    # returns of objectives, then quantities; the level is clamped to the front's range
+    "require": {"index": NonNegativeInt, "level": float | None},
+    "maximize": {"index": NonNegativeInt},
+    "answer": {"preferred": Literal[0, 1]},  # A or B
+    "bookmark": {"name": Name},  # of the selected robot's trade-off
+}
+_STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+_model: Any = create_model  # a type checker cannot follow fields that a table has
+_MODELS = [
+    _model(act, __config__=_STRICT, act=(Literal[act], ...), **fields)
+    for act, fields in ACTS.items()
+]
+_READER: TypeAdapter[Any] = TypeAdapter(reduce(or_, _MODELS))
 
 
 def accepted(message: str | bytes) -> Request | None:
     """Return the request in a browser's message; None if the message is not one of the page's."""
     try:
-        return _READER.validate_json(message)
+        return _READER.validate_json(message).model_dump()
     except (ValidationError, RecursionError):
         return None

@@ -1,54 +1,53 @@
 """The page: a server, the robots that it shows, and the loop that runs both."""
 
 import json
+import logging
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
+from queue import Empty, Queue
 from typing import Any
 
-from websockets.asyncio.server import ServerConnection
-
+from ...envs import MorlaxError
 from .. import libraries
-from ..page_files import page_files
 from . import messages
-from .behavior import MAX_LAG
 from .describing import described, frame_bytes, model_bytes, told
 from .exhibits import Exhibit
-from .requests import Put, Requests
-from .server import Server
+from .server import Heard, Server, ServerConnection
+from .session import MAX_LAG, Put
 
 FRAME = 1 / 40  # s between frames
 TELL = 1 / 10  # s between messages about anything but poses
 SLOWEST = 0.05  # playback speed
+_log = logging.getLogger(__name__)
 
 
 class Page:
     """A server and the robots that it shows; `serve` runs both.
 
-    Only the thread of `serve` uses the robots: browsers queue their requests. A step that fails
-    also pauses the robots, and browsers that connect later are told why. `address` is what a
-    browser must open; it contains a secret token.
+    Only the thread of `serve` uses the robots: what browsers and other threads ask for is queued,
+    so that nothing interrupts a step. A step that fails also pauses the robots, and browsers that
+    connect later are told why. `address`, which a browser must open, contains a secret token.
 
-    Args:
-        make: makes what is shown, given a way to queue requests.
-        host: address to listen on.
-        port: TCP port to listen on; 0 selects a free one.
+    `make` makes what is shown, given a way to queue calls. The port may be the next free one.
 
     Raises:
-        MorlaxError: `make` failed, three.js cannot be downloaded, or the port is taken.
+        MorlaxError: `make` failed, three.js cannot be downloaded, or the address cannot be
+            listened on.
     """
 
     def __init__(self, make: Callable[[Put], Exhibit], host: str, port: int):
-        self._requests = Requests(self._tell)
-        self._exhibit = make(self._requests.put)
+        # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
+        self._queue: Queue[Heard | Callable[[], None]] = Queue()
+        self._exhibit = make(self._queue.put)
         self._paused, self._pace = False, 1.0
         self._failure: str | None = None  # why the robots paused by themselves
-        self._opening: messages.Open | None = None  # the last run that was asked for
         self._robot: object = None  # that browsers know
         self._about, self._model = "", b""  # messages about it
         self._drawn: object = None  # its model, which a new body replaces
         self._state: dict[str, Any] = {}  # that they know
-        self._server = Server(files(), host, port, self._hear, self._greet)
+        self._server = Server(files(), host, port, self._queue.put)
         self.address = self._server.address
 
     def serve(self, ended: Callable[[], bool]) -> None:
@@ -56,7 +55,7 @@ class Page:
         frame = shown = 0.0
         while not ended():
             now = time.perf_counter()
-            failure = self._requests.attempt(partial(self._advance, now))
+            failure = self._attempt(partial(self._advance, now))
             if failure is not None:
                 self._paused, self._failure = True, failure
             if now >= shown:
@@ -67,7 +66,7 @@ class Page:
                 self._draw()
             waits = [behavior.until_next() for behavior in self._exhibit.behaviors]
             wait = min(*waits, MAX_LAG, frame - time.perf_counter())
-            self._requests.execute(max(wait, 0.0))
+            self._work(drained(self._queue, max(wait, 0.0)))
 
     def stop(self) -> None:
         """Stop the server and disconnect the browsers."""
@@ -91,14 +90,19 @@ class Page:
         """Send what has changed to all browsers, or everything to one."""
         first = self._exhibit.behaviors[0]
         if self._robot is not first.robot:
-            self._robot = first.robot
+            self._robot, self._drawn = first.robot, None
             self._about = json.dumps({"type": "run", "about": described(first)})
             self._server.send(self._about)
-            self._drawn = None
         if self._drawn is not first.model:
             self._drawn, self._model = first.model, model_bytes(first.model)
             self._server.send(self._model)
-        state = self._described()
+        state = {
+            "paused": self._paused,
+            "pace": self._pace,
+            "failure": self._failure,
+            **self._exhibit.state(),
+            "robots": [told(behavior) for behavior in self._exhibit.behaviors],
+        }
         if to is not None:
             for message in (self._about, self._model, json.dumps({"type": "state", **state})):
                 self._server.send(message, to)
@@ -108,46 +112,57 @@ class Page:
         if news:
             self._server.send(json.dumps({"type": "state", **news}))
 
-    def _described(self) -> dict[str, Any]:
-        robots = [told(behavior) for behavior in self._exhibit.behaviors]
-        playback = {"paused": self._paused, "pace": self._pace, "failure": self._failure}
-        return {**playback, **self._exhibit.state(), "robots": robots}
+    def _work(self, queued: list[Heard | Callable[[], None]]) -> None:
+        """Do what browsers and other threads have asked for."""
+        texts = [item.message if isinstance(item, Heard) else None for item in queued]
+        asked = [None if text is None else messages.accepted(text) for text in texts]
+        opening = next((each for each in reversed(asked) if each and each["act"] == "open"), None)
+        for item, request in zip(queued, asked, strict=True):
+            if not isinstance(item, Heard):
+                self._attempt(item)
+            elif item.message is None:
+                self._attempt(partial(self._show, item.tab))
+            # to open a run takes a second; it is left out if another one follows
+            elif request is not None and (request is opening or request["act"] != "open"):
+                self._attempt(partial(self._react, request))
 
-    def _hear(self, data: str | bytes) -> None:
-        message = messages.accepted(data)
-        if isinstance(message, messages.Open):
-            self._opening = message
-        if message is not None:
-            self._requests.put(partial(self._react, message))
-
-    def _react(self, message: messages.Request) -> None:
-        match message:
-            case messages.Pause(on=on):
+    def _react(self, request: messages.Request) -> None:
+        match request:
+            case {"act": "pause", "on": on}:
                 self._paused, self._failure = on, None
-            case messages.Pace(value=value):
+            case {"act": "pace", "value": value}:
                 self._pace = min(max(value, SLOWEST), 1.0)
-            case messages.Open() if message is not self._opening:
-                return  # to open a run takes a second, and another one follows
             case _:
-                self._exhibit.react(message)
-                if isinstance(message, messages.Open):
+                self._exhibit.react(request)
+                if request["act"] == "open":
                     self._failure = None
         self._show()
 
-    def _greet(self, tab: ServerConnection) -> None:
-        self._requests.put(partial(self._show, tab))
-
-    def _tell(self, text: str) -> None:
-        """Show an error in all browsers."""
+    def _attempt(self, action: Callable[[], object]) -> str | None:
+        """Run `action`; if it fails, show the reason in all browsers and return it."""
+        try:
+            action()
+        except MorlaxError as error:
+            text = str(error)
+        except Exception as error:  # in the robot's own code, for example
+            _log.exception("The page goes on after this error:")
+            text = f"{type(error).__name__}: {error}"
+        else:
+            return None
         self._server.send(json.dumps({"type": "tell", "text": text}))
+        return text
+
+
+def drained(queue: Queue, seconds: float) -> list:
+    """Wait up to `seconds` until something is queued, and return everything that is by then."""
+    with suppress(Empty):
+        first = queue.get(timeout=seconds)
+        return [first, *(queue.get_nowait() for _ in range(queue.qsize()))]
+    return []
 
 
 def files() -> dict[str, bytes]:
-    """Return what the server serves, by path.
-
-    Raises:
-        MorlaxError: three.js is neither in the cache nor can it be downloaded.
-    """
-    found = page_files()
-    found[""] = found.pop("index.html").replace(b'lang="en"', b'lang="en" data-engine="remote"')
-    return found | {f"libraries/{name}": data for name, data in libraries.files("three").items()}
+    """Return what the server serves, by path."""
+    ours = libraries.page_files()
+    ours[""] = ours.pop("index.html").replace(b'lang="en"', b'lang="en" data-engine="remote"')
+    return ours | {f"libraries/{name}": data for name, data in libraries.files("three").items()}

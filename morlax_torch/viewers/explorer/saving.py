@@ -1,40 +1,42 @@
-"""Write files from the page by this package's own commands, while the robots go on."""
+"""Write files from the page, in a process of its own, while the robots go on."""
 
-import subprocess
-import sys
-import threading
-from collections.abc import Sequence
+import shlex
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from ...envs import MorlaxError, resolve_device
+from ...envs.making import has_robot
+from ...envs.naming import runs_code, title
+from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
+from ...host.files import write_file
+from ...host.version import __version__
 from ...networks.policy import Policy
-from ...runs.loading import find_checkpoint, own_folder, save
+from ...runs.checkpoint import fingerprint
+from ...runs.loading import find_checkpoint, load, own_folder, save
 from ...runs.references import named_task
 from .library import Choice
-from .requests import Put
-from .session import Weights
+from .session import Put, Weights
 
-CARD = "decision.html"
+POLICY, CARD = "policy.onnx", "decision.html"
 BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
 class Saving:
-    """Runs one command at a time, in a process of its own.
+    """Writes files of a checkpoint, one at a time.
 
-    Files lie where the commands write them: in the run's folder, or in the working directory for a
-    shipped policy.
-
-    Args:
-        choice: the checkpoint whose policies are written.
-        put: queues a request.
+    They lie in the run's folder, or in the working directory for a shipped policy.
     """
 
     def __init__(self, choice: Choice, put: Put):
         self._put = put
-        self._run = choice.run
-        if find_checkpoint(choice.run) != choice.file:
-            self._run = str(choice.file)
+        best = find_checkpoint(choice.run) == choice.file
+        self._run = choice.run if best else str(choice.file)
         self._folder = own_folder(choice.file) or Path()
         self._busy, self._text = False, ""
 
@@ -43,35 +45,88 @@ class Saving:
         return {"busy": self._busy, "text": self._text}
 
     def export(self, tradeoff: Weights, body: Policy | None = None) -> None:
-        """Write a trade-off's policy, as `morlax export` does; first, that of another body."""
+        """Write a trade-off's policy as ONNX; first, policies of a body that has no checkpoint."""
         run = self._run
         if body is not None:
             run = str(self._folder / BODY)
             save(body, run)
-        self._start("Exporting the policy…", run, "export", "--tradeoff", shown(tradeoff))
+        self._start("Exporting the policy…", write_policy, run, self._folder / POLICY, tradeoff)
 
-    def card(self, required: Sequence[str]) -> None:
-        """Write a decision card, given options of `morlax choose` that say what is required."""
-        doing = "Trying the policy under other conditions…"
-        self._start(doing, self._run, "choose", *required, "--card", str(self._folder / CARD))
+    def card(self, choice: Chosen) -> None:
+        """Write the decision card of a choice."""
+        doing, file = "Trying the policy under other conditions…", self._folder / CARD
+        self._start(doing, write_card, self._run, file, choice)
 
-    def _start(self, doing: str, run: str, command: str, *arguments: str) -> None:
+    def _start(self, doing: str, write: Callable[..., list[Path]], *arguments: Any) -> None:
         if self._busy:
             return
         self._busy, self._text = True, doing
-        # the checkpoint's code, if it names any, runs in this process already
-        words = [sys.executable, "-m", "morlax_torch", command, run, *arguments, "--trust"]
-        if moved := named_task(self._folder):
-            words += ["--env", moved]
-        threading.Thread(target=self._execute, args=[words], daemon=True).start()
+        # a process, because torch.export replaces functions that the robots' networks run through
+        ignore = signal.signal, (signal.SIGINT, signal.SIG_IGN)
+        pool = ProcessPoolExecutor(1, get_context("spawn"), *ignore)
+        future = pool.submit(write, named_task(self._folder), *arguments)
+        future.add_done_callback(lambda done: self._put(partial(self._end, done)))
+        pool.shutdown(wait=False)
 
-    def _execute(self, words: list[str]) -> None:
-        done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True)
-        lines = done.stdout.splitlines()
-        told = [line for line in lines if line.startswith("written:")]
-        error = done.stderr.rpartition("error: ")[2]  # progress may precede it
-        text = " ".join((error if done.returncode else "\n".join(told)).split())
-        self._put(lambda: self._end(text))
+    def _end(self, done: Future[list[Path]]) -> None:
+        error = done.exception()
+        self._busy, self._text = False, str(error or "written: ")
+        if error is None:
+            self._text += ", ".join(map(str, done.result()))
+        elif not isinstance(error, MorlaxError):
+            raise error
 
-    def _end(self, text: str) -> None:
-        self._busy, self._text = False, text
+
+def write_policy(task: str | None, run: str, output: Path, tradeoff: Weights) -> list[Path]:
+    """Write a policy as `morlax export` does; return the files.
+
+    The run's code is trusted, because its robots move already. `task` is FILE.py:CLASS, if it has
+    moved.
+    """
+    from ...exports.deployment import SETTINGS, deploy  # takes a while to import
+    from ...exports.exporting import export
+    from ...exports.manifest import provenance, robot_of
+
+    policy = load(run, trust=True, env=task)
+    robot, about = robot_of(policy), {"run": provenance(run)}
+    export(policy, output, "onnx", tradeoff, about, robot)
+    lacks = deploy(robot, output, policy.config.env, policy.objectives, tradeoff)
+    return [output] if lacks is None else [output, output.with_name(SETTINGS)]
+
+
+def write_card(task: str | None, run: str, output: Path, choice: Chosen) -> list[Path]:
+    """Write the card of a choice as `morlax choose --card` does; return the file."""
+    policy = load(run, resolve_device(None), trust=True, env=task)
+    quoted = shlex.quote(run) + (" --trust" if runs_code(policy.config.env) else "")
+    commands = [
+        f"morlax export {quoted} --tradeoff {shown(choice.tradeoff)}",
+        f"morlax explore {quoted}",
+    ]
+    write_file(output, decision_card(run, policy, choice, commands).encode())
+    return [output]
+
+
+def decision_card(
+    run: str,
+    policy: Policy,
+    choice: Chosen,
+    commands: Sequence[str],
+    seed: int = 0,
+) -> str:
+    """Simulate a choice under other conditions, and describe it; returns HTML.
+
+    `commands` are command lines that use it. The policy ends on the CPU.
+    """
+    from ...reports.card import card  # takes a while to import
+    from ...runs.choosing import trials
+    from ..filming.recording import strip
+
+    tried, env = trials(policy, choice.tradeoff, seed), policy.config.env
+    facts = {
+        "run": run,
+        "checkpoint": str(find_checkpoint(run)),
+        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
+        "morlax-torch": __version__,
+    }
+    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
+    return card(title(env), choice, tried, facts, commands, picture)

@@ -1,79 +1,121 @@
-"""A web server for one page: its files, and a websocket for each of its tabs."""
+"""A web server for one page: its files, a websocket for each tab, and who may use them.
+
+A browser must be at the address that the command prints. Its path begins with a secret token, and
+no other web page may send a request. The token is in the path, because browsers would send a cookie
+to every port of the host.
+"""
 
 import asyncio
+import errno
 import gzip
+import hmac
 import logging
 import mimetypes
+import re
+import secrets
+import socket
 import threading
 from collections.abc import Callable, Mapping
 from functools import cache
 from http import HTTPStatus
-
-from websockets.asyncio.server import ServerConnection, broadcast, serve
-from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed
-from websockets.http11 import Request, Response
-from websockets.protocol import State
+from typing import NamedTuple
 
 from ...envs import MorlaxError
-from .access import Door
+from ...envs.errors import installation
+
+try:
+    from websockets.asyncio.server import ServerConnection, broadcast, serve
+    from websockets.datastructures import Headers
+    from websockets.exceptions import ConnectionClosed
+    from websockets.http11 import Request, Response
+    from websockets.protocol import State
+except ModuleNotFoundError:
+    raise MorlaxError(
+        f"the page needs websockets, which is not installed: {installation('explore')}."
+    ) from None
 
 SOCKET = "socket"  # path of the websocket
 FORBIDDEN = "Open the address that the command printed: it ends with a secret token.\n"
 LARGEST = 2**16  # bytes of a browser's message; the page needs a few hundred
 BEHIND = 2**20  # bytes that a tab has not received yet, above which it misses frames
 PARTING = 1.0  # s to wait for tabs when the server stops; they may not read, or not answer
+MOST_TAKEN = 20  # ports in a row that other programs may use
 TYPES = {".js": "text/javascript", ".html": "text/html; charset=utf-8"}
+LOCALHOST = ("localhost", "127.0.0.1", "::1")
+EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # and how this machine's browser gets there
+
+
+class Door:
+    """The checks of each request to a server that listens on `host`."""
+
+    def __init__(self, host: str):
+        self.token = secrets.token_urlsafe(24)
+        self._host = EVERYWHERE.get(host, host)
+        # a page whose name resolves to this machine (DNS rebinding) names itself as the host
+        self._hosts = {_in_address(name) for name in LOCALHOST} if host in LOCALHOST else None
+
+    def address(self, port: int) -> str:
+        """Return what a browser must open."""
+        return f"http://{_in_address(self._host)}:{port}/{self.token}/"
+
+    def admits(self, path: str, headers: Headers) -> str | None:
+        """Return the path below the token; None if the request may not come in."""
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1:
+            return None
+        if self._hosts is not None and re.sub(r":\d+$", "", hosts[0]) not in self._hosts:
+            return None
+        if origins not in ([], [f"http://{hosts[0]}"], [f"https://{hosts[0]}"]):
+            return None
+        token, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
+        right = hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
+        return rest if right else None
+
+
+def _in_address(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+class Heard(NamedTuple):
+    """A message of a browser's tab."""
+
+    tab: ServerConnection
+    message: str | bytes | None  # None: the tab has just connected, and `join` is due
 
 
 class Server:
     """Serves files and websockets, from a thread of its own. `address` is what browsers open.
 
-    Args:
-        files: by path; "" is the page.
-        host: address to listen on.
-        port: TCP port to listen on; 0 selects a free one.
-        hear: called with each message of a browser, in the server's thread.
-        greet: called with each new connection, in the server's thread; then `join` it.
+    The files are given by path; "" is the page. The port may be the next free one; 0 selects any.
+    `put` is called with what is heard, in the server's thread.
 
     Raises:
-        MorlaxError: another program has taken the port.
+        MorlaxError: the address cannot be listened on.
     """
 
     def __init__(
-        self,
-        files: Mapping[str, bytes],
-        host: str,
-        port: int,
-        hear: Callable[[str | bytes], None],
-        greet: Callable[[ServerConnection], None],
+        self, files: Mapping[str, bytes], host: str, port: int, put: Callable[[Heard], None]
     ):
-        self._files, self._hear, self._greet = files, hear, greet
+        self._socket = listening(host, port)
+        self._files, self._put = files, put
         self._door, self._tabs = Door(host), set[ServerConnection]()
         self._packed = cache(lambda path: gzip.compress(files[path]))
         self._loop, self._over = asyncio.new_event_loop(), asyncio.Event()
-        ready = threading.Event()
         logging.getLogger("websockets.server").addFilter(_one_line)
+        self.address = self._door.address(self._socket.getsockname()[1])
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
+    def _run(self) -> None:
         async def listen() -> None:
             options = {"process_request": self._answer, "max_size": LARGEST, "compression": None}
-            async with serve(self._talk, host, port, **options) as server:  # type: ignore[arg-type]
-                self.address = self._door.address(next(iter(server.sockets)).getsockname()[1])
-                ready.set()
+            async with serve(self._talk, sock=self._socket, **options):  # type: ignore[arg-type]
                 await self._over.wait()
 
-        def run() -> None:
-            try:
-                self._loop.run_until_complete(listen())
-            finally:
-                self._loop.close()
-                ready.set()
-
-        self._thread = threading.Thread(target=run, daemon=True)
-        self._thread.start()
-        ready.wait()
-        if not self._thread.is_alive():
-            raise MorlaxError(f"cannot listen on {host}, port {port}: choose another --port.")
+        try:
+            self._loop.run_until_complete(listen())
+        finally:
+            self._loop.close()
 
     def send(self, message: str | bytes, to: ServerConnection | None = None) -> None:
         """Send a message to one tab, or to all that joined; from any thread, without waiting."""
@@ -90,12 +132,8 @@ class Server:
 
     def _send(self, message: str | bytes, to: ServerConnection | None) -> None:
         """Send; a tab whose connection is too slow misses poses, which others replace soon."""
-        tabs = [
-            tab
-            for tab in (self._tabs if to is None else [to])
-            # a broken connection is open until its handler has run, and asyncio logs what it gets
-            if not tab.transport.is_closing()
-        ]
+        # a broken connection is open until its handler has run, and asyncio logs what it gets
+        tabs = [x for x in (self._tabs if to is None else [to]) if not x.transport.is_closing()]
         if to is None and isinstance(message, bytes):
             tabs = [tab for tab in tabs if tab.transport.get_write_buffer_size() < BEHIND]
         broadcast(tabs, message)
@@ -106,9 +144,9 @@ class Server:
 
     async def _talk(self, tab: ServerConnection) -> None:
         try:
-            self._greet(tab)
+            self._put(Heard(tab, None))
             async for message in tab:
-                self._hear(message)
+                self._put(Heard(tab, message))
         except ConnectionClosed:
             pass
         finally:
@@ -136,6 +174,25 @@ class Server:
         if packed:
             headers["Content-Encoding"] = "gzip"
         return Response(HTTPStatus.OK, "OK", headers, body)
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """Return a socket that listens on the first free port from `port` on, of a few."""
+    if not 0 <= port < 2**16:
+        raise MorlaxError(f"--port must be from 0 to 65535, not {port}.")
+    last = min(port + MOST_TAKEN, 2**16 - 1)
+    while True:
+        try:
+            family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            return socket.create_server(address[:2], family=family)
+        except (OSError, ValueError) as error:  # a name such as ".." is a UnicodeError
+            if getattr(error, "errno", None) != errno.EADDRINUSE or port == last:
+                reason = getattr(error, "strerror", "not a host name")
+                raise MorlaxError(
+                    f"cannot listen on {host}, port {port} ({reason}): choose another --port or "
+                    "--host."
+                ) from None
+            port += 1
 
 
 def _one_line(record: logging.LogRecord) -> bool:

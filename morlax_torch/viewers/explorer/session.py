@@ -1,9 +1,14 @@
-"""One robot in real time, with the actions that the page offers. It needs no browser."""
+"""One robot in real time, live or recorded, with the actions that the page offers."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
+import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...envs import MorlaxError
 from ...envs.worlds.design_space import DesignSpace
@@ -11,12 +16,87 @@ from ...envs.worlds.trees import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.loading import load, load_front
-from ..player import Player
-from .behavior import Behavior
+from ..player import PUSH, Player
 from .library import Choice
 
 Weights = tuple[float, ...]  # a trade-off: not negative, and sums to one
-PUSH = 1.5  # m/s added to the robot's velocity by a push
+Put = Callable[[Callable[[], None]], None]  # queues a call for the thread that moves the robots
+MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
+
+
+class Behavior(ABC):
+    """The states of one MuJoCo robot over time, as a page shows them.
+
+    Callers may set `paused` and `pace` (1 is real time) at any time. `steps` are those since the
+    beginning. Use a behavior from one thread only.
+
+    Args:
+        robot: the same object for behaviors that look alike and can stand side by side.
+        model: the robot's model.
+        data: its current state; `step` updates positions of bodies in place.
+        dt: seconds of a step.
+    """
+
+    def __init__(self, robot: object, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
+        self.robot, self.model, self.data, self.dt = robot, model, data, dt
+        self.paused, self.pace, self.steps = False, 1.0, 0
+        self._clock: float | None = None
+        self._due = 0.0
+
+    @abstractmethod
+    def step(self) -> None:
+        """Move on by `dt` seconds, and count it in `steps`."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Go back to the beginning."""
+
+    def advance(self, now: float) -> int:
+        """Take the steps that are due at clock time `now` in seconds; returns how many."""
+        elapsed = 0.0 if self._clock is None else now - self._clock
+        self._clock = now
+        if self.paused:
+            return 0
+        self._due += min(elapsed, MAX_LAG) * self.pace
+        steps = int(self._due / self.dt + 1e-9)
+        self._due -= steps * self.dt
+        for _ in range(steps):
+            self.step()
+        return steps
+
+    def until_next(self) -> float:
+        """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
+        wait = MAX_LAG if self.paused else (self.dt - self._due) / self.pace
+        return min(max(wait, 0.0), MAX_LAG)
+
+
+class Clip(Behavior):
+    """A robot that repeats recorded positions (T, nq), which are finite.
+
+    Raises:
+        MorlaxError: the positions do not fit the model, or one is not finite.
+    """
+
+    def __init__(self, model: mujoco.MjModel, qpos: ArrayLike, dt: float):
+        super().__init__(model, model, mujoco.MjData(model), dt)
+        self._qpos = np.asarray(qpos, dtype=np.float64)
+        shape = self._qpos.shape
+        if len(shape) != 2 or not shape[0] or shape[1] != model.nq:
+            raise MorlaxError(f"a clip needs positions of shape (T, {model.nq}), not {shape}.")
+        if not np.isfinite(self._qpos).all():
+            raise MorlaxError("a clip needs finite positions.")
+        self.reset()
+
+    def step(self) -> None:
+        self._show((self.steps + 1) % len(self._qpos))
+
+    def reset(self) -> None:
+        self._show(0)
+
+    def _show(self, step: int) -> None:
+        self.steps = step
+        self.data.qpos[:] = self._qpos[step]
+        mujoco.mj_kinematics(self.model, self.data)
 
 
 @dataclass
@@ -31,12 +111,8 @@ class Episode:
 class Session(Behavior):
     """A robot and its trade-off.
 
-    Callers may set `tradeoff` at any time; a new one acts from the next control step.
-
-    Args:
-        policy: as `morlax_torch.load` returns it.
-        front: of these policies, if it was evaluated.
-        seed: random seed of the world and of the pushes.
+    Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
+    that of the policies, if it was evaluated; `seed` that of the world and of the pushes.
 
     Raises:
         MorlaxError: the task has no MuJoCo robot.
@@ -46,34 +122,33 @@ class Session(Behavior):
         self.objectives, self.front, self._seed = policy.objectives, front, seed
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.player = player = Player(policy, self.tradeoff, seed)
-        super().__init__(player.model, player.data, player.env.dt)
+        super().__init__(policy, player.model, player.data, player.env.dt)
         self.last_episode: Episode | None = None
         self.axes = horizontal(self.model, player.env.base)
-        self._acting_on = self.tradeoff
-        self._opened = self._looks = policy
+        self._acting_on, self._opened = self.tradeoff, policy
         self._directions = np.random.default_rng(seed)
 
     @classmethod
     def open(cls, choice: Choice) -> Self:
-        """Show a checkpoint.
+        """Show a checkpoint, with its front if it has one with finite returns.
 
         Raises:
             MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
         """
         policy = load(choice.file)
-        return cls(policy, _front(choice))
+        with suppress(MorlaxError):
+            front = load_front(choice.file)
+            if np.isfinite(front.returns).all():
+                return cls(policy, front)
+        return cls(policy, None)
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off, command and pace."""
-        other = type(self)(self.player.policy, self.front)
-        other._opened, other._looks = self._opened, self._looks
-        other.tradeoff, other.paused, other.pace = self.tradeoff, self.paused, self.pace
-        other.player.command = list(self.player.command)
-        return other
-
-    @property
-    def robot(self) -> object:
-        return self._looks
+        twin = type(self)(self.player.policy, self.front)
+        twin._opened, twin.robot = self._opened, self.robot
+        twin.tradeoff, twin.paused, twin.pace = self.tradeoff, self.paused, self.pace
+        twin.player.command = list(self.player.command)
+        return twin
 
     @property
     def design(self) -> list[float]:
@@ -99,9 +174,9 @@ class Session(Behavior):
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0
 
-    def measured(self, front: Front | None) -> None:
+    def measured(self, front: Front) -> None:
         """Show the front of the body from now on."""
-        self.front, self._looks = front, self.player.policy
+        self.front, self.robot = front, self.player.policy
 
     @property
     def seconds(self) -> float:
@@ -112,8 +187,7 @@ class Session(Behavior):
         """Take one control step; if the episode is over, start a new one first."""
         player = self.player
         if self.tradeoff != self._acting_on:
-            player.tradeoff = self.tradeoff
-            self._acting_on = self.tradeoff
+            player.tradeoff = self._acting_on = self.tradeoff
         if player.over:
             fell = player.steps < player.env.episode_length
             self.last_episode = Episode(player.returns.tolist(), self.seconds, fell)
@@ -122,18 +196,16 @@ class Session(Behavior):
         self.steps = player.steps
 
     def reset(self) -> None:
-        """Start a new episode."""
         self.player.reset()
         self.steps = 0
 
     def push(self) -> None:
         """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
-        if not self.axes:
-            return
-        kick = self._directions.normal(size=len(self.axes))
-        velocity = self.player.env.physics.qvel[0]
-        for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
-            velocity[dof] += part
+        if self.axes:
+            kick = self._directions.normal(size=len(self.axes))
+            velocity = self.player.env.physics.qvel[0]
+            for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
+                velocity[dof] += part
 
     def tell(self, index: int, value: float) -> None:
         """Set one number of the command, by its index; it is clamped to the task's limits."""
@@ -147,12 +219,3 @@ class Session(Behavior):
     def power(self) -> float:
         """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
         return float(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum())
-
-
-def _front(choice: Choice) -> Front | None:
-    """Load the front of a checkpoint, if it has one with finite returns."""
-    try:
-        front = load_front(choice.file)
-    except MorlaxError:
-        return None
-    return front if np.isfinite(front.returns).all() else None

@@ -3,23 +3,16 @@
 import math
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
 from ...networks.policy import Policy
-from ...runs.choosing import Evaluated, Simulated, chooser
-from .requests import Put
-from .session import Weights
+from ...runs.choosing import Chooser
+from .session import Put, Weights
 
-
-class Wanted(NamedTuple):
-    """Requirements by name, and the value to maximize."""
-
-    at_least: dict[str, float]
-    maximize: str
-    at_most: dict[str, float]
+Wanted = tuple[dict[str, float], str, dict[str, float]]  # arguments of `Chooser.choose`
 
 
 class Thresholds:
@@ -47,37 +40,27 @@ class Thresholds:
         self._policy, self._front, self._put, self._steer = policy, front, put, steer
         self._lower = lower_is_better
         self.names = *front.objectives, *front.quantity_names
-        self._chooser: Evaluated | Simulated | None = None
-        self._wanted: Wanted | None = None  # by the user; None: no thresholds
+        self._chooser: Chooser | None = None
         self.searching = False
         self.levels: dict[int, float] = {}  # required values by index
         self.maximized = 0
-        self.found: Choice | None = None
-        self.reason = ""  # why nothing was found
+        self.choice: Choice | None = None
+        self.reason = ""  # why there is no choice
 
     def state(self) -> dict[str, Any]:
         """Describe the thresholds for a page."""
         return {
             "levels": {str(index): level for index, level in self.levels.items()},
             "maximized": self.maximized,
-            "searching": self.searching and self._wanted is not None,
-            "found": self.found and _sent(self.found),
+            "searching": self.searching and bool(self.levels),
+            "found": self.choice and _sent(self.choice),
             "reason": self.reason,
         }
-
-    def options(self) -> list[str]:
-        """Return options of `morlax choose` that require the same."""
-        wanted = self._collected()
-        words = ["--maximize", wanted.maximize]
-        for option, levels in (("--at-least", wanted.at_least), ("--at-most", wanted.at_most)):
-            for name, level in levels.items():
-                words += [option, f"{name}={level}"]
-        return words
 
     def stop(self) -> None:
         """Require nothing, and ignore what the current search will find."""
         self.levels.clear()
-        self._wanted, self.found, self.reason = None, None, ""
+        self._search()
 
     def require(self, index: int, level: float | None) -> None:
         """Require a value, within the front's range, and search; None: any."""
@@ -86,59 +69,54 @@ class Thresholds:
             self.levels.pop(index, None)
         else:
             self.levels[index] = float(min(max(level, values.min()), values.max()))
-        if self.levels:
-            self._choose()
-        else:
-            self.stop()
+        self._search()
 
     def maximize(self, index: int) -> None:
         """Get as much of a value as the thresholds allow, and search if there are any."""
         self.maximized = index
-        if self.levels:
-            self._choose()
+        self._search()
 
-    def _collected(self) -> Wanted:
+    def _wanted(self) -> Wanted:
+        """Return what is required and maximized, by name."""
         named = {self.names[index]: level for index, level in self.levels.items()}
         least = {name: level for name, level in named.items() if name not in self._lower}
         most = {name: level for name, level in named.items() if name in self._lower}
-        return Wanted(least, self.names[self.maximized], most)
+        return least, self.names[self.maximized], most
 
-    def _choose(self) -> None:
+    def _search(self) -> None:
         """Search for the trade-off that meets the thresholds, now or after the current search."""
-        self._wanted = self._collected()
-        self.found, self.reason = None, ""
-        if not self.searching:
+        self.choice, self.reason = None, ""
+        if self.levels and not self.searching:
             self.searching = True
-            threading.Thread(target=self._search, args=[self._wanted], daemon=True).start()
+            threading.Thread(target=self._choose, args=[self._wanted()], daemon=True).start()
 
-    def _search(self, wanted: Wanted) -> None:
-        """Search in another thread, and queue what follows."""
-        found: Choice | Exception
+    def _choose(self, wanted: Wanted) -> None:
+        """Choose in another thread, and queue what follows."""
         try:
             if self._chooser is None:
-                self._chooser = chooser(self._policy, self._front)
-            found = self._chooser.choose(*wanted)
+                self._chooser = Chooser(self._policy, self._front)
+            result = self._chooser.choose(*wanted)
         except Exception as error:  # raised again where it can be shown
-            found = error
-        self._put(lambda: self._end(wanted, found))
+            result = error
+        self._put(lambda: self._end(wanted, result))
 
-    def _end(self, wanted: Wanted, found: Choice | Exception) -> None:
+    def _end(self, wanted: Wanted, result: Choice | Exception) -> None:
         """Steer to the choice, or store the error; search again if the thresholds have changed."""
         self.searching = False
-        if self._wanted is None:
-            return
-        if self._wanted != wanted:
-            self._choose()
-        elif isinstance(found, Choice):
-            self.found = found
-            self._steer(found.tradeoff)
-        elif isinstance(found, MorlaxError):
-            self.reason = str(found)
+        if wanted != self._wanted():
+            self._search()
+        elif isinstance(result, Choice):
+            self.choice = result
+            self._steer(result.tradeoff)
+        elif isinstance(result, MorlaxError):
+            self.reason = str(result)
         else:
-            raise found
+            raise result
 
 
-def _sent(found: Choice) -> dict[str, Any]:
-    """Return a choice without quantities that JSON does not have."""
-    finite = {name: value for name, value in found.quantities.items() if math.isfinite(value)}
-    return found._replace(quantities=finite)._asdict()
+def _sent(choice: Choice) -> dict[str, Any]:
+    """Return a choice as JSON, without quantities that JSON does not have."""
+    sent = choice._asdict()
+    del sent["required"]
+    finite = {name: value for name, value in choice.quantities.items() if math.isfinite(value)}
+    return sent | {"quantities": finite}

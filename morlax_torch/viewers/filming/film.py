@@ -1,27 +1,29 @@
-"""A robot under several trade-offs side by side, as video frames or as a film strip."""
+"""A robot under several trade-offs, as video frames or as a film strip."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from ...envs import MorlaxError
+from ...evaluation.figures.front import map_figure
+from ...evaluation.figures.style import pixels
+from ...evaluation.front import Front
 from ...host.phases import phase
 from ...networks.policy import Policy
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for
 from ..player import Player
 from . import panels
-from .panels import joint_positions, moments
 from .rendering import Scene, check_size
 
 LONGEST = 3600.0  # simulated seconds of a film
 MOST_PICTURES = 100
 LINGER = 1.0  # seconds that a film continues after every robot has failed
+MARK = 9  # pixels from the middle of a sweep's mark to its edge, on a panel of 360 lines
 
 
 class Film:
@@ -70,104 +72,78 @@ class Film:
         if not 0 < speed <= 100:
             raise MorlaxError(f"the speed must be above 0 and at most 100, not {speed:g}.")
         rate = speed / self.dt
-        every = max(1, math.ceil(rate / fastest - 1e-9))
-        return every, rate / every
+        stride = max(1, math.ceil(rate / fastest - 1e-9))
+        return stride, rate / stride
 
-    def frames(self, seconds: float = 5.0, every: int = 1) -> Iterator[NDArray[np.uint8]]:
+    def frames(self, seconds: float = 5.0, stride: int = 1) -> Iterator[NDArray[np.uint8]]:
         """Render frames (H, W, 3) RGB: all panels, with trade-offs and running returns.
 
-        The first frame shows the start, and `every` control steps lie between two frames.
-
-        Raises:
-            MorlaxError: an unusable duration or size, or no OpenGL.
+        The first frame shows the start, and `stride` control steps lie between two frames.
         """
-        for pictures in self._pictures(range(0, self.steps(seconds) + 1, every)):
-            pairs = zip(self._takes, pictures, strict=True)
-            yield panels.side_by_side([take.captioned(picture) for take, picture in pairs])
+        for take in self._takes:
+            take.reset()
+        with self._scenes() as scenes:
+            for step in range(0, self.steps(seconds) + 1, stride):
+                for take in self._takes:
+                    take.move_to(step)
+                farthest = max(take.distance for take in self._takes)
+                pairs = zip(self._takes, scenes, strict=True)
+                yield panels.side_by_side([take.panel(scene, farthest) for take, scene in pairs])
+                last = max(take.player.steps for take in self._takes)
+                over = all(take.failed for take in self._takes)
+                if over and (step - last) * self.dt >= LINGER:
+                    return
 
     def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
         """Render a film strip (H, W, 3) RGB: a row of pictures for each trade-off.
 
         A row shows the last gait cycle of the simulated time, or the last two if the cycle has
         fewer control steps than pictures.
-
-        Raises:
-            MorlaxError: an unusable duration, number or size, or no OpenGL.
         """
         if not 2 <= pictures <= MOST_PICTURES:
             raise MorlaxError(
                 f"a film strip needs 2 to {MOST_PICTURES} pictures in a row, not {pictures}."
             )
         steps, player = self.steps(seconds), self._takes[0].player
-        rows = []
+        moments = []
         for number, take in enumerate(self._takes):
             phase("filming", number / len(self._takes))
-            rows.append(take.poses(steps, pictures))
-        poses = [pose for row in rows for pose in row]
-        aspect, data = self._size[0] / self._size[1], [pose.data for pose in poses]
-        cameras = cameras_for(player.model, aspect, data, player.env.base)
+            moments += take.moments(steps, pictures)
+        aspect, base = self._size[0] / self._size[1], player.env.base
+        cameras = cameras_for(player.model, aspect, [data for data, *_ in moments], base)
+        rows: list[list[Image.Image]] = [[] for _ in self._takes]
         with self._scenes() as scenes:
-            ordered = [scene for scene, row in zip(scenes, rows, strict=True) for _ in row]
-            shown = [pose.drawn(*how) for pose, *how in zip(poses, ordered, cameras, strict=True)]
-        together = [shown[i : i + pictures] for i in range(0, len(shown), pictures)]
-        return panels.strip(together, [take.label() for take in self._takes])
-
-    def _pictures(self, moments: Iterable[int]) -> Iterator[list[Image.Image]]:
-        """Render every robot after each number of control steps in `moments`, of a new episode."""
-        for take in self._takes:
-            take.reset()
-        with self._scenes() as scenes:
-            for step in moments:
-                for take in self._takes:
-                    take.move_to(step)
-                farthest = max(take.distance for take in self._takes)
-                pairs = zip(self._takes, scenes, strict=True)
-                yield [take.picture(scene, farthest) for take, scene in pairs]
-                last = max(take.player.steps for take in self._takes)
-                over = all(take.failed for take in self._takes)
-                if over and (step - last) * self.dt >= LINGER:
-                    return
+            for i, (data, time, failed) in enumerate(moments):
+                picture = Image.fromarray(scenes[i // pictures].draw(data, cameras[i]))
+                picture = panels.dimmed(picture) if failed else picture
+                rows[i // pictures].append(panels.timed(picture, time))
+        return panels.strip(rows, [take.label() for take in self._takes])
 
     @contextmanager
     def _scenes(self) -> Iterator[list[Scene]]:
         """Open the scene of each robot; robots of one body share theirs."""
         with ExitStack() as stack:
-            found: dict[Policy, Scene] = {}
+            scenes: dict[Policy, Scene] = {}
             for player in (take.player for take in self._takes):
-                if player.policy not in found:
+                if player.policy not in scenes:
                     scene = Scene(player.model, *self._size)
-                    found[player.policy] = stack.enter_context(scene)
-            yield [found[take.player.policy] for take in self._takes]
-
-
-class _Pose(NamedTuple):
-    """A moment of a film strip."""
-
-    data: mujoco.MjData
-    seconds: float
-    failed: bool
-
-    def drawn(self, scene: Scene, camera: mujoco.MjvCamera) -> Image.Image:
-        picture = Image.fromarray(scene.draw(self.data, camera))
-        return panels.timed(panels.dimmed(picture) if self.failed else picture, self.seconds)
+                    scenes[player.policy] = stack.enter_context(scene)
+            yield [scenes[take.player.policy] for take in self._takes]
 
 
 class Take:
     """One robot and its latest picture, frozen once it fails."""
 
     def __init__(self, player: Player, width: int, height: int):
-        self.player, self._size = player, (width, height)
-        areas = self._free()
-        self._camera = FollowingCamera(player.model, width / height, areas, player.env.base)
+        self.player = player
         self.failed = False
         self._frozen: Image.Image | None = None  # its picture since it failed
-
-    def _free(self) -> list[Area]:
-        """Return the parts of a picture right of the table and below it; of a small one, all."""
-        width, height = self._size
+        # the robot stands right of the table or below it; in a small picture, anywhere
         right, bottom = panels.table_corner(self._table(), height)
-        below, beside = Area(0, 0, 1, 1 - bottom / height), Area(right / width, 0, 1, 1)
-        return [area for area in (below, beside) if min(area.top, 1 - area.left) > 0.5] or [WHOLE]
+        areas = [Area(0, 0, 1, 1 - bottom / height), Area(right / width, 0, 1, 1)]
+        free = [area for area in areas if min(area.top, 1 - area.left) > 0.5]
+        aspect = width / height
+        self._camera = FollowingCamera(player.model, aspect, free or [WHOLE], player.env.base)
 
     def reset(self) -> None:
         self.player.reset()
@@ -188,38 +164,38 @@ class Take:
         while self.player.steps < step and not self.failed:
             self.step()
 
-    def picture(self, scene: Scene, distance: float) -> Image.Image:
-        """Draw the robot from at least `distance`; a failed robot is drawn only once."""
+    def panel(self, scene: Scene, distance: float) -> Image.Image:
+        """Draw the robot with its captions, from at least `distance`; once if it has failed."""
         if self._frozen is not None:
             return self._frozen
         self._camera.stand_back(distance)
         picture = Image.fromarray(scene.draw(self.player.data, self._camera.camera))
+        clock = f"{self.player.steps * self.player.env.dt:.2f} s"
         if self.failed:
-            picture = self._frozen = panels.dimmed(picture)
+            picture, clock = panels.dimmed(picture), f"failed after {clock}"
+        picture = panels.captioned(picture, self._table(), ", ".join([*self._body(), clock]))
+        if self.failed:
+            self._frozen = picture
         return picture
 
-    def poses(self, steps: int, pictures: int) -> list[_Pose]:
-        """Return moments of the last gait cycle of an episode of at most `steps`."""
+    def moments(self, steps: int, pictures: int) -> list[tuple[mujoco.MjData, float, bool]]:
+        """Return poses in the last gait cycle of an episode of at most `steps`.
+
+        Each comes with its seconds, and whether the robot fails there.
+        """
         self.reset()
-        states = [self._state()]
+        states = [self.player.data.qpos.copy()]
         while self.player.steps < steps and not self.failed:
             self.step()
-            states.append(self._state())
-        states = [state for state in states if np.isfinite(state).all()]
-        model, dt = self.player.model, self.player.env.dt
-        last = len(states) - 1
-        return [
-            _Pose(_posed(model, states[step]), step * dt, self.failed and step == last)
-            for step in moments(joint_positions(model, np.stack(states)), dt, pictures)
-        ]
-
-    def _state(self) -> NDArray[np.float64]:
-        return self.player.data.qpos.copy()
-
-    def captioned(self, picture: Image.Image) -> Image.Image:
-        clock = f"{self.player.steps * self.player.env.dt:.2f} s"
-        clock = f"failed after {clock}" if self.failed else clock
-        return panels.captioned(picture, self._table(), ", ".join([*self._body(), clock]))
+            states.append(self.player.data.qpos.copy())
+        qpos = np.stack([state for state in states if np.isfinite(state).all()])
+        model, dt, moments = self.player.model, self.player.env.dt, []
+        for step in panels.moments(panels.joint_positions(model, qpos), dt, pictures):
+            data = mujoco.MjData(model)
+            data.qpos[:] = qpos[step]
+            mujoco.mj_forward(model, data)
+            moments.append((data, step * dt, self.failed and step == len(qpos) - 1))
+        return moments
 
     def _body(self) -> list[str]:
         """Return the design parameters that are not the default, such as "thigh 0.4 m"."""
@@ -235,23 +211,58 @@ class Take:
     def _table(self) -> list[panels.Row]:
         return [
             (*weight, f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}")
-            for weight, value in zip(self.weights(), self.player.returns.tolist(), strict=True)
+            for weight, value in zip(self._weights(), self.player.returns.tolist(), strict=True)
         ]
 
     def label(self) -> str:
         """Return a line for each weight, or "only NAME" if there is one."""
-        weights = self.weights()
+        weights = self._weights()
         alone = [f"only {name}" for name, share in weights if share == "1.00"]
         return "\n".join([*self._body(), "".join(alone) or "\n".join(map(" ".join, weights))])
 
-    def weights(self) -> list[tuple[str, str]]:
+    def _weights(self) -> list[tuple[str, str]]:
         shares = self.player.tradeoff / self.player.tradeoff.sum()
         names = self.player.env.objectives
         return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]
 
 
-def _posed(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> mujoco.MjData:
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_forward(model, data)
-    return data
+class Sweep(Film):
+    """One robot that goes from each objective alone to the next, beside a plot of the front.
+
+    It starts anew if it fails. A ring marks the evaluated trade-off that is nearest to its own. For
+    the arguments and errors see `Film`.
+    """
+
+    def __init__(
+        self, policy: Policy, front: Front, width: int = 480, height: int = 360, seed: int = 0
+    ):
+        self._corners = np.eye(len(policy.objectives))
+        super().__init__(policy, self._corners[:1].tolist(), width, height, seed)
+        self._front = front
+        figure, axes, pair = map_figure(front, width / 100, height / 100)
+        figure.set_dpi(100)
+        self._map = Image.fromarray(pixels(figure)).resize((width, height))
+        self._places = axes.transData.transform(front.returns[:, pair])  # from below
+
+    def frames(self, seconds: float = 5.0, stride: int = 1) -> Iterator[NDArray[np.uint8]]:
+        (take,) = self._takes
+        take.reset()
+        steps, legs = self.steps(seconds), np.arange(len(self._corners))
+        with self._scenes() as (scene,):
+            for step in range(0, steps + 1, stride):
+                passed = step / steps * legs[-1]
+                tradeoff = np.array([np.interp(passed, legs, column) for column in self._corners])
+                take.player.tradeoff = tradeoff.tolist()
+                for _ in range(stride if step else 0):
+                    if take.failed:
+                        take.reset()
+                    take.step()
+                yield panels.side_by_side([take.panel(scene, 0.0), self._marked(tradeoff)])
+
+    def _marked(self, tradeoff: NDArray[np.float64]) -> Image.Image:
+        nearest = np.square(self._front.tradeoffs - tradeoff).sum(1).argmin()
+        x, y = self._places[nearest]
+        picture, size = self._map.copy(), MARK * self._map.height / 360
+        box = (x - size, picture.height - y - size, x + size, picture.height - y + size)
+        ImageDraw.Draw(picture).ellipse(box, outline=panels.INK, width=max(2, round(size / 3)))
+        return picture

@@ -1,11 +1,8 @@
 """Captions and layout of the pictures of a film, and the moments of a gait that they show."""
 
-import math
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
-import matplotlib
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 COLUMNS = 4  # panels per row, at most
 GAP = 4  # pixels between panels
+_font = cache(ImageFont.load_default)  # by size in pixels
 INK, PALE, PAPER = (32, 38, 46), (105, 113, 123), (255, 255, 255)
 Row = tuple[str, str, str]  # name, weight and return of an objective
 HEAD: Row = ("", "trade-off", "return")
@@ -64,9 +62,9 @@ def _size(height: int) -> int:
     return max(11, height // 22)
 
 
-def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
+def side_by_side(panels: Sequence[Image.Image], most: int = COLUMNS) -> NDArray[np.uint8]:
     """Arrange panels of one size in as few rows as possible: (H, W, 3) RGB."""
-    rows = -(-len(panels) // COLUMNS)
+    rows = -(-len(panels) // most)
     columns = -(-len(panels) // rows)
     width, height = panels[0].width + GAP, panels[0].height + GAP
     sheet = Image.new("RGB", (columns * width - GAP, rows * height - GAP), PAPER)
@@ -76,40 +74,27 @@ def side_by_side(panels: Sequence[Image.Image]) -> NDArray[np.uint8]:
     return np.asarray(sheet)
 
 
-def timed(picture: Image.Image, seconds: float) -> Image.Image:
-    picture = picture.copy()
-    size = _large(picture)
-    place = picture.width - size / 3, picture.height - size / 3
-    ImageDraw.Draw(picture).text(place, f"{seconds:.2f} s", INK, _font(size), anchor="rs")
-    return picture
-
-
 def strip(rows: Sequence[Sequence[Image.Image]], labels: Sequence[str]) -> NDArray[np.uint8]:
-    """Arrange rows of pictures of one size, each with a label of one or more lines: (H, W, 3)."""
-    panel = rows[0][0]
-    size = _large(panel)
-    font, width, height = _font(size), panel.width + GAP, panel.height + GAP
-    lines = [line for label in labels for line in label.splitlines()]
-    left = math.ceil(max(map(font.getlength, lines))) + size
-    sheet = Image.new("RGB", (left + len(rows[0]) * width - GAP, len(rows) * height - GAP), PAPER)
-    draw = ImageDraw.Draw(sheet)
-    for y, (row, label) in enumerate(zip(rows, labels, strict=True)):
-        place = left - size / 2, (y + 0.5) * height
-        draw.multiline_text(place, label, INK, font, "rm", align="right")
-        for x, picture in enumerate(row):
-            sheet.paste(picture, (left + x * width, y * height))
-    return np.asarray(sheet)
+    """Arrange rows of pictures of one size, each after a label of some lines: (H, W, 3) RGB."""
+    panels: list[Image.Image] = []
+    for row, label in zip(rows, labels, strict=True):
+        width, height = row[0].size
+        # large, because strips are scaled to page width, but no wider than a panel
+        longest = max(map(_font(100).getlength, label.splitlines())) / 100
+        size = max(8, min(height // 9, int(0.9 * width / longest)))
+        panels.append(Image.new("RGB", (width, height), PAPER))
+        middle = width - size / 3, height / 2
+        draw = ImageDraw.Draw(panels[-1])
+        draw.multiline_text(middle, label, INK, _font(size), "rm", align="right")
+        panels += row
+    return side_by_side(panels, 1 + len(rows[0]))
 
 
-def _large(picture: Image.Image) -> int:
-    """Return a size of letters that is readable when a strip is scaled to page width."""
-    return max(11, picture.height // 9)
-
-
-@cache
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), size)
+def timed(picture: Image.Image, seconds: float) -> Image.Image:
+    picture, size = picture.copy(), max(11, picture.height // 9)
+    corner = picture.width - size / 3, picture.height - size / 3
+    ImageDraw.Draw(picture).text(corner, f"{seconds:.2f} s", INK, _font(size), anchor="rs")
+    return picture
 
 
 def joint_positions(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -213,15 +213,8 @@ function showPlayback(engine, stage) {
   $("timeline").hidden = !stopped;
   $("timeline").max = past.length - 1;
   if (moment === null) $("timeline").value = past.length - 1;
-  fill();
   label("pause", stopped ? "Continue (space)" : "Pause (space)", stopped ? "play" : "pause");
   $("pace").textContent = `${pace}×`;
-}
-
-/** Color the timeline up to where it stands. */
-function fill() {
-  const { style, value, max } = $("timeline");
-  style.setProperty("--share", value / Math.max(max, 1));
 }
 
 /** Show a sentence above the robots, for as long as it takes to read, or until the next one. */
@@ -259,7 +252,6 @@ function wireControls() {
     state.from = Math.min(Number($("timeline").value), state.stage.past.length - 1);
     state.stage.moment = state.from;
     state.played = 0;
-    fill();
   });
   // Space presses a button that has the focus, but a click is not to keep it
   addEventListener("click", ({ detail, target }) => detail && target.closest("button, summary")?.blur());

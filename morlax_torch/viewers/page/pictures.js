@@ -17,6 +17,15 @@ export function html(name, properties = {}, ...children) {
   return element;
 }
 
+/** Make a round button with a text, and a dot of a color if there is one. */
+export function chip(text, title, act, color = null) {
+  const button = html("button", { type: "button", className: "chip", textContent: text, title });
+  button.classList.toggle("dot", color !== null);
+  if (color) button.style.setProperty("--color", color);
+  button.addEventListener("click", act);
+  return button;
+}
+
 const ICONS = {
   pause: "M9 6v12M15 6v12",
   play: "M8 5.5v13l10.5-6.5z",

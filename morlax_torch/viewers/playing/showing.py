@@ -14,10 +14,9 @@ from ...envs import MorlaxError
 from ...host.phases import phase
 from .deployment import Export
 from .disturbances import Disturbances
-from .episodes import check_times, policy_of
+from .episodes import Wishes, check_times, policy_of
 from .robot import Robot
 from .steering import Gamepad, Steering
-from .wishes import Wishes
 
 SIZE = 480, 360  # pixels of a film
 FASTEST = 30.0  # frames per second of a film
@@ -100,7 +99,7 @@ def film(
     Raises:
         MorlaxError: no OpenGL, no ffmpeg, or `output` cannot be written.
     """
-    from ..filming.video import ENDINGS, write_video
+    from ..filming.recording import ENDINGS, write_video
 
     check_times(deployment, seconds)
     if output.suffix.lower() not in ENDINGS:

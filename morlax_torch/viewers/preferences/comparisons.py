@@ -1,43 +1,103 @@
-"""Answers to "which clip is better?", in a file with the clips."""
+"""Clips of a run's policies, and answers to "which clip is better?", in one file."""
 
 import io
-from collections.abc import Iterable
-from typing import Self
+from dataclasses import dataclass, field
+from typing import NamedTuple, Self
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
 
-from ...envs import MorlaxError
+from ... import envs
+from ...configuration.tradeoffs import dirichlet_tradeoffs
+from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST, unknown
+from ...envs.worlds.learned import TERM
 from ...host.files import AnyPath, read, replacing
-from .clips import Clips
+from ...host.phases import phase
+from ...networks.policy import Policy
+
+SECONDS = 1.5  # length of a clip
+EPISODE = 1000  # control steps at most of an episode that clips are cut from
 
 
-class Comparisons:
-    """Clips of one task, and which of two of them a user preferred.
+class Clips(NamedTuple):
+    """n clips of L control steps each."""
 
-    Args:
-        task: its name.
-        terms: names of the reward terms of the clips.
-        clips: to compare.
-        answers: pairs of indices of clips, the preferred one first.
-        sources: names of where the clips come from.
-        objective: what the answers are about (None: not told).
+    observation: NDArray[np.float32]  # (n, L + 1, O)
+    action: NDArray[np.float32]  # (n, L, A)
+    qpos: NDArray[np.float32]  # (n, L + 1, nq), to show them
+    terms: NDArray[np.float32]  # (n, k) sums of the task's own reward terms
+
+
+def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]]:
+    """Record clips of random trade-offs, each at a random time of an episode, on C MuJoCo.
+
+    Every second clip has exploration noise, to show what training may try. Some of the `number`
+    episodes may end too early for a clip. The policy is on the CPU.
+
+    Returns:
+        The clips, and the names of their reward terms.
+
+    Raises:
+        MorlaxError: the task has no MuJoCo robot, or no episode is as long as a clip.
     """
+    config, m = policy.config, len(policy.objectives)
+    if not issubclass(envs.get(config.env), Environment):
+        raise MorlaxError(f"{config.env} has no MuJoCo robot, so its clips cannot be compared.")
+    options = config.task.for_evaluation().model_dump()
+    env = envs.make(config.env, number, "cpu", "mujoco", seed, auto_reset=False, **options)
+    assert isinstance(env, Environment)
+    policy.agent.check_sizes(env)
+    length, steps = max(1, round(SECONDS / env.dt)), min(env.episode_length, EPISODE)
+    actors = policy.agent.actors(dirichlet_tradeoffs(number, m, seed=seed))
+    generator = torch.Generator().manual_seed(seed)
+    names = [name for name in env.reward_terms if name != TERM]  # that the task itself defines
+    alive = torch.full((number,), steps)
+    observation = env.reset()
+    seen, positions, actions, terms = [observation], [env.physics.qpos.clone()], [], []
+    with torch.no_grad():
+        for time in range(steps):
+            phase(f"recording {number} clips", time / steps)
+            chosen = actors.distribution(observation[:, None])
+            noise = chosen.noise(generator)
+            noise[::2] = 0
+            actions.append((chosen.mean + chosen.std * noise).tanh()[:, 0])
+            step = env.step(actions[-1])
+            observation = step.observation
+            seen.append(observation)
+            positions.append(env.physics.qpos.clone())
+            terms.append(torch.stack([step.terms[name] for name in names], -1))
+            alive[step.terminated] = alive[step.terminated].clamp(max=time)
+    rows = torch.nonzero(alive >= length).squeeze(-1)
+    if len(rows) < 2:
+        raise MorlaxError(
+            f"{number - len(rows)} of {number} episodes fail within {SECONDS:g} s, the length of "
+            "a clip, so there are no two to compare: train for longer, or record more clips."
+        )
+    latest = (alive - length)[rows]
+    draws = torch.rand(len(rows), generator=generator, dtype=torch.float32)
+    first = (draws * (latest + 1)).long().minimum(latest)
+    times = first[:, None] + torch.arange(length + 1)
 
-    def __init__(
-        self,
-        task: str,
-        terms: list[str],
-        clips: Clips,
-        answers: Iterable[tuple[int, int]] = (),
-        sources: Iterable[str] = (),
-        objective: str | None = None,
-    ):
-        self.task, self.terms, self.clips, self.objective = task, terms, clips, objective
-        self.answers, self.sources = list(answers), list(sources)
+    def cut(values: list[torch.Tensor], times: torch.Tensor = times) -> np.ndarray:
+        return torch.stack(values)[times, rows[:, None]].float().numpy()
 
-    def __len__(self) -> int:
-        return len(self.answers)
+    inside = times[:, :-1]
+    clips = Clips(cut(seen), cut(actions, inside), cut(positions), cut(terms, inside).sum(1))
+    return clips, names
+
+
+@dataclass
+class Comparisons:
+    """Clips of one task, and which of two of them a user preferred."""
+
+    task: str
+    terms: list[str]  # names of the reward terms of the clips
+    clips: Clips
+    answers: list[tuple[int, int]] = field(default_factory=list)  # clips, the preferred one first
+    sources: list[str] = field(default_factory=list)  # names of where the clips come from
+    objective: str | None = None  # that the answers are about; None: not told
 
     def pair(self, random: np.random.Generator) -> tuple[int, int]:
         """Draw two different clips to compare next, one of them of those compared least."""
@@ -50,13 +110,9 @@ class Comparisons:
         self.answers.append((preferred, other))
 
     def add(self, task: str, terms: list[str], clips: Clips) -> None:
-        """Add clips of the same task.
-
-        Raises:
-            MorlaxError: they are of another task, or of another length.
-        """
-        own = [part.shape[1:] for part in self.clips]
-        if task != self.task or terms != self.terms or own != [part.shape[1:] for part in clips]:
+        """Add clips, or raise MorlaxError if they are of another task or of another length."""
+        shapes = [[part.shape[1:] for part in parts] for parts in (self.clips, clips)]
+        if task != self.task or terms != self.terms or shapes[0] != shapes[1]:
             raise MorlaxError(
                 f"the comparisons are of clips of {self.task}, so no clips of {task} can be added: "
                 "use another folder."
@@ -78,12 +134,7 @@ class Comparisons:
             self.answer(*((one, other) if ratings[one] > ratings[other] else (other, one)))
 
     def save(self, path: AnyPath) -> None:
-        """Write an .npz, atomically.
-
-        Raises:
-            MorlaxError: the file cannot be written.
-        """
-        answers = np.array(self.answers, np.int32).reshape(-1, 2)
+        """Write an .npz atomically, or raise MorlaxError."""
         with replacing(path) as file:
             np.savez_compressed(
                 file,
@@ -91,7 +142,7 @@ class Comparisons:
                 objective=self.objective or "",
                 term_names=np.array(self.terms, str),
                 sources=np.array(self.sources, str),
-                answers=answers,
+                answers=np.array(self.answers, np.int32).reshape(-1, 2),
                 **self.clips._asdict(),
             )
 
@@ -102,14 +153,15 @@ class Comparisons:
         Raises:
             MorlaxError: there is no such file, or it is damaged.
         """
-        whole = io.BytesIO(read(path, "file of comparisons"))
+        content = io.BytesIO(read(path, "file of comparisons"))
         try:
-            with np.load(whole) as arrays:
+            with np.load(content) as arrays:
                 clips = Clips(*(arrays[name] for name in Clips._fields))
                 terms, answers = arrays["term_names"].tolist(), arrays["answers"]
                 task, sources = str(arrays["task"]), arrays["sources"].tolist()
                 objective = str(arrays["objective"]) or None
-            _check(clips, terms, answers)
+            if not _fit(clips, terms, answers):
+                raise ValueError("its arrays do not fit together, or hold wrong numbers")
         except MemoryError:
             raise
         except Exception as error:  # numpy, zip and zlib each fail in their own way
@@ -121,18 +173,15 @@ class Comparisons:
         return cls(task, terms, clips, pairs, sources, objective)
 
 
-def _check(clips: Clips, terms: list[str], answers: np.ndarray) -> None:
-    """Raise ValueError if sizes disagree, or a number is not finite or out of range."""
+def _fit(clips: Clips, terms: list[str], answers: np.ndarray) -> bool:
+    """Return whether sizes and types agree, and all numbers are finite and in range."""
     n, length = clips.action.shape[:2]
-    shapes = {"observation": (n, length + 1), "qpos": (n, length + 1), "terms": (n, len(terms))}
-    for name, values in clips._asdict().items():
-        wanted = shapes.get(name, (n, length))
-        dimensions = 2 if name == "terms" else 3
-        if values.ndim != dimensions or values.shape[:2] != wanted or values.dtype != np.float32:
-            raise ValueError(f"{name} has the wrong shape or type")
-        if not np.isfinite(values).all():
-            raise ValueError(f"{name} must be finite")
-    if answers.ndim != 2 or answers.shape[1] != 2 or answers.dtype != np.int32:
-        raise ValueError("answers must be pairs of clips")
-    if ((answers < 0) | (answers >= n)).any() or (answers[:, 0] == answers[:, 1]).any():
-        raise ValueError("an answer must name two different clips of the file")
+    sizes = [(3, length + 1), (3, length), (3, length + 1), (2, len(terms))]
+    for part, (dimensions, columns) in zip(clips, sizes, strict=True):
+        if part.ndim != dimensions or part.shape[:2] != (n, columns):
+            return False
+        if part.dtype != np.float32 or not np.isfinite(part).all():
+            return False
+    if answers.shape[1:] != (2,) or answers.dtype != np.int32:
+        return False
+    return bool(((answers >= 0) & (answers < n)).all() and (answers[:, 0] != answers[:, 1]).all())

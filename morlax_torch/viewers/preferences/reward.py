@@ -71,14 +71,10 @@ def fit(comparisons: Comparisons, seed: int = 0) -> Fit:
 
 
 def save(reward: LearnedReward, path: Path) -> None:
-    """Write a file that `task.learned` can name, atomically.
-
-    Raises:
-        MorlaxError: the file cannot be written.
-    """
-    whole = io.BytesIO()
-    torch.save(reward.contents(), whole)
-    write_file(path, whole.getbuffer())
+    """Write a file that `task.learned` can name, atomically, or raise MorlaxError."""
+    content = io.BytesIO()
+    torch.save(reward.contents(), content)
+    write_file(path, content.getbuffer())
 
 
 def steps_of(comparisons: Comparisons) -> tuple[Tensor, Tensor, Tensor]:

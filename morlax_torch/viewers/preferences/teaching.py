@@ -15,8 +15,7 @@ from ...host.files import make_folder, write_file
 from ...host.phases import phase
 from ...runs.loading import find_checkpoint, load
 from . import reward
-from .clips import record
-from .comparisons import Comparisons
+from .comparisons import Comparisons, record
 from .reward import Fit
 
 
@@ -49,17 +48,17 @@ class Lesson:
             raise MorlaxError(f"{error}.") from None
         if clips < 2:
             raise MorlaxError(f"there are {clips} clips: at least 2 are needed to compare.")
+        check_seed(seed)
         self.folder, self.objective = folder, objective
         self._checkpoint, self._seed = find_checkpoint(run), seed
         self.policy = load(run)
-        known = self.policy.config.task.objectives.get(objective)
-        if known is not None and TERM not in known:
+        task = self.policy.config.task
+        assert isinstance(task, TaskOptions)
+        if TERM not in task.objectives.get(objective, [TERM]):
             raise MorlaxError(
                 f"{run} has an objective {objective} already, which is not learned: choose another "
                 "name."
             )
-        task = self.policy.config.task
-        assert isinstance(task, TaskOptions)
         groups = {**task.objectives, "task.shared": task.shared}
         others = [name for name, terms in groups.items() if TERM in terms and name != objective]
         if others:
@@ -67,30 +66,32 @@ class Lesson:
                 f"{run} has learned {others[0]} already, and a task has one learned reward: go on "
                 f"with --objective {others[0]}, or teach another run."
             )
-        check_seed(seed)
-        path = folder / "comparisons.npz"
-        known = Comparisons.load(path) if path.exists() else None
-        if known is not None and known.answers and known.objective not in (None, objective):
-            raise MorlaxError(
-                f"{folder} has answers about {known.objective}, not about {objective}: use another "
-                f"folder, or --objective {known.objective}."
-            )
-        self.comparisons = self._with_clips_of_the_run(known, clips)
+        self.comparisons = self._comparisons(clips)
         self.comparisons.objective = objective
         self.save()
-        self._random = np.random.default_rng([seed, len(self.comparisons)])
+        self._random = np.random.default_rng([seed, len(self.comparisons.answers)])
 
-    def _with_clips_of_the_run(self, known: Comparisons | None, number: int) -> Comparisons:
+    def _comparisons(self, number: int) -> Comparisons:
+        """Return the folder's comparisons, with clips of the run."""
+        path, comparisons = self.folder / "comparisons.npz", None
+        if path.exists():
+            comparisons = Comparisons.load(path)
+            told = comparisons.objective if comparisons.answers else None
+            if told not in (None, self.objective):
+                raise MorlaxError(
+                    f"{self.folder} has answers about {told}, not about {self.objective}: use "
+                    f"another folder, or --objective {told}."
+                )
         source = hashlib.sha256(self._checkpoint.read_bytes()).hexdigest()
-        if known is not None and source in known.sources:
-            return known
+        if comparisons is not None and source in comparisons.sources:
+            return comparisons
         task, (clips, terms) = self.policy.config.env, record(self.policy, number, self._seed)
-        if known is None:
-            known = Comparisons(task, terms, clips)
+        if comparisons is None:
+            comparisons = Comparisons(task, terms, clips)
         else:
-            known.add(task, terms, clips)
-        known.sources.append(source)
-        return known
+            comparisons.add(task, terms, clips)
+        comparisons.sources.append(source)
+        return comparisons
 
     def save(self) -> None:
         """Write the answers given so far."""
@@ -102,11 +103,7 @@ class Lesson:
         return self.comparisons.pair(self._random)
 
     def judge(self, term: str, answers: int) -> None:
-        """Simulate a user who prefers more of a reward term.
-
-        Raises:
-            MorlaxError: the task has no such reward term.
-        """
+        """Answer as a simulated user who prefers more of a reward term; see `Comparisons`."""
         self.comparisons.judge(term, answers, self._random)
         self.save()
 
@@ -133,20 +130,14 @@ class Lesson:
         values = config.model_dump(mode="json")
         options = values["task"]
         if self.objective not in task.objectives:
+            clips, names = self.comparisons.clips, self.comparisons.terms
+            groups = task.objectives.values()
+            weights = [[task.shared.get(n, 0.0) + g.get(n, 0.0) for n in names] for g in groups]
+            rewards = clips.terms / clips.action.shape[1] @ np.array(weights).T  # (n, m) per step
+            spread = round(float(np.ptp(rewards, axis=0).mean()), 4)
+            options["objectives"][self.objective] = {TERM: spread}
             point = task.reference_point
-            options["objectives"][self.objective] = {TERM: round(self._spread(), 4)}
             options["reference_point"] = None if point is None else [*point, 0.0]
         options["learned"] = str((self.folder / "learned.pt").absolute())
         start = {"start_from": str(self._checkpoint), "device": None, "backend": None}
         return load_config({**values, **start})
-
-    def _spread(self) -> float:
-        """Return how much the reward per step of an objective varies between clips."""
-        task, clips = self.policy.config.task, self.comparisons.clips
-        names, means = self.comparisons.terms, clips.terms / clips.action.shape[1]
-
-        def weights(group: dict[str, float]) -> list[float]:
-            return [task.shared.get(name, 0.0) + group.get(name, 0.0) for name in names]
-
-        objectives = np.array([weights(group) for group in task.objectives.values()])
-        return float(np.ptp(means @ objectives.T, axis=0).mean())

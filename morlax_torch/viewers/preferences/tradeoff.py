@@ -18,15 +18,11 @@ SURE = 0.9  # confidence at which no more questions are needed
 class Preference:
     """A user's weights of objectives, learned from answers to "A or B?".
 
-    The user's utility is taken as a weighted sum of returns, each scaled to [0, 1] over the front,
-    with unknown weights: at first all are equally likely, later those that explain the answers.
-    The probability of an answer is that of Bradley and Terry (1952), with a share of mistakes.
-    Particles represent the posterior, and the next pair is the one whose answer is expected to
-    tell most about the weights (Lindley, 1956).
-
-    Args:
-        front: evaluated trade-offs; only non-dominated ones are compared.
-        seed: random seed of particles and of the pairs that are considered.
+    The user's utility is a sum of returns, each scaled to [0, 1] over the front, with unknown
+    weights: at first all are equally likely, later those that explain the answers. The probability
+    of an answer is that of Bradley and Terry (1952), with a share of mistakes. Particles represent
+    the posterior, and the next pair is the one whose answer is expected to tell most about the
+    weights (Lindley, 1956). Only non-dominated policies of the front are compared.
 
     Raises:
         MorlaxError: the front has fewer than two non-dominated policies.
@@ -66,9 +62,10 @@ class Preference:
         Raises:
             MorlaxError: a policy is not one of those that are compared.
         """
-        for index in (preferred, other):
-            if index not in self.policies:
-                raise MorlaxError(f"policy {index} is not one of the front's non-dominated ones.")
+        if others := {preferred, other} - set(self.policies.tolist()):
+            raise MorlaxError(
+                f"policy {others.pop()} is not one of the front's non-dominated ones."
+            )
         pair = np.searchsorted(self.policies, [[preferred], [other]])
         self._log_posterior += np.log(self._chance(*pair)[:, 0])
 
@@ -104,8 +101,8 @@ class Preference:
 
     def _chances(self) -> NDArray[np.float64]:
         """Return the probability (n,) that each of `policies` is the user's best."""
-        n = len(self.policies)
-        return np.bincount(self._favorite, self._posterior(), n).astype(np.float64)
+        chances = np.bincount(self._favorite, self._posterior(), len(self.policies))
+        return chances.astype(np.float64)
 
     def _posterior(self) -> NDArray[np.float64]:
         likelihood = np.exp(self._log_posterior - self._log_posterior.max())

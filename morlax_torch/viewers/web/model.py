@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ...envs import MorlaxError
+from ...envs import Environment, MorlaxError
 from ...envs.replacing import replaced
+from ...envs.worlds.options import TaskOptions
 
 # Arrays of mjModel that the physics depends on, and the names that their versions share.
 PHYSICAL = re.compile(
@@ -30,40 +31,29 @@ class WebModel(NamedTuple):
     options: dict[str, Any]  # of mjOption
 
 
-def compiled(make: Callable[[], mujoco.MjModel], what: str) -> tuple[mujoco.MjModel, WebModel]:
-    """Compile a model by `make`, in any way that MuJoCo offers, and describe it.
-
-    Raises:
-        MorlaxError: the model cannot be written as MJCF.
-    """
+def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjModel, WebModel]:
+    """Compile a task's model, in any way that MuJoCo offers, and describe it."""
     with _watching() as made:
-        model = make()
+        model = task.compile_model(options)
+    name = f"{task.__name__} cannot run in a browser"
     if not made:
         raise MorlaxError(
-            f"{what} cannot run in a browser: its load_model() must compile the model with "
-            "MjModel.from_xml_path, MjModel.from_xml_string or MjSpec.compile."
+            f"{name}: its load_model() must compile the model with MjModel.from_xml_path, "
+            "MjModel.from_xml_string or MjSpec.compile."
         )
     spec = next((spec for own, spec in made if own is model), made[-1][1])
     try:
         return model, describe(model, spec)
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
-        raise MorlaxError(f"{what} cannot run in a browser: {reason}.") from None
+        raise MorlaxError(f"{name}: {reason}.") from None
 
 
 def describe(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
-    """Describe `model`, which `spec` was compiled to.
-
-    Raises:
-        ValueError: MuJoCo cannot write the model, or reads it back as another one.
-        OSError: an asset cannot be read.
-    """
+    """Describe `model`, which `spec` was compiled to; ValueError or OSError: it cannot be."""
     assets = dict(_flattened(spec))
-    for name in ("meshdir", "texturedir"):
-        setattr(spec.compiler, name, "")
-    spec.assets = {}
-    for name, data in assets.items():
-        spec.assets[name] = data
+    spec.compiler.meshdir = spec.compiler.texturedir = ""
+    spec.assets = assets
     spec.compile()  # only a compiled spec can be written
     xml = INPUT_OF_PLAIN_ACTUATORS.sub(r"\1", spec.to_xml())
     again = mujoco.MjModel.from_xml_string(xml, assets)
@@ -90,8 +80,7 @@ def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
 
         def substitute(source: Any, *assets: Any, **named: Any) -> mujoco.MjModel:
             model = compile_(source, *assets, **named)
-            given = {"assets": assets[0]} if assets else named
-            made.append((model, spec_of(source, **given)))
+            made.append((model, spec_of(source, **({"assets": assets[0]} if assets else named))))
             return model
 
         return replaced(owner, name, substitute)
@@ -106,34 +95,23 @@ def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
 
 def _flattened(spec: mujoco.MjSpec) -> Iterator[tuple[str, bytes]]:
     """Give every file of the model a name without folders; yields names and contents."""
-    known: dict[Path | str, str] = {}
+    names: dict[Path, str] = {}
+    stored = {Path(name).name: data for name, data in spec.assets.items()}
     for kind, folder in (("meshes", "meshdir"), ("textures", "texturedir"), ("hfields", "meshdir")):
         for element in getattr(spec, kind):
             if not element.file:
                 continue
-            given = Path(element.file)
-            element.name = element.name or given.stem
-            place = Path(spec.modelfiledir or ".") / getattr(spec.compiler, folder) / given
+            file = Path(element.file)
+            element.name = element.name or file.stem
+            path = Path(spec.modelfiledir or ".") / getattr(spec.compiler, folder) / file
             element.content_type = ""
-            if place not in known:
-                known[place] = f"asset-{len(known)}{given.suffix.lower()}"
-                yield known[place], _contents(spec, given, place)
-            element.file = known[place]
-
-
-def _contents(spec: mujoco.MjSpec, given: Path, place: Path) -> bytes:
-    for name, data in spec.assets.items():
-        if Path(name).name == given.name:
-            return data
-    return place.read_bytes()
+            if path not in names:
+                names[path] = f"asset-{len(names)}{file.suffix.lower()}"
+                yield names[path], stored[file.name] if file.name in stored else path.read_bytes()
+            element.file = names[path]
 
 
 def _options(options: mujoco.MjOption) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name in dir(options):
-        value = getattr(options, name)
-        if isinstance(value, np.ndarray):
-            found[name] = value.tolist()
-        elif isinstance(value, (int, float)) and not name.startswith("_"):
-            found[name] = value
-    return found
+    values = {name: getattr(options, name) for name in dir(options) if not name.startswith("_")}
+    arrays = {k: x.tolist() for k, x in values.items() if isinstance(x, np.ndarray)}
+    return arrays | {k: x for k, x in values.items() if isinstance(x, (int, float))}

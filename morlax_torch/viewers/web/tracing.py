@@ -1,6 +1,8 @@
-"""Trace a task's control step into two graphs: before the physics, and after it."""
+"""Trace a task's control step into two graphs, before the physics and after it, and check them."""
 
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, NamedTuple
 
 import mujoco
@@ -10,10 +12,11 @@ from torch import Tensor
 
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
-from ...envs.physics.interface import Physics
+from ...envs.physics.mujoco import MujocoPhysics
 from ...envs.replacing import replaced
-from ...exports.formats import onnx_model, quiet
-from .recording import Recorder, Writes, flat, storage
+from ...exports.formats import onnx_model, onnxruntime, quiet
+from ...host.phases import phase
+from .recording import Draws, Recorder, Writes, flat, storage
 
 ARRAYS = {  # of `Physics`, and their names in mjData
     "qpos": "qpos",
@@ -24,24 +27,21 @@ ARRAYS = {  # of `Physics`, and their names in mjData
     "sensors": "sensordata",
 }
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
+STEPS, EPISODES = 60, 3  # of the check
+TOLERANCE = 1e-4  # of numbers below 1; relative above
 
 
-class PagePhysics(Physics):
+class PagePhysics(MujocoPhysics):
     """One world whose tensors are float32, as in training, while MuJoCo computes in float64.
 
-    Browsers run every operation in float32, but not all of them in float64. `vary` and
-    `choose` are ignored, because the page shows the robot of the MJCF.
+    Browsers run every operation in float32, but not all of them in float64.
     """
 
-    name = "C MuJoCo"
-
     def __init__(self, model: mujoco.MjModel, substeps: int):
-        self.model, self.num_worlds, self.device = model, 1, torch.device("cpu")
-        self.substeps, self._data = substeps, mujoco.MjData(model)
-        self._no_overflow = torch.zeros(1, dtype=torch.int32)
-        for name, field in ARRAYS.items():
-            size = len(getattr(self._data, field))
-            setattr(self, name, torch.zeros(1, size, dtype=torch.float32))
+        super().__init__(model, 1, substeps)
+        self._exact = {name: getattr(self, name).numpy() for name in ARRAYS if name != "sensors"}
+        for name, values in self.arrays.items():
+            setattr(self, name, values.to(torch.float32))
 
     @property
     def arrays(self) -> dict[str, Tensor]:
@@ -49,26 +49,12 @@ class PagePhysics(Physics):
         return {name: getattr(self, name) for name in ARRAYS}
 
     def step(self) -> None:
-        for name, field in ARRAYS.items():
-            getattr(self._data, field)[:] = getattr(self, name)[0].numpy()
-        mujoco.mj_step(self.model, self._data, self.substeps)
-        for name, field in ARRAYS.items():
-            getattr(self, name)[0] = torch.from_numpy(getattr(self._data, field))
-
-    def vary(self, fields: dict[str, np.ndarray]) -> None:
-        pass
-
-    def keep(self, models: list[mujoco.MjModel]) -> None:
-        pass
-
-    def choose(self, rows: Tensor) -> None:
-        pass
-
-    def overflow(self) -> Tensor:
-        return self._no_overflow
-
-    def remedy(self, bits: int) -> str:
-        return ""
+        # by NumPy, because a recorder must not see it
+        for name, exact in self._exact.items():
+            exact[:] = getattr(self, name).numpy()
+        super().step()
+        for name, exact in self._exact.items():
+            getattr(self, name).numpy()[:] = exact
 
 
 class OnnxGraph(NamedTuple):
@@ -94,11 +80,7 @@ class Traced(NamedTuple):
 
 
 def trace(env: Environment) -> Traced:
-    """Trace `env.step` in its own float32 physics.
-
-    Raises:
-        MorlaxError: the task does something that no graph can express.
-    """
+    """Trace `env.step`; raises MorlaxError if the task does what no graph can express."""
     try:
         return _traced(env)
     except MorlaxError as error:
@@ -118,13 +100,13 @@ def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
     state = {name: flat(values) for name, values in physics.arrays.items()}
     if env.command_limits:
         state["command"] = flat(env.command)
-    known = {storage(values) for values in state.values()}
+    named = {storage(values) for values in state.values()}
     for act in (lambda: env.step(action), env.reset):
         with Writes() as writes, torch.no_grad():
             act()
-        for where, values in writes.found.items():
-            if where not in known:
-                known.add(where)
+        for memory, values in writes.found.items():
+            if memory not in named:
+                named.add(memory)
                 state[f"state_{len(state)}"] = values
     return state
 
@@ -172,3 +154,77 @@ def _graph(recorder: Recorder) -> OnnxGraph:
         node.doc_string = ""
     del model.graph.value_info[:]
     return OnnxGraph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))
+
+
+def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
+    """Compare the graphs with `env.step` for some episodes of random actions.
+
+    Returns the largest difference, relative where numbers exceed 1; raises MorlaxError if it is
+    more than TOLERANCE.
+    """
+    replica = Replica(env, traced)
+    for episode in range(EPISODES):
+        env.reset()
+        for step in range(STEPS):
+            phase("checking the traced task", (episode * STEPS + step) / (EPISODES * STEPS))
+            draws = torch.rand(1, env.action_size, generator=generator, dtype=torch.float32)
+            action = 2 * draws - 1
+            replica.step(action if episode else torch.zeros_like(action))
+    return replica.largest
+
+
+class Replica:
+    """The traced step, run from copies of the task's state; `largest` is its largest difference."""
+
+    def __init__(self, env: Environment, traced: Traced):
+        self._env, self._traced, self.largest = env, traced, 0.0
+        self._values: dict[str, np.ndarray] = {}  # of all inputs and outputs, by name
+        start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
+        self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
+
+    def step(self, action: Tensor) -> None:
+        """Take one control step twice, and compare."""
+        env, (before, after, *_) = self._env, self._traced
+        simulate = env.physics.step
+        self._copy(self._traced.state)
+        self._values["action"] = action.numpy()
+
+        def switch() -> None:
+            self._run(before, draws.values)
+            draws.values.clear()
+            simulate()
+            self._copy(ARRAYS)
+
+        with Draws() as draws, torch.no_grad(), replaced(env.physics, "step", switch):
+            step = env.step(action)
+        results = {name: getattr(step, name) for name in RESULTS}
+        self._run(after, draws.values, results | {"terms": torch.stack([*step.terms.values()], -1)})
+
+    def _copy(self, names: Iterable[str]) -> None:
+        for name in names:
+            self._values[name] = self._traced.state[name].numpy().copy()
+
+    def _run(
+        self, graph: OnnxGraph, draws: list[Tensor], results: Mapping[str, Tensor] | None = None
+    ) -> None:
+        """Run a graph on copies, with the task's draws; compare its outputs with the task."""
+        for name, drawn in zip(graph.draws, draws, strict=True):
+            self._values[name] = drawn.numpy()
+        inputs = {name: self._values[name] for name in graph.inputs}
+        outputs = self._sessions[id(graph)].run(None, inputs)
+        self._values |= dict(zip(graph.outputs, outputs, strict=True))
+        for name, exact in {**self._traced.state, **(results or {})}.items():
+            if name in graph.outputs:
+                self._compare(name, exact.numpy())
+
+    def _compare(self, name: str, exact: np.ndarray) -> None:
+        exact, traced = (x.astype(np.float64).ravel() for x in (exact, self._values[name]))
+        gaps = np.abs(exact - traced) / np.maximum(1.0, np.abs(exact))
+        gap = float(np.where(np.isnan(exact) & np.isnan(traced), 0.0, gaps).max(initial=0.0))
+        if not gap <= TOLERANCE:
+            raise cannot(
+                self._env,
+                f"its traced {name} differs by {gap:.1e}; keep all state in tensors that are "
+                "changed in place, and compute with torch only",
+            )
+        self.largest = max(self.largest, gap)

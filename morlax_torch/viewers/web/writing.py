@@ -1,4 +1,4 @@
-"""Write the page: a folder for any static web server."""
+"""Write runs as a page: a folder for any static web server."""
 
 import gzip
 import json
@@ -8,14 +8,34 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...envs import Environment, MorlaxError
+from ...envs.naming import title
+from ...envs.registry import get
+from ...exports.exporting import export
 from ...exports.formats import onnxruntime
 from ...host.files import making
-from ...host.phases import within
+from ...host.phases import phase, within
+from ...networks.policy import Policy
+from ...runs.evaluating import front_of
+from ...runs.loading import bookmarks, load
 from .. import libraries
-from ..page_files import page_files
-from .robot import START, write_robot
+from ..describing import array_bytes, described_task, drawn_arrays, front_map
+from ..player import PUSH
+from .model import WebModel, compiled
+from .recording import storage
+from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, check, trace
 
 TITLE = "TITLE"  # in index.html
+START = "start.bin"  # a recording, which the page shows until it has loaded the robot itself
+SECONDS = 5.0  # of the recording; an episode that ends earlier is recorded to its end
+FRAME = 0.02  # s between its frames, or a control step if that is longer
+STARTS = 16  # initial states on the page, where a task draws them at random
+NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
 
 
 def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> dict[str, int]:
@@ -40,21 +60,23 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
     (folder / "libraries").mkdir()
     for name, data in libraries.files().items():
         (folder / "libraries" / name).write_bytes(data)
-    known: list[dict[str, Any]] = []
-    for index, run in enumerate(runs):
-        place = f"runs/{index}"
-        with within(Path(run).name):
-            known.append({"folder": place, **write_robot(run, folder / place, device)})
-    _number(known)
     shared = sum(_compress(file) for file in (folder / "libraries").glob("*.wasm"))
-    for run in known:
-        files = list((folder / run["folder"]).iterdir())
-        sizes = {file.name: _compress(file) for file in files}
-        del sizes[START]  # the page counts from when it shows this file
-        run |= {"bytes": sum(sizes.values()), "shared": shared}
-    (folder / "runs.json").write_text(json.dumps(known))
-    titles = ", ".join(run["title"] for run in known)
-    for path, data in page_files().items():
+    listed: list[dict[str, Any]] = []
+    names: list[str] = []
+    for index, run in enumerate(runs):
+        part = folder / f"runs/{index}"
+        with within(Path(run).name):
+            robot = write_robot(run, part, device)
+        # the page counts from when it shows the recording
+        size = sum(_compress(file) for file in list(part.iterdir()) if file.name != START)
+        _compress(part / START)
+        listed.append({"folder": f"runs/{index}", **robot, "bytes": size, "shared": shared})
+        names.append(robot["title"])
+        if names.count(robot["title"]) > 1:  # tell runs of one task apart
+            listed[-1]["title"] += f" {names.count(robot['title'])}"
+    (folder / "runs.json").write_text(json.dumps(listed))
+    titles = ", ".join(robot["title"] for robot in listed)
+    for path, data in libraries.page_files().items():
         if path == "index.html":
             data = data.replace(TITLE.encode(), escape(titles).encode())
         (folder / path).parent.mkdir(exist_ok=True)
@@ -73,11 +95,121 @@ def _compress(file: Path) -> int:
     return packed.stat().st_size
 
 
-def _number(runs: list[dict[str, Any]]) -> None:
-    """Tell runs of one task apart in their titles."""
-    counts: dict[str, int] = {}
-    for run in runs:
-        name = run["title"]
-        counts[name] = counts.get(name, 0) + 1
-        if counts[name] > 1:
-            run["title"] = f"{name} {counts[name]}"
+def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, Any]:
+    """Write the files that the page needs of one run into a new folder, see `write_page`.
+
+    Returns the run's title and objectives, for a list of runs.
+    """
+    policy = load(run)
+    env, model = build(policy)
+    phase("tracing the task")
+    traced = trace(env)
+    check(env, traced, torch.Generator().manual_seed(0))
+    folder.mkdir(parents=True)
+    (folder / START).write_bytes(start(policy, env))
+    export(policy, folder / "policy.onnx")
+    for name, graph in (("before", traced.before), ("after", traced.after)):
+        (folder / f"{name}.onnx").write_bytes(graph.onnx)
+    (folder / "model.xml").write_text(model.xml)
+    for name, data in model.assets.items():
+        (folder / name).write_bytes(data)
+    front = front_of(run, policy, device)
+    policy.cpu()
+    heading = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
+    drawn = {"front": front_map(front, env.dt, env.lower_is_better), "bookmarks": bookmarks(run)}
+    everything = {**heading, **described(env, traced, model), **drawn}
+    (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
+    return heading
+
+
+def build(policy: Policy) -> tuple[Environment, WebModel]:
+    """Build the policy's task in float32, without domain randomization of the model."""
+    name, options = policy.config.env, policy.config.task.for_evaluation()
+    task = get(name)
+    if not issubclass(task, Environment):
+        raise MorlaxError(
+            f"{name} cannot run in a browser: only MuJoCo robots that are subclasses of "
+            "envs.Environment can."
+        )
+    options = task.Options.model_validate(options.model_dump())
+    nominal = options.randomization.model_copy(update=NOMINAL)
+    options = options.model_copy(update={"randomization": nominal})
+    model, text = compiled(task, options)
+    env = task(PagePhysics(model, task.substeps), options, 0, auto_reset=False)
+    policy.agent.check_sizes(env)
+    return env, text
+
+
+def start(policy: Policy, env: Environment) -> bytes:
+    """Record the robot with even weights, from the task's first state."""
+    model = env.physics.model
+    data = mujoco.MjData(model)
+    act = policy.specialize([1 / len(policy.objectives)] * len(policy.objectives))
+    stride = max(round(FRAME / env.dt), 1)
+    observation, over = env.reset(), False
+    places, turns = [], []
+    for step in range(round(SECONDS / env.dt) + 1):
+        data.qpos[:] = env.physics.qpos[0].numpy()
+        mujoco.mj_kinematics(model, data)
+        if over or not np.isfinite(data.xpos).all():
+            break
+        if step % stride == 0:
+            places.append(data.xpos.copy())
+            turns.append(data.xquat.copy())
+        observation, _, terminated, truncated, *_ = env.step(act(observation))
+        over = bool(terminated | truncated)
+    poses = {"places": np.array(places), "turns": np.array(turns)}  # (T, nbody, 3 or 4)
+    sizes = {"nbody": model.nbody, "ngeom": model.ngeom, "followed": env.base}
+    return array_bytes({**drawn_arrays(model), **poses}, **sizes, dt=stride * env.dt)
+
+
+def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
+    """Describe a task and its graphs for the page."""
+    many = STARTS if len(env.starts.states[0]) > 1 else 1
+    command = None
+    if env.command_limits:
+        assert storage(env.command) == storage(env.command[0])
+        command = {
+            "offset": env.command.storage_offset(),  # where the state named "command" has it
+            "limits": {name: list(limits) for name, limits in env.command_limits.items()},
+            "initial": _numbers(env.command[0]),
+        }
+    return {
+        **described_task(env),
+        "substeps": env.substeps,
+        "observation_size": env.observation_size,
+        "action_size": env.action_size,
+        "terms": list(traced.terms),
+        "physics": ARRAYS,
+        "fields": model.fields,
+        "options": {**model.options, "disableflags": int(env.physics.model.opt.disableflags)},
+        "assets": list(model.assets),
+        "state": {name: str(values.dtype)[6:] for name, values in traced.state.items()},
+        "before": _graph(traced.before),
+        "after": _graph(traced.after),
+        "starts": [_start(env, traced) for _ in range(many)],
+        "command": command,
+        "push": PUSH,
+    }
+
+
+def _start(env: Environment, traced: Traced) -> dict[str, list[float]]:
+    """Return the whole state after a reset, and the first observation."""
+    observation = env.reset()
+    state = {name: _numbers(values) for name, values in traced.state.items()}
+    return {"observation": _numbers(observation), **state}
+
+
+def _graph(graph: OnnxGraph) -> dict[str, Any]:
+    return {
+        "inputs": {
+            name: {"shape": list(values.shape), "type": str(values.dtype)[6:]}
+            for name, values in graph.inputs.items()
+        },
+        "outputs": list(graph.outputs),
+        "draws": {name: draw._asdict() for name, draw in graph.draws.items()},
+    }
+
+
+def _numbers(values: Tensor) -> list[float]:
+    return np.round(values.flatten().double().numpy(), 9).tolist()

@@ -14,6 +14,28 @@ export class Remote {
     });
   }
 
+  static {
+    // what the server tells; null where it tells nothing
+    for (const name of ["paused", "pace", "failure", "choosing", "asking", "bookmarks", "saving"]) {
+      Object.defineProperty(Remote.prototype, name, { get() { return this.state[name] ?? null; } });
+    }
+    // what the server is asked for: only its answer shows it. `nudge` changes the command by a
+    // difference, since a sum formed here would miss keys that are not answered yet
+    const acts = {
+      nudge: ["index", "change"],
+      select: ["robot"],
+      press: ["name"],
+      require: ["index", "level"],
+      maximize: ["index"],
+      answer: ["preferred"],
+    };
+    for (const [act, names] of Object.entries(acts)) {
+      Remote.prototype[act] = function (...values) {
+        this.#send({ act, ...Object.fromEntries(names.map((name, i) => [name, values[i]])) });
+      };
+    }
+  }
+
   constructor(listener) {
     Object.assign(this, { listener, robots: [], state: {}, scene: {} });
     this.poses = []; // of each robot: steps, places, turns, contacts
@@ -38,38 +60,8 @@ export class Remote {
     return this.robots[this.selected];
   }
 
-  get paused() {
-    return this.state.paused;
-  }
-
-  get pace() {
-    return this.state.pace;
-  }
-
-  /** Why the robots have paused by themselves; null: they have not. */
-  get failure() {
-    return this.state.failure ?? null;
-  }
-
   get command() {
     return this.state.command ?? [];
-  }
-
-  get choosing() {
-    return this.state.choosing ?? null;
-  }
-
-  get asking() {
-    return this.state.asking ?? null;
-  }
-
-  get bookmarks() {
-    return this.state.bookmarks ?? null;
-  }
-
-  /** What the server writes or has written: `busy` and a sentence; null: it writes nothing. */
-  get saving() {
-    return this.state.saving ?? null;
   }
 
   get keeps() {
@@ -84,11 +76,6 @@ export class Remote {
   tell(index, value) {
     this.command[index] = value;
     this.#send({ act: "tell", index, value });
-  }
-
-  /** Change one number of the command; a sum formed here would miss keys that the server has not answered. */
-  nudge(index, change) {
-    this.#send({ act: "nudge", index, change });
   }
 
   /** Set one design parameter of all robots' body. */
@@ -108,29 +95,9 @@ export class Remote {
     this.#send({ act: "pace", value });
   }
 
-  select(robot) {
-    this.#send({ act: "select", robot });
-  }
-
-  press(name) {
-    this.#send({ act: "press", name });
-  }
-
   open(run, checkpoint = null) {
     this.listener.tell(`Opening ${run}…`);
     this.#send({ act: "open", run, checkpoint });
-  }
-
-  require(index, level) {
-    this.#send({ act: "require", index, level });
-  }
-
-  maximize(index) {
-    this.#send({ act: "maximize", index });
-  }
-
-  answer(preferred) {
-    this.#send({ act: "answer", preferred });
   }
 
   keep(name) {

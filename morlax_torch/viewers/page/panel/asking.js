@@ -1,7 +1,7 @@
 // "A or B?": the visitor compares two robots, and sees what the answers tell.
 
 import { robotColor } from "../colors.js";
-import { html, short } from "../pictures.js";
+import { chip, short } from "../pictures.js";
 
 const $ = (id) => document.getElementById(id);
 const SIDES = ["A", "B"];
@@ -10,19 +10,9 @@ export class AskingPanel {
   constructor(engine) {
     this.engine = engine;
     this.key = null;
-    const button = (text, act) => {
-      const made = html("button", { type: "button", className: "chip", textContent: text });
-      made.addEventListener("click", act);
-      return made;
-    };
-    const answers = SIDES.map((side, i) => {
-      const answer = button(side, () => engine.answer(i));
-      answer.classList.add("dot");
-      answer.style.setProperty("--color", robotColor(i));
-      return answer;
-    });
-    $("answers").replaceChildren(...answers, button("skip", () => engine.press("skip")));
-    const ends = ["use", "again", "leave"].map((name) => button(ENDS[name], () => engine.press(name)));
+    const answers = SIDES.map((side, i) => chip(side, "", () => engine.answer(i), robotColor(i)));
+    $("answers").replaceChildren(...answers, chip("skip", "", () => engine.press("skip")));
+    const ends = ["use", "again", "leave"].map((name) => chip(ENDS[name], "", () => engine.press(name)));
     $("asking-ends").replaceChildren(...(engine.about.objectives.length ? ends : []));
   }
 

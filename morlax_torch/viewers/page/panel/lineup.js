@@ -1,7 +1,7 @@
 // Several robots to compare: which one the sliders steer, and their names.
 
 import { MOST, robotColor } from "../colors.js";
-import { html } from "../pictures.js";
+import { chip } from "../pictures.js";
 
 const $ = (id) => document.getElementById(id);
 const FEW = 6; // weights in all names together; more would overlap on a phone
@@ -23,20 +23,15 @@ export class LineupPanel {
 
   #buttons(number, selected) {
     const { engine } = this;
-    const button = (text, title, act, className = "chip") => {
-      const made = html("button", { type: "button", textContent: text, title, className });
-      made.addEventListener("click", act);
-      return made;
-    };
     const choices = number < 2 ? [] : Array.from({ length: number }, (_, i) => {
-      const choice = button(`robot ${i + 1}`, "Steer this robot", () => engine.select(i), "chip dot");
-      choice.style.setProperty("--color", robotColor(i));
+      const choice = chip(`robot ${i + 1}`, "Steer this robot", () => engine.select(i), robotColor(i));
       choice.setAttribute("aria-pressed", i === selected);
       return choice;
     });
-    if (number < MOST) choices.push(button("add a robot", "Compare it with another trade-off", () => engine.press("add")));
-    if (number > 1) choices.push(button("remove", "Remove the chosen robot", () => engine.press("remove")));
-    if (engine.can.ask) choices.push(button("A or B?", "Find your trade-off by comparing robots", () => engine.press("find")));
+    const add = (text, title, name) => choices.push(chip(text, title, () => engine.press(name)));
+    if (number < MOST) add("add a robot", "Compare it with another trade-off", "add");
+    if (number > 1) add("remove", "Remove the chosen robot", "remove");
+    if (engine.can.ask) add("A or B?", "Find your trade-off by comparing robots", "find");
     return choices;
   }
 }

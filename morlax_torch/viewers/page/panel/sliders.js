@@ -30,8 +30,8 @@ export class Sliders {
   /** Show the values of all sliders; one that a visitor holds stays under the hand. */
   show(values) {
     values.forEach((value, i) => {
-      const { limits: [min, max], format } = this.rows[i];
       if (!this.inputs[i].matches(":active")) this.inputs[i].value = value;
+      const { limits: [min, max], format } = this.rows[i];
       this.outputs[i].textContent = format(value);
       this.elements[i].style.setProperty("--share", (value - min) / (max - min));
     });

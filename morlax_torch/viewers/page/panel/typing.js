@@ -1,7 +1,7 @@
 // A trade-off as text, the corners and the balance as buttons, and bookmarks.
 
 import { colorOf } from "../colors.js";
-import { html } from "../pictures.js";
+import { chip } from "../pictures.js";
 import { even, parsed, shown } from "./weights.js";
 
 const $ = (id) => document.getElementById(id);
@@ -15,9 +15,10 @@ export class TypedWeights {
     const m = engine.about.objectives.length;
     const corners = engine.about.objectives.map((name, index) => {
       const weights = even(m).map((_, i) => (i === index ? 1 : 0));
-      return this.#chip(name, `only ${name}`, weights, colorOf(index));
+      return chip(name, `only ${name}`, () => choose(weights), colorOf(index));
     });
-    $("corners").replaceChildren(...corners, this.#chip("balance", "all objectives equally", even(m)));
+    const balance = chip("balance", "all objectives equally", () => choose(even(m)));
+    $("corners").replaceChildren(...corners, balance);
     $("typed").value = spaced(engine.steered.tradeoff); // another run may have more weights
     this.typed = -CALM; // ms, when the visitor last typed
     $("typed").oninput = () => {
@@ -44,8 +45,10 @@ export class TypedWeights {
     const kept = JSON.stringify(this.engine.bookmarks ?? {});
     if (kept === this.kept) return;
     this.kept = kept;
-    const marks = Object.entries(this.engine.bookmarks ?? {});
-    $("bookmarks").replaceChildren(...marks.map(([name, w]) => this.#chip(`@${name}`, "bookmark", w)));
+    const marks = Object.entries(this.engine.bookmarks ?? {}).map(([name, weights]) => {
+      return chip(`@${name}`, "bookmark", () => this.choose(weights));
+    });
+    $("bookmarks").replaceChildren(...marks);
   }
 
   /** Return whether the field has the visitor's own text: a trade-off in other words, or an unfinished one. */
@@ -69,14 +72,6 @@ export class TypedWeights {
     await navigator.clipboard.writeText(text);
     $("copy").textContent = "copied";
     setTimeout(() => ($("copy").textContent = "copy"), TOLD);
-  }
-
-  #chip(text, title, weights, color) {
-    const chip = html("button", { type: "button", className: "chip", textContent: text, title });
-    if (color) chip.style.setProperty("--color", color);
-    chip.classList.toggle("dot", Boolean(color));
-    chip.addEventListener("click", () => this.choose(weights));
-    return chip;
   }
 }
 

@@ -155,7 +155,7 @@ export class Stage {
     const rise = haste * (this.#height(share) - this.center.z);
     for (const point of [this.center, this.controls.target, this.camera.position]) point.z += rise;
     this.controls.update();
-    this.surroundings.follow(ways, this.center, this.camera.position);
+    this.surroundings.follow(ways, this.center);
     this.renderer.render(this.scene, this.camera);
     this.#placeLabels();
     if (this.capture.records) this.capture.copy(); // a browser forgets the drawing soon

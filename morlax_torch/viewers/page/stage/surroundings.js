@@ -9,22 +9,6 @@ const LOOKS = {
 const TILES = 200; // along each side of an endless floor
 const SUN = new THREE.Vector3(-0.45, -0.6, 1.15); // from here it shines
 
-const SKY_VERTICES = `
-  varying vec3 direction;
-  void main() {
-    direction = position;
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-  }`;
-const SKY_COLORS = `
-  uniform vec3 zenith;
-  uniform vec3 horizon;
-  varying vec3 direction;
-  void main() {
-    float height = clamp(normalize(direction).z, 0.0, 1.0);
-    gl_FragColor = vec4(mix(horizon, zenith, pow(height, 0.5)), 1.0);
-    #include <colorspace_fragment>
-  }`;
-
 export class Surroundings {
   /**
    * @param size of the robot in meters, which sets the scale of tiles, shadow and fog.
@@ -33,9 +17,9 @@ export class Surroundings {
    */
   constructor(scene, size, floorHeight, lanes, gap) {
     this.scene = scene;
+    this.scene.backgroundRotation.x = Math.PI / 2; // three.js's sky is above y, MuJoCo's above z
     this.size = size;
     this.tile = size > 1 ? 1 : 0.25;
-    this.sky = skyDome();
     this.sun = sunlight(size, lanes.at(-1));
     this.fill = new THREE.HemisphereLight();
     const endless = TILES * this.tile;
@@ -50,15 +34,15 @@ export class Surroundings {
     this.beneath = plainFloor(endless, endless);
     this.beneath.position.z = floorHeight - 0.01 * size;
     this.beneath.visible = lanes.length > 1;
-    scene.add(this.sky, this.sun, this.sun.target, this.fill, ...this.floors, this.beneath);
+    scene.add(this.sun, this.sun.target, this.fill, ...this.floors, this.beneath);
     scene.fog = new THREE.Fog("white", 7 * size, 26 * size + 2 * lanes.at(-1));
   }
 
   /** Change to the light or the dark version. */
   dress(theme) {
     const look = LOOKS[theme];
-    this.sky.material.uniforms.zenith.value.set(look.zenith);
-    this.sky.material.uniforms.horizon.value.set(look.horizon);
+    this.scene.background?.dispose();
+    this.scene.background = sky(look);
     this.scene.fog.color.set(look.horizon);
     this.sun.intensity = look.sun;
     this.fill.color.set(look.zenith).lerp(new THREE.Color("white"), 0.6);
@@ -87,37 +71,31 @@ export class Surroundings {
    *
    * @param ways the robots' places in their worlds.
    * @param center where the camera looks.
-   * @param eye where it is.
    */
-  follow(ways, center, eye) {
+  follow(ways, center) {
     const turn = 2 * this.tile;
     for (const [i, { material }] of this.floors.entries()) {
       const { x, y } = ways[i];
       material.map.offset.set(((x - this.width / 2) / turn) % 1, ((y - this.tall / 2) / turn) % 1);
     }
-    this.sky.position.copy(eye);
     this.sun.target.position.copy(center);
     this.sun.position.copy(SUN).multiplyScalar(4 * this.size).add(center);
   }
 }
 
-function skyDome() {
-  const uniforms = {
-    zenith: { value: new THREE.Color() },
-    horizon: { value: new THREE.Color() },
-  };
-  const material = new THREE.ShaderMaterial({
-    uniforms,
-    vertexShader: SKY_VERTICES,
-    fragmentShader: SKY_COLORS,
-    side: THREE.BackSide,
-    depthWrite: false,
-    fog: false,
-    toneMapped: false,
-  });
-  const dome = new THREE.Mesh(new THREE.SphereGeometry(400, 32, 16), material);
-  dome.frustumCulled = false;
-  return dome;
+/** Paint a sky from the horizon up to the zenith, where z is up. */
+function sky({ zenith, horizon }) {
+  const canvas = Object.assign(document.createElement("canvas"), { width: 1, height: 256 });
+  const context = canvas.getContext("2d");
+  for (let y = 0; y < canvas.height; y++) {
+    const height = Math.max(Math.cos((Math.PI * y) / canvas.height), 0);
+    const color = new THREE.Color(horizon).lerp(new THREE.Color(zenith), Math.sqrt(height));
+    context.fillStyle = color.getStyle();
+    context.fillRect(0, y, 1, 1);
+  }
+  const texture = new THREE.CanvasTexture(canvas, THREE.EquirectangularReflectionMapping);
+  texture.colorSpace = THREE.SRGBColorSpace;
+  return texture;
 }
 
 /** @param aside half the distance between the outermost robots. */

@@ -13,7 +13,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-SAMPLES_PER_DIRECTION = 100
 LLOYD_STEPS = 20
 CANDIDATE_ANGLE = np.pi / 4  # radians
 
@@ -29,18 +28,14 @@ def directions(number: int, num_objectives: int) -> Array:
     if num_objectives == 2:
         angles = (np.arange(number) + 0.5) * (np.pi / 2 / number)
         return np.stack([np.sin(angles), np.cos(angles)], -1)
-    samples = uniform_directions(SAMPLES_PER_DIRECTION * number, num_objectives)
+    normal = np.random.default_rng(0).normal(size=(100 * number, num_objectives))
+    samples = unit(np.abs(normal))  # uniform in the positive orthant
     centers = samples[:number]
     for _ in range(LLOYD_STEPS):
         nearest = (samples @ centers.T).argmax(1)
         sums = [np.bincount(nearest, sample, number) for sample in samples.T]
         centers = unit(centers + np.stack(sums, -1))  # a center without samples stays
     return centers
-
-
-def uniform_directions(number: int, num_objectives: int) -> Array:
-    """Draw unit vectors (number, m), uniform in the positive orthant, always the same."""
-    return unit(np.abs(np.random.default_rng(0).normal(size=(number, num_objectives))))
 
 
 def unit(vectors: Array) -> Array:
@@ -61,10 +56,10 @@ def performance_buffer(
     point first, so that units do not change the bins.
 
     Args:
-        returns: Returns (n, m) of all policies.
-        reference: Reference point (m,).
-        directions: Unit vectors (B, m), one per bin.
-        size: Most policies per bin.
+        returns: (n, m) of all policies.
+        reference: point (m,).
+        directions: unit vectors (B, m), one per bin.
+        size: most policies per bin.
     """
     excess = np.asarray(returns, np.float64) - np.asarray(reference, np.float64)
     kept = np.flatnonzero(exceeding(excess))

@@ -7,8 +7,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
+from ...algorithms.off_policy.learner import OffPolicy
+from ...algorithms.off_policy.replay import Transitions
+from ...algorithms.rollout import Explore
 from ...configuration.config import Config
-from ...configuration.sections import PDMORLOptions
 from ...configuration.tradeoffs import even_tradeoffs, sample_cells
 from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator
@@ -16,11 +18,9 @@ from ...evaluation.making import evaluation_worlds
 from ...gpu.optimizer import ClippedAdam
 from ...networks.family import Family
 from ...networks.gaussian import TanhNormal
-from ...networks.twins import smaller
-from ..rollout import Explore
+from ...networks.mlp import smaller
 from .interpolator import Interpolator, angle
-from .learner import OffPolicy
-from .replay import Transitions
+from .options import PDMORLOptions
 
 MAX_NORM = 100.0  # of gradients
 KEY_NOISE = 0.05  # standard deviation and limit, on the weights of key trade-offs
@@ -167,3 +167,6 @@ class PDMORL(OffPolicy):
             "interpolator": self.interpolator.state(),
             **super()._tensors(),
         }
+
+
+LEARNER = PDMORL

@@ -10,17 +10,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ...algorithms.base import copies, make_agent, restore
+from ...algorithms.trainer import Trainer
 from ...configuration.config import Config
-from ...configuration.sections import PGMORLOptions
 from ...configuration.tradeoffs import even_tradeoffs
 from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator
 from ...evaluation.making import evaluation_worlds
 from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
-from ...networks.generated import Independent, InOrder
-from ..base import make_agent
-from ..trainer import Trainer
+from ...networks.generated import Independent
+from .agent import belongings
+from .options import PGMORLOptions
 from .population import candidate_weights, directions, pareto_archive, performance_buffer
 from .prediction import predict
 from .selection import select
@@ -50,10 +51,9 @@ class PGMORL(Trainer):
     It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
-    in_order = True
-
     def __init__(self, env: Worlds, config: Config, *, group: Group = ALONE, **networks: Any):
-        super().__init__(env, config, group=group, **networks)
+        trained = make_agent(env, config, in_order=config.num_clusters, **networks)
+        super().__init__(env, config, group=group, agent=trained)
         self.tradeoffs.copy_(even_tradeoffs(*self.tradeoffs.shape))
         self.agent = make_agent(env, config, **networks)  # the archive
         group.share(self.agent)
@@ -63,7 +63,7 @@ class PGMORL(Trainer):
         self._directions = directions(self.options.bins, m)
         self.generation, self._spacing = intervals(config, env.episode_length, env.device.type)
         number = K * math.ceil(self.generation / self._spacing)  # of snapshots
-        self._measured = make_agent(env, config, number, **networks)
+        self._measured = make_agent(env, config, in_order=number, **networks)
         self._evaluator = measuring(self._measured, config, m)
         moments = [x.new_zeros(number, x.shape[1]) for x in self._moments()]
         self._snapshots = [*belongings(self._measured), *moments]
@@ -195,8 +195,8 @@ class PGMORL(Trainer):
             "size": self._size,
             "archive_size": self._archived,
             "stretches": self._stretches,
-            "members": [value.clone() for value in self._members],
-            "snapshots": [value.clone() for value in self._snapshots],
+            "members": copies(self._members),
+            "snapshots": copies(self._snapshots),
             "trained": state["agent"],
             "tradeoffs": self.tradeoffs.clone(),
         }
@@ -207,11 +207,9 @@ class PGMORL(Trainer):
         stored = state["population"]
         super().load_state_dict({**state, "agent": stored["trained"]})
         self.agent.load_state_dict(state["agent"])
-        for name, value in self._state.items():
-            value.copy_(stored[name])
-        for mine, name in ((self._members, "members"), (self._snapshots, "snapshots")):
-            for value, other in zip(mine, stored[name], strict=True):
-                value.copy_(other)
+        restore([*self._state.values()], [stored[name] for name in self._state])
+        restore(self._members, stored["members"])
+        restore(self._snapshots, stored["snapshots"])
         self.tradeoffs.copy_(stored["tradeoffs"])
         self._size, self._archived = stored["size"], stored["archive_size"]
         self._stretches = stored["stretches"]
@@ -241,14 +239,6 @@ def measuring(agent: Agent, config: Config, num_objectives: int) -> Evaluator:
     return Evaluator(agent, worlds, unused, config.evaluation.protocol, seed=MEASURING)
 
 
-def belongings(agent: Agent) -> list[Tensor]:
-    """Return views (R, ...) of all that belongs to each of R policies: networks, normalizers."""
-    families = agent.actor, agent.critic
-    rows = [family.rows.detach() for family in families if isinstance(family, InOrder)]
-    normalizers = agent.observation_normalizer, agent.value_normalizer
-    return [*rows, *(x for normalizer in normalizers for x in normalizer.statistics())]
-
-
 def _keep(
     stores: Sequence[Tensor], size: int, added: Sequence[Tensor], kept: NDArray[np.intp]
 ) -> None:
@@ -256,3 +246,6 @@ def _keep(
     for store, new in zip(stores, added, strict=True):
         rows = torch.cat([store[:size], new])
         store[: len(kept)] = rows[torch.from_numpy(kept).to(rows.device)]
+
+
+LEARNER = PGMORL

@@ -1,0 +1,37 @@
+"""Options of PG-MORL."""
+
+from typing import Any, ClassVar
+
+from ...configuration.sections import SPARSE, MethodOptions
+
+
+class PGMORLOptions(MethodOptions):
+    """PG-MORL has no options, but constants."""
+
+    required: ClassVar[dict[str, Any]] = {
+        "network.type": "independent",
+        "ppo.optimizer": "separate",
+        **SPARSE,
+    }
+    weighted_sums: ClassVar[bool] = True
+    generation: ClassVar[int | None] = None
+    # iterations between two selections of what to train (None: at least 20, and so many that
+    # measuring the policies takes at most about 8 % of the time)
+    warmup: ClassVar[int] = 80  # iterations in which policies keep trade-offs of an even grid
+    bins: ClassVar[int] = 100  # directions of the objective space in which policies are kept
+    bin_size: ClassVar[int] = 2  # policies kept per direction
+    candidates: ClassVar[int] = 7  # trade-offs considered for each of the kept policies
+    sparsity: ClassVar[float] = 1.0  # weight of the front's sparsity, beside its hypervolume
+
+    @property
+    def num_networks(self) -> int:
+        """R, the size of the archive."""
+        return self.bins * self.bin_size
+
+    def agent_class(self) -> Any:
+        from .agent import PopulationAgent  # imports torch
+
+        return PopulationAgent
+
+
+OPTIONS = PGMORLOptions

@@ -1,0 +1,138 @@
+"""What pages are told of a task, its model and its front."""
+
+import json
+from collections.abc import Sequence
+from inspect import cleandoc
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from ..envs.worlds.mujoco_robot import Robot
+from ..envs.worlds.trees import horizontal
+from ..evaluation import pareto
+from ..evaluation.evaluator import DISCOUNT
+from ..evaluation.front import Front
+from .camera import shown_geoms
+
+VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
+FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
+SHAPES = (  # what the page draws; see mjModel
+    *("geom_type", "geom_bodyid", "geom_group", "geom_matid", "geom_dataid"),
+    *("geom_size", "geom_rgba", "geom_pos", "geom_quat", "geom_rbound", "mat_rgba"),
+    *("hfield_size", "hfield_nrow", "hfield_ncol", "hfield_adr", "hfield_data"),
+)
+MESHES = {  # the rows of all meshes, and for each mesh its first row and how many it has
+    "mesh_vert": ("mesh_vertadr", "mesh_vertnum"),
+    "mesh_normal": ("mesh_normaladr", "mesh_normalnum"),
+    "mesh_face": ("mesh_faceadr", "mesh_facenum"),
+    "mesh_facenormal": ("mesh_faceadr", "mesh_facenum"),
+}
+
+
+def described_task(env: Robot) -> dict[str, Any]:
+    """Describe a robot's task."""
+    names = list(env.command_limits)[:2]
+    return {
+        "dt": env.dt,
+        "objectives": list(env.objectives),
+        "notes": [explain(env, name) for name in env.objectives],
+        # whether the command begins with velocities in m/s, forward and to the left
+        "velocities": len(names) == 2 and all(name.startswith(VELOCITIES) for name in names),
+        "followed": env.base,
+        "pushed": horizontal(env.physics.model, env.base),
+    }
+
+
+def explain(env: Robot, objective: str) -> str:
+    """Return an objective's weighted reward terms, and their docstrings.
+
+    A term's docstring is that of the task's method of the same name, such as `energy`. Objectives
+    that come from no such options, as in foreign tasks, have only their name.
+    """
+    options = getattr(env, "options", None)
+    terms = getattr(options, "objectives", {}).get(objective)
+    if not terms:
+        return f"Weight of {objective}."
+    parts = [f"{objective} = {_weighted(terms)}"]
+    if shared := getattr(options, "shared", {}):
+        parts.append(f"Every objective also gets {_weighted(shared)}")
+    for term in terms:
+        method = getattr(type(env), term.replace(" ", "_"), None)
+        if callable(method) and method.__doc__ and not hasattr(Robot, term):
+            parts.append(f"{term}: {cleandoc(method.__doc__).splitlines()[0].rstrip('.')}")
+    return ". ".join(parts) + "."
+
+
+def _weighted(terms: dict[str, float]) -> str:
+    return " + ".join(f"{w:g} * {term}" for term, w in terms.items()).replace("+ -", "- ")
+
+
+def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> dict[str, Any]:
+    """Describe a front as a map of policies.
+
+    Its axes are the objectives' rewards per second, weighted as in the returns, then measured
+    quantities such as "power (W)"; `pair` are the axes to show first. `measured` are the quantities
+    that can be required; their indices count the objectives first. A control step takes `dt` s.
+    """
+    m, steps = len(front.objectives), front.lengths.clip(1)[:, None]
+    if front.protocol == "discounted":
+        steps = (1 - DISCOUNT**steps) / (1 - DISCOUNT)  # sum of the steps' weights
+    values = front.returns / (dt * steps)
+    names = [f"{name} per second" for name in front.objectives]
+    if front.quantities is not None:
+        values, names = np.hstack([values, front.quantities]), [*names, *front.quantity_names]
+    falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
+    finite = np.flatnonzero(np.isfinite(values).all(0))
+    values = values.round(4)
+    return {
+        "tradeoffs": front.tradeoffs.round(4).tolist(),
+        "axes": [names[i] for i in finite],
+        "values": values[:, finite].tolist(),
+        "returns": front.returns.round(2).tolist(),
+        "measured": [
+            {
+                "index": int(i),
+                "name": names[i],
+                "lower": names[i] in lower_is_better,
+                "values": values[:, i].tolist(),
+            }
+            for i in finite[finite >= m]
+        ],
+        "best": front.non_dominated.tolist(),
+        "fails": (falls > FAILS).tolist(),
+        "falls": falls.round(4).tolist(),
+        "pair": pareto.most_conflicting_pair(front.returns[front.non_dominated]),
+        "checkpoint": front.checkpoint,
+    }
+
+
+def array_bytes(arrays: dict[str, NDArray], **numbers: float) -> bytes:
+    """Return numbers and arrays, as 32-bit floats or integers: a JSON header, then their bytes.
+
+    The page's `arraysOf` reads them.
+    """
+    header, parts, at = {}, [], 0
+    for name, values in arrays.items():
+        kind = np.float32 if values.dtype.kind == "f" else np.int32
+        data = np.ascontiguousarray(values, kind).tobytes()
+        header[name] = [np.dtype(kind).name, at, values.size]
+        parts.append(data)
+        at += len(data)
+    text = json.dumps({**numbers, "arrays": header}).encode()
+    text += b" " * (-len(text) % 4)  # arrays begin at a multiple of their size
+    return b"".join([np.int32(len(text)).tobytes(), text, *parts])
+
+
+def drawn_arrays(model: mujoco.MjModel) -> dict[str, NDArray]:
+    """Return the arrays that the page draws a model from, without meshes that it does not show."""
+    arrays = {name: getattr(model, name) for name in SHAPES}
+    meshes = shown_geoms(model) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+    shown = np.isin(np.arange(model.nmesh), model.geom_dataid[meshes])
+    for name, (first, number) in MESHES.items():
+        counts = getattr(model, number)
+        arrays[name] = getattr(model, name)[np.repeat(shown, counts)]
+        counts = np.where(shown, counts, 0)
+        arrays |= {first: np.cumsum(counts) - counts, number: counts}
+    return arrays
