@@ -225,17 +225,11 @@ def test_critics_see_privileged_observations(adapter, blind):
     assert adapter().privileged() is None
 
 
-MISTAKES = {
-    "option": (lambda adapter: adapter(episode_lenght=3), "did you mean 'episode_length'"),
-    "trade-off": (lambda adapter: adapter("ant", tradeoff=(1.0,)), "needs 2 numbers"),
-    "shape": (lambda adapter: adapter().step(torch.zeros(4, 7)), "the shape (4, 6)"),
-}
-
-
 @every
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_raises_a_clear_error(adapter, name):
-    mistake, expected = MISTAKES[name]
-    with pytest.raises(MorlaxError) as error:
-        mistake(adapter)
-    assert expected in str(error.value)
+def test_a_mistake_raises_a_clear_error(adapter):
+    with pytest.raises(MorlaxError, match="did you mean 'episode_length'"):
+        adapter(episode_lenght=3)
+    with pytest.raises(MorlaxError, match=r"the shape \(4, 6\)"):
+        adapter().step(torch.zeros(4, 7))
+    with pytest.raises(MorlaxError, match="needs 2 numbers"):
+        adapter("ant", tradeoff=(1.0,))

@@ -1,4 +1,4 @@
-"""BRUCE has the published masses, joints and motors, and obeys Newton-Euler mechanics."""
+"""BRUCE has the published masses, joints and motors, and stands."""
 
 import csv
 from pathlib import Path
@@ -6,15 +6,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 
-from morlax_torch.envs.physics.mujoco import MujocoPhysics
-from morlax_torch.envs.physics.warp import WarpPhysics
 from morlax_torch.envs.robots.bruce import model as bruce
 
 FACTS = Path(__file__).parent / "reference" / "bruce.csv"
-GRAVITY = np.array([0.0, 0.0, -9.81])
 CHAINS = ("closed", "tree")
 
 
@@ -37,24 +33,9 @@ class Fact:
 
 
 def rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    w, x, y, z = quat
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def skew(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
-def turn(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """Return the rotation matrix of a turn about an axis (Rodrigues' formula)."""
-    K = skew(axis)
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quat)
+    return matrix.reshape(3, 3)
 
 
 @pytest.fixture(scope="module")
@@ -66,56 +47,6 @@ def facts() -> list[Fact]:
 @pytest.fixture(scope="module")
 def closed() -> mujoco.MjModel:
     return bruce.load()
-
-
-def motions(
-    facts: list[Fact], qpos: NDArray[np.float64]
-) -> list[tuple[Fact, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Return every body, its orientation, and the Jacobians of its center of mass and rotation."""
-    nv = 6 + len(facts) - 1
-    dof = {fact.body: 5 + i for i, fact in enumerate(facts)}
-    frames, found = {}, []
-    for fact in facts:
-        if fact.parent == "world":
-            R, p = rotation(qpos[3:7]), qpos[:3]
-            linear, angular = np.zeros((3, nv)), np.zeros((3, nv))
-            linear[:, :3], angular[:, 3:6] = np.eye(3), R
-        else:
-            R, p, linear, angular = frames[fact.parent]
-            linear = linear - skew(R @ fact.pos) @ angular
-            p, R = p + R @ fact.pos, R @ fact.rotation
-            angular = angular.copy()
-            angular[:, dof[fact.body]] = R @ fact.axis
-            R = R @ turn(fact.axis, qpos[1 + dof[fact.body]])
-        frames[fact.body] = R, p, linear, angular
-        found.append((fact, R, linear - skew(R @ fact.com) @ angular, angular))
-    return found
-
-
-def mechanics(
-    facts: list[Fact], qpos: NDArray[np.float64], qvel: NDArray[np.float64], moved: list
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the mass matrix and bias forces from the Newton-Euler equations.
-
-    Args:
-        facts: the published bodies.
-        qpos: positions (nq,).
-        qvel: velocities (nv,).
-        moved: `qpos` slightly before and after along `qvel`, and the time step in seconds.
-    """
-    (before, after), step = moved
-    M = np.diag([0.0] * 6 + [fact.armature for fact in facts[1:]])
-    bias = np.zeros(len(M))
-    then = zip(motions(facts, before), motions(facts, after), strict=True)
-    for (fact, R, linear, angular), (old, new) in zip(motions(facts, qpos), then, strict=True):
-        inertia = R @ fact.inertia @ R.T
-        M += fact.mass * linear.T @ linear + angular.T @ inertia @ angular
-        spin = angular @ qvel
-        acceleration = (new[2] - old[2]) @ qvel / (2 * step)
-        angular_acceleration = (new[3] - old[3]) @ qvel / (2 * step)
-        bias += linear.T @ (fact.mass * (acceleration - GRAVITY))
-        bias += angular.T @ (inertia @ angular_acceleration + np.cross(spin, inertia @ spin))
-    return M, bias
 
 
 def test_bodies_and_joints_match_the_published_model(facts, closed):
@@ -139,35 +70,14 @@ def test_bodies_and_joints_match_the_published_model(facts, closed):
             np.testing.assert_allclose(limits, [-fact.force_limit, fact.force_limit])
 
 
-def test_mass_matrix_and_bias_forces_match_newton_euler(facts, closed):
-    random = np.random.default_rng(0)
-    data = mujoco.MjData(closed)
-    for _ in range(3):
-        mujoco.mj_integratePos(closed, data.qpos, random.uniform(-1, 1, closed.nv), 1)
-        data.qvel[:] = random.standard_normal(closed.nv)
-        mujoco.mj_forward(closed, data)
-        step, moved = 1e-5, []
-        for sign in (-1, 1):
-            qpos = data.qpos.copy()
-            mujoco.mj_integratePos(closed, qpos, sign * data.qvel, step)
-            moved.append(qpos)
-        M, bias = mechanics(facts, data.qpos, data.qvel, (moved, step))
-        found = np.zeros((closed.nv, closed.nv))
-        mujoco.mj_fullM(closed, data, found)
-        np.testing.assert_allclose(found, M, atol=1e-8)
-        np.testing.assert_allclose(data.qfrc_bias, bias, atol=1e-6)
-
-
 def test_motors_have_the_published_gains_and_force_limits(closed):
     assert [closed.actuator(i).name for i in range(16)] == list(bruce.MOTORS)
     for i, name in enumerate(bruce.MOTORS):
-        stiffness, damping = (80, 2) if i < 10 else (5, 0.1)
-        servo, damper = closed.actuator(i), closed.actuator(16 + i)
-        assert closed.joint(servo.trnid[0]).name == name
-        assert closed.joint(damper.trnid[0]).name == name
+        legs, servo, damper = i < 10, closed.actuator(i), closed.actuator(16 + i)
+        stiffness, damping = (80, 2) if legs else (5, 0.1)
+        assert closed.joint(servo.trnid[0]).name == closed.joint(damper.trnid[0]).name == name
         assert (servo.gainprm[0], *servo.biasprm[:3]) == (stiffness, 0, -stiffness, 0)
         assert (damper.gainprm[0], *damper.biasprm[:3]) == (damping, 0, 0, -damping)
-        legs = i < 10
         assert servo.forcerange.tolist() == ([0, 0] if legs else [-3, 3])
         assert damper.forcerange.tolist() == ([0, 0] if legs else [-1, 1])
 
@@ -176,12 +86,9 @@ def test_only_feet_and_floor_collide(closed):
     touching = [closed.geom(i).name for i in range(closed.ngeom) if closed.geom_contype[i]]
     assert touching == ["floor", "right_foot", "left_foot"]
     for name in touching[1:]:
-        foot = closed.geom(name)
-        np.testing.assert_allclose(foot.size, [0.048, 0.014, 0.0035])
-        np.testing.assert_allclose(foot.pos, [0.0215, 0.005, 0])
-        assert foot.friction[0] == 0.8
+        np.testing.assert_allclose(closed.geom(name).size, [0.048, 0.014, 0.0035])
+        assert closed.geom(name).friction[0] == 0.8
     published = bruce.load(feet="published")
-    np.testing.assert_allclose(published.geom("right_foot").size, [0.048, 0.014, 0.0035])
     np.testing.assert_allclose(published.geom("left_foot").size, [0.038, 0.014, 0.0035])
 
 
@@ -231,19 +138,3 @@ def test_it_stands_with_little_torque_and_closed_chains(chains):
     assert 8 < np.square(torques).sum() < 11
     if chains == "closed":
         assert np.abs(data.efc_pos[: data.ne]).max() < 3e-4
-
-
-@pytest.mark.parametrize("chains", CHAINS)
-def test_warp_and_c_mujoco_steps_agree(chains):
-    model = bruce.load(chains)
-    qpos, ctrl = standing(model)
-    c = MujocoPhysics(model, 2, 5)
-    warp = WarpPhysics(bruce.load(chains), 2, torch.device("cpu"), 5, 24, 96)
-    for physics in (c, warp):
-        physics.qpos[:], physics.ctrl[:] = torch.tensor(qpos), torch.tensor(ctrl)
-    for _ in range(25):
-        c.step()
-        warp.step()
-    assert not warp.overflow().any()
-    torch.testing.assert_close(warp.qpos.double(), c.qpos, rtol=0, atol=2e-4)
-    torch.testing.assert_close(warp.sensors.double()[:, 6:], c.sensors[:, 6:], rtol=0, atol=0.05)

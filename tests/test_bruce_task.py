@@ -256,11 +256,9 @@ def test_each_world_draws_a_new_command_each_episode(backend):
     first = env.command.clone()
     assert (first.abs() <= first.new_tensor([0.2, 0.1])).all()
     assert 0.15 < (first == 0).all(-1).float().mean() < 0.65
-    for _ in range(2):
-        step = env.step(torch.zeros(64, 18))
-    assert step.truncated.all()
+    steps = [env.step(torch.zeros(64, 18)) for _ in range(2)]
+    assert steps[1].truncated.all()
     assert (env.command != first).any(-1).float().mean() > 0.5
-    torch.testing.assert_close(step.observation[:, 144:146], env.command.float())
 
 
 def test_commands_are_drawn_within_limits_and_redrawn_every_n_steps():
@@ -311,17 +309,10 @@ def test_randomized_worlds_differ_within_the_published_bounds():
     assert 0.009 < shifts[2:].min() <= shifts[2:].max() < 0.0101
     others = field("body_mass")[:, np.arange(nominal.nbody) != torso]
     assert (others == others[0]).all()
+    options = envs.get("bruce").Options(draw_commands=True, noise=1.0, randomize=True, standing=0.2)
+    assert options.for_evaluation() == envs.get("bruce").Options()
     servo, damper = field("actuator_gainprm")[:, 0, 0], field("actuator_biasprm")[:, 0, 1]
     np.testing.assert_allclose(damper, -servo)  # gain and bias scale together
-
-
-def test_own_randomization_multiplies_the_general_randomization():
-    chance = {"mass": (2.0, 2.0)}
-    env = envs.make("bruce", 16, "cpu", "mujoco", randomize=True, randomization=chance)
-    factor = env.state_dict()["model.body_mass"][:, 1:].numpy() / env.physics.model.body_mass[1:]
-    torso = env.physics.model.body("torso").id - 1
-    assert (factor[:, torso] >= 1.4).all() and factor[:, torso].std() > 0.1
-    np.testing.assert_allclose(np.delete(factor, torso, 1), 2.0)
 
 
 @pytest.mark.parametrize(("backend", "within"), (("mujoco", 1e-12), ("warp", 5e-5)))
@@ -351,12 +342,6 @@ def test_a_randomized_world_matches_its_own_model(backend, within):
     assert np.abs(ends[0] - ends[1]).max() > 5e-3
 
 
-def test_evaluation_turns_off_noise_and_randomization():
-    options = envs.get("bruce").Options(draw_commands=True, noise=1.0, randomize=True, standing=0.2)
-    evaluated = options.for_evaluation()
-    assert evaluated == envs.get("bruce").Options()
-
-
 def test_observation_parts_have_unique_names_and_match_the_observation():
     env = envs.make("bruce", 1, "cpu", command=(0.1, -0.05))
     parts = env.layout()
@@ -372,19 +357,11 @@ def test_observation_parts_have_unique_names_and_match_the_observation():
         torch.testing.assert_close(seen[starts[f"joints.{age}_steps_ago"] :][10:16], joints.float())
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"command": (0.3, 0.0)}, "at most 0.2 m/s forward and 0.1 m/s sideways"),
-        ({"reset_noise": 0.1}, "leave reset_noise at 0"),
-    ],
-)
-def test_commands_beyond_the_gaits_and_noisy_starts_are_refused(options, sentence):
-    with pytest.raises(MorlaxError, match=sentence):
-        envs.make("bruce", 1, "cpu", **options)
-
-
-def test_it_fails_when_its_base_is_below_20_cm():
+def test_it_fails_below_20_cm_and_refuses_commands_beyond_the_gaits_and_noisy_starts():
     env = envs.make("bruce", 2, "cpu")
     env.physics.qpos[:, 2] = torch.tensor([0.201, 0.199])
     assert env.failed().tolist() == [False, True]
+    with pytest.raises(MorlaxError, match=r"at most 0\.2 m/s forward and 0\.1 m/s sideways"):
+        envs.make("bruce", 1, "cpu", command=(0.3, 0.0))
+    with pytest.raises(MorlaxError, match="leave reset_noise at 0"):
+        envs.make("bruce", 1, "cpu", reset_noise=0.1)

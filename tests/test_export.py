@@ -17,9 +17,9 @@ from torch import Tensor, nn
 
 from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.commands import export
+from morlax_torch.exports.exporting import actuators, control, manifest
 from morlax_torch.exports.exporting import export as export_run
 from morlax_torch.exports.formats import FORMATS, Format
-from morlax_torch.exports.manifest import control, manifest
 from morlax_torch.runs import checkpoint, loading
 from morlax_torch.runs.progress import Progress
 
@@ -42,25 +42,20 @@ def trained(make_policy) -> Callable[..., Policy]:
     return make
 
 
-def run_onnx(data: bytes, inputs: dict[str, Tensor]) -> Tensor:
+def run(format: str, data: bytes, *inputs: Tensor) -> Tensor:
+    """Return the actions of a file, read by the library that users read it with."""
+    if format == "torchscript":
+        return torch.jit.load(io.BytesIO(data))(*inputs)
+    if format == "torch-export":
+        return torch.export.load(io.BytesIO(data)).module()(*inputs)
     onnx.checker.check_model(onnx.load_from_string(data), full_check=True)
     session = onnxruntime.InferenceSession(data)
-    arrays = {name: value.numpy() for name, value in inputs.items()}
+    names = [value.name for value in session.get_inputs()]
+    arrays = dict(zip(names, (value.numpy() for value in inputs), strict=True))
     return torch.from_numpy(session.run(["action"], arrays)[0])
 
 
-def run_torchscript(data: bytes, inputs: dict[str, Tensor]) -> Tensor:
-    return torch.jit.load(io.BytesIO(data))(*inputs.values())
-
-
-def run_torch_export(data: bytes, inputs: dict[str, Tensor]) -> Tensor:
-    return torch.export.load(io.BytesIO(data)).module()(*inputs.values())
-
-
-RUNNERS = {"onnx": run_onnx, "torchscript": run_torchscript, "torch-export": run_torch_export}
-
-
-def known(format: str, data: bytes) -> dict:
+def metadata(format: str, data: bytes) -> dict:
     """Return the manifest stored in an exported file."""
     if format == "onnx":
         props = onnx.load_from_string(data).metadata_props
@@ -79,7 +74,7 @@ def inputs(found: Policy, rows: int, generator: torch.Generator) -> tuple[Tensor
     return observation, torch.rand(m, generator=generator) + 0.01
 
 
-@pytest.mark.parametrize("format", RUNNERS)
+@pytest.mark.parametrize("format", FORMATS)
 def test_a_single_policy_matches_for_any_number_of_rows(format, trained, generator, tmp_path):
     found, tradeoff = trained("cheetah3"), (0.5, 0.2, 0.3)
     largest = export_run(found, tmp_path / "it", format, np.array(tradeoff, np.float32))
@@ -87,19 +82,19 @@ def test_a_single_policy_matches_for_any_number_of_rows(format, trained, generat
     data = (tmp_path / "it").read_bytes()
     for rows in (1, 2, 33):
         observation, _ = inputs(found, rows, generator)
-        action = RUNNERS[format](data, {"observation": observation})
+        action = run(format, data, observation)
         torch.testing.assert_close(action, found(observation, tradeoff), atol=1e-5, rtol=0)
     assert action.std(0).min() > 1e-3
 
 
-@pytest.mark.parametrize("format", RUNNERS)
+@pytest.mark.parametrize("format", FORMATS)
 def test_a_family_takes_the_tradeoff_as_an_input(format, trained, generator, tmp_path):
     found = trained()
     export_run(found, tmp_path / "it", format)
     data = (tmp_path / "it").read_bytes()
     for rows in (1, 2, 33):
         observation, tradeoff = inputs(found, rows, generator)
-        action = RUNNERS[format](data, {"observation": observation, "tradeoff": tradeoff})
+        action = run(format, data, observation, tradeoff)
         torch.testing.assert_close(action, found(observation, tradeoff), atol=1e-5, rtol=0)
     assert not torch.allclose(action, found(observation, tradeoff.flip(0)), atol=1e-3)
     if format == "onnx":
@@ -112,7 +107,7 @@ def test_a_family_takes_the_tradeoff_as_an_input(format, trained, generator, tmp
 def test_a_file_holds_the_manifest(format, trained, tmp_path):
     found = trained("hopper")
     export_run(found, tmp_path / "it", format, (0.7, 0.3), {"run": {"seed": 3}})
-    about = known(format, (tmp_path / "it").read_bytes())
+    about = metadata(format, (tmp_path / "it").read_bytes())
     assert about == json.loads(json.dumps({**manifest(found, (0.7, 0.3)), "run": {"seed": 3}}))
     assert (about["task"], about["objectives"]) == ("hopper", ["run", "jump"])
     assert about["tradeoff"] == [0.7, 0.3]
@@ -124,20 +119,6 @@ def test_a_file_holds_the_manifest(format, trained, tmp_path):
     assert about["actuators"][2] == knee
 
 
-def test_manifest_joints_are_in_the_order_of_actions(trained):
-    env = envs.make("ant", 1, "cpu")
-    found = manifest(trained("ant"))["actuators"]
-    data = mujoco.MjData(env.physics.model)
-    for index, actuator in enumerate(found):
-        data.ctrl[:] = 0
-        data.ctrl[index] = 0.5
-        mujoco.mj_forward(env.physics.model, data)
-        (dof,) = np.flatnonzero(data.qfrc_actuator)
-        assert actuator["joint"] == env.physics.model.joint(env.physics.model.dof_jntid[dof]).name
-        assert data.qfrc_actuator[dof] == pytest.approx(0.5 * actuator["gear"])
-        assert actuator["control_range"] == [-1, 1]
-
-
 @pytest.mark.parametrize("task", [name for name in envs.names() if name != "bruce"])
 def test_the_manifest_s_mapping_from_action_to_control_is_correct(task, generator):
     env = envs.make(task, 50, "cpu")
@@ -147,6 +128,14 @@ def test_the_manifest_s_mapping_from_action_to_control_is_correct(task, generato
     env.apply(action)
     expected = np.clip(offset + scale * action.numpy(), low, high)
     np.testing.assert_allclose(env.physics.ctrl.numpy(), expected, atol=1e-6)
+    model, data = env.physics.model, mujoco.MjData(env.physics.model)
+    for index, actuator in enumerate(actuators(env) if task == "ant" else ()):
+        data.ctrl[:] = 0
+        data.ctrl[index] = 0.5
+        mujoco.mj_forward(model, data)
+        (dof,) = np.flatnonzero(data.qfrc_actuator)
+        assert actuator["joint"] == model.joint(model.dof_jntid[dof]).name
+        assert data.qfrc_actuator[dof] == pytest.approx(0.5 * actuator["gear"])
 
 
 def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
@@ -183,8 +172,8 @@ def test_other_networks_can_be_exported(changes, actor, format, tradeoff, genera
         nn.init.normal_(parameter, std=0.2, generator=generator)
     export_run(found, tmp_path / "it", format, tradeoff)
     seen, weights = inputs(found, 5, generator)
-    given = {"observation": seen} if tradeoff else {"observation": seen, "tradeoff": weights}
-    action = RUNNERS[format]((tmp_path / "it").read_bytes(), given)
+    given = (seen,) if tradeoff else (seen, weights)
+    action = run(format, (tmp_path / "it").read_bytes(), *given)
     torch.testing.assert_close(action, found(seen, tradeoff or weights), atol=1e-5, rtol=0)
 
 
@@ -194,6 +183,8 @@ def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypa
     monkeypatch.setitem(FORMATS, "torchscript", wrong)
     with pytest.raises(MorlaxError, match=r"differ from the policy.s by up to 2\.0e-05"):
         export_run(trained(), tmp_path / "it.ts", "torchscript")
+    with pytest.raises(MorlaxError, match=r"unknown format 'onxx': did you mean 'onnx'"):
+        export_run(trained(), tmp_path / "policy", "onxx")
     assert not list(tmp_path.iterdir())
 
 
@@ -206,7 +197,7 @@ def saved(trained, tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     save(trained(), tmp_path / "policy.pt")
     (tmp_path / "metrics.csv").write_text(
-        "iteration,env_steps,train_seconds,hypervolume\n0,0,0,5\n1,10,1,7.5\n2,20,2,6\n"
+        "iteration,env_steps,train_seconds,hypervolume,best\n0,0,0,5,1\n1,10,1,7.5,1\n2,20,2,6,0\n"
     )
     return tmp_path
 
@@ -214,7 +205,7 @@ def saved(trained, tmp_path: Path, monkeypatch) -> Path:
 def test_the_default_output_is_beside_the_policy_and_describes_its_run(saved, capsys):
     export.command(["policy.pt", "--tradeoff", "7,3"])
     assert "written: policy.onnx (largest difference from the policy: " in capsys.readouterr().out
-    about = known("onnx", (saved / "policy.onnx").read_bytes())
+    about = metadata("onnx", (saved / "policy.onnx").read_bytes())
     assert about["tradeoff"] == [7, 3] and about["control_rate_hz"] == 100
     assert about["run"]["best_hypervolume"] == 7.5
     assert len(about["run"]["sha256"]) == 64
@@ -229,40 +220,27 @@ def test_a_shipped_policy_is_exported_into_the_working_directory(saved, format, 
     (folder / "checkpoints").mkdir(parents=True)
     (saved / "policy.pt").rename(folder / "checkpoints" / "best.pt")
     export.command(["hopper", "--format", format])
-    about = known(format, (saved / name).read_bytes())
+    about = metadata(format, (saved / name).read_bytes())
     assert about["task"] == "hopper" and about["tradeoff"] is None
     assert not (folder / name).exists()
 
 
-MISTAKES = {
-    "nowhere": "nowhere does not exist",
-    "policy.pt --tradeoff -1,2": "must be finite, not negative",
-    "policy.pt --format torchscript --output policy.pt/a.ts": "cannot make policy.pt: File exists",
-}
-
-
-@pytest.mark.parametrize("typed", MISTAKES)
-def test_a_mistake_prints_one_error_and_writes_nothing(typed, saved, refused):
+def test_a_mistake_prints_one_error_and_writes_nothing(saved, refused):
     before = set(saved.iterdir())
-    assert MISTAKES[typed] in refused(export, *typed.split())
+    assert "nowhere does not exist" in refused(export, "nowhere")
+    weights = refused(export, "policy.pt", "--tradeoff", "-1,2")
+    assert "must be finite, not negative" in weights
+    output = ("--format", "torchscript", "--output", "policy.pt/a.ts")
+    assert "cannot make policy.pt: File exists" in refused(export, "policy.pt", *output)
     assert set(saved.iterdir()) == before
-
-
-def test_an_unknown_format_is_one_sentence(trained, tmp_path):
-    with pytest.raises(MorlaxError, match=r"unknown format 'onxx': did you mean 'onnx'"):
-        export_run(trained(), tmp_path / "policy", "onxx")
-
-
-@pytest.mark.parametrize("package", ["onnx", "onnxscript", "onnxruntime"])
-def test_a_missing_package_names_the_extra(saved, package, monkeypatch, refused):
-    monkeypatch.setitem(sys.modules, package, None)
-    text = refused(export, "policy.pt")
-    assert f"ONNX needs {package}" in text and "pip install 'morlax-torch[onnx]'" in text
-    assert not list(saved.glob("*.onnx"))
-
-
-def test_a_run_with_a_custom_actor_explains_how_to_export(tmp_path, refused):
     actor = nn.Sequential(nn.Linear(13, 8))
-    checkpoint.save(tmp_path / "own.pt", learner(tiny(), actor=actor), Progress())
-    text = refused(export, tmp_path / "own.pt")
+    checkpoint.save(saved / "own.pt", learner(tiny(), actor=actor), Progress())
+    text = refused(export, saved / "own.pt")
     assert "holds a user-made actor, which no config describes" in text
+
+
+def test_a_missing_package_names_the_extra(saved, monkeypatch, refused):
+    monkeypatch.setitem(sys.modules, "onnxscript", None)
+    text = refused(export, "policy.pt")
+    assert "ONNX needs onnxscript" in text and "pip install 'morlax-torch[onnx]'" in text
+    assert not list(saved.glob("*.onnx"))

@@ -21,7 +21,7 @@ from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.making import evaluation_worlds
-from morlax_torch.exports.manifest import provenance
+from morlax_torch.exports.exporting import provenance
 from morlax_torch.host.files import AnyPath
 from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -128,16 +129,11 @@ def test_the_seed_determines_the_initial_states(make):
     second = np.asarray(one.reset()[0])
     assert not np.array_equal(first, second)
     np.testing.assert_array_equal(second, other.reset()[0])
-    assert not np.array_equal(first, other.reset(seed=6)[0])
-
-
-@pytest.mark.parametrize("form", [list, tuple, np.array])
-def test_a_seed_for_each_world_determines_the_initial_states(form):
-    one, other = (vector(HOPPER, reset_noise=0.1) for _ in range(2))
-    first, _ = one.reset(seed=form([3, 4, 5]))
-    assert torch.equal(first, other.reset(seed=form([3, 4, 5]))[0])
-    assert not torch.equal(first, other.reset(seed=form([3, 4, 6]))[0])
-    assert (first[0] != first[1]).any()
+    if make is vector:  # also a seed for each world
+        first, _ = one.reset(seed=np.array([3, 4, 5]))
+        assert torch.equal(first, other.reset(seed=[3, 4, 5])[0])
+        assert not torch.equal(first, other.reset(seed=(3, 4, 6))[0])
+        assert (first[0] != first[1]).any()
 
 
 @pytest.mark.usefixtures("opengl")
@@ -166,6 +162,9 @@ def test_the_viewer_window_follows_the_simulation(monkeypatch):
     import glfw
     import mujoco.viewer
 
+    monkeypatch.setattr(glfw, "init", lambda: False)
+    with pytest.raises(MorlaxError, match="there is no screen here: use 'rgb_array'"):
+        gymnasium.make(HOPPER, render_mode="human").reset()
     heights, launch = [], MagicMock()
     viewer = launch.return_value
     viewer.sync.side_effect = lambda: heights.append(launch.call_args.args[1].qpos[1])
@@ -180,15 +179,7 @@ def test_the_viewer_window_follows_the_simulation(monkeypatch):
     viewer.close.assert_called_once_with()
 
 
-def test_human_rendering_without_a_display_raises_a_clear_error(monkeypatch):
-    import glfw
-
-    monkeypatch.setattr(glfw, "init", lambda: False)
-    with pytest.raises(MorlaxError, match="there is no screen here: use 'rgb_array'"):
-        gymnasium.make(HOPPER, render_mode="human").reset()
-
-
-def test_vector_environments_return_tensors_and_vector_rewards():
+def test_vector_environments_return_detached_tensors_and_vector_rewards():
     env = vector(IDS["cheetah3"], num_envs=5)
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert env.num_envs == 5 and env.reward_space.shape == (3,)
@@ -196,7 +187,12 @@ def test_vector_environments_return_tensors_and_vector_rewards():
     assert env.single_action_space.shape == (6,) and env.action_space.shape == (5, 6)
     observation, info = env.reset(seed=0)
     assert observation.numpy() in env.observation_space and info == {}
-    observation, reward, terminated, truncated, info = env.step(torch.zeros(5, 6))
+    actions = torch.full((5, 6), 0.3, requires_grad=True)
+    first = env.step(actions.tanh())[:4]
+    before = [values.clone() for values in first]
+    observation, reward, terminated, truncated, info = env.step(-actions)
+    for values, copy in zip(first, before, strict=True):
+        assert torch.equal(values, copy) and not values.requires_grad
     assert observation.numpy() in env.observation_space
     assert reward.shape == (5, 3) and reward.dtype == torch.float32
     assert terminated.dtype == truncated.dtype == torch.bool
@@ -209,33 +205,19 @@ def test_on_the_cpu_actions_can_be_arrays(dtype):
     actions.flags.writeable = False
     one, other = vector(), vector()
     one.reset(), other.reset()
-    for given in (actions, actions[::-1], actions.astype(actions.dtype.newbyteorder())):
-        copied = torch.tensor(given.astype(dtype, order="C"))
-        found, expected = one.step(given), other.step(copied)
+    for array in (actions, actions[::-1], actions.astype(actions.dtype.newbyteorder())):
+        found, expected = one.step(array), other.step(torch.tensor(array.astype(dtype, order="C")))
         assert all(map(torch.equal, found[:4], expected[:4]))
     single = gymnasium.make(WALKER)
     single.reset(seed=0)
     single.step(np.ones(single.action_space.shape, np.float32)[::-1])
 
 
-def test_actions_with_gradients_are_detached():
-    env, envs_ = gymnasium.make(HOPPER), vector()
-    env.reset(), envs_.reset()
-    action = torch.zeros(4, requires_grad=True)
-    assert env.step(action)[1].shape == (2,)
-    for _ in range(2):
-        assert not any(x.requires_grad for x in envs_.step(action.tanh().expand(3, 4))[:4])
-
-
-@pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
-def test_vector_environments_match_gymnasium_s_sync_vector_env(tradeoff):
-    found = vector(WALKER, tradeoff=tradeoff, episode_length=100)
-    weights = np.array(tradeoff or (1.0, 0.0))  # Gymnasium's has no vector rewards
-
-    def single() -> gymnasium.Env:
-        return gymnasium.make(WALKER, tradeoff=weights.tolist(), episode_length=100)
-
-    reference = SyncVectorEnv([single] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
+def test_vector_environments_match_gymnasium_s_sync_vector_env():
+    options = {"tradeoff": (0.7, 0.3), "episode_length": 100}
+    found = vector(WALKER, **options)
+    singles = [lambda: gymnasium.make(WALKER, **options)] * 3
+    reference = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.SAME_STEP)
     np.testing.assert_array_equal(found.reset(seed=0)[0], reference.reset(seed=0)[0])
     ended = 0
     for _ in range(110):
@@ -244,23 +226,19 @@ def test_vector_environments_match_gymnasium_s_sync_vector_env(tradeoff):
         expected, numbers, *expected_flags, expected_info = reference.step(action.numpy())
         np.testing.assert_array_equal(observation, expected)
         np.testing.assert_array_equal(flags, expected_flags)
-        scalar = reward if tradeoff else reward @ torch.tensor(weights).float()
-        np.testing.assert_allclose(scalar, numbers, rtol=1e-5)
+        np.testing.assert_allclose(reward, numbers, rtol=1e-5)
         done = np.logical_or(*expected_flags)
         np.testing.assert_array_equal(info["_final_obs"], done)
         np.testing.assert_array_equal(info["_final_info"], done)
         for world in done.nonzero()[0]:
             last = expected_info["final_obs"][world]
             np.testing.assert_array_equal(info["final_obs"][world], last)
-            assert not torch.equal(info["final_obs"][world], observation[world])
-            if tradeoff:
-                paid = expected_info["final_info"]["vector_reward"][world]
-                np.testing.assert_array_equal(info["final_info"]["vector_reward"][world], paid)
-        if tradeoff:
-            ongoing = expected_info.get("_vector_reward", np.zeros(3, bool))
-            reference_reward = expected_info.get("vector_reward", np.zeros((3, 2)))
-            np.testing.assert_array_equal(info["vector_reward"][ongoing], reference_reward[ongoing])
-            assert info["_vector_reward"].all()
+            paid = expected_info["final_info"]["vector_reward"][world]
+            np.testing.assert_array_equal(info["final_info"]["vector_reward"][world], paid)
+        for world in (~done).nonzero()[0]:
+            paid = expected_info["vector_reward"][world]
+            np.testing.assert_array_equal(info["vector_reward"][world], paid)
+        assert info["_vector_reward"].all()
         ended += done.sum()
     assert ended == 1 + 2 + 1  # one truncation, and three falls
 
@@ -288,98 +266,41 @@ def test_statistics_sum_each_objective_over_whole_episodes():
     assert len(lengths) > 8 and len(set(lengths)) == 4
 
 
-def test_gymnasium_s_wrappers_for_one_reward_work_under_a_tradeoff():
-    pytest.importorskip("array_api_compat")
-    from gymnasium.wrappers.vector import ArrayConversion, NormalizeReward, RecordEpisodeStatistics
-
-    one, other = (
-        vector(WALKER, num_envs=4, tradeoff=(0.7, 0.3), episode_length=100) for _ in range(2)
-    )
-    reference = EpisodeStatistics(one)
-    converted = ArrayConversion(other, env_xp=torch, target_xp=np, env_device=other.device)
-    converted = NormalizeReward(RecordEpisodeStatistics(converted))
-    reference.reset(), converted.reset()
-    episodes, scaled, raw = 0, [], []
-    for _ in range(110):
-        _, reward, _, _, expected = reference.step(falling())
-        _, normalized, _, _, info = converted.step(falling().numpy())
-        raw.append(reward.numpy()), scaled.append(normalized)
-        done = expected["_episode"].numpy()
-        if done.any():
-            returns = expected["episode"]["r"].numpy() @ (0.7, 0.3)
-            np.testing.assert_allclose(info["episode"]["r"], returns, rtol=1e-5)
-            np.testing.assert_array_equal(info["episode"]["l"], expected["episode"]["l"])
-            np.testing.assert_array_equal(info["_episode"], done)
-        episodes += done.sum()
-    assert episodes >= 4
-    # one factor for all worlds of a step
-    np.testing.assert_allclose(np.ptp(np.divide(scaled, raw), axis=1), 0.0, atol=1e-4)
-    assert np.std(scaled) < 0.5 * np.std(raw)
-
-
-def test_returned_tensors_are_detached_copies():
-    env = vector()
-    env.reset()
-    actions = torch.full((3, 4), 0.3, requires_grad=True)
-    first = env.step(actions)[:4]
-    before = [values.clone() for values in first]
-    env.step(-actions)
-    for values, copy in zip(first, before, strict=True):
-        assert torch.equal(values, copy) and not values.requires_grad
-
-
-def single_step(action):
-    env = gymnasium.make(HOPPER)
+def step(make, action):
+    env = make(HOPPER)
     env.reset()
     return env.step(action)
 
 
-def vector_step(actions):
-    env = vector()
-    env.reset()
-    return env.step(actions)
-
-
 MISTAKES = {
-    "option": (lambda: gymnasium.make(HOPPER, episode_lenght=3), "did you mean 'episode_length'"),
-    "render mode": (
-        lambda: GymnasiumEnv("hopper", render_mode="rgb_aray"),
-        "did you mean 'rgb_array'",
+    "did you mean 'rgb_array'": lambda: GymnasiumEnv("hopper", render_mode="rgb_aray"),
+    "unknown backend 'bullet'": lambda: vector(backend="bullet"),
+    "one trade-off is needed": lambda: vector(tradeoff=[(1.0, 0.0)] * 3),
+    "not negative": lambda: gymnasium.make(HOPPER, tradeoff=(-1, 2)),
+    "step was called before": lambda: gymnasium.make(HOPPER).step(np.zeros(4)),
+    "call reset first": lambda: vector().step(torch.zeros(3, 4)),
+    "but got 'x'": lambda: gymnasium.make(HOPPER).reset(options={"x": 1}),
+    "of 4 finite numbers, not array([[0.,": lambda: step(gymnasium.make, np.zeros((1, 4))),
+    "of 4 finite numbers, not [0, 0, nan, 0]": lambda: step(gymnasium.make, [0, 0, np.nan, 0]),
+    "finite numbers, not tensor(": lambda: step(gymnasium.make, torch.zeros(4, device="meta")),
+    "the shape (3, 4)": lambda: step(vector, torch.zeros(3, 5)),
+    "have (3, 4) on meta": lambda: step(vector, torch.zeros(3, 4, device="meta")),
+    "not list: use torch.as_tensor": lambda: step(vector, [[0.0] * 4] * 3),
+    "of numbers on cpu, not ndarray": lambda: step(vector, np.full((3, 4), "left")),
+    "each of the 3 worlds, not [1, 2]": lambda: vector().reset(seed=[1, 2]),
+    "integer from 0, or one for each": lambda: vector().reset(seed=[1, 2, None]),
+    "Known: rgb_array": lambda: vector(render_mode="human"),
+    "numbers on meta, not ndarray": lambda: checked_actions(
+        np.zeros((3, 4)), torch.Size((3, 4)), torch.device("meta")
     ),
-    "backend": (lambda: vector(backend="bullet"), "unknown backend 'bullet'"),
-    "trade-off": (lambda: vector(tradeoff=(1.0,)), "needs 2 numbers (run, jump)"),
-    "trade-offs": (lambda: vector(tradeoff=[(1.0, 0.0)] * 3), "one trade-off is needed"),
-    "single trade-off": (lambda: gymnasium.make(HOPPER, tradeoff=(-1, 2)), "not negative"),
-    "no reset": (lambda: gymnasium.make(HOPPER).step(np.zeros(4)), "call reset first"),
-    "no vector reset": (lambda: vector().step(torch.zeros(3, 4)), "call reset first"),
-    "reset option": (lambda: gymnasium.make(HOPPER).reset(options={"x": 1}), "but got 'x'"),
-    "shape": (lambda: single_step(np.zeros((1, 4))), "needs the shape (4,), but has (1, 4)"),
-    "NaN": (lambda: single_step([0, 0, np.nan, 0]), "a NaN or an infinity"),
-    "device": (lambda: single_step(torch.zeros(4, device="meta")), "a numpy array of 4 numbers"),
-    "vector shape": (lambda: vector_step(torch.zeros(3, 5)), "the shape (3, 4)"),
-    "vector device": (lambda: vector_step(torch.zeros(3, 4, device="meta")), "on meta, but"),
-    "list": (lambda: vector_step([[0.0] * 4] * 3), "not list: use torch.as_tensor"),
-    "words in an array": (lambda: vector_step(np.full((3, 4), "left")), "must be numbers, not <U4"),
-    "number of seeds": (lambda: vector().reset(seed=[1, 2]), "for each of the 3 worlds, not 2"),
-    "seeds": (lambda: vector().reset(seed=[1, 2, None]), "integers from 0, not [1, 2, None]"),
-    "vector render mode": (lambda: vector(render_mode="human"), "Known: rgb_array"),
-    "array on a GPU": (
-        lambda: checked_actions(np.zeros((3, 4)), torch.Size((3, 4)), torch.device("meta")),
-        "not ndarray: use torch.as_tensor",
-    ),
-    "statistics": (
-        lambda: EpisodeStatistics(EpisodeStatistics(vector())),
-        ", not EpisodeStatistics",
-    ),
+    ", not EpisodeStatistics": lambda: EpisodeStatistics(EpisodeStatistics(vector())),
 }
 
 
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_raises_a_clear_error(name):
-    mistake, expected = MISTAKES[name]
-    with pytest.raises(MorlaxError) as error:
-        mistake()
-    assert expected in str(error.value)
+@pytest.mark.parametrize("sentence", MISTAKES)
+def test_a_mistake_raises_a_clear_error(sentence):
+    with pytest.raises(MorlaxError, match=re.escape(sentence)):
+        MISTAKES[sentence]()
 
 
 @pytest.mark.parametrize("make", [gymnasium.make, vector])

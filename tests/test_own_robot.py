@@ -17,7 +17,7 @@ from morlax_torch.commands import evaluate, explore, export, pack, record, train
 from morlax_torch.commands.terminal import arguments
 from morlax_torch.envs.errors import MorlaxWarning
 from morlax_torch.evaluation.front import Front
-from morlax_torch.exports.manifest import manifest
+from morlax_torch.exports.exporting import manifest
 from morlax_torch.runs import Run
 from morlax_torch.runs.references import copy_files
 from morlax_torch.viewers.player import Player

@@ -15,7 +15,7 @@ import yaml
 
 from morlax_torch import MorlaxError
 from morlax_torch.commands import export, play
-from morlax_torch.envs.bridges.mjlab.deployment import motor
+from morlax_torch.envs.bridges.mjlab.robot import motor
 from morlax_torch.envs.worlds.mujoco_robot import Deployment
 from morlax_torch.exports.deployment import deploy
 from morlax_torch.viewers.playing.deployment import Export, open_export

@@ -7,8 +7,7 @@ from torch import Tensor
 
 from morlax_torch import Policy, envs, load, save
 from morlax_torch.configuration.config import Config
-from morlax_torch.exports.exporting import export
-from morlax_torch.exports.manifest import manifest
+from morlax_torch.exports.exporting import export, manifest
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.progress import Progress

@@ -236,7 +236,7 @@ MISTAKES = {
     "nowhere": "nowhere does not exist",
     "policy.pt --tradeoff fast": "does not consist of numbers: 0.5,0.5",
     "policy.pt --seconds 0": "at least one control step (0.01 s)",
-    "policy.pt --seconds 1e12": "at most 3600 s, not 1e+12 s",
+    "policy.pt --seconds 1e8": "at most 3600 s, not 1e+08 s",
     "policy.pt --speed -1": "the speed must be above 0",
     "policy.pt --width 0": "from 64 to 4096 pixels",
     "policy.pt --output film.avi": "must end in .mp4 or .gif",

@@ -61,8 +61,10 @@ def test_rsl_rl_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
     assert paid.mean() > 2 * run[0]
 
 
-def test_episodes_can_start_at_any_step():
+def test_episodes_can_start_at_any_step_and_log_writers_get_the_arguments():
     env = worlds("cheetah", episode_length=9)
+    expected = {"task": "cheetah", "tradeoff": [0.7, 0.3], "num_envs": 4, "episode_length": 9}
+    assert env.cfg.to_dict() == expected
     assert env.max_episode_length == 9
     env.episode_length_buf = torch.tensor([0, 3, 6, 8])
     ends = [env.step(torch.zeros(4, 6))[2].nonzero().squeeze(-1).tolist() for _ in range(9)]
@@ -82,8 +84,3 @@ def test_recurrent_policies_and_random_network_distillation_train(tmp_path):
     assert runner.alg.rnd.initial_weight == pytest.approx(100.0 * env.vector.worlds.dt)
     runner.learn(2, init_at_random_ep_len=True)
     assert "Rnd/mean_intrinsic_reward" in EventAccumulator(str(tmp_path)).Reload().Tags()["scalars"]
-
-
-def test_log_writers_get_the_arguments_of_the_environment():
-    expected = {"task": "hopper", "tradeoff": [0.7, 0.3], "num_envs": 2, "episode_length": 5}
-    assert worlds("hopper", 2, episode_length=5).cfg.to_dict() == expected

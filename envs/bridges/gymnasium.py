@@ -2,7 +2,8 @@
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from typing import Any, ClassVar
 
@@ -15,16 +16,11 @@ from torch import Tensor
 
 from ..errors import MorlaxError, located, words
 from ..naming import GYMNASIUM
-from ..worlds.options import (
-    Count,
-    ObjectiveOptions,
-    Objectives,
-    Point,
-)
+from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome
 
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
-STEP = ("observation", "reward", "terminated", "truncated", "info")  # of what a step returns
+LARGEST = np.finfo(np.float32).max
 
 
 def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["GymnasiumWorlds"]:
@@ -99,8 +95,6 @@ def from_id(name: str) -> type["GymnasiumWorlds"]:
         return from_gymnasium(make, name)
     except MorlaxError:
         raise
-    except gymnasium.error.Error as error:
-        raise MorlaxError(f"Gymnasium cannot make {identity!r}: {error}") from None
     except (Exception, SystemExit) as error:  # any error of the user's own code
         raise MorlaxError(f"Gymnasium cannot make {identity!r}: {words(error)}") from None
 
@@ -139,23 +133,27 @@ class GymnasiumWorlds(ForeignWorlds):
         assert isinstance(one.env.action_space, Box)  # `from_gymnasium` has checked it
         self._box = one.env.action_space
         self.action_size = int(np.prod(self._box.shape))
-        self.observation_size = observation_size(self.name, one.space)
+        self.observation_size = one.observation_size
         dt = getattr(one.env.unwrapped, "dt", None)  # MuJoCo's environments have it
         if isinstance(dt, float) and dt > 0:
             self.dt = dt
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
-        self._found = np.zeros((self.num_worlds, self.observation_size))  # as environments give it
+        self._observation = np.zeros(
+            (self.num_worlds, self.observation_size)
+        )  # as environments give it
         self.reseed(seed)
 
     def _start(self) -> Tensor:
-        return self._restart(torch.ones_like(self.age, dtype=torch.bool), _in_float32(self._found))
+        return self._restart(
+            torch.ones_like(self.age, dtype=torch.bool), _in_float32(self._observation)
+        )
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         for world in which.nonzero().squeeze(1).tolist():
-            self._found[world] = self._worlds[world].reset(self._seeds[world])
+            self._observation[world] = self._worlds[world].reset(self._seeds[world])
             self._seeds[world] = None  # later resets continue its random draws
         self.age.masked_fill_(which, 0)
-        return torch.where(which[:, None], _in_float32(self._found), seen)
+        return torch.where(which[:, None], _in_float32(self._observation), seen)
 
     def _advance(self, action: Tensor) -> Outcome:
         low, high = self._box.low / 2, self._box.high / 2  # halved, the sum cannot overflow
@@ -166,9 +164,9 @@ class GymnasiumWorlds(ForeignWorlds):
         running, finite = ~(self._failed | self._timed_out), action.isfinite().all(1)
         self.age += running
         for world in (running & finite).nonzero().squeeze(1).tolist():
-            found = self._worlds[world].step(controls[world])
-            self._found[world], rewards[world], failed[world], timed_out[world] = found
-        final, paid = _in_float32(self._found), _in_float32(rewards)
+            step = self._worlds[world].step(controls[world])
+            self._observation[world], rewards[world], failed[world], timed_out[world] = step
+        final, paid = _in_float32(self._observation), _in_float32(rewards)
         finite &= torch.cat([final, paid], 1).isfinite().all(1)
         failed |= ~finite
         timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
@@ -214,37 +212,28 @@ class CheckedEnv:
         self.env: gymnasium.Env = self._call("its constructor", make)
         module = sys.modules.get(type(self.env.unwrapped).__module__)
         self._file = getattr(module, "__file__", None)
-        self.space = self.env.observation_space
-        self._size = observation_size(name, self.space)
+        self._space = self.env.observation_space
+        self.observation_size = observation_size(name, self._space)
 
     def reset(self, seed: int | None) -> NDArray[np.float64]:
         """Start an episode; returns the observation (O,)."""
-        found = self._call("reset()", self.env.reset, seed=seed)
-        seen, _ = self._parts("reset()", found, ("observation", "info"))
-        flat = self._flat("reset()", seen)
-        if not (abs(flat) <= np.finfo(np.float32).max).all():
-            raise MorlaxError(
-                f"{self.name}: reset() returned an observation that is not finite in float32."
-            )
-        return flat
+        answer = self._call("reset()", self.env.reset, seed=seed)
+        with self._fitting("reset() must return (observation, info)"):
+            observation, _ = answer
+            flat = self._flat(observation)
+            if not (abs(flat) <= LARGEST).all():
+                raise ValueError("an observation is not finite in float32")
+            return flat
 
     def step(self, control: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64], bool, bool]:
         """Advance; returns the observation (O,), the reward (m,), terminated and truncated."""
-        found = self._call("step()", self.env.step, control)
-        seen, reward, terminated, truncated, _ = self._parts("step()", found, STEP)
-        try:
-            paid, ended, stopped = np.asarray(reward, np.float64), bool(terminated), bool(truncated)
-        except (TypeError, ValueError) as error:
-            raise MorlaxError(
-                f"{self.name}: step() must return a reward of numbers, and terminated and "
-                f"truncated as True or False: {located(error)}"
-            ) from None
-        if paid.shape != self._rewards:
-            raise MorlaxError(
-                f"{self.name}: step() returned a reward of shape {paid.shape}, but reward_space "
-                f"has shape {self._rewards}: they must agree."
-            )
-        return self._flat("step()", seen), paid, ended, stopped
+        answer = self._call("step()", self.env.step, control)
+        with self._fitting("step() must return (observation, reward, terminated, truncated, info)"):
+            observation, reward, terminated, truncated, _ = answer
+            paid = np.asarray(reward, np.float64)
+            if paid.shape != self._rewards:
+                raise ValueError(f"a reward of shape {paid.shape}, not {self._rewards}")
+            return self._flat(observation), paid, bool(terminated), bool(truncated)
 
     def _call(self, method: str, function: Callable[..., Any], *values: Any, **named: Any) -> Any:
         try:
@@ -256,35 +245,26 @@ class CheckedEnv:
                 f"{self.name}: {method} fails: {located(error, self._file)}"
             ) from error
 
-    def _parts(self, method: str, found: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
-        if not isinstance(found, tuple) or len(found) != len(names):
-            given = type(found).__name__
-            if isinstance(found, tuple):
-                given += f" of {len(found)}"
-            raise MorlaxError(
-                f"{self.name}: {method} must return a tuple ({', '.join(names)}), as Gymnasium's "
-                f"environments do, not a {given}."
-            )
-        return found
-
-    def _flat(self, method: str, seen: Any) -> NDArray[np.float64]:
+    @contextmanager
+    def _fitting(self, rule: str) -> Iterator[None]:
         try:
-            if isinstance(self.space, Box):
-                flat, wanted = np.asarray(seen, np.float64), self.space.shape
-            else:
-                with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
-                    found = gymnasium.spaces.flatten(self.space, seen)
-                flat, wanted = np.asarray(found, np.float64), (self._size,)
+            yield
         except Exception as error:  # each space fails in its own way
+            space = " ".join(str(self._space).split())
             raise MorlaxError(
-                f"{self.name}: {method} returned an observation that does not fit its "
-                f"observation_space {self.space}: {located(error)}"
+                f"{self.name}: {rule} that fit its spaces, with observations in {space}: "
+                f"{words(error)}."
             ) from None
-        if flat.shape != wanted:
-            raise MorlaxError(
-                f"{self.name}: {method} returned an observation of shape {flat.shape}, but its "
-                f"observation_space needs {wanted}."
-            )
+
+    def _flat(self, observation: Any) -> NDArray[np.float64]:
+        size = self._space.shape
+        if not isinstance(self._space, Box):
+            with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
+                observation = gymnasium.spaces.flatten(self._space, observation)
+            size = (self.observation_size,)
+        flat = np.asarray(observation, np.float64)
+        if flat.shape != size:
+            raise ValueError(f"an observation of shape {flat.shape}, not {size}")
         return flat.reshape(-1)
 
 

@@ -12,18 +12,8 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor
 
-from ..errors import (
-    MorlaxError,
-    installation,
-    shortened,
-    unknown,
-)
-from ..worlds.options import (
-    Count,
-    ObjectiveOptions,
-    Objectives,
-    Point,
-)
+from ..errors import MorlaxError, installation, shortened, unknown
+from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome, imported
 
 POLICY, CRITIC = "state", "privileged_state"  # Playground's names of groups of observations
@@ -75,12 +65,23 @@ class PlaygroundWorlds(ForeignWorlds):
     simulator = "MuJoCo Playground"
 
     def _open(self, seed: int) -> None:
-        self._task = functions_of(self.name, self.options, self.device)
-        self._jax = self._task.jax
-        self.observation_size = self._task.observation_size
-        self.privileged_size = self._task.privileged_size
-        self.action_size = self._task.action_size
-        self.reward_terms = self._task.reward_terms
+        keys, device = default_config(self.name), self.device
+        ours: dict[str, Any] = {"episode_length": self.options.episode_length}
+        if device.type == "cpu":
+            ours["impl"] = "jax"  # on a CPU, small tasks are ten times as fast as with MJX's Warp
+        first = import_module("jax").devices()[0]
+        kind = "cuda" if first.platform == "gpu" else first.platform
+        if (kind, first.id) != (device.type, device.index or 0):
+            raise MorlaxError(
+                f"JAX runs on {kind}:{first.id}, and these worlds should run on {device}: set "
+                "JAX_PLATFORMS=cpu for the CPU; a GPU needs pip install 'jax[cuda12]', and one "
+                "that is not the first CUDA_VISIBLE_DEVICES."
+            )
+        overrides = {key: ours[key] for key in ours if key in keys} | self.options.overrides
+        self._task = task = _shared(self.name, json.dumps(overrides))
+        self._jax = task.jax
+        self.observation_size, self.privileged_size = task.observation_size, task.privileged_size
+        self.action_size, self.reward_terms = task.action_size, task.reward_terms
 
     def _start(self) -> Tensor:
         self._draw()
@@ -105,9 +106,9 @@ class PlaygroundWorlds(ForeignWorlds):
         return torch.where(which[:, None], self._first, seen)
 
     def _advance(self, action: Tensor) -> Outcome:
-        found = self._task.step(self._state, self._to_jax(action.float().clamp(-1, 1)))
-        self._state = found[0]
-        final, terms, failed = (torch.from_dlpack(part) for part in found[1:])
+        control = self._to_jax(action.float().clamp(-1, 1))
+        self._state, *parts = self._task.step(self._state, control)
+        final, terms, failed = map(torch.from_dlpack, parts)
         blown_up = ~torch.cat([final, terms, action], 1).isfinite().all(1)
         self.age = self.age + 1
         failed = failed | blown_up
@@ -132,32 +133,9 @@ class PlaygroundWorlds(ForeignWorlds):
         return self._jax.dlpack.from_dlpack(tensor.detach().contiguous())
 
 
-def functions_of(name: str, options: PlaygroundOptions, device: torch.device) -> "Functions":
-    """Return a task under `options`, on a device.
-
-    Raises:
-        MorlaxError: JAX runs on another device, the task's config has no such key, or Playground
-            cannot make the task.
-    """
-    known = default_config(name)
-    ours: dict[str, Any] = {"episode_length": options.episode_length}
-    if device.type == "cpu":
-        ours["impl"] = "jax"  # on a CPU, small tasks are ten times as fast as with MJX's Warp
-    place = import_module("jax").devices()[0]
-    kind = "cuda" if place.platform == "gpu" else place.platform
-    if (kind, place.id) != (device.type, device.index or 0):
-        raise MorlaxError(
-            f"JAX runs on {kind}:{place.id}, and these worlds should run on {device}: set "
-            "JAX_PLATFORMS=cpu for the CPU; a GPU needs pip install 'jax[cuda12]', and one that is "
-            "not the first CUDA_VISIBLE_DEVICES."
-        )
-    overrides = {key: ours[key] for key in ours if key in known} | options.overrides
-    return _shared(name, json.dumps(overrides))
-
-
 @cache
 def _shared(name: str, overrides: str) -> "Functions":
-    """Share what JAX compiles between worlds of one task: it can take a minute for each N."""
+    # worlds of one task share what JAX compiles: it can take a minute for each N
     return Functions(name, changed(name, json.loads(overrides)))
 
 
@@ -186,8 +164,8 @@ class Functions:
         self.action_size = int(self._env.action_size)
         metrics = list(start.metrics)
         self._metrics = [key for key in metrics if key.startswith(TERM)] or metrics
-        named = [key.removeprefix(TERM) for key in self._metrics]
-        self.reward_terms = (*named, "reward", EFFORT)
+        names = [key.removeprefix(TERM) for key in self._metrics]
+        self.reward_terms = (*names, "reward", EFFORT)
         self.reset = jax.jit(self._reset, static_argnums=0)
         self.step = jax.jit(self._step)
         self.replace = jax.jit(self._replace)
@@ -275,9 +253,9 @@ def registry() -> Any:
     import warp as wp
 
     with warnings.catch_warnings(action="ignore"):  # its libraries use what JAX deprecates
-        found = import_module("mujoco_playground").registry
+        playground = import_module("mujoco_playground")
     wp.config.log_level = wp.LOG_WARNING  # MJX lets Warp report every kernel
-    return found
+    return playground.registry
 
 
 def default_config(name: str) -> Any:
@@ -286,13 +264,12 @@ def default_config(name: str) -> Any:
     Raises:
         MorlaxError: Playground is missing, or it has no such task.
     """
-    found = registry()
-    task = imported(name)
-    suites = (found.dm_control_suite, found.locomotion, found.manipulation)
-    known = [task for suite in suites for task in suite.ALL_ENVS]
-    if task not in known:
-        raise unknown("task of MuJoCo Playground", task, known)
-    return found.get_default_config(task)
+    tasks, task = registry(), imported(name)
+    suites = (tasks.dm_control_suite, tasks.locomotion, tasks.manipulation)
+    names = [one for suite in suites for one in suite.ALL_ENVS]
+    if task not in names:
+        raise unknown("task of MuJoCo Playground", task, names)
+    return tasks.get_default_config(task)
 
 
 def options_class(name: str) -> type[PlaygroundOptions]:
@@ -318,10 +295,10 @@ def changed(name: str, overrides: dict[str, Any]) -> Any:
         MorlaxError: the config has no such key, or it holds values of another type.
     """
     cfg = default_config(name)
-    known = list(_keys(cfg))
+    keys = list(_keys(cfg))
     for key, value in overrides.items():
-        if key not in known:
-            raise unknown(f"key of the config of {name}", key, known)
+        if key not in keys:
+            raise unknown(f"key of the config of {name}", key, keys)
         try:
             cfg.update_from_flattened_dict({key: value})
         except (TypeError, ValueError):

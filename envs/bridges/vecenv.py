@@ -11,18 +11,8 @@ from torch.nn.functional import pad
 
 from ..devices import drawing_from
 from ..errors import MorlaxError, words
-from ..worlds.options import (
-    Count,
-    ObjectiveOptions,
-    Objectives,
-    Point,
-)
-from .foreign import (
-    ForeignWorlds,
-    Outcome,
-    actor_group,
-    joined,
-)
+from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
+from .foreign import ForeignWorlds, Outcome, actor_group, joined
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
@@ -60,7 +50,6 @@ def from_vecenv(
         episode_length: the environment's own time limit, in steps.
         action_scale: factor on actions in [-1, 1], for environments without bounds.
     """
-
     groups, point, steps, factor = objectives, reference_point, episode_length, action_scale
 
     class Options(ObjectiveOptions):
@@ -129,9 +118,9 @@ class VecEnvWorlds(ForeignWorlds):
         with drawing_from(self.generator):
             actions = action.clamp(-1, 1) * self.options.action_scale
             actions = pad(actions, (0, 0, 0, self.env.num_envs - self.num_worlds))
-            found, _, dones, extras = self.env.step(actions)
+            observation, _, dones, extras = self.env.step(actions)
             terms = self.read_terms(self.env, extras)
-        seen = self._features(found)
+        seen = self._features(observation)
         columns = [self._column(name, terms.get(name)).float() for name in self.reward_terms]
         paid = torch.stack(columns, 1)
         # such a world terminates here, if the environment ends its episode or not
@@ -145,30 +134,31 @@ class VecEnvWorlds(ForeignWorlds):
     def _column(self, name: str, value: Any) -> Tensor:
         """Return the first N numbers of `value` if it has one for each world of the environment."""
         if not isinstance(value, Tensor) or value.shape != (self.env.num_envs,):
-            given = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
+            kind = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
             raise MorlaxError(
-                f"the vectorized environment gives {name} as {given}: it must be a tensor of "
+                f"the vectorized environment gives {name} as {kind}: it must be a tensor of "
                 f"shape ({self.env.num_envs},), one number for each world."
             )
         return value[: self.num_worlds]
 
     def _check(self) -> None:
         worlds, device = self.env.num_envs, torch.device(self.env.device)
-        same = device.type == self.device.type
-        if same and worlds < self.num_worlds and not self.auto_reset:
-            raise MorlaxError(
-                f"the vectorized environment has {worlds} worlds, but an evaluation needs "
-                f"{self.num_worlds}, in two sets of episodes for each trade-off: lower "
-                "evaluation.tradeoffs or evaluation.seeds, or let make_env pass the number on."
-            )
-        if not same or (worlds != self.num_worlds and self.auto_reset):
+        enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
+        if device.type != self.device.type or not enough:
+            advice = "let make_env pass both on"
+            if not self.auto_reset:
+                advice += (
+                    ", or lower evaluation.tradeoffs or evaluation.seeds: an evaluation needs two "
+                    "sets of episodes for each trade-off"
+                )
             raise MorlaxError(
                 f"the vectorized environment has {worlds} worlds on {device}, but there should be "
-                f"{self.num_worlds} on {self.device}: let make_env pass both on."
+                f"{self.num_worlds} on {self.device}: {advice}."
             )
 
-    def _features(self, found: Any) -> Tensor:
-        groups = found[0] if isinstance(found, tuple) else found
+    def _features(self, groups: Any) -> Tensor:
+        if isinstance(groups, tuple):  # with extras, from a reset
+            groups = groups[0]
         if isinstance(groups, Tensor):
             groups = {"actor": groups}
         actor = actor_group(groups, "the vectorized environment")

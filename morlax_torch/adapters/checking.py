@@ -26,17 +26,14 @@ def require(name: str, package: str, least: str, extra: str) -> None:
     Raises:
         MorlaxError: the library is missing, or older than `least`.
     """
-    install = installation(extra)
     try:
-        found = metadata.version(package)
+        version = metadata.version(package)
     except metadata.PackageNotFoundError:
-        raise MorlaxError(f"{name} is not installed: {install}.") from None
-    if _numbers(found) < _numbers(least):
-        raise MorlaxError(f"{name} {found} is too old, {least} or later is needed: {install}.")
-
-
-def _numbers(version: str) -> list[int]:
-    return [int(number) for number in re.findall(r"\d+", version)[:2]]
+        version = "none"
+    if [*map(int, re.findall(r"\d+", version)[:2])] < [*map(int, least.split("."))]:
+        raise MorlaxError(
+            f"{name} {least} or later is needed, but {version} is installed: {installation(extra)}."
+        )
 
 
 class UnknownOption(MorlaxError, TypeError):
@@ -54,14 +51,14 @@ def check_options(task: str, options: Iterable[str]) -> None:
         UnknownOption: the task has no such option.
         MorlaxError: there is no such task.
     """
-    known = envs.get(task).Options.model_fields
+    fields = envs.get(task).Options.model_fields
     for name in options:
-        if name not in known:
-            advice = unknown("option", name, known)
+        if name not in fields:
+            advice = unknown("option", name, fields)
             raise UnknownOption(f"{advice} ({task} got an unexpected keyword argument {name!r})")
 
 
-def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device) -> Tensor:
+def checked_actions(actions: Tensor | NDArray, shape: Size, device: torch.device) -> Tensor:
     """Check the type, shape and device of actions; their values are not checked.
 
     Arrays are converted if the worlds are on the CPU. On a GPU, every step would copy them.
@@ -69,25 +66,18 @@ def checked_actions(actions: Tensor | NDArray, shape: Size, place: torch.device)
     Raises:
         MorlaxError: `actions` is not a tensor, or has another shape or device.
     """
-    if isinstance(actions, np.ndarray) and place.type == "cpu":
-        if actions.dtype.kind not in "biuf":
-            raise MorlaxError(f"actions must be numbers, not {actions.dtype}.")
+    if isinstance(actions, np.ndarray) and device.type == "cpu" and actions.dtype.kind in "biuf":
         actions = torch.from_numpy(np.array(actions, np.float32, order="C"))
     if not isinstance(actions, Tensor):
         raise MorlaxError(
-            f"actions must be a torch tensor on {place}, not {type(actions).__name__}: use "
-            "torch.as_tensor(actions, device=envs.device), or wrap the environment in "
-            "gymnasium.wrappers.vector.ArrayConversion."
+            f"actions must be a torch tensor of numbers on {device}, not "
+            f"{type(actions).__name__}: use torch.as_tensor(actions, device=envs.device), or wrap "
+            "the environment in gymnasium.wrappers.vector.ArrayConversion."
         )
-    if actions.shape != shape:
+    if actions.shape != shape or actions.device != device:
         raise MorlaxError(
-            f"actions need the shape {tuple(shape)}, one row per world, but have "
-            f"{tuple(actions.shape)}."
-        )
-    if actions.device != place:
-        raise MorlaxError(
-            f"actions are on {actions.device}, but the worlds are on {place}: use "
-            "actions.to(envs.device)."
+            f"actions need the shape {tuple(shape)}, one row per world, on {device}, but have "
+            f"{tuple(actions.shape)} on {actions.device}."
         )
     return actions
 
@@ -122,14 +112,15 @@ def one_seed(seeds: Sequence[int], number: int) -> int:
     Raises:
         MorlaxError: there are not N seeds, or they are not integers from 0.
     """
-    if len(seeds) != number:
-        raise MorlaxError(
-            f"reset needs one seed, or one for each of the {number} worlds, not {len(seeds)}."
-        )
     try:
-        return int(np.random.SeedSequence(seeds).generate_state(1, np.uint64)[0])
+        if len(seeds) == number:
+            return int(np.random.SeedSequence(seeds).generate_state(1, np.uint64)[0])
     except (TypeError, ValueError):
-        raise MorlaxError(f"seeds must be integers from 0, not {shortened(seeds)}.") from None
+        pass
+    raise MorlaxError(
+        f"reset needs one seed, an integer from 0, or one for each of the {number} worlds, not "
+        f"{shortened(seeds)}."
+    )
 
 
 def box(size: int, limit: float = np.inf) -> gymnasium.spaces.Box:

@@ -45,11 +45,10 @@ class EpisodeStatistics(VectorWrapper):
             )
         super().__init__(env)
         self._gamma = gamma
-        shape = env.num_envs, len(env.objectives)
-        self._returns = torch.zeros(shape, dtype=torch.float32, device=env.device)
-        self._discounted = torch.zeros_like(self._returns)
-        self._lengths = torch.zeros(env.num_envs, dtype=torch.int64, device=env.device)
-        self._starts = torch.zeros(env.num_envs, dtype=torch.float64, device=env.device)
+        shape, device = (env.num_envs, len(env.objectives)), env.device
+        self._returns, self._discounted = torch.zeros(2, *shape, dtype=torch.float32, device=device)
+        self._lengths = torch.zeros(env.num_envs, dtype=torch.int64, device=device)
+        self._starts = torch.zeros(env.num_envs, dtype=torch.float64, device=device)
 
     def reset(
         self,
@@ -71,14 +70,13 @@ class EpisodeStatistics(VectorWrapper):
         self._returns += objectives
         self._discounted += self._gamma ** self._lengths[:, None].float() * objectives
         self._lengths += 1
-        done = terminated | truncated
+        info["_episode"] = done = terminated | truncated
         info["episode"] = {
             "r": torch.where(done[:, None], self._returns, 0.0),
             "dr": torch.where(done[:, None], self._discounted, 0.0),
             "l": torch.where(done, self._lengths, 0),
             "t": torch.where(done, time.perf_counter() - self._starts, 0.0),
         }
-        info["_episode"] = done
         self._begin(done)
         return observation, reward, terminated, truncated, info
 

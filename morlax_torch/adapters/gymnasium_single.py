@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import envs
 from ..envs import MorlaxError
-from ..envs.errors import unknown
+from ..envs.errors import shortened, unknown
 from .checking import OneTask, box, check_options
 from .pictures import Pictures, Window
 
@@ -74,13 +74,8 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start a new episode; returns the observation (O,) and an empty info.
 
-        Args:
-            seed: random seed of the world from here on. Without one, the first reset picks a
-                random seed and later resets continue its random draws.
-            options: not supported; must be empty or None.
-
-        Raises:
-            MorlaxError: `options` is not empty.
+        `seed` is the random seed of the world from here on. Without one, the first reset picks a
+        random seed and later resets continue its random draws. `options` must be empty.
         """
         super().reset(seed=seed)
         observation = self._restart(seed, options)[0].numpy()
@@ -97,12 +92,10 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
             MorlaxError: an invalid action, or `reset` was never called.
         """
         step = self.worlds.step(self._checked(action)[None])
-        reward, info = step.reward[0], {}
+        reward, info = step.reward[0].numpy(), {}
         if self._weights is not None:
-            info["vector_reward"] = reward.numpy()
-            reward = (reward * self._weights).sum().item()
-        else:
-            reward = reward.numpy()
+            info["vector_reward"] = reward
+            reward = (step.reward[0] * self._weights).sum().item()
         if self.render_mode == "human":
             self.render()
         observation = step.observation[0].numpy()
@@ -111,8 +104,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image of the robot, (height, width, 3) RGB, or update the window.
 
-        In "human" mode the window shows the robot, and the result is None. Without a render mode,
-        nothing is drawn, and the result is None.
+        The result is None in "human" mode and without a render mode.
 
         Raises:
             MorlaxError: `reset` was never called, or there is no OpenGL or no screen.
@@ -140,14 +132,12 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         size = self.worlds.action_size
         action = action.detach() if isinstance(action, torch.Tensor) else action
         try:
-            numbers = np.asarray(action, dtype=np.float32)
+            numbers = np.ascontiguousarray(action, np.float32)
         except (TypeError, ValueError):  # a tensor on the GPU, ragged rows, strings
+            numbers = np.empty(0)
+        if numbers.shape != (size,) or not np.isfinite(numbers).all():
             raise MorlaxError(
-                f"an action must be a numpy array of {size} numbers, but numpy cannot convert "
-                f"this {type(action).__name__}."
-            ) from None
-        if numbers.shape != (size,):
-            raise MorlaxError(f"an action needs the shape {(size,)}, but has {numbers.shape}.")
-        if not np.isfinite(numbers).all():
-            raise MorlaxError("an action must be finite, but it contains a NaN or an infinity.")
-        return torch.tensor(np.ascontiguousarray(numbers))
+                f"an action must be a numpy array of {size} finite numbers, not "
+                f"{shortened(action)}."
+            )
+        return torch.tensor(numbers)

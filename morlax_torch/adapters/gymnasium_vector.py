@@ -75,11 +75,8 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         if max_episode_steps is not None:
             task_options = {"episode_length": max_episode_steps, **task_options}
         check_options(task, task_options)
-        if model_seed is None:
-            model_seed = secrets.randbits(32)
-        self.worlds = worlds = envs.make(
-            task, num_envs, device, backend, model_seed, **task_options
-        )
+        seed = secrets.randbits(32) if model_seed is None else model_seed
+        self.worlds = worlds = envs.make(task, num_envs, device, backend, seed, **task_options)
         self.num_envs, self.device = num_envs, worlds.device
         self.single_observation_space = box(worlds.observation_size)
         self.single_action_space = box(worlds.action_size, 1.0)
@@ -103,14 +100,9 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
     ) -> tuple[Tensor, dict[str, Any]]:
         """Reset every world; returns the observation (N, O) and an empty info.
 
-        Args:
-            seed: random seed of the worlds from here on. Without one, the first reset picks a
-                random seed and later resets continue its random draws. N seeds together make one
-                seed for all worlds, so the draws of each world depend on all of them.
-            options: not supported; must be empty or None.
-
-        Raises:
-            MorlaxError: `options` is not empty, or the number of seeds is not N.
+        `seed` is the random seed of the worlds from here on. Without one, the first reset picks a
+        random seed and later resets continue its random draws. N seeds together make one seed for
+        all worlds, so the draws of each world depend on all of them. `options` must be empty.
         """
         if isinstance(seed, Sequence | np.ndarray):
             seed = one_seed(seed, self.num_envs)
@@ -122,12 +114,10 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Advance every world by one control step.
 
+        `actions` (N, A) in [-1, 1] are on the device of the worlds; on the CPU also an array.
         Values are not checked for being finite, since the check would force a GPU sync. A world
         that receives a NaN returns a NaN reward or ends its episode; the other worlds are
         unaffected.
-
-        Args:
-            actions: (N, A) in [-1, 1], on the device of the worlds; on the CPU also an array.
 
         Raises:
             MorlaxError: actions of another shape or device, or `reset` was never called.

@@ -28,8 +28,8 @@ class MorlBaselinesAgent:
             MorlaxError: `obs` does not fit the policy's task, or `w` is not a trade-off.
         """
         agent = self.policy.agent
-        place = agent.observation_normalizer.mean.device
-        observation = torch.tensor(np.ascontiguousarray(obs, np.float32), device=place)
+        device = agent.observation_normalizer.mean.device
+        observation = torch.tensor(np.ascontiguousarray(obs, np.float32), device=device)
         if observation.shape != (agent.observation_size,):
             raise MorlaxError(
                 f"this policy needs an observation of {agent.observation_size} numbers, but got "

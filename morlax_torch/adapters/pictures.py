@@ -90,13 +90,10 @@ class Window:
 
 def _require_screen() -> None:
     # Check first: MuJoCo's viewer would fail in its own thread while its caller waits forever.
-    try:
-        import glfw
+    import glfw
 
-        with warnings.catch_warnings(action="ignore"):
-            has_screen = glfw.init()
-    except ImportError:
-        has_screen = False
+    with warnings.catch_warnings(action="ignore"):
+        has_screen = glfw.init()
     if not has_screen:
         raise MorlaxError(
             "render_mode 'human' opens a window, but there is no screen here: use 'rgb_array'."

@@ -38,16 +38,9 @@ class RslRlVecEnv(VecEnv):
     control step in seconds (1 if the task has no robot), by which rsl_rl's RND scales its weight.
 
     Args:
-        task: one of `envs.names()`.
-        tradeoff: (m,), not negative; used as given, so it need not sum to one.
-        num_envs: N.
+        task, tradeoff, num_envs, backend, task_options: as for `GymnasiumVectorEnv`.
         device: as for `envs.make`; pass the same one to the runner.
-        backend: as for `envs.make`.
         seed: random seed of the worlds; None picks one at random.
-        task_options: as for `envs.make`, for example `episode_length=200`.
-
-    Raises:
-        MorlaxError: an unknown task or option, a missing device, or an invalid trade-off.
     """
 
     def __init__(
@@ -64,8 +57,7 @@ class RslRlVecEnv(VecEnv):
             task, num_envs, device, backend, tradeoff, model_seed=seed, **task_options
         )
         self._statistics = EpisodeStatistics(self.vector)
-        self._task, self._worlds = task, self.vector.worlds
-        worlds = self._worlds
+        self._task, self._worlds = task, (worlds := self.vector.worlds)
         self.num_envs, self.num_actions = num_envs, worlds.action_size
         self.device, self.max_episode_length = worlds.device, worlds.episode_length
         self.cfg = Arguments(task=task, tradeoff=list(tradeoff), num_envs=num_envs, **task_options)
@@ -108,11 +100,7 @@ class RslRlVecEnv(VecEnv):
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """Advance every world by one control step under actions (N, A).
 
-        Returns:
-            Observations by group, rewards (N,), dones (N,) and extras.
-
-        Raises:
-            MorlaxError: actions of another shape or device.
+        Returns observations by group, rewards (N,), dones (N,) and extras.
         """
         result = self._statistics.step(actions.clamp(-1, 1))
         self._observation, reward, terminated, truncated, info = result

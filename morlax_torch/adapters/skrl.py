@@ -28,16 +28,8 @@ class SkrlEnv(GymnasiumWrapper):
     `vector` is the underlying Gymnasium vector environment.
 
     Args:
-        task: one of `envs.names()`.
-        tradeoff: (m,), not negative; used as given, so it need not sum to one.
-        num_envs: N.
-        device: as for `envs.make`.
-        backend: as for `envs.make`.
+        task, tradeoff, num_envs, device, backend, task_options: as for `GymnasiumVectorEnv`.
         seed: random seed of the worlds; None picks one at random.
-        task_options: as for `envs.make`, for example `episode_length=200`.
-
-    Raises:
-        MorlaxError: an unknown task or option, a missing device, or an invalid trade-off.
     """
 
     def __init__(
@@ -71,11 +63,7 @@ class SkrlEnv(GymnasiumWrapper):
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Advance every world by one control step under actions (N, A), without leaving the device.
 
-        Returns:
-            The observation (N, O), reward (N, 1), terminated (N, 1), truncated (N, 1) and info.
-
-        Raises:
-            MorlaxError: actions of another shape or device.
+        Returns the observation (N, O), reward (N, 1), terminated (N, 1), truncated (N, 1) and info.
         """
         result = self._statistics.step(actions.clamp(-1, 1))
         self._observation, reward, terminated, truncated, info = result

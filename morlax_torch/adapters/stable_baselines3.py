@@ -30,18 +30,8 @@ class StableBaselines3VecEnv(VecEnv):
     cannot be wrapped.
 
     Args:
-        task: one of `envs.names()`.
-        tradeoff: (m,), not negative; used as given, so it need not sum to one.
-        num_envs: N.
-        device: as for `envs.make`.
-        backend: as for `envs.make`.
+        task, tradeoff, num_envs, device, backend, options: as for `GymnasiumVectorEnv`.
         render_mode: "rgb_array" for `VecVideoRecorder`, or None.
-        options: `width` and `height` of the image of one world in pixels, and the task's options
-            as for `envs.make`, for example `episode_length=200`.
-
-    Raises:
-        MorlaxError: an unknown task, option or render mode, a missing device, or an invalid
-            trade-off.
     """
 
     def __init__(
@@ -76,11 +66,7 @@ class StableBaselines3VecEnv(VecEnv):
         return observation.cpu().numpy()
 
     def step_async(self, actions: NDArray) -> None:
-        """Store actions (N, A) in [-1, 1] for `step_wait`.
-
-        Raises:
-            MorlaxError: an action is not finite.
-        """
+        """Store actions (N, A) in [-1, 1] for `step_wait`; they must be finite."""
         if not np.isfinite(actions).all():
             raise MorlaxError("actions must be finite, but these contain a NaN or an infinity.")
         self._actions = np.ascontiguousarray(actions)
@@ -88,11 +74,7 @@ class StableBaselines3VecEnv(VecEnv):
     def step_wait(self) -> tuple[NDArray, NDArray, NDArray, list[dict[str, Any]]]:
         """Advance every world by one control step under the stored actions.
 
-        Returns:
-            The observation (N, O), reward (N,), done (N,) and N infos.
-
-        Raises:
-            MorlaxError: actions of another shape, or `reset` was never called.
+        Returns the observation (N, O), reward (N,), done (N,) and N infos.
         """
         actions = torch.as_tensor(self._actions, device=self.vector.device)
         observation, reward, terminated, truncated, info = self._statistics.step(actions)
@@ -129,7 +111,6 @@ class StableBaselines3VecEnv(VecEnv):
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Raise MorlaxError: an attribute cannot be set."""
         raise MorlaxError(
             f"{attr_name} cannot be set, since the worlds are one batch: pass options to the "
             "constructor."
@@ -138,7 +119,6 @@ class StableBaselines3VecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Raise MorlaxError: single worlds have no methods."""
         raise MorlaxError(
             f"{method_name} cannot be called on single worlds, since they are one batch: call it "
             "on `env.vector`."

@@ -4,6 +4,7 @@ from functools import partial
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from .. import envs
 from ..envs import MorlaxError
@@ -74,11 +75,7 @@ class TorchRLEnv(EnvBase):
         return partial(type(self), *positional, **options), ()
 
     def to(self, device: str | torch.device) -> "TorchRLEnv":
-        """Return the environment itself if it is already on the device.
-
-        Raises:
-            MorlaxError: it is on another device; worlds cannot move.
-        """
+        """Return the environment itself if it is already on the device; worlds cannot move."""
         if envs.resolve_device(device) != self.worlds.device:
             raise MorlaxError(
                 f"the worlds are on {self.worlds.device} and cannot move to {device}: pass "
@@ -131,16 +128,7 @@ class TorchRLEnv(EnvBase):
     def _some_restart(self) -> None:
         self._observation.copy_(self.worlds.restart(self._which))
 
-    def _packed(
-        self, observation: torch.Tensor, terminated: torch.Tensor, truncated: torch.Tensor
-    ) -> TensorDict:
-        return TensorDict(
-            {
-                "observation": observation,
-                "done": terminated | truncated,
-                "terminated": terminated.clone(),
-                "truncated": truncated.clone(),
-            },
-            batch_size=self.batch_size,
-            device=self.worlds.device,
-        )
+    def _packed(self, observation: Tensor, terminated: Tensor, truncated: Tensor) -> TensorDict:
+        flags = {"terminated": terminated.clone(), "truncated": truncated.clone()}
+        values = {"observation": observation, "done": terminated | truncated, **flags}
+        return TensorDict(values, batch_size=self.batch_size, device=self.worlds.device)

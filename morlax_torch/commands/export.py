@@ -40,9 +40,8 @@ def command(arguments: Sequence[str]) -> None:
         raise MorlaxError("--slew limits a trade-off that changes: leave --tradeoff out.")
     with Live():
         from ..exports.deployment import SETTINGS, deploy
-        from ..exports.exporting import export  # imports torch
+        from ..exports.exporting import export, provenance, robot_of  # imports torch
         from ..exports.formats import FORMATS
-        from ..exports.manifest import provenance, robot_of
         from ..host.files import make_folder
         from ..runs.loading import load, objectives_of, own_folder, tradeoff_of
 

@@ -44,7 +44,7 @@ def deploy(
     deployment = robot.deployment()
     if deployment is None:
         return None
-    own = {
+    ours = {
         "version": __version__,
         "task": task,
         "policy": policy.name,
@@ -53,15 +53,14 @@ def deploy(
         "tradeoff": None if tradeoff is None else list(tradeoff),
         "slew": slew,
     }
-    settings = {**deployment.settings, "morlax_torch": own | deployment.settings["morlax_torch"]}
+    settings = {**deployment.settings, "morlax_torch": ours | deployment.settings["morlax_torch"]}
     text = yaml.safe_dump(_short(settings), default_flow_style=None, sort_keys=False, width=100)
     if deployment.model:
         write_file(policy.with_name(MODEL), deployment.model)
     write_file(policy.with_name(SETTINGS), HEADER + text)
-    action = settings["actions"]["JointPositionAction"]
-    driven = action["joint_ids"] or range(len(settings["stiffness"]))
-    names = zip(driven, action["joint_names"], strict=True)
-    without = [name for index, name in names if settings["stiffness"][index] is None]
+    action, stiffness = settings["actions"]["JointPositionAction"], settings["stiffness"]
+    driven = zip(action["joint_ids"] or range(len(stiffness)), action["joint_names"], strict=True)
+    without = [name for index, name in driven if stiffness[index] is None]
     lacks = []
     if without:
         lacks.append(

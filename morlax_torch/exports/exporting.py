@@ -1,24 +1,30 @@
-"""Write policies to files, and check the files."""
+"""Write policies to files that hold all that a robot needs to know, and check the files."""
 
+import hashlib
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import Any, Literal
 
+import mujoco
 import torch
 from torch import Tensor, nn
-from torch.export import ExportedProgram
 
+from .. import envs
 from ..configuration.tradeoffs import dirichlet_tradeoffs
-from ..envs import MorlaxError, Robot
+from ..envs import Environment, MorlaxError, Robot
 from ..envs.errors import unknown
 from ..host.files import AnyPath, write_file
 from ..host.phases import phase
+from ..host.version import __version__
 from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
+from ..runs.loading import find_checkpoint, find_run
+from ..runs.progress import best_row, hypervolume_of, read_rows
 from .formats import FORMATS, quiet
-from .manifest import manifest
 
 TOLERANCE = 1e-5  # of actions, which lie in (-1, 1)
 BATCHES = (3, 1, 8)  # batch sizes to check; the first is also traced
+STEP = 2**-6  # of an action, to measure the slope of its control; exact in binary
 
 
 class FamilyPolicy(nn.Module):
@@ -45,7 +51,7 @@ def export(
     output: AnyPath,
     format: Literal["onnx", "torchscript", "torch-export"] = "onnx",
     tradeoff: Sequence[float] | None = None,
-    about: dict[str, Any] | None = None,
+    metadata: dict[str, Any] | None = None,
     robot: Robot | None = None,
 ) -> float:
     """Write the policy of one trade-off, or of all of them, to `output`.
@@ -57,7 +63,7 @@ def export(
         output: the file; an existing one is overwritten.
         format: file format.
         tradeoff: (m,) for a policy (B, O) to (B, A); None keeps the trade-off as an input.
-        about: plain values for the file's metadata, added to the policy's `manifest`.
+        metadata: plain values for the file's metadata, added to the policy's `manifest`.
         robot: the task's, if it is made already.
 
     Returns:
@@ -69,16 +75,16 @@ def export(
     """
     if format not in FORMATS:
         raise unknown("format", str(format), FORMATS)
-    chosen = FORMATS[format]
     module = FamilyPolicy(policy) if tradeoff is None else policy.specialize(tradeoff)
-    inputs = [samples(policy, rows, tradeoff is None) for rows in BATCHES]
-    about = {**manifest(policy, tradeoff, robot), **(about or {})}
+    inputs = [_samples(policy, rows, tradeoff is None) for rows in BATCHES]
+    metadata = {**manifest(policy, tradeoff, robot), **(metadata or {})}
     phase("exporting the policy")
+    any_rows = [{0: torch.export.Dim("batch")}, {}][: len(inputs[0])]
     with quiet(), torch.no_grad():
-        data = chosen.write(program_of(module, inputs[0]), about)
-        run = chosen.read(data)
-        differences = [run(*given.values()) - module(*given.values()) for given in inputs]
-    largest = max(float(difference.abs().max()) for difference in differences)
+        program = torch.export.export(module, inputs[0], dynamic_shapes=tuple(any_rows))
+        data = FORMATS[format].write(program.run_decompositions({}), metadata)
+        run = FORMATS[format].read(data)
+        largest = max(float((run(*each) - module(*each)).abs().max()) for each in inputs)
     if not largest < TOLERANCE:
         raise MorlaxError(
             f"as {format}, actions differ from the policy's by up to {largest:.1e}, more than "
@@ -88,20 +94,121 @@ def export(
     return largest
 
 
-def program_of(module: nn.Module, inputs: dict[str, Tensor]) -> ExportedProgram:
-    """Trace the module into a graph of plain operations on any number of rows."""
-    shapes = {name: {} for name in inputs} | {"observation": {0: torch.export.Dim("batch")}}
-    program = torch.export.export(module, tuple(inputs.values()), dynamic_shapes=shapes)
-    return program.run_decompositions({})
-
-
-def samples(policy: Policy, rows: int, with_tradeoff: bool) -> dict[str, Tensor]:
-    """Draw inputs by name: observations (rows, O) as in training, and a trade-off (m,)."""
+def _samples(policy: Policy, rows: int, with_tradeoff: bool) -> tuple[Tensor, ...]:
+    """Draw observations (rows, O) as in training, and a trade-off (m,)."""
     agent = policy.agent
     shape = rows, agent.observation_size
     noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
     normalizer = agent.observation_normalizer.of(agent.actor, tradeoff)
-    inputs = {"observation": normalizer.inverse(noise), "tradeoff": tradeoff}
-    return inputs if with_tradeoff else {"observation": inputs["observation"]}
+    observation = normalizer.inverse(noise)
+    return (observation, tradeoff) if with_tradeoff else (observation,)
+
+
+def robot_of(policy: Policy) -> Robot:
+    """Make one robot of the policy's task."""
+    config = policy.config
+    robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
+    policy.agent.check_sizes(robot)
+    return robot
+
+
+def manifest(
+    policy: Policy, tradeoff: Sequence[float] | None = None, robot: Robot | None = None
+) -> dict[str, Any]:
+    """Return the task, the order and units of inputs and outputs, and the control rate.
+
+    `robot` is the task's, if it is made already.
+    """
+    config, env = policy.config, robot or robot_of(policy)
+    return {
+        "morlax_torch": __version__,
+        "task": config.env,
+        "scalarization": config.scalarization,
+        "objectives": list(policy.objectives),
+        "tradeoff": None if tradeoff is None else [float(weight) for weight in tradeoff],
+        "control_rate_hz": round(1 / env.dt, 6),
+        "observation_size": env.observation_size,
+        "observation": observation(env),
+        "action_size": env.action_size,
+        "actuators": actuators(env),
+        "control": control(env),
+    }
+
+
+def provenance(run: AnyPath) -> dict[str, Any]:
+    """Return the checkpoint's SHA-256, and the best hypervolume of its run if known."""
+    checkpoint, metrics = find_checkpoint(run), find_run(run) / "metrics.csv"
+    origin: dict[str, Any] = {"sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
+    if metrics.is_file():
+        rows = read_rows(metrics)
+        origin["best_hypervolume"] = hypervolume_of(rows[best_row(rows)])
+    return origin
+
+
+def observation(env: Robot) -> list[dict[str, Any]]:
+    """Return the name, slice and unit of each part of an observation."""
+    parts = env.layout()
+    stops = accumulate(part.size for part in parts)
+    return [
+        {"name": part.name, "slice": [stop - part.size, stop], "unit": part.unit}
+        for part, stop in zip(parts, stops, strict=True)
+    ]
+
+
+def actuators(env: Robot) -> list[dict[str, Any]]:
+    """Return joint, gear and control range of each actuator, in the order of actions.
+
+    Gear and range are None where an action is not the control of one of the model's actuators.
+    """
+    targets = env.targets()
+    if targets is not None:
+        rest = {"gear": None, "control_range": None}
+        return [{"name": name, "joint": name, **rest} for name in targets]
+    model, rows = env.physics.model, []
+    for index in range(model.nu):
+        driven, limits = model.actuator_trnid[index, 0], model.actuator_ctrlrange[index]
+        of_joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
+        rows.append(
+            {
+                "name": model.actuator(index).name,
+                "joint": model.joint(driven).name if of_joint else None,
+                "gear": float(model.actuator_gear[index, 0]),
+                "control_range": limits.tolist() if model.actuator_ctrllimited[index] else None,
+            }
+        )
+    return rows
+
+
+def control(env: Robot) -> dict[str, list[float]] | None:
+    """Return how the task maps an action to control: clip(offset + scale * action, low, high).
+
+    The control is the position of a joint where `actuators` has no gear. None if the mapping has
+    another form.
+    """
+    scales = env.scales()
+    if scales is not None:
+        scale, offset = (torch.tensor(values, dtype=torch.float32) for values in scales)
+        return _plain(scale, offset, offset - scale.abs(), offset + scale.abs())
+    if not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
+        return None
+
+    def made(action: Tensor) -> Tensor:
+        env.apply(action.expand(1, env.action_size))
+        return env.physics.ctrl[0].clone()
+
+    probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
+    offset, one_end, other_end, near = map(made, probes)
+    low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
+    scale = (near - offset) / STEP
+    draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
+    for action in 2 * draws - 1:
+        if not torch.allclose(made(action), (offset + scale * action).clamp(low, high), atol=1e-5):
+            return None
+    return _plain(scale, offset, low, high)
+
+
+def _plain(*values: Tensor) -> dict[str, list[float]]:
+    names = ("scale", "offset", "low", "high")
+    return {name: value.tolist() for name, value in zip(names, values, strict=True)}

@@ -31,8 +31,8 @@ class Format(NamedTuple):
     read: Callable[[bytes], Callable[..., Tensor]]
 
 
-def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
-    """Return an ONNX model with each entry of `about` as JSON in its metadata_props."""
+def write_onnx(program: ExportedProgram, metadata: dict[str, Any]) -> bytes:
+    """Return an ONNX model with each entry of `metadata` as JSON in its metadata_props."""
     model = onnx_model(program, [OUTPUT])
     for value in [*model.graph.input, *model.graph.output]:
         rows = value.type.tensor_type.shape.dim[0]
@@ -40,7 +40,7 @@ def write_onnx(program: ExportedProgram, about: dict[str, Any]) -> bytes:
             rows.dim_param = "batch"
     del model.graph.value_info[:]  # they have another name for the batch size
     del model.metadata_props[:]
-    for name, value in about.items():
+    for name, value in metadata.items():
         model.metadata_props.add(key=name, value=json.dumps(value))
     return model.SerializeToString()
 
@@ -62,46 +62,40 @@ def read_onnx(data: bytes) -> Callable[..., Tensor]:
     names = [value.name for value in session.get_inputs()]
 
     def run(*inputs: Tensor) -> Tensor:
-        given = {name: value.numpy() for name, value in zip(names, inputs, strict=True)}
-        return torch.from_numpy(session.run([OUTPUT], given)[0])
+        arrays = {name: value.numpy() for name, value in zip(names, inputs, strict=True)}
+        return torch.from_numpy(session.run([OUTPUT], arrays)[0])
 
     return run
 
 
-def write_torchscript(program: ExportedProgram, about: dict[str, Any]) -> bytes:
-    """Return a traced module with `about` in an extra JSON file."""
+def write_torchscript(program: ExportedProgram, metadata: dict[str, Any]) -> bytes:
+    """Return a traced module with `metadata` in an extra JSON file."""
     module = program.module(check_guards=False)
     assert isinstance(module, fx.GraphModule) and program.example_inputs is not None
     for node in list(module.graph.nodes):
         if node.target is torch.ops.aten.sym_size.int:  # tracing would fix the batch size
             for user in list(node.users):
-                user.args = fx.node.map_arg(user.args, lambda x, own=node: -1 if x is own else x)
+                user.args = fx.node.map_arg(user.args, lambda x, size=node: -1 if x is size else x)
             module.graph.erase_node(node)
     plain = fx.GraphModule(module, module.graph)  # without hooks, which cannot be traced
     file = io.BytesIO()
     traced = torch.jit.trace(plain, program.example_inputs[0])
-    torch.jit.save(traced, file, {EXTRA_FILE: json.dumps(about)})
+    torch.jit.save(traced, file, {EXTRA_FILE: json.dumps(metadata)})
     return file.getvalue()
 
 
-def read_torchscript(data: bytes) -> Callable[..., Tensor]:
-    return torch.jit.load(io.BytesIO(data))
-
-
-def write_torch_export(program: ExportedProgram, about: dict[str, Any]) -> bytes:
+def write_torch_export(program: ExportedProgram, metadata: dict[str, Any]) -> bytes:
     file = io.BytesIO()
-    torch.export.save(program, file, extra_files={EXTRA_FILE: json.dumps(about)})
+    torch.export.save(program, file, extra_files={EXTRA_FILE: json.dumps(metadata)})
     return file.getvalue()
-
-
-def read_torch_export(data: bytes) -> Callable[..., Tensor]:
-    return torch.export.load(io.BytesIO(data)).module()
 
 
 FORMATS = {
     "onnx": Format(".onnx", write_onnx, read_onnx),
-    "torchscript": Format(".ts", write_torchscript, read_torchscript),
-    "torch-export": Format(".pt2", write_torch_export, read_torch_export),
+    "torchscript": Format(".ts", write_torchscript, lambda data: torch.jit.load(io.BytesIO(data))),
+    "torch-export": Format(
+        ".pt2", write_torch_export, lambda data: torch.export.load(io.BytesIO(data)).module()
+    ),
 }
 
 

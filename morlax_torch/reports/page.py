@@ -128,7 +128,9 @@ def _front(front: Front, figure: Figure) -> dict[str, Any]:
     heads = [*(f"weight of {name}" for name in front.objectives)]
     heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
     shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-    columns = [front.returns] + [front.quantities] * (front.quantities is not None)
+    columns = [front.returns]
+    if front.quantities is not None:
+        columns = [*columns, front.quantities]
     if front.falls is not None:
         heads, columns = [*heads, "fall rate"], [*columns, front.falls[:, None]]
     rows = [

@@ -410,5 +410,6 @@ def _evaluator(policy: Policy, tradeoffs: int, seeds: int, seed: int) -> Evaluat
     device = str(policy.agent.observation_normalizer.mean.device)
     config = policy.config.model_copy(update={"device": device, "backend": None})
     env = evaluation_worlds(config, tradeoffs, seeds, seed)
-    points, protocol = torch.ones(tradeoffs, len(policy.objectives)), config.evaluation.protocol
+    points = torch.ones(tradeoffs, len(policy.objectives), dtype=torch.float32)  # others follow
+    protocol = config.evaluation.protocol
     return Evaluator(policy.agent, env, points, protocol, seed, seeds, alone=True)

@@ -11,12 +11,7 @@ from typing import Any, Self
 from pydantic import PositiveFloat
 
 from ...errors import MorlaxError, installation, unknown
-from ...worlds.options import (
-    Count,
-    ObjectiveOptions,
-    Objectives,
-    Point,
-)
+from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
 from ..foreign import imported
 
 OLDEST = 1, 6
@@ -49,8 +44,23 @@ def load(name: str) -> Any:
     Raises:
         MorlaxError: mjlab is missing or too old, or it has no such task.
     """
-    registry = _registry()
-    task = imported(name)
+    os.environ.setdefault("MJLAB_WARP_QUIET", "1")
+    try:
+        version = metadata.version("mjlab")
+    except metadata.PackageNotFoundError:
+        version = "0.0"
+    if tuple(map(int, version.split(".")[:2])) < OLDEST:
+        raise MorlaxError(
+            "tasks of mjlab need mjlab 1.6 or newer, in a virtual environment of its own, because "
+            f"it replaces MuJoCo 4 by 3.11: {installation('mjlab')}."
+        )
+    import warp as wp
+
+    # its libraries print banners and use what torch deprecates
+    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(action="ignore"):
+        import_module("mjlab.tasks")
+    wp.config.log_level = wp.LOG_WARNING  # mjlab lets Warp report every kernel
+    registry, task = import_module("mjlab.tasks.registry"), imported(name)
     if task not in registry.list_tasks():
         raise unknown("task of mjlab", task, registry.list_tasks())
     return registry.load_env_cfg(task)
@@ -63,7 +73,7 @@ def options_class(name: str) -> type[MjlabOptions]:
     second.
     """
     cfg = load(name)
-    weights = {term: cfg.rewards[term].weight for term in cfg.rewards if cfg.rewards[term]}
+    weights = {term: value.weight for term, value in cfg.rewards.items() if value}
     gains = {term: 1.0 for term, weight in weights.items() if weight > 0}
     costs = {term: 1.0 for term, weight in weights.items() if weight < 0}
     costs = costs or {EFFORT[0]: -1.0}
@@ -89,17 +99,23 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
     cfg = load(name)
     add_terms(cfg)
     groups = [options.shared, options.guide, *options.objectives.values()]
-    used = list(dict.fromkeys(term for group in groups for term in group))
-    known = [term for term, found in cfg.rewards.items() if found is not None]
+    used = [term for group in groups for term in group]
+    terms = {term: value for term, value in cfg.rewards.items() if value is not None}
     for term in used:
-        if term not in known:
-            raise unknown("reward term", term, known)
-    cfg.rewards = {term: cfg.rewards[term] for term in known if term in used}
+        if term not in terms:
+            raise unknown("reward term", term, terms)
+    cfg.rewards = {term: value for term, value in terms.items() if term in used}
     for term in cfg.rewards.values():
         term.weight = term.weight or 1.0
     for path, limits in options.commands.items():
         _set_range(cfg, path, limits)
-    _set_motion(name, cfg, options.motion_file)
+    for command in cfg.commands.values():
+        if hasattr(command, "motion_file"):
+            command.motion_file = options.motion_file or command.motion_file
+            if not Path(command.motion_file).is_file():
+                raise MorlaxError(
+                    f"{name} follows a motion: name its file with --task.motion-file FILE.npz."
+                )
     if not options.curriculum:
         cfg.curriculum = {}
     cfg.scene.num_envs, cfg.seed = num_worlds, seed % 2**31
@@ -115,29 +131,6 @@ def remembers(cfg: Any) -> bool:
         for group in cfg.observations.values()
         if group is not None
     )
-
-
-def _registry() -> Any:
-    """Import mjlab, and return its registry of tasks."""
-    os.environ.setdefault("MJLAB_WARP_QUIET", "1")
-    try:
-        version = metadata.version("mjlab")
-    except metadata.PackageNotFoundError:
-        raise MorlaxError(
-            "tasks of mjlab need mjlab, in a virtual environment of its own, because it replaces "
-            f"MuJoCo 4 by 3.11: {installation('mjlab')}."
-        ) from None
-    if tuple(map(int, version.split(".")[:2])) < OLDEST:
-        raise MorlaxError(
-            f"mjlab {version} is installed, but 1.6 or newer is needed: pip install 'mjlab>=1.6'."
-        )
-    import warp as wp
-
-    # its libraries print banners and use what torch deprecates
-    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(action="ignore"):
-        import_module("mjlab.tasks")
-    wp.config.log_level = wp.LOG_WARNING  # mjlab lets Warp report every kernel
-    return import_module("mjlab.tasks.registry")
 
 
 def add_terms(cfg: Any) -> None:
@@ -156,18 +149,8 @@ def _set_range(cfg: Any, path: str, limits: tuple[float, float]) -> None:
     term, _, name = path.partition(".")
     if term not in cfg.commands:
         raise unknown("command", term, cfg.commands)
-    place = getattr(cfg.commands[term], "ranges", cfg.commands[term])
-    if not isinstance(getattr(place, name, None), tuple):
-        known = [key for key, value in vars(place).items() if isinstance(value, tuple)]
-        raise unknown(f"range of the command {term}", name, known)
-    setattr(place, name, limits)
-
-
-def _set_motion(name: str, cfg: Any, file: str) -> None:
-    for command in cfg.commands.values():
-        if hasattr(command, "motion_file"):
-            command.motion_file = file or command.motion_file
-            if not Path(command.motion_file).is_file():
-                raise MorlaxError(
-                    f"{name} follows a motion: name its file with --task.motion-file FILE.npz."
-                )
+    ranges = getattr(cfg.commands[term], "ranges", cfg.commands[term])
+    if not isinstance(getattr(ranges, name, None), tuple):
+        names = [key for key, value in vars(ranges).items() if isinstance(value, tuple)]
+        raise unknown(f"range of the command {term}", name, names)
+    setattr(ranges, name, limits)

@@ -1,15 +1,38 @@
-"""One robot of a task of mjlab, to look at."""
+"""One robot of a task of mjlab, to look at, and what drives it outside.
 
+That is in the shape of unitree_rl_lab's deploy.yaml.
+"""
+
+import io
+import xml.etree.ElementTree as ET
+import zipfile
 from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
 import torch
-from torch import Tensor
 
 from ...worlds.mujoco_robot import Deployment, Part, Robot
-from .deployment import deployment_of
 from .worlds import MjlabWorlds, from_task
+
+XML = "robot.xml"
+NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ
+    "generated_commands": "velocity_commands",
+    "projected_gravity_from_sensor": "projected_gravity",
+}
+UNITS = {
+    "base_lin_vel": "m/s, in the body",
+    "base_ang_vel": "rad/s, in the body",
+    "projected_gravity": "1, in the body",
+    "velocity_commands": "m/s, m/s, rad/s",
+    "joint_pos_rel": "rad, from default_joint_pos",
+    "joint_vel_rel": "rad/s",
+    "last_action": "the policy's last output",
+}
+AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 
 
 @cache
@@ -23,12 +46,14 @@ class MjlabRobot(MjlabWorlds, Robot):
 
     def _open(self, seed: int) -> None:
         super()._open(seed)
-        self.physics = _MjlabState(self.env.sim, self.env.cfg.viewer.distance)
+        data, model = self.env.sim.data, self.env.sim.mj_model
+        model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away
+        state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
+        self.physics = SimpleNamespace(model=model, **state)
         self.command_limits = {}
         for name, term in self.env.cfg.commands.items():
-            ranges = getattr(term, "ranges", None)
-            given = {} if ranges is None else vars(ranges)
-            limits = {key: value for key, value in given.items() if key != "heading"}
+            ranges = vars(term.ranges) if hasattr(term, "ranges") else {}
+            limits = {key: value for key, value in ranges.items() if key != "heading"}
             command = self.env.command_manager.get_command(name)
             if len(limits) == command.shape[1]:
                 self.command_limits, self.command = limits, command
@@ -55,42 +80,161 @@ class MjlabRobot(MjlabWorlds, Robot):
         return [name for term in self._actions() for name in term.target_names]
 
     def scales(self) -> tuple[list[float], list[float]] | None:
-        if not all(type(term).__name__ == "JointPositionAction" for term in self._actions()):
+        terms, size = self._actions(), self.options.action_scale
+        if not all(type(term).__name__ == "JointPositionAction" for term in terms):
             return None
-        each = [torch.ones(term.action_dim, dtype=torch.float32) for term in self._actions()]
-        scale = [one * term.scale for one, term in zip(each, self._actions(), strict=True)]
-        offset = [one * term.offset for one, term in zip(each, self._actions(), strict=True)]
-        size = self.options.action_scale
-        return (
-            (size * torch.cat([rows.view(-1) for rows in scale])).tolist(),
-            torch.cat([rows.view(-1) for rows in offset]).tolist(),
-        )
+        each = [torch.ones(term.action_dim, dtype=torch.float32) for term in terms]
+        scale = [(one * term.scale).view(-1) for one, term in zip(each, terms, strict=True)]
+        offset = [(one * term.offset).view(-1) for one, term in zip(each, terms, strict=True)]
+        return (size * torch.cat(scale)).tolist(), torch.cat(offset).tolist()
 
     def deployment(self) -> Deployment | None:
         scales = self.scales()
         if scales is None:
             return None
-        scale, offset = scales
-        return deployment_of(
-            self.env,
-            self.actor_group,
-            {"scale": scale, "offset": offset},
-            self.options.action_scale,
-            self.command_limits,
-        )
+        env, terms, model = self.env, self._actions(), self.env.sim.mj_model
+        name = terms[0].cfg.entity_name
+        robot = env.scene[name]
+        ids = torch.cat([term.target_ids for term in terms]).tolist()
+        joints = [f"{name}/{joint}" for joint in robot.joint_names]
+        motors = [motor(model, joint) for joint in joints]
+        observations, infos = zip(*self._observations(), strict=True)
+        settings = {
+            "joint_ids_map": list(range(len(joints))),
+            "step_dt": env.step_dt,
+            "stiffness": [row["stiffness"] for row in motors],
+            "damping": [row["damping"] for row in motors],
+            "default_joint_pos": robot.data.default_joint_pos[0].tolist(),
+            "commands": self._commands(),
+            "actions": {
+                "JointPositionAction": {
+                    "clip": _clip(terms),
+                    "joint_names": [robot.joint_names[index] for index in ids],
+                    "scale": scales[0],
+                    "offset": scales[1],
+                    "joint_ids": None if ids == list(range(len(joints))) else ids,
+                }
+            },
+            "observations": {term.pop("name"): term for term in observations},
+            "morlax_torch": {
+                "joints": joints,
+                "joint_limits": [model.joint(joint).range.tolist() for joint in joints],
+                "torque_limits": [row["torque"] for row in motors],
+                "default_joint_vel": robot.data.default_joint_vel[0].tolist(),
+                "observation_names": [info["name"] for info in infos],
+                "observation_units": [info["unit"] for info in infos],
+                "observation_noise": [info["noise"] for info in infos],
+            },
+        }
+        return Deployment(settings, _zipped(env))
 
     def _actions(self) -> list[Any]:
         manager = self.env.action_manager
         return [manager.get_term(name) for name in manager.active_terms]
 
+    def _commands(self) -> dict[str, Any]:
+        if tuple(self.command_limits) != AXES:
+            return {}
+        ranges = {axis: list(limits) for axis, limits in self.command_limits.items()}
+        return {"base_velocity": {"ranges": ranges | {"heading": None}}}
 
-class _MjlabState:
-    """mjlab's simulation as a `State`."""
+    def _observations(self) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+        """Return each term in unitree_rl_lab's shape, and its name, unit and noise in mjlab."""
+        manager, action_scale = self.env.observation_manager, self.options.action_scale
+        rows = []
+        for part in self.layout():
+            cfg = manager.get_term_cfg(self.actor_group, part.name)
+            history = max(1, cfg.history_length)
+            function: str = cfg.func.__name__
+            name = part.name if function == "builtin_sensor" else NAMES.get(function, function)
+            ones = torch.ones(part.size // history, dtype=torch.float32)
+            scale = ones * (1.0 if cfg.scale is None else cfg.scale)
+            clip = None if cfg.clip is None else list(cfg.clip)
+            if name == "last_action":  # mjlab sees actions that have been scaled
+                scale = scale * action_scale
+                clip = clip and [bound / action_scale for bound in clip]
+            params = {"command_name": "base_velocity"} if name == "velocity_commands" else {}
+            if "sensor_name" in cfg.params:
+                params["sensor_name"] = cfg.params["sensor_name"]
+            term = {"name": name, "params": params, "clip": clip, "scale": scale.tolist()}
+            term["history_length"] = history
+            noise = max(abs(getattr(cfg.noise, bound, 0.0)) for bound in ("n_min", "n_max"))
+            info = {"name": part.name, "unit": UNITS.get(name, "as in mjlab"), "noise": noise}
+            rows.append((term, info))
+        return rows
 
-    def __init__(self, sim: Any, distance: float):
-        self.model: mujoco.MjModel = sim.mj_model
-        self.model.stat.extent = distance / 2  # cameras stand two extents away
-        self.qpos: Tensor = sim.data.qpos[:]
-        self.qvel: Tensor = sim.data.qvel[:]
-        self.ctrl: Tensor = sim.data.ctrl[:]
-        self.act: Tensor = sim.data.act[:]
+
+def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
+    """Return the gains (N m/rad, N m s/rad) and the largest torque of a joint's motor.
+
+    Gains are None unless one actuator of the model drives the joint to a position. The torque is
+    None if nothing limits it.
+    """
+    of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    driven = model.actuator_trnid[:, 0] == model.joint(joint).id
+    indices = (of_joint & driven).nonzero()[0]
+    nothing: dict[str, float | None] = {"stiffness": None, "damping": None, "torque": None}
+    if len(indices) != 1:
+        return nothing
+    (index,) = indices
+    limited, most = model.actuator_forcelimited[index], model.actuator_forcerange[index, 1]
+    torque = float(most) if limited else None
+    gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
+    is_position = (
+        model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
+        and model.actuator_gaintype[index] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
+        and model.actuator_gear[index, 0] == 1
+        and gain[0] > 0
+        and bias[0] == 0
+        and bias[1] == -gain[0]
+    )
+    if not is_position:
+        return {**nothing, "torque": torque}
+    return {"stiffness": float(gain[0]), "damping": float(-bias[2]), "torque": torque}
+
+
+def _clip(terms: list[Any]) -> list[list[float]] | None:
+    """Return the limits of each target, after scale and offset; None if no target is limited."""
+    if all(term.cfg.clip is None for term in terms):
+        return None
+    free = [-float("inf"), float("inf")]
+    return [
+        row
+        for term in terms
+        for row in ([free] * term.action_dim if term.cfg.clip is None else term._clip[0].tolist())
+    ]
+
+
+def _zipped(env: Any) -> bytes | None:
+    """Return a zip of the scene's XML, with the options of the simulation, and of its files.
+
+    None if MuJoCo cannot write the scene as XML, such as generated terrain.
+    """
+    spec = env.scene.spec.copy()
+    env.cfg.sim.mujoco.apply(SimpleNamespace(opt=spec.option))
+    try:
+        text = import_module("mjlab.utils.xml").fix_spec_xml(spec.to_xml(), meshdir="")
+    except (ValueError, mujoco.FatalError):
+        return None
+    paths = {node.get("file", "") for node in ET.fromstring(text).iter()} - {""}
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(XML, text)
+        for path in sorted(paths):
+            archive.writestr(path, _read(env, path))
+    return file.getvalue()
+
+
+def _read(env: Any, path: str) -> bytes:
+    """Read a file that the scene names; an attached robot's are relative to its own folder."""
+    for entity in env.scene.entities.values():
+        spec = entity.spec
+        for key, content in spec.assets.items():
+            if key == path or key.endswith(f"/{path}"):
+                return content
+        for folder in (spec.meshdir, spec.texturedir):
+            file = Path(spec.modelfiledir, folder, path)
+            if file.is_file():
+                return file.read_bytes()
+    raise FileNotFoundError(path)

@@ -12,8 +12,7 @@ import mujoco_warp
 import torch
 import warp as wp
 from torch import Tensor
-
-from .modes import Constants
+from torch.overrides import TorchFunctionMode
 
 EVENTS = ("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting_velocity")
 COMMAND = "UniformVelocityCommand"
@@ -32,9 +31,7 @@ class Stepped(NamedTuple):
 class MaskedStep:
     """Steps an environment of mjlab whose config is `supported`, and restarts worlds that are over.
 
-    Args:
-        env: the environment.
-        groups: of observations to return.
+    It returns the `groups` of observations.
     """
 
     def __init__(self, env: Any, groups: tuple[str, ...]):
@@ -90,8 +87,8 @@ class MaskedStep:
     def settle(self) -> None:
         """Put what mjlab has kept in new tensors into those that a recorded step reads."""
         for holder, key, value in self.slots:
-            if (found := holder[key]) is not value and found.shape == value.shape:
-                value.copy_(found)
+            if (new := holder[key]) is not value and new.shape == value.shape:
+                value.copy_(new)
                 holder[key] = value
 
     def _observe(self) -> dict[str, Tensor]:
@@ -99,7 +96,6 @@ class MaskedStep:
         return {name: manager.compute_group(name) for name in self.groups}
 
     def _disturb(self) -> None:
-        """Trigger the events whose time has come."""
         events = self.env.event_manager
         for term, left in zip(_terms(events, "interval"), _intervals(events), strict=True):
             left -= self.env.step_dt
@@ -145,6 +141,43 @@ class MaskedStep:
         run()
         for value, old in zip(state, before, strict=True):
             value.copy_(torch.where(_beside(mask, value), value, old))
+
+
+class Constants(TorchFunctionMode):
+    """Keeps the tensors that mjlab makes of numbers, since a recording cannot copy these to a GPU.
+
+    They are those of `torch.tensor`, and lists of indices.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._kept: dict[tuple[Any, ...], Tensor] = {}
+
+    def __torch_function__(
+        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Any = None
+    ) -> Any:
+        kwargs = kwargs or {}
+        if func is torch.tensor:
+            return self._keep((repr(args), repr(kwargs)), lambda: func(*args, **kwargs)).clone()
+        if func in (Tensor.__getitem__, Tensor.__setitem__):
+            of, index, *value = args
+            parts = index if isinstance(index, tuple) else (index,)
+            args = (of, tuple(self._there(part, of.device) for part in parts), *value)
+            if value and isinstance(value[0], (bool, int, float)):
+                kind = {"dtype": of.dtype, "device": of.device}
+                filled = self._keep((*value, *kind.values()), lambda: torch.tensor(*value, **kind))
+                args = (*args[:2], filled)
+        return func(*args, **kwargs)
+
+    def _there(self, index: Any, device: torch.device) -> Any:
+        if not isinstance(index, list):
+            return index
+        return self._keep((*index, device), lambda: torch.tensor(index, device=device))
+
+    def _keep(self, key: tuple[Any, ...], make: Callable[[], Tensor]) -> Tensor:
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
 
 class _Twist:
@@ -269,13 +302,13 @@ def _slots(root: Any) -> Iterator[tuple[dict[Any, Any], Any]]:
         if isinstance(thing, (list, tuple, set)):
             waiting += thing
             continue
-        known = thing if isinstance(thing, dict) else getattr(thing, "__dict__", {})
+        members = thing if isinstance(thing, dict) else getattr(thing, "__dict__", {})
         module = f"{type(thing).__module__}."
         ours = isinstance(thing, dict) or (
             module.startswith("mjlab.") and not module.startswith("mjlab.sim.")
         )
-        for key, value in known.items() if ours else ():
+        for key, value in members.items() if ours else ():
             if isinstance(value, Tensor):
-                yield known, key
+                yield members, key
             else:
                 waiting.append(value)

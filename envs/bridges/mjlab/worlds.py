@@ -10,28 +10,28 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...devices import drawing_from, global_generator
 from ...physics import compiling
 from ...worlds.mirror import Mirror
-from ..foreign import (
-    CRITIC,
-    ForeignWorlds,
-    Outcome,
-    actor_group,
-    joined,
-)
-from . import quantities
-from .config import (
-    MjlabOptions,
-    changed,
-    options_class,
-    remembers,
-)
-from .endings import BLOWN_UP, take_ending, watch_endings
+from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, joined
+from .config import MjlabOptions, changed, options_class, remembers
 from .mirror import mirror_of
-from .modes import SharedDraws
 from .step import COMMAND, MaskedStep, supported
+
+QUANTITIES = (
+    "velocity error (m/s)",  # between commanded and actual velocity, mjlab's metric error_vel_xy
+    "speed (m/s)",
+    "speed (share of the commanded)",  # along commands faster than SLOWEST
+    "power (W)",  # positive mechanical power, summed over the joints
+    "torque (N m)",  # root mean square over joints and time
+    "cost of transport",  # power / (weight * speed)
+)
+LOWER_IS_BETTER = ("velocity error (m/s)", "power (W)", "torque (N m)", "cost of transport")
+SLOWEST = 0.3  # m/s; slower commands say little about walking
+ENDINGS = "endings"  # mjlab's name of the recorder
+BLOWN_UP = "blown_up"  # of the termination
 
 _rehearsed: set[str] = set()
 
@@ -86,10 +86,9 @@ class MjlabWorlds(ForeignWorlds):
         self.privileged_size = joined(groups, self.actor_group).shape[1] - self.observation_size
         manager = self.env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
-        self._command = next((x for x in terms if type(x).__name__ == COMMAND), None)
+        self._command: Any = next((x for x in terms if type(x).__name__ == COMMAND), None)
         if self._command:
-            self.quantities = quantities.NAMES
-            self.lower_is_better = quantities.LOWER_IS_BETTER
+            self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
         self._groups = tuple(name for name in (self.actor_group, CRITIC) if name in groups)
         self._step = MaskedStep(self.env, self._groups) if masked else None
 
@@ -110,10 +109,23 @@ class MjlabWorlds(ForeignWorlds):
                 self.env.event_manager.apply(mode="startup")
 
     def measure(self) -> Tensor:
-        return quantities.measure(self._command)
+        # error, speed, speed along the command, the command, power, mean squared torque
+        data, wish = self._command.robot.data, self._command.command[:, :2]
+        velocity, torque = data.root_link_lin_vel_b[:, :2], data.qfrc_actuator
+        power = (torque * data.joint_vel).clamp(min=0).sum(1)
+        error, speed = (wish - velocity).norm(dim=1), velocity.norm(dim=1)
+        asked = wish.norm(dim=1)
+        fast = (asked > SLOWEST) / asked.clamp(min=SLOWEST)
+        along, effort = (velocity * wish).sum(1) * fast, torque.square().mean(1)
+        return torch.stack([error, speed, along, asked**2 * fast, power, effort], 1)
 
     def quantify(self, means: np.ndarray) -> np.ndarray:
-        return quantities.quantify(self.env.sim.mj_model, means)
+        error, speed, along, asked, power, torque = means.T
+        model = self.env.sim.mj_model
+        weight = model.body_mass.sum() * np.linalg.norm(model.opt.gravity)
+        # a robot that stands has no cost of transport; a large one says so in figures
+        share, cost = along / asked.clip(1e-9), power / (weight * speed.clip(0.01))
+        return np.stack([error, speed, share, power, torque**0.5, cost], 1)
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         return mirror_of(self.env, self._groups, tolerance)
@@ -140,14 +152,14 @@ class MjlabWorlds(ForeignWorlds):
         return joined(groups, self.actor_group)
 
     def _advance(self, action: Tensor) -> Outcome:
-        given = action.clamp(-1, 1) * self.options.action_scale
+        scaled = action.clamp(-1, 1) * self.options.action_scale
         if self._step is not None:
             with drawing_from(self.generator), self._sharing:
-                groups, before, failed, timed_out = self._step(given)
+                groups, before, failed, timed_out = self._step(scaled)
             seen, final = (joined(each, self.actor_group) for each in (groups, before))
             return self._outcome(seen, final, failed, timed_out & ~failed)
         with drawing_from(self.generator):
-            groups, _, failed, timed_out, _ = self.env.step(given)
+            groups, _, failed, timed_out, _ = self.env.step(scaled)
         if self.env.cfg.is_finite_horizon:
             failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
         timed_out = timed_out & ~failed
@@ -163,6 +175,21 @@ class MjlabWorlds(ForeignWorlds):
         terms = self.env.reward_manager._step_reward * self._time_step
         blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
         return Outcome(seen, final, terms, failed, timed_out, blown_up)
+
+
+class SharedDraws(TorchDispatchMode):
+    """Lets worlds of the same of `episodes` (N,) draw alike, wherever N rows are drawn at once."""
+
+    def __init__(self, episodes: Tensor):
+        super().__init__()
+        self.number, self.source = len(episodes), episodes % len(episodes)
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        drawn = func(*args, **(kwargs or {}))
+        if torch.Tag.nondeterministic_seeded not in func.tags or drawn.shape[:1] != (self.number,):
+            return drawn
+        shared = drawn[self.source]
+        return drawn.copy_(shared) if func._schema.is_mutable else shared
 
 
 def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
@@ -186,3 +213,35 @@ def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
             compiling.start(rehearse)
             compiling.finish()
         return environment(config(), device=str(device))
+
+
+def watch_endings(cfg: Any) -> None:
+    """Let worlds of this config show how episodes end, and terminate if they are not finite."""
+    termination = import_module("mjlab.managers").TerminationTermCfg
+    cfg.terminations[BLOWN_UP] = termination(func=_not_finite)
+    if cfg.auto_reset:
+        recorders = import_module("mjlab.managers.recorder_manager")
+
+        class Endings(recorders.RecorderTerm):
+            """Sees all worlds just before some restart."""
+
+            groups: dict[str, Tensor] | None = None
+
+            def record_pre_reset(self, env_ids: Tensor) -> None:
+                manager = self._env.observation_manager
+                used = {*ACTORS, CRITIC} & set(manager.active_terms)
+                self.groups = {name: manager.compute_group(name) for name in used}
+
+        cfg.recorders[ENDINGS] = recorders.RecorderTermCfg(func=Endings)
+
+
+def take_ending(env: Any) -> dict[str, Tensor] | None:
+    """Return the observations before the restarts of the last step, if there were any."""
+    recorder = env.recorder_manager.get_term(ENDINGS)
+    groups, recorder.groups = recorder.groups, None
+    return groups
+
+
+def _not_finite(env: Any) -> Tensor:
+    broken: Tensor = import_module("mjlab.envs.mdp").nan_detection(env)
+    return broken | ~env.action_manager.action.isfinite().all(1)

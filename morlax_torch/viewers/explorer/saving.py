@@ -84,8 +84,7 @@ def write_policy(task: str | None, run: str, output: Path, tradeoff: Weights) ->
     moved.
     """
     from ...exports.deployment import SETTINGS, deploy  # takes a while to import
-    from ...exports.exporting import export
-    from ...exports.manifest import provenance, robot_of
+    from ...exports.exporting import export, provenance, robot_of
 
     policy = load(run, trust=True, env=task)
     robot, about = robot_of(policy), {"run": provenance(run)}
