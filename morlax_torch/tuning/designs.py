@@ -24,7 +24,7 @@ from ..host.phases import phase
 from ..networks.policy import Policy
 from ..runs.loading import save
 from ..runs.references import copy_files
-from .space import optuna
+from .study import optuna
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together
 
