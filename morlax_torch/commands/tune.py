@@ -166,13 +166,14 @@ def _print_trial(search: "Search", trial: "FrozenTrial") -> None:
 
     text, measured = trial.user_attrs.get("reason", ""), trial.user_attrs.get("measured")
     if measured and not text:
-        base = next((each for each in search.finished() if each.user_attrs.get("base")), trial)
-        volume = base.user_attrs.get("measured", {}).get(search.main, 0.0)
+        base = next((each for each in search.ranked() if each.user_attrs.get("base")), None)
+        volume = base.user_attrs["measured"][search.main] if base else 0.0
+        usual = flat(search.base.model_dump(mode="json"))
         ratio = f"{measured[search.main] / volume:.2f}" if volume > 0 else "-"
         changed = [
             f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
             for name, value in trial.user_attrs["options"].items()
-            if value != base.user_attrs["options"][name]
+            if value != usual.get(name)
         ]
         values = "  ".join(f"{measured[name]:11.4e}" for name in search.indicators)
         text = f"{values}  {ratio:>5}  {' '.join(changed) or 'the base config'}"

@@ -7,8 +7,8 @@ import math
 import os
 import random
 import warnings
-from collections.abc import Callable, Generator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, suppress
 from pathlib import Path
 from statistics import fmean
 from typing import Any, get_args
@@ -48,7 +48,7 @@ FIXED = (  # sections and options that all trials share
     *("max_env_steps", "max_seconds", "task.objectives", "task.shared", "task.reference_point"),
 )
 SHARED = "all trials share it, so that they can be compared: leave it out"
-ATTEMPTS = 1000  # draws, of which one must make a valid config, and one must be new
+ATTEMPTS = 1000  # draws, of which one must make a valid config
 CHANGED = 0.1  # share of the options that a trial changes, beside one
 ENOUGH = 20  # trials, from which on TPE draws every second one
 FIRST, REDUCTION = 1 / 9, 3  # a third of the trials goes on after 1/9 and 1/3 of the time
@@ -72,10 +72,8 @@ class Space:
                 self._add(str(name), choices)
             except (MorlaxError, TypeError, ValueError) as error:
                 raise MorlaxError(f"{source}: {name}: {str(error).rstrip('.')}.") from None
-        try:
-            self.draw({})
-        except MorlaxError as error:
-            raise MorlaxError(f"draws from {source} do not fit together: {error}") from None
+        if next(self.draws({}), None) is None:
+            raise MorlaxError(f"{ATTEMPTS} draws from {source} do not fit together.")
 
     def _add(self, name: str, choices: Any) -> None:
         if any(f"{name}.".startswith(f"{section}.") for section in FIXED):
@@ -99,23 +97,19 @@ class Space:
             values = merged(values, nested(name, value))
         return load_config(values, context)
 
-    def draw(self, options: Mapping[str, Any]) -> dict[str, Any]:
+    def draws(self, options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         """Draw values that fit together, of which most are those of `options`, if any.
 
         Most random combinations of many options do not train, and a search has few trials.
         """
-        for attempt in range(1, ATTEMPTS + 1):
+        for _ in range(ATTEMPTS):
             draw = self._random.ask({**self.distributions}).params
             one = random.choice([*draw])
             kept = (name for name in options if name != one and random.random() >= CHANGED)
             draw |= {name: options[name] for name in kept}
-            try:
+            with suppress(MorlaxError):
                 self.config(draw)
-                break
-            except MorlaxError:
-                if attempt == ATTEMPTS:
-                    raise
-        return draw
+                yield draw
 
     def base_draw(self) -> dict[str, Any]:
         """Return the draw that gives the base config; empty if it lies outside the space."""
@@ -266,11 +260,13 @@ class Search:
                 self.study.optimize(self._run, 1, catch=_Stopped, callbacks=[written])
         except Exception as error:
             cause: BaseException | None = error  # Optuna may hide it by an error that follows
-            while cause is not None and not _is_of_storage(cause):
+            while cause is not None:
+                # an error of the system that names a file is not of the storage
+                full = isinstance(cause, OSError) and cause.filename is None
+                if full or isinstance(cause, optuna.exceptions.StorageInternalError):
+                    raise _unusable(self.storage, cause.__cause__ or cause) from None
                 cause = cause.__context__
-            if cause is None:
-                raise
-            raise _unusable(self.storage, cause.__cause__ or cause) from None
+            raise
 
     def _propose(self) -> None:
         """Queue a new trial near the best one."""
@@ -279,7 +275,7 @@ class Search:
             return
         best = [trial.params for trial in self.study.best_trials] or [self.space.base_draw()]
         tried = [trial.params for trial in trials]
-        draws = (self.space.draw(random.choice(best)) for _ in range(ATTEMPTS))
+        draws = self.space.draws(random.choice(best))
         if new := next((draw for draw in draws if draw not in tried), None):
             self.study.enqueue_trial(new)
 
@@ -429,12 +425,6 @@ def _open(storage: str) -> optuna.storages.BaseStorage:
     if path.exists() and not (path.is_file() and JOURNAL.startswith(path.read_bytes()[:11])):
         raise MorlaxError(f"cannot use the storage {storage}: it is not a journal of tune.")
     return optuna.storages.JournalStorage(JournalFileBackend(storage, _Lock(storage)))
-
-
-def _is_of_storage(error: BaseException) -> bool:
-    """Return whether Optuna could not write; other errors of the system name a file."""
-    full = isinstance(error, OSError) and error.filename is None
-    return full or isinstance(error, optuna.exceptions.StorageInternalError)
 
 
 def _unusable(storage: str, error: BaseException) -> MorlaxError:
