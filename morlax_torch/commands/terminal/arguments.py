@@ -111,13 +111,13 @@ class Limits(Section):
             MorlaxError: a text is not a requirement.
         """
         least, most = {}, {}
-        for limits, strictest, plain, option, sign in (
-            (least, max, self.at_least, "--at-least run=2000", ">="),
-            (most, min, self.at_most, "--at-most power=60", "<="),
+        for limits, strictest, plain, option, sign, example in (
+            (least, max, self.at_least, "--at-least run=2000", ">=", "run >= 2000"),
+            (most, min, self.at_most, "--at-most power=60", "<=", "power <= 60"),
         ):
             rows = [(text, "=", option) for text in plain]
             others = (text for text in more if ("<=" in text) == (sign == "<="))
-            rows += [(text, sign, f"--constrain 'run {sign} 2000'") for text in others]
+            rows += [(text, sign, f"--constrain '{example}'") for text in others]
             for name, level in (_number(*row, "is not a requirement") for row in rows):
                 limits[name] = strictest(level, limits.get(name, level))
         return least, most
@@ -379,8 +379,8 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
 
     if start.config is not None or start.output is not None:
         raise MorlaxError(
-            "--resume continues a run with its own config, in its own folder: leave out --config "
-            "and --output."
+            "--resume continues a run with its own config, in its own folder: leave out --output "
+            "and --config."
         )
     assert start.resume is not None
     run = Run.open(start.resume)
