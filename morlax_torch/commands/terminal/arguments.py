@@ -377,10 +377,9 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
     """Return the config of a run to resume, and the run."""
     from ...runs.run import Run  # imports torch
 
-    if start.config is not None or start.output is not None:
+    for name in start.model_dump(include={"config", "output"}, exclude_none=True):
         raise MorlaxError(
-            "--resume continues a run with its own config, in its own folder: leave out --output "
-            "and --config."
+            f"--resume continues a run with its own config, in its own folder: leave out --{name}."
         )
     assert start.resume is not None
     run = Run.open(start.resume)
