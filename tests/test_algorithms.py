@@ -416,7 +416,7 @@ def test_even_tradeoffs_cover_the_simplex(number):
         ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
         (
             {"algorithm": "hyper-morl", "max_env_steps": None, "decay_fraction": 0.0},
-            "it warms up for a share",
+            "needs max_env_steps or max_seconds",
         ),
         ({"network.type": "independent"}, "needs algorithm independent"),
     ],

@@ -179,7 +179,7 @@ def test_shown_scripts_run(script, line, workplace, monkeypatch):
 
 def test_the_shown_search_space_is_valid(workplace):
     pytest.importorskip("optuna", reason="needs the extra tune")
-    from morlax_torch.tuning.space import Space
+    from morlax_torch.tuning.study import Space
 
     for device_type in ("cpu", "cuda"):
         config = load_config(task_values("cheetah", device_type))

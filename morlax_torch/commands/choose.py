@@ -8,14 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from ..envs import MorlaxError
 from ..host.files import write_file
 from .terminal import cli
-from .terminal.arguments import (
-    Device,
-    Limits,
-    OfRun,
-    Texts,
-    arg,
-    parse,
-)
+from .terminal.arguments import Device, Limits, OfRun, Texts, arg, parse
 from .terminal.live import Live
 
 if TYPE_CHECKING:

@@ -10,13 +10,7 @@ from pydantic import Field, NonNegativeInt
 from ..envs import MorlaxError
 from ..host.files import make_folder
 from .terminal import cli
-from .terminal.arguments import (
-    Device,
-    Limits,
-    OfRun,
-    arg,
-    parse,
-)
+from .terminal.arguments import Device, Limits, OfRun, arg, parse
 from .terminal.live import Live
 from .terminal.process import program
 
@@ -63,56 +57,62 @@ def command(arguments: Sequence[str]) -> None:
 
     with Live():
         from ..envs import resolve_device
+        from ..evaluation.requirements import Requirements
         from ..runs.loading import load, own_folder
         from ..tuning.designs import Designer
 
-        policy = load(
-            options.run, resolve_device(options.device), trust=options.trust, env=options.env
-        )
+        device = resolve_device(options.device)
+        policy = load(options.run, device, trust=options.trust, env=options.env)
         designer = Designer(policy, options.seed)
         folder = options.output or (own_folder(options.run) or Path()) / "designs"
         make_folder(folder)
         grid = designer.grid(options.bodies, options.tradeoffs, options.seed)
-        simulated = grid.joined(
-            designer.refine(grid, options.rounds, options.population, options.seed)
-        )
+        refined = designer.refine(grid, options.rounds, options.population, options.seed)
+        simulated = grid.joined(refined)
         best, volume = designer.best_body(grid, options.tradeoffs)
-        chosen = None
+        told = [f"body with the largest hypervolume: {_body(designer, best)}"]
         if options.maximize is not None:
-            chosen = designer.choose(simulated, least, most, options.maximize)
-            best = simulated.designs[chosen]
+            names = policy.objectives, designer.quantities
+            required = Requirements.of(*names, least, options.maximize, most)
+            ranked = required.ranked(simulated.tradeoffs, simulated.values, "simulated")
+            row = int(ranked[0])
+            best = simulated.designs[row]
+            weights = ",".join(f"{weight:.5g}" for weight in simulated.tradeoffs[row])
+            reached = _reached(designer, simulated, row)
+            told = [f"body: {_body(designer, best)}", f"trade-off: {weights} ({reached})"]
     default = grid.rows(slice(options.tradeoffs))
-    parts = {"default body": default, "bodies spread evenly": grid, "and refined": simulated}
-    _show(designer, parts, volume)
-    if chosen is None:
-        cli.console.print(f"body with the largest hypervolume: {_body(designer, best)}")
-    else:
-        weights = ",".join(f"{weight:.5g}" for weight in simulated.tradeoffs[chosen])
-        cli.console.print(f"body: {_body(designer, best)}")
-        cli.console.print(f"trade-off: {weights} ({_reached(designer, simulated, chosen)})")
+    _show(designer, default, grid, simulated, volume)
+    for line in told:
+        cli.console.print(line)
     designer.write(folder, simulated, default, best)
     cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)
     body = shlex.quote(str(folder / "body.pt")) + (" --trust" if options.trust else "")
     cli.print_command("to see the robot", f"{program('explore')} {body}")
 
 
-def _show(designer: "Designer", parts: dict[str, "Simulated"], best: float) -> None:
+def _show(
+    designer: "Designer",
+    default: "Simulated",
+    grid: "Simulated",
+    simulated: "Simulated",
+    best: float,
+) -> None:
     """Print the fronts of one body and of all, and the most of each objective."""
     import numpy as np
     from rich.table import Table  # takes a while to import
 
     from ..evaluation import pareto
 
-    default, grid, simulated = parts.values()
     without = int(np.isnan(grid.returns).any(1).sum()) // len(default.values)
     missing = f"; {without} bodies could not start" if without else ""
     cli.console.print(f"{len(simulated.values):,} policies were simulated{missing}")
     table = Table("front", "hypervolume", "policies", "bodies", box=None)
+    parts = {"default body": default, "bodies spread evenly": grid, "and refined": simulated}
     for name, part in parts.items():
         front = part.rows(pareto.non_dominated(part.returns))
-        number = len(np.unique(front.designs, axis=0))
+        bodies = len(np.unique(front.designs, axis=0))
         volume = f"{designer.hypervolume(part):.4e}"
-        table.add_row(name, volume, str(len(front.values)), str(number))
+        table.add_row(name, volume, str(len(front.values)), str(bodies))
         if part is default:
             table.add_row("best other body", f"{best:.4e}", "", "1")
     cli.console.print(table)

@@ -5,13 +5,7 @@ from functools import partial
 from typing import Annotated
 
 from .terminal import cli
-from .terminal.arguments import (
-    Positional,
-    Served,
-    Trusting,
-    arg,
-    parse,
-)
+from .terminal.arguments import Positional, Served, Trusting, arg, parse
 from .terminal.live import Live
 from .terminal.process import interruptible
 

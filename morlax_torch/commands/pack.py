@@ -7,12 +7,7 @@ from typing import Annotated
 
 from ..envs import MorlaxError
 from .terminal import cli
-from .terminal.arguments import (
-    Positional,
-    Trusting,
-    arg,
-    parse,
-)
+from .terminal.arguments import Positional, Trusting, arg, parse
 from .terminal.live import Live
 from .terminal.process import program
 

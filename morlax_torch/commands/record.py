@@ -5,13 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from .terminal import cli
-from .terminal.arguments import (
-    OfRun,
-    Texts,
-    arg,
-    numbers,
-    parse,
-)
+from .terminal.arguments import OfRun, Texts, arg, numbers, parse
 from .terminal.live import Live
 
 

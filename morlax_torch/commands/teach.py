@@ -8,13 +8,7 @@ from typing import Annotated
 from pydantic import NonNegativeInt
 
 from .terminal import cli
-from .terminal.arguments import (
-    Positional,
-    Served,
-    Trusting,
-    arg,
-    parse,
-)
+from .terminal.arguments import Positional, Served, Trusting, arg, parse
 from .terminal.live import Live
 from .terminal.process import interruptible, program
 

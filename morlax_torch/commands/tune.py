@@ -8,11 +8,12 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, PositiveFloat
 
 from ..configuration.config import Config, flat
+from ..configuration.sections import Indicator
 from ..envs import MorlaxError
 from ..envs.naming import title
 from ..envs.worlds.options import Count
@@ -58,9 +59,7 @@ class TuneOptions(Start):
     """Name of the study in its storage (None: the task)."""
     output: Path | None = None
     """Folder of best.yaml and trials.csv (None: tuning/<task>)."""
-    indicators: tuple[
-        Literal["hypervolume", "expected_utility", "sparsity", "obedience", "cardinality"], ...
-    ] = ("hypervolume",)
+    indicators: tuple[Indicator, ...] = ("hypervolume",)
     """Indicators of fronts to optimize; with several, no trial is pruned."""
     workers: Annotated[int, Field(ge=1, le=1024)] | None = None
     """Number of processes that run trials (None: one per visible GPU, one on a CPU)."""
@@ -131,32 +130,30 @@ def _run_workers(
 ) -> None:
     """Run a `tune` for each of the GPUs until all have ended, and print their trials."""
     threads = str(max(1, (os.cpu_count() or 1) // len(gpus)))
-    workers, printed = [], {trial.number for trial in search.finished()}
-    running, asked = len(gpus), False
+    command = [sys.executable, "-m", "morlax_torch", "tune", *arguments]
+    workers, printed, asked = [], {trial.number for trial in search.finished()}, False
     for gpu in gpus:
         environment = {"OMP_NUM_THREADS": threads, **os.environ, PARENT: str(os.getpid())}
         if gpu is not None:
             environment["CUDA_VISIBLE_DEVICES"] = gpu
-        command = [sys.executable, "-m", "morlax_torch", "tune", *arguments]
         # in a group of its own, the terminal's Ctrl-C reaches it through this process only
         workers.append(subprocess.Popen(command, env=environment, process_group=0))
     try:
         with Live(len(gpus)) as live:
+            running = True
             while running:
                 time.sleep(PAUSE)
-                running = sum(worker.poll() is None for worker in workers)
+                running = any(worker.poll() is None for worker in workers)
                 if interrupted() and not asked:
                     asked = True
                     for worker in workers:
                         worker.terminate()
-                trials = search.trials()
-                for trial in trials:
-                    if trial.state.is_finished() and trial.number not in printed:
+                for trial in search.finished():
+                    if trial.number not in printed:
                         printed.add(trial.number)
                         _print_trial(search, trial)
-                numbers = [trial.number for trial in trials if trial.state.name == "RUNNING"]
-                for row, number in enumerate(numbers[: len(gpus)]):
-                    live.show(f"trial {number}", row=row)
+                for row, trial in enumerate(search.running()[-len(gpus) :]):
+                    live.show(f"trial {trial.number}", row=row)
     finally:
         for worker in workers:
             worker.kill()
@@ -165,20 +162,22 @@ def _run_workers(
 
 
 def _print_trial(search: "Search", trial: "FrozenTrial") -> None:
-    usual, about = flat(search.base.model_dump(mode="json")), trial.user_attrs
-    text, measured = about.get("reason", ""), about.get("measured")
+    from ..tuning.study import state_of
+
+    text, measured = trial.user_attrs.get("reason", ""), trial.user_attrs.get("measured")
     if measured and not text:
-        base = next((t.user_attrs for t in search.finished() if t.user_attrs.get("base")), {})
-        volume = base.get("measured", {}).get(search.main, 0.0)
+        base = next((each for each in search.ranked() if each.user_attrs.get("base")), None)
+        volume = base.user_attrs["measured"][search.main] if base else 0.0
+        usual = flat(search.base.model_dump(mode="json"))
         ratio = f"{measured[search.main] / volume:.2f}" if volume > 0 else "-"
         changed = [
             f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
-            for name, value in about["options"].items()
+            for name, value in trial.user_attrs["options"].items()
             if value != usual.get(name)
         ]
         values = "  ".join(f"{measured[name]:11.4e}" for name in search.indicators)
         text = f"{values}  {ratio:>5}  {' '.join(changed) or 'the base config'}"
-    console.print(f"{trial.number:5d}  {trial.state.name.lower():8}  {text}")
+    console.print(f"{trial.number:5d}  {state_of(trial):8}  {text}")
 
 
 def _print_end(search: "Search", trials: int, arguments: Sequence[str]) -> None:

@@ -1,6 +1,7 @@
 """The config of a run: every number it depends on, typed and checked."""
 
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -163,18 +164,23 @@ class Config(Section):
             return self
         self._check_algorithm()
         self._check_scalarization()
+        self._check_sizes()
         self.check_protocol(self.evaluation.protocol)
-        self.check_sizes(len(self.task.objectives))
+        limited = {
+            "decay_fraction": self.decay_fraction,
+            "sampling.focus": self.sampling.focus,
+            f"algorithm {self.algorithm}": self.method.warms_up,
+        }
+        for name in (name for name, used in limited.items() if used and not self.ends):
+            raise ValueError(f"{name} needs max_env_steps or max_seconds: it takes a share of them")
         return self
 
     def _check_algorithm(self) -> None:
         required = self.method.required
         for name, value in required.items():
-            section, _, key = name.partition(".")
-            given = getattr(getattr(self, section), key)
-            if given != value:
+            if (typed := attrgetter(name)(self)) != value:
                 raise ValueError(
-                    f"{name} is {given}, but algorithm {self.algorithm} needs {value}: leave it out"
+                    f"{name} is {typed}, but algorithm {self.algorithm} needs {value}: leave it out"
                 )
         if self.network.type == "independent" and "network.type" not in required:
             raise ValueError("network.type independent needs algorithm independent or pg-morl")
@@ -186,11 +192,6 @@ class Config(Section):
             raise ValueError(
                 f"algorithm {self.algorithm} cannot train with many bodies: set sampling.designs "
                 f"to 0, or use {' or '.join(DESIGNING)}"
-            )
-        if self.method.warms_up and not self.ends:
-            raise ValueError(
-                f"algorithm {self.algorithm} needs max_env_steps or max_seconds: it warms up for a "
-                "share of them"
             )
 
     def _check_scalarization(self) -> None:
@@ -215,8 +216,9 @@ class Config(Section):
                 f"{shortened(self.env)} end there: choose another protocol."
             )
 
-    def check_sizes(self, num_objectives: int) -> None:
-        K, corners = self.num_clusters, self.num_corners(num_objectives)
+    def _check_sizes(self) -> None:
+        m, K = len(self.task.objectives), self.num_clusters
+        corners, focus = self.num_corners(m), self.sampling.focus
         if K <= 1:
             raise ValueError(f"sampling.clusters is {K}: there must be at least 2 trade-offs")
         if self.worlds % K:
@@ -224,40 +226,26 @@ class Config(Section):
                 f"sampling.clusters ({K}) must divide worlds ({self.worlds}): "
                 f"try --worlds {self.worlds // K * K or K}"
             )
-        if corners not in (0, num_objectives):
+        if corners not in (0, m):
             raise ValueError(
-                f"sampling.corners is {corners}: with {num_objectives} objectives it must be "
-                f"0 or {num_objectives}"
+                f"sampling.corners is {corners}: with {m} objectives it must be 0 or {m}"
             )
-        if (focus := self.sampling.focus) is not None:
-            *tradeoff, until = focus
-            if len(tradeoff) != num_objectives or not any(tradeoff) or not 0 < until <= 1:
-                raise ValueError(
-                    f"sampling.focus is {focus}: give one weight for each of the {num_objectives} "
-                    "objectives, at least one above zero, and then a share of training up to 1"
-                )
-            if not self.ends:
-                raise ValueError(
-                    "sampling.focus needs max_env_steps or max_seconds: it ends after a share of "
-                    "them"
-                )
         if corners > K:
             raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
-        if self.decay_fraction and not self.ends:
+        if focus and (len(focus) != m + 1 or not any(focus[:-1]) or not 0 < focus[-1] <= 1):
             raise ValueError(
-                "decay_fraction needs max_env_steps or max_seconds: learning rates reach zero there"
+                f"sampling.focus is {focus}: give one weight for each of the {m} objectives, at "
+                "least one above zero, and then a share of training up to 1"
             )
-        if self.evaluation.tradeoffs < num_objectives:
+        if self.evaluation.tradeoffs < m:
             raise ValueError(
                 f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: at least one is needed for "
-                f"each of the {num_objectives} objectives"
+                f"each of the {m} objectives"
             )
         self.task.check_seeds(self.evaluation.seeds)
         self.method.check(K)
-        if self.off_policy:
-            return
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
-        if dealt % self.ppo.minibatches:
+        if not self.off_policy and dealt % self.ppo.minibatches:
             raise ValueError(
                 f"ppo.minibatches ({self.ppo.minibatches}) must divide the {dealt} worlds of a "
                 f"cluster ({self.worlds} worlds / {K} clusters)"
@@ -338,16 +326,17 @@ def changed(values: dict[str, Any]) -> set[str]:
     env, algorithm = values["env"], algorithm_of(values)
     # not validated: a run may have changed the very value that does not fit its own
     defaults = config_class(env, algorithm).model_construct().model_dump(mode="json")
-    place = values["device"] or envs.resolve_device(None).type
-    usual = flat(merged(defaults, task_values(env, place.partition(":")[0], algorithm)))
-    found = {name for name, value in flat(values).items() if usual.get(name) != value}
-    return found - {"device", "backend"}
+    # the device of the run, which this machine may lack
+    device_type = (values["device"] or envs.resolve_device(None).type).partition(":")[0]
+    usual = flat(merged(defaults, task_values(env, device_type, algorithm)))
+    names = {name for name, value in flat(values).items() if usual.get(name) != value}
+    return names - {"device", "backend"}
 
 
 def flat(values: dict[str, Any]) -> dict[str, Any]:
     """Return nested values by dotted name."""
-    found = {}
+    by_name = {}
     for key, value in values.items():
-        parts = flat(value) if isinstance(value, dict) else None
-        found |= {f"{key}.{name}": part for name, part in parts.items()} if parts else {key: value}
-    return found
+        parts = flat(value) if isinstance(value, dict) else {}
+        by_name |= {f"{key}.{name}": part for name, part in parts.items()} or {key: value}
+    return by_name

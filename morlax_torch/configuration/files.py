@@ -31,7 +31,7 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     file's section `gpus`, the changes for at most as many GPUs as `torchrun` has started processes
     apply.
     """
-    task, values = envs.get(env), default_values(device_type)
+    task, values = envs.get(env), _packaged("default", device_type)
     for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):
         if _is_packaged(name):
             values = _packaged(name, device_type)
@@ -44,11 +44,6 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     return {**values, "env": env}
 
 
-def default_values(device_type: str) -> dict[str, Any]:
-    """Return the values of tasks without a file in configs/, for "cuda" or "cpu"."""
-    return _packaged("default", device_type)
-
-
 def _is_packaged(name: str) -> bool:
     return (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file()
 
@@ -57,8 +52,8 @@ def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
     """Return a packaged file's values for a task: its section `cpu` overrides its `tasks`."""
     text = (resources.files("morlax_torch.configs") / f"{name}.yaml").read_text()
     values = yaml.safe_load(text)
-    own = values.pop("tasks", {}).get(env, {})
-    return _fitted(merged(values, own), device_type)
+    of_task = values.pop("tasks", {}).get(env, {})
+    return _fitted(merged(values, of_task), device_type)
 
 
 def file_values(
@@ -171,22 +166,10 @@ def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     """Merge `above` over `below`, section by section; groups of reward terms are replaced whole."""
     result = dict(below)
     for key, value in above.items():
-        result[key] = merged(result[key], value) if _by_section(key, value, result) else value
+        sections = isinstance(value, dict) and isinstance(below.get(key), dict)
+        sections = sections and key not in ("objectives", "shared", "guide")
+        result[key] = merged(below[key], value) if sections else value
     return result
-
-
-def changes(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Return the values that turn `below` into `above`, of the same keys, through `merged`."""
-    return {
-        key: changes(below[key], value) if _by_section(key, value, below) else value
-        for key, value in above.items()
-        if key not in below or below[key] != value
-    }
-
-
-def _by_section(key: str, value: Any, below: dict[str, Any]) -> bool:
-    both = isinstance(value, dict) and isinstance(below.get(key), dict)
-    return both and key not in ("objectives", "shared", "guide")
 
 
 def nested(name: str, value: Any) -> dict[str, Any]:

@@ -2,13 +2,13 @@
 
 import csv
 import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 
+from ..configuration.config import Config
 from ..configuration.tradeoffs import evaluation_tradeoffs
 from ..envs import MorlaxError, get
 from ..envs.worlds.design_space import DesignSpace, mjcf
@@ -18,13 +18,12 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.figures import designs_figure
 from ..evaluation.figures import save as save_figure
 from ..evaluation.making import embody, evaluation_worlds
-from ..evaluation.requirements import Requirements
 from ..host.files import write_file
 from ..host.phases import phase
 from ..networks.policy import Policy
 from ..runs.loading import save
 from ..runs.references import copy_files
-from .space import optuna
+from .study import FloatDistribution, State, optuna
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together
 
@@ -51,10 +50,6 @@ class Simulated(NamedTuple):
 class Designer:
     """Simulates policies of any body and trade-off, on the policy's device.
 
-    Args:
-        policy: trained with designs.
-        seed: random seed of the worlds, if the task is random.
-
     Raises:
         MorlaxError: the policy was trained with one body.
     """
@@ -65,24 +60,23 @@ class Designer:
                 "these policies were trained with one body: train with --sampling.designs 1024, a "
                 "task with design parameters (docs/designs.md)."
             )
-        device = policy.agent.context.device
         self.policy, self.space, self._seed = policy, DesignSpace(policy.agent.designs), seed
-        self._config = policy.config.model_copy(update={"device": str(device), "backend": None})
-        self._batch = BATCH[device.type]
         self.quantities: tuple[str, ...] = ()
         self.reference_point = np.zeros(len(policy.objectives))
 
     def simulate(self, designs: np.ndarray, tradeoffs: np.ndarray) -> Simulated:
         """Simulate pairs of designs (n, d) and trade-offs (n, m), one episode or more of each."""
-        parts = []
-        for first in range(0, len(designs), self._batch):
+        device = self.policy.agent.context.device
+        changes = {"device": str(device), "backend": None}
+        config, parts = self.policy.config.model_copy(update=changes), []
+        for first in range(0, len(designs), BATCH[device.type]):
             phase(f"simulating {len(designs)} bodies and trade-offs", first / len(designs))
-            rows = slice(first, first + self._batch)
-            parts.append(self._together(designs[rows], tradeoffs[rows]))
+            batch = slice(first, first + BATCH[device.type])
+            parts.append(self._together(config, designs[batch], tradeoffs[batch]))
         return Simulated(designs, tradeoffs, np.concatenate(parts))
 
-    def _together(self, designs: np.ndarray, tradeoffs: np.ndarray) -> np.ndarray:
-        config, seeds = self._config, self._config.evaluation.seeds
+    def _together(self, config: Config, designs: np.ndarray, tradeoffs: np.ndarray) -> np.ndarray:
+        seeds = config.evaluation.seeds
         env = evaluation_worlds(config, len(designs), seeds, self._seed)
         assert isinstance(env, Environment)
         different, rows = np.unique(designs, axis=0, return_inverse=True)
@@ -107,16 +101,13 @@ class Designer:
     def refine(self, start: Simulated, rounds: int, population: int, seed: int) -> Simulated:
         """Return what generations of NSGA-II simulate, from the front of simulated policies."""
         m = len(self.policy.objectives)
-        names = [*self.space.parameters, *(f"weight of {x}" for x in self.policy.objectives)]
-        bounds = [(each.low, each.high) for each in self.space.parameters.values()]
         ranges = {
-            name: optuna.distributions.FloatDistribution(*pair)
-            for name, pair in zip(names, [*bounds, *[(0.0, 1.0)] * m], strict=True)
+            name: FloatDistribution(each.low, each.high)
+            for name, each in self.space.parameters.items()
         }
+        ranges |= {f"weight of {x}": FloatDistribution(0, 1) for x in self.policy.objectives}
         sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
-        study = optuna.create_study(
-            directions=[optuna.study.StudyDirection.MAXIMIZE] * m, sampler=sampler
-        )
+        study = optuna.create_study(directions=["maximize"] * m, sampler=sampler)
         for row in best_first(start.returns)[:population]:
             numbers = map(float, (*start.designs[row], *start.tradeoffs[row]))
             study.enqueue_trial(dict(zip(ranges, numbers, strict=True)))
@@ -130,7 +121,7 @@ class Designer:
                 if np.isfinite(returns).all():
                     study.tell(trial, returns.tolist())
                 else:
-                    study.tell(trial, state=optuna.trial.TrialState.FAIL)
+                    study.tell(trial, state=State.FAIL)
             simulated = simulated.joined(new)
         return simulated
 
@@ -144,22 +135,6 @@ class Designer:
         volumes = [self.hypervolume(grid.rows(rows)) for rows in bodies]
         best = int(np.argmax(volumes))
         return grid.designs[bodies[best, 0]], volumes[best]
-
-    def choose(
-        self,
-        simulated: Simulated,
-        at_least: Mapping[str, float],
-        at_most: Mapping[str, float],
-        maximize: str,
-    ) -> int:
-        """Return which of the simulated policies keeps requirements and has most of one value.
-
-        Raises:
-            MorlaxError: none keeps them, or a name is unknown.
-        """
-        names = self.policy.objectives, self.quantities
-        required = Requirements.of(*names, at_least, maximize, at_most)
-        return int(required.ranked(simulated.tradeoffs, simulated.values, "simulated")[0])
 
     def write(
         self, folder: Path, simulated: Simulated, default: Simulated, best: np.ndarray

@@ -1,4 +1,4 @@
-"""The search: a study of Optuna, whose trials train and are evaluated a few times."""
+"""The search for hyperparameters: a study of Optuna, whose trials train a few times."""
 
 import csv
 import io
@@ -6,45 +6,142 @@ import json
 import math
 import os
 import random
-import socket
 import warnings
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, suppress
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Literal, TypeGuard, get_args
+from typing import Any, get_args
 
-import yaml
 from filelock import FileLock
 
-from ..configuration.config import Config, flat, load_config
-from ..configuration.files import changes, merged, space_values, task_values
+from ..configuration.config import DRAFT, Config, flat, load_config
+from ..configuration.files import merged, nested, space_values, write_yaml
+from ..configuration.sections import Indicator
 from ..envs import MorlaxError, resolve_device
+from ..envs.errors import installation, shortened
 from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
-from ..host.files import (
-    AnyPath,
-    attempting,
-    make_folder,
-    runs,
-    write_file,
-)
+from ..host.files import AnyPath, attempting, make_folder, write_file
 from ..host.phases import within
 from ..host.resources import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
 from ..runs.training import Session
-from .space import Space, State, Trial, optuna
 
-Indicator = Literal["hypervolume", "expected_utility", "sparsity", "obedience", "cardinality"]
-FIRST, REDUCTION = 1 / 9, 3  # a third of the trials goes on after 1/9 and 1/3 of the time
-SEEDS = 3  # of the base config, and of a trial that stays the best with each of them
-MOST_DEATHS = 2  # processes that may die in the same trial before it counts as failed
-HEARTBEAT, SILENCE = 60, 600  # seconds: how often a trial in a database tells that it runs
-REPEATS = 20  # proposals that were run before, and then draws, in a row, until one is run again
-ENOUGH = 20  # trials, from which on TPE draws every second one
+try:
+    import optuna
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+    from optuna.storages import RetryHeartbeatStaleTrialCallback
+    from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
+    from optuna.trial import FrozenTrial as Trial
+    from optuna.trial import TrialState as State
+except ImportError as error:
+    raise MorlaxError(
+        f"tuning needs {error.name}, which is not installed: {installation('tune')}."
+    ) from None
+
+optuna.logging.set_verbosity(optuna.logging.ERROR)
+
+Distribution = CategoricalDistribution | FloatDistribution | IntDistribution
+FIXED = (  # sections and options that all trials share
+    *("env", "algorithm", "seed", "device", "backend", "deterministic", "evaluation"),
+    *("max_env_steps", "max_seconds", "task.objectives", "task.shared", "task.reference_point"),
+)
+SHARED = "all trials share it, so that they can be compared: leave it out"
+ATTEMPTS = 1000  # draws, of which one must make a valid config
 CHANGED = 0.1  # share of the options that a trial changes, beside one
+ENOUGH = 20  # trials, from which on TPE draws every second one
+FIRST, REDUCTION = 1 / 9, 3  # a third of the trials goes on after 1/9 and 1/3 of the time
 FEWEST = 10  # trials, from which on the importance of options is known
+SEEDS = 3  # of the base config, and of a trial that stays the best with each of them
 JOURNAL = b'{"op_code":'  # begins every line of a journal
+FINISHED = State.COMPLETE, State.PRUNED  # also if training failed; others do not count
+
+
+class Space:
+    """Options by dotted name, with the values that trials may give them."""
+
+    def __init__(self, values: Mapping[str, Any], base: Config, source: str):
+        if not values:
+            raise MorlaxError(f"{source} is empty: name options, such as ppo.epochs: [3, 4].")
+        self.base, self.distributions = base, dict[str, Distribution]()
+        self._options = flat(base.model_dump(mode="json"))
+        self._random = optuna.create_study(sampler=optuna.samplers.RandomSampler())
+        for name, choices in values.items():
+            try:
+                self._add(str(name), choices)
+            except (MorlaxError, TypeError, ValueError) as error:
+                raise MorlaxError(f"{source}: {name}: {str(error).rstrip('.')}.") from None
+        if next(self.draws({}), None) is None:
+            raise MorlaxError(f"{ATTEMPTS} draws from {source} do not fit together.")
+
+    def _add(self, name: str, choices: Any) -> None:
+        if any(f"{name}.".startswith(f"{section}.") for section in FIXED):
+            raise ValueError(SHARED)
+        self.distributions[name] = each = _distribution(choices, self._options.get(name))
+        ends = each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
+        for value in ends:
+            config = self.config({name: value}, DRAFT)
+            if config.task.for_evaluation() != self.base.task.for_evaluation():
+                raise ValueError(SHARED)
+
+    def config(self, draw: Mapping[str, Any], context: Any = None) -> Config:
+        """Return the config of a draw, or raise MorlaxError if values do not fit together."""
+        values = self.base.model_dump(mode="json")
+        for name, drawn in draw.items():
+            value = drawn
+            if isinstance(self.distributions[name], FloatDistribution):
+                value = float(f"{drawn:.6g}")  # so that files show 0.15, not 0.15000000000000002
+            elif isinstance(drawn, str) and drawn.startswith("["):
+                value = json.loads(drawn)
+            values = merged(values, nested(name, value))
+        return load_config(values, context)
+
+    def draws(self, options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """Draw values that fit together, of which most are those of `options`, if any.
+
+        Most random combinations of many options do not train, and a search has few trials.
+        """
+        for _ in range(ATTEMPTS):
+            draw = self._random.ask({**self.distributions}).params
+            one = random.choice([*draw])
+            kept = (name for name in options if name != one and random.random() >= CHANGED)
+            draw |= {name: options[name] for name in kept}
+            with suppress(MorlaxError):
+                self.config(draw)
+                yield draw
+
+    def base_draw(self) -> dict[str, Any]:
+        """Return the draw that gives the base config; empty if it lies outside the space."""
+        draw = {name: _label(self._options.get(name)) for name in self.distributions}
+        try:
+            optuna.trial.create_trial(params=draw, distributions={**self.distributions}, value=0.0)
+        except ValueError:
+            return {}
+        return draw
+
+
+def _distribution(choices: Any, base: Any) -> Distribution:
+    if isinstance(choices, dict) and "times" in choices:
+        if isinstance(base, bool) or not isinstance(base, int | float):
+            raise ValueError(f"{shortened(base)} in the base config has no multiples")
+        multiples = [base * factor for factor in choices["times"]]
+        if not all(0 < multiple < math.inf for multiple in multiples):
+            raise ValueError("use a list of positive factors, such as {times: [0.5, 1, 2]}")
+        choices = [max(1, round(x)) if isinstance(base, int) else x for x in multiples]
+    if isinstance(choices, list):
+        return CategoricalDistribution([*dict.fromkeys(map(_label, choices))])
+    if not isinstance(choices, dict):
+        raise ValueError(f"use a list of values or {{low: ..., high: ...}}, not {choices!r}")
+    # YAML takes 1e-4 as text
+    fields = {key: float(x) if isinstance(x, str) else x for key, x in choices.items()}
+    whole = all(isinstance(value, int) for value in fields.values())
+    return IntDistribution(**fields) if whole else FloatDistribution(**fields)
+
+
+def _label(value: Any) -> Any:
+    """Return a value in a type that Optuna's storages keep."""
+    return json.dumps(value) if isinstance(value, list) else value
 
 
 class Search:
@@ -52,17 +149,10 @@ class Search:
 
     Trial 0 is `config`, and an existing study continues. The `user_attrs` of a trial are its
     `options`, whether it is the `base` config, and what was `measured`: the indicators of its best
-    evaluation, `train_seconds` and `env_steps`, means over so many `seeds`; or the `reason` why it
-    failed. A failed trial without a reason is void: it was interrupted, or never began.
+    evaluation, `train_seconds` and `env_steps`, means over so many `seeds`; or the `reason` why
+    training failed, and Optuna calls it pruned. What Optuna calls failed was interrupted.
 
-    Args:
-        config: of the task; options outside the space keep its values.
-        space: the search space, as plain values or a YAML file (None: configs/tuning/space.yaml).
-        output: folder of trials.csv and best.yaml (None: tuning/<task>).
-        seconds: training time of each trial.
-        indicators: to optimize; several look for trade-offs, without pruning.
-        storage: path of a journal file, or URL of a database (None: journal.log in `output`).
-        study: name of the study in its storage (None: the task).
+    Args are those of `morlax tune`; the space may also be plain values.
 
     Raises:
         MorlaxError: space, indicators or storage cannot be used, or the storage has a study of this
@@ -90,7 +180,7 @@ class Search:
         self.space = Space(space, self.base, source)
         self.folder = Path(output or Path("tuning") / title(config.env))
         self.storage = storage or str(self.folder / "journal.log")
-        self.seconds, self.indicators, self._repeats = seconds, indicators, 0
+        self.seconds, self.indicators = seconds, indicators
         self.main = indicators[0] if len(indicators) == 1 else "hypervolume"
         first = max(1, int(1000 * FIRST * seconds))
         try:
@@ -111,36 +201,30 @@ class Search:
             raise _unusable(self.storage, error) from None
 
     def _begin(self) -> None:
-        """Queue the base config in a new study; raise MorlaxError if an old one has other options.
-
-        Only trials with equal options can be compared.
-        """
+        """Queue the base config in a new study, or check that an old one has equal options."""
         plan = flat(self.base.model_dump(mode="json", exclude={"device", "max_seconds"}))
-        plan |= {"seconds": self.seconds, "indicators": self.indicators}
-        plan = json.loads(json.dumps({**plan, "space": str(self.space.distributions)}))
+        plan |= {"seconds": self.seconds, "indicators": [*self.indicators]}
+        plan["space"] = str(self.space.distributions)
         # in this order: a process that starts at the same time sets the plan before its first trial
-        empty, stored = not self.study.trials, self.study.user_attrs.get("plan")
-        if stored is None and empty:
+        empty, stored = not self.study.trials, self.study.user_attrs.get("plan", {})
+        if empty and not stored:
             self.study.set_user_attr("plan", plan)
             self.study.enqueue_trial(self.space.base_draw(), {"base": True})
-            return
-        stored = stored or {}
-        for name in (key for key in {**stored, **plan} if stored.get(key) != plan.get(key)):
+        elif others := [x for x in {**stored, **plan} if stored.get(x) != plan.get(x)]:
             raise MorlaxError(
                 f"the study {self.study.study_name!r} in {self.storage} was started with another "
-                f"--{name}: choose another --study or --output, or start it with the same options."
+                f"--{others[0]}: name another --study or --output, or use the same options."
             )
 
-    def trials(self) -> list[Trial]:
-        """Return all trials that are not void."""
-        return [each for each in self.study.get_trials(deepcopy=False) if not _is_void(each)]
-
     def finished(self) -> list[Trial]:
-        return [trial for trial in self.trials() if trial.state.is_finished()]
+        return self.study.get_trials(deepcopy=False, states=FINISHED)
+
+    def running(self) -> list[Trial]:
+        return self.study.get_trials(deepcopy=False, states=(State.RUNNING,))
 
     def ranked(self) -> list[Trial]:
         """Return the complete trials, the best ones first; of several indicators, the front."""
-        trials = [trial for trial in self.trials() if trial.state == State.COMPLETE]
+        trials = [trial for trial in self.finished() if trial.state == State.COMPLETE]
         if len(self.indicators) > 1:
             trials = self.study.best_trials
         return sorted(trials, key=lambda t: self._score(t.user_attrs["measured"]), reverse=True)
@@ -157,80 +241,60 @@ class Search:
         stopped: Callable[[], bool] = lambda: False,
         on_trial: Callable[[Trial], object] = lambda trial: None,
     ) -> None:
-        """Run trials until the study has so many, those of other processes included.
+        """Run trials until so many of the study are finished, those of other processes included.
 
         `stopped` is asked after each training iteration; true ends the search, and its running
         trial is queued again. `on_trial` is called with each trial once it is written.
         """
 
-        def finished(study: optuna.Study, trial: Trial) -> None:
-            if not _is_void(trial):
+        def written(study: optuna.Study, trial: Trial) -> None:
+            if trial.state in FINISHED:
                 self.write()
                 on_trial(trial)
 
-        self._most, self._stopped = trials, stopped
+        self._stopped = stopped
         try:
-            while not stopped():
-                self._revive()
-                begun = sum(trial.state != State.WAITING for trial in self.trials())
-                if begun >= trials:
-                    return
-                if self._repeats < REPEATS and (begun < ENOUGH or begun % 2):
+            while not stopped() and (number := len(self.finished())) < trials:
+                if number < ENOUGH or number % 2:
                     self._propose()
-                self.study.optimize(self._run, 1, callbacks=[finished])
+                self.study.optimize(self._run, 1, catch=_Stopped, callbacks=[written])
         except Exception as error:
-            cause: BaseException | None = error
-            while not _is_of_storage(cause):
-                if cause is None:
-                    raise
+            cause: BaseException | None = error  # Optuna may hide it by an error that follows
+            while cause is not None:
+                # an error of the system that names a file is not of the storage
+                full = isinstance(cause, OSError) and cause.filename is None
+                if full or isinstance(cause, optuna.exceptions.StorageInternalError):
+                    raise _unusable(self.storage, cause.__cause__ or cause) from None
                 cause = cause.__context__
-            raise _unusable(self.storage, cause.__cause__ or cause) from None
-
-    def _revive(self) -> None:
-        """Queue the trials of this machine's processes that are gone."""
-        for trial in self.study.get_trials(deepcopy=False, states=(State.RUNNING,)):
-            host, process = trial.user_attrs.get("process", ("", 0))
-            if host == socket.gethostname() and not runs(process):
-                # another process may have queued it meanwhile
-                with suppress(ValueError, optuna.exceptions.UpdateFinishedTrialError):
-                    self.study.tell(trial.number, state=State.FAIL)
-                    _queue_again(self.study, trial)
+            raise
 
     def _propose(self) -> None:
-        """Queue a trial that keeps most options of the best one; the sampler draws the others.
-
-        Most random combinations of many options do not train, and a search has few trials.
-        """
+        """Queue a new trial near the best one."""
+        trials = self.study.get_trials(deepcopy=False)
+        if any(trial.state == State.WAITING for trial in trials):
+            return
         best = [trial.params for trial in self.study.best_trials] or [self.space.base_draw()]
-        options = random.choice(best)
-        if options and not self.study.get_trials(deepcopy=False, states=(State.WAITING,)):
-            one = random.choice([*options])
-            kept = [name for name in options if name != one and random.random() >= CHANGED]
-            self.study.enqueue_trial({name: options[name] for name in kept})
+        tried = [trial.params for trial in trials]
+        draws = self.space.draws(random.choice(best))
+        if new := next((draw for draw in draws if draw not in tried), None):
+            self.study.enqueue_trial(new)
 
     def _run(self, trial: optuna.Trial) -> list[float]:
-        """Return the indicators of a trial; none if it has failed, or is void."""
-        # the storage orders trials, so processes that start one at the same time agree
-        earlier = [each for each in self.trials() if each.number < trial.number]
-        if len(earlier) >= self._most:
-            return []
-        trial.set_user_attr("process", (socket.gethostname(), os.getpid()))
-        if not trial.user_attrs.get("base") or self.space.base_draw():
-            self.space.suggest(trial)
+        """Return the indicators of a trial; none if its options do not fit together."""
+        base = trial.user_attrs.get("base", False)
+        if not base or self.space.base_draw():
+            for name, each in self.space.distributions.items():
+                kind = type(each).__name__.removesuffix("Distribution").lower()
+                getattr(trial, f"suggest_{kind}")(name, **vars(each))
         try:
-            values = flat(self.config(trial).model_dump(mode="json"))
-        except MorlaxError:  # its values do not fit together
+            config = self.config(trial)
+        except MorlaxError:
             return []
-        repeated = any(each.params == trial.params for each in earlier)
-        self._repeats = self._repeats + 1 if repeated else 0
-        if repeated and self._repeats <= 2 * REPEATS:
-            return []
+        values = flat(config.model_dump(mode="json"))
         options = {name: values.get(name) for name in self.space.distributions}
         trial.set_user_attr("options", options)
         try:
-            if (deaths := trial.user_attrs.get("deaths", 0)) >= MOST_DEATHS:
-                raise MorlaxError(f"{deaths} processes died in it.")
-            return self._train(trial)
+            return self._train(trial, config)
         except optuna.TrialPruned:
             raise
         except BaseException as error:
@@ -238,58 +302,50 @@ class Search:
             if isinstance(error, MemoryError | RuntimeError):
                 reason = shortage_of_memory(error)
             if reason is None:
-                _queue_again(self.study, trial, died=False)
+                self.study.enqueue_trial(trial.params, {"base": base})
                 raise
             trial.set_user_attr("reason", reason)
-            return []
-        finally:
-            release_memory()
+            raise optuna.TrialPruned from None
 
-    def _train(self, trial: optuna.Trial) -> list[float]:
+    def _train(self, trial: optuna.Trial, config: Config) -> list[float]:
         """Train once, or with several seeds if the trial looks like the best one so far.
 
         The best of many trials is partly luck, which other seeds do not share.
         """
-        base, single = trial.user_attrs.get("base"), len(self.indicators) == 1
-        config, trainings, measured = self.config(trial), [], {}
+        several, trainings, measured = len(self.indicators) > 1, [], {}
         for number in range(SEEDS):
             with within(f"trial {trial.number}, seed {number + 1}"):
                 seeded = config.model_copy(update={"seed": config.seed + number})
-                training = self._train_once(trial if single and not number else None, seeded)
-            if training is None:
-                _queue_again(self.study, trial, died=False)
-                return []
-            trainings.append(training)
-            release_memory()
-            measured = {name: fmean(each[name] for each in trainings) for name in training}
+                trainings.append(self._train_once(None if several or number else trial, seeded))
+            measured = {name: fmean(each[name] for each in trainings) for name in trainings[0]}
             steps = round(measured["env_steps"])
-            stored = {**measured, "env_steps": steps, "seeds": number + 1}
-            trial.set_user_attr("measured", stored)
-            if training["train_seconds"] < self.seconds:
+            trial.set_user_attr("measured", {**measured, "env_steps": steps, "seeds": number + 1})
+            if trainings[-1]["train_seconds"] < self.seconds:
                 raise optuna.TrialPruned
-            best = self.ranked()[:1]
-            beaten = best and self._score(measured) <= self._score(best[0].user_attrs["measured"])
-            if not single or (beaten and not base):
+            best = [self._score(each.user_attrs["measured"]) for each in self.ranked()[:1]]
+            beaten = best and self._score(measured) <= best[0]
+            if several or (beaten and not trial.user_attrs.get("base")):
                 break
         return [measured[name] for name in self.indicators]
 
-    def _train_once(self, trial: optuna.Trial | None, config: Config) -> dict[str, float] | None:
-        """Return the numbers of the best evaluation, or None if stopped; `trial` may be pruned."""
-        chosen, record, seconds, steps = {}, -math.inf, 0.0, 0
+    def _train_once(self, trial: optuna.Trial | None, config: Config) -> dict[str, float]:
+        """Return the numbers of the best evaluation; `trial`, if any, may be pruned."""
+        release_memory()
+        best, record, seconds, steps = {}, -math.inf, 0.0, 0
         with closing(evaluations(config, self._stopped)) as evaluated:
             for evaluation in evaluated:
                 score = self._score(_plain(evaluation.measured))
-                if not chosen or score > record:
-                    chosen, record = _plain(evaluation.indicators), score
+                if not best or score > record:
+                    best, record = _plain(evaluation.indicators), score
                 seconds, steps = evaluation.train_seconds, evaluation.env_steps
                 if trial is not None and steps and seconds < self.seconds:
-                    trial.report(chosen[self.main], int(1000 * seconds))
+                    trial.report(best[self.main], int(1000 * seconds))
                     if trial.should_prune() and not trial.user_attrs.get("base"):
                         break
             else:
                 if seconds < self.seconds:
-                    return None
-        return {**chosen, "train_seconds": seconds, "env_steps": steps}
+                    raise _Stopped
+        return {**best, "train_seconds": seconds, "env_steps": steps}
 
     def write(self) -> None:
         """Write trials.csv and, once a trial is complete, best.yaml, or raise MorlaxError."""
@@ -299,37 +355,32 @@ class Search:
         writer = csv.DictWriter(table, names, extrasaction="ignore")
         writer.writeheader()
         for trial in self.finished():
-            about = {**trial.user_attrs, "number": trial.number, "state": trial.state.name.lower()}
-            writer.writerow({**about, **about["options"], **about.get("measured", {})})
+            row = {**trial.user_attrs, "number": trial.number, "state": state_of(trial)}
+            writer.writerow({**row, **row["options"], **row.get("measured", {})})
         make_folder(self.folder)
         # processes must not replace newer files by older ones
         with attempting(f"write to {self.folder}"), FileLock(self.folder / ".lock"):
             write_file(self.folder / "trials.csv", table.getvalue())
             for best in self.ranked()[:1]:
-                write_file(self.folder / "best.yaml", self._yaml(best))
-
-    def _yaml(self, trial: Trial) -> str:
-        config, measured = self.config(trial), trial.user_attrs["measured"]
-        device = resolve_device(config.device).type
-        tuned = load_config(task_values(config.env, device, config.algorithm))
-        values = config.model_dump(mode="json", exclude={"device", "backend"})
-        values = changes(tuned.model_dump(mode="json"), values)
-        values = {"env": config.env, "algorithm": config.algorithm, **values}
-        return (
-            f"# Trial {trial.number} of {self.study.study_name}: {self.main} "
-            f"{measured[self.main]:.4e} after {measured['train_seconds']:.1f} s of training, "
-            f"the mean of {measured['seeds']} seeds.\n"
-            f"# morlax train --config best.yaml --device {device}\n"
-        ) + yaml.safe_dump(values, sort_keys=False)
+                values = best.user_attrs["measured"]
+                comment = (
+                    f"# Trial {best.number} of {self.study.study_name}: {self.main} "
+                    f"{values[self.main]:.4e}, the mean of {values['seeds']} seeds.\n"
+                )
+                where = {"device": resolve_device(self.base.device).type, "backend": None}
+                config = self.config(best).model_copy(update=where)
+                write_file(self.folder / "best.yaml", comment + write_yaml(config))
 
     def importances(self) -> dict[str, float]:
         """Return the share of each option in what makes good trials differ, by PED-ANOVA."""
-        complete = [trial for trial in self.finished() if trial.state == State.COMPLETE]
-        if len(complete) < FEWEST or len(self.indicators) > 1:
+        if len(self.ranked()) < FEWEST or len(self.indicators) > 1:
             return {}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # says that few trials tell little
+        with warnings.catch_warnings(action="ignore"):  # that few trials tell little
             return optuna.importance.get_param_importances(self.study)
+
+
+def state_of(trial: Trial) -> str:
+    return "fail" if "reason" in trial.user_attrs else trial.state.name.lower()
 
 
 def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evaluation, None, None]:
@@ -339,21 +390,8 @@ def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evalua
     yield from session.training(stopped=stopped, evaluate_at=times)
 
 
-def _is_of_storage(error: BaseException | None) -> TypeGuard[BaseException]:
-    """Return whether Optuna could not write; others name a file, or are no such error."""
-    full = isinstance(error, OSError) and error.filename is None
-    return full or isinstance(error, optuna.exceptions.StorageInternalError)
-
-
-def _is_void(trial: Trial) -> bool:
-    return trial.state == State.FAIL and "reason" not in trial.user_attrs
-
-
-def _queue_again(study: optuna.Study, trial: Trial | optuna.Trial, died: bool = True) -> None:
-    """Queue a trial that its process has not finished."""
-    about = trial.user_attrs
-    attributes = {"base": about.get("base", False), "deaths": about.get("deaths", 0) + died}
-    study.enqueue_trial(trial.params, attributes)
+class _Stopped(Exception):
+    """The search ends while a trial runs."""
 
 
 def _plain(indicators: Mapping[str, float]) -> dict[str, float]:
@@ -361,7 +399,7 @@ def _plain(indicators: Mapping[str, float]) -> dict[str, float]:
     return {name: float(values[name]) for name in get_args(Indicator)}
 
 
-class _Lock(optuna.storages.journal.JournalFileSymlinkLock):
+class _Lock(JournalFileSymlinkLock):
     """Whoever gets it first cuts off an incomplete last line, which a full disk leaves."""
 
     def acquire(self) -> bool:
@@ -375,24 +413,18 @@ class _Lock(optuna.storages.journal.JournalFileSymlinkLock):
 def _open(storage: str) -> optuna.storages.BaseStorage:
     """Open a journal file, or the database of a URL, such as postgresql://..."""
     if "://" in storage:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # heartbeats are experimental
+        with warnings.catch_warnings(action="ignore"):  # heartbeats are experimental
             return optuna.storages.RDBStorage(
                 storage,
-                heartbeat_interval=HEARTBEAT,
-                grace_period=SILENCE,
-                heartbeat_stale_trial_callback=_queue_again,
+                heartbeat_interval=60,
+                grace_period=600,
+                heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=1),
             )
     path = Path(storage)
     make_folder(path.parent)
     if path.exists() and not (path.is_file() and JOURNAL.startswith(path.read_bytes()[:11])):
-        raise MorlaxError(
-            f"cannot use the storage {storage}: it is not a journal of tune. Name a new file, or a "
-            "database, such as sqlite:///study.db."
-        )
-    return optuna.storages.JournalStorage(
-        optuna.storages.journal.JournalFileBackend(storage, _Lock(storage))
-    )
+        raise MorlaxError(f"cannot use the storage {storage}: it is not a journal of tune.")
+    return optuna.storages.JournalStorage(JournalFileBackend(storage, _Lock(storage)))
 
 
 def _unusable(storage: str, error: BaseException) -> MorlaxError:

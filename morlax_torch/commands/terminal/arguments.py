@@ -6,7 +6,7 @@ import shlex
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, get_origin
 
@@ -21,19 +21,8 @@ from tyro.constructors import (
 )
 
 from ... import envs
-from ...configuration.config import (
-    DRAFT,
-    MAY_CHANGE,
-    Config,
-    differences,
-    load_config,
-)
-from ...configuration.files import (
-    algorithm_of,
-    file_values,
-    read_yaml,
-    task_values,
-)
+from ...configuration.config import DRAFT, MAY_CHANGE, Config, differences, load_config
+from ...configuration.files import algorithm_of, file_values, read_yaml, task_values
 from ...envs import MorlaxError
 from ...envs.errors import explained
 from ...envs.naming import absolute, is_file
@@ -121,16 +110,16 @@ class Limits(Section):
         Raises:
             MorlaxError: a text is not a requirement.
         """
-        least: dict[str, float] = {}
-        most: dict[str, float] = {}
-        rows = [(text, "=", "--at-least run=2000") for text in self.at_least]
-        rows += [(text, ">=", "--constrain 'run >= 2000'") for text in more if "<=" not in text]
-        for name, level in (_required(*row) for row in rows):
-            least[name] = max(level, least.get(name, level))
-        rows = [(text, "=", "--at-most power=60") for text in self.at_most]
-        rows += [(text, "<=", "--constrain 'power <= 60'") for text in more if "<=" in text]
-        for name, level in (_required(*row) for row in rows):
-            most[name] = min(level, most.get(name, level))
+        least, most = {}, {}
+        for limits, strictest, plain, option, sign, example in (
+            (least, max, self.at_least, "--at-least run=2000", ">=", "run >= 2000"),
+            (most, min, self.at_most, "--at-most power=60", "<=", "power <= 60"),
+        ):
+            rows = [(text, "=", option) for text in plain]
+            others = (text for text in more if ("<=" in text) == (sign == "<="))
+            rows += [(text, sign, f"--constrain '{example}'") for text in others]
+            for name, level in (_number(*row, "is not a requirement") for row in rows):
+                limits[name] = strictest(level, limits.get(name, level))
         return least, most
 
 
@@ -140,19 +129,17 @@ def numbers(text: str, example: str) -> dict[str, float]:
     Raises:
         MorlaxError: the text is something else; the sentence shows the example.
     """
-    return dict(_required(part, "=", example, "does not name numbers") for part in text.split(","))
+    return dict(_number(part, "=", example, "does not name numbers") for part in text.split(","))
 
 
-def _required(
-    text: str, sign: str, example: str, problem: str = "is not a requirement"
-) -> tuple[str, float]:
-    name, separator, level = text.partition(sign)
+def _number(text: str, sign: str, example: str, problem: str) -> tuple[str, float]:
+    name, _, level = text.partition(sign)
     try:
-        if not separator or not name.strip() or not math.isfinite(float(level)):
-            raise ValueError
-        return name.strip(), float(level)
+        if name.strip() and math.isfinite(float(level)):
+            return name.strip(), float(level)
     except ValueError:
-        raise MorlaxError(f"{text!r} {problem}: write for example {example}.") from None
+        pass
+    raise MorlaxError(f"{text!r} {problem}: write for example {example}.")
 
 
 @_registry.struct_rule
@@ -303,18 +290,16 @@ def _help_line(command: type[Start], name: str) -> str:
     for section in sections:
         model = model.model_fields[section].annotation
     kind = model.model_fields[option].annotation
-    value = next((KINDS[part] for part in _parts(kind) if part in KINDS), "NAME")
+    value = next((name for part, name in KINDS.items() if part in _types(kind)), "NAME")
     label = f"  --{name.replace('_', '-')} {value}" + " ..." * (get_origin(kind) is tuple)
     text = text_of(model, option) or text_of(Config, option)
     first, *_ = re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)
     return _filled(first, f"{label:<30} ", " " * 31)
 
 
-def _parts(kind: Any) -> Iterator[Any]:
+def _types(kind: Any) -> list[Any]:
     """Return a type and those in it, such as int of tuple[int, ...] | None."""
-    yield kind
-    for part in get_args(kind):
-        yield from _parts(part)
+    return [kind, *(inner for part in get_args(kind) for inner in _types(part))]
 
 
 def draft(start: Start) -> Config:
@@ -323,8 +308,7 @@ def draft(start: Start) -> Config:
 
 
 def _base_values(start: Start) -> dict[str, Any]:
-    named = {"algorithm": start.algorithm, "device": start.device}
-    named = {name: value for name, value in named.items() if value is not None}
+    named = start.model_dump(include={"algorithm", "device"}, exclude_none=True)
     if start.config is None:
         if start.env is None:
             names = ", ".join(envs.names())
@@ -383,40 +367,35 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
         if start.output is None:
             raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
         if _was_begun(start.output):
-            return config, _open(start.output), None
+            from ...runs.run import Run
+
+            return config, Run.open(start.output), None
     return config, None, start.output
 
 
-def _resumed(start: Train, others: Sequence[str]) -> "tuple[Config, Run]":
+def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
     """Return the config of a run to resume, and the run."""
-    for name in ("config", "output"):
-        if getattr(start, name) is not None:
-            raise MorlaxError(
-                f"--resume continues a run with its own config, in its own folder: "
-                f"leave out --{name}."
-            )
+    from ...runs.run import Run  # imports torch
+
+    for name in start.model_dump(include={"config", "output"}, exclude_none=True):
+        raise MorlaxError(
+            f"--resume continues a run with its own config, in its own folder: leave out --{name}."
+        )
     assert start.resume is not None
-    run = _open(start.resume)
+    run = Run.open(start.resume)
     if start.env:
         envs.get(start.env)  # the user names this code
     moved = start.env if start.env and is_file(start.env) else None
     base = run.config(start.trust, moved)
-    values = values_over(base, start, others)
-    named = {"device": start.device, "algorithm": start.algorithm, "env": moved or start.env}
-    values |= {name: value for name, value in named.items() if value is not None}
+    values = values_over(base, start, options)
+    values |= start.model_dump(include={"device", "algorithm", "env"}, exclude_none=True)
     config = placed(values, base)
-    if found := differences(base, config):
+    if others := differences(base, config):
         raise MorlaxError(
-            f"a resumed run keeps its config ({'; '.join(found)}): leave that out, or start a new "
+            f"a resumed run keeps its config ({'; '.join(others)}): leave that out, or start a new "
             f"run. Only {', '.join(MAY_CHANGE)} may change."
         )
     return config, run
-
-
-def _open(folder: Path) -> "Run":
-    from ...runs.run import Run  # imports torch
-
-    return Run.open(folder)
 
 
 def _was_begun(output: Path) -> bool:
