@@ -340,22 +340,6 @@ def test_several_processes_run_the_same_episodes_as_one(case, make_agent):
         np.testing.assert_allclose(found.returns, whole.returns, rtol=1e-6)
 
 
-def test_episodes_of_one_tradeoff_are_averaged(front):
-    twice = Front(
-        front.objectives,
-        np.concatenate([front.tradeoffs, front.tradeoffs]),
-        np.concatenate([front.returns, front.returns + np.array([2, 20])]),
-        np.array([500, 80, 7, 500, 100, 10]),
-        front.reference_point,
-        np.array([0, 1, 1, 0, 0, 1]),
-    )
-    mean = twice.averaged(2)
-    np.testing.assert_array_equal(mean.tradeoffs, front.tradeoffs)
-    np.testing.assert_array_equal(mean.returns, front.returns + np.array([1, 10]))
-    assert mean.lengths.tolist() == [500, 90, 8.5]
-    assert mean.falls is not None and mean.falls.tolist() == [0, 0.5, 1]
-
-
 @pytest.mark.parametrize("protocol", ("latched", "paper", "discounted"))
 def test_a_fall_on_the_last_step_counts(agent, protocol):
     env = Scripted()

@@ -28,10 +28,9 @@ class Evaluator:
     """Runs the deterministic policies of K trade-offs, each in its own worlds, for one episode.
 
     Every evaluation repeats the same random draws, so that an unchanged policy gets an unchanged
-    front: bit for bit on the CPU, on CUDA up to the order of floating-point sums. The k-th
-    episode of every trade-off has the same draws, so that differences between trade-offs are those
-    of their policies. (Worlds of other libraries than Gymnasium draw for all worlds at once, so
-    there they are not.)
+    front: bit for bit on the CPU, on CUDA up to the order of floating-point sums. The k-th episode
+    of every trade-off has the same draws. (Worlds of other libraries than Gymnasium draw for all
+    worlds at once, so there they are not.)
 
     `latched`, the default protocol: a return is the sum of rewards up to and including the first
     step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an
@@ -115,8 +114,8 @@ class Evaluator:
     @property
     def reference_point(self) -> np.ndarray:
         """(m,), that hypervolumes by the protocol count from."""
-        usual = np.array(self.env.reference_point)
-        return np.full_like(usual, REFERENCE) if self._discounted else usual
+        point = np.array(self.env.reference_point)
+        return np.full_like(point, REFERENCE) if self._discounted else point
 
     def retarget(self, tradeoffs: Tensor) -> None:
         """Evaluate as many other trade-offs (K, m) from now on."""
@@ -129,15 +128,11 @@ class Evaluator:
 
     @torch.no_grad()
     def evaluate_sets(self) -> list[Front]:
-        """Evaluate the agent as it is now, and return the front of each set of episodes.
-
-        Raises:
-            MorlaxError: contacts overflowed the simulator's buffers.
-        """
+        """Evaluate the agent as it is now, and return the front of each set of episodes."""
         size = 1 if self._alone else len(self.tradeoffs)
         for first in range(0, len(self.tradeoffs), size):
-            own = slice(first, first + size)
-            self._actors.copy_(self.agent.actors(self.tradeoffs[own]), own)
+            part = slice(first, first + size)
+            self._actors.copy_(self.agent.actors(self.tradeoffs[part]), part)
         generator = self.env.generator
         state = generator.get_state()  # which training worlds of another library may share
         self.env.reseed(self._seed)
@@ -169,9 +164,9 @@ class Evaluator:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
         flags = (self._lengths, self._fallen, self._blown_up, self.env.overflow())
         columns = (self._returns, self._measured, *(values[:, None] for values in flags))
-        own = torch.cat([values.double() for values in columns], 1).cpu().numpy()
-        table = np.empty((self._sets * len(self._points), own.shape[1]))
-        for rank, part in enumerate(self._group.gather(own)):
+        results = torch.cat([values.double() for values in columns], 1).cpu().numpy()
+        table = np.empty((self._sets * len(self._points), results.shape[1]))
+        for rank, part in enumerate(self._group.gather(results)):
             table[rank :: self._group.size] = part
         if (overflow := table[:, -1]).any():
             remedy = self.env.remedy(int(overflow.max()))
@@ -179,27 +174,25 @@ class Evaluator:
         return [self._front(rows) for rows in np.split(table, self._sets)]
 
     def _front(self, rows: np.ndarray) -> Front:
-        """Return the front of one set of episodes, a row of results each."""
-        m = len(self.env.objectives)
-        returns, measured = rows[:, :m].copy(), rows[:, m:-4]
-        lengths, falls, blowups, _ = rows[:, -4:].T.copy()
+        """Return the front of one set of episodes, a row of results each: their means."""
+        m, episodes = len(self.env.objectives), rows.reshape(self._seeds, self.number, -1)
+        means = episodes.mean(0)
+        lengths, falls, blowups, _ = means[:, -4:].T.copy()
         front = Front(
             self.env.objectives,
-            self._points[:, :m].copy(),
-            returns,
-            lengths.astype(np.int32),
+            self._points[: self.number, :m].copy(),
+            means[:, :m].copy(),
+            lengths if self._seeds > 1 else lengths.astype(np.int32),
             self.reference_point,
             falls,
             blowups if self._knows_blowups else None,
             protocol=self.protocol,
         )
-        if self._seeds > 1:
-            front = front.averaged(self._seeds)
         if not self.env.quantities:
             return front
-        *sums, steps = measured.reshape(self._seeds, -1, measured.shape[1]).sum(0).T
-        found = self.env.quantify((np.stack(sums) / steps.clip(1)).T)
-        return front._replace(quantities=found, quantity_names=self.env.quantities)
+        *sums, steps = episodes[..., m:-4].sum(0).T
+        quantities = self.env.quantify((np.stack(sums) / steps.clip(1)).T)
+        return front._replace(quantities=quantities, quantity_names=self.env.quantities)
 
     def _some_steps(self) -> None:
         for _ in range(self._stride):

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +14,9 @@ from ..envs.worlds.options import check_objectives
 from ..host.files import AnyPath, read, replacing
 from . import pareto
 
-TEXTS = ("fingerprint", "checkpoint", "protocol")
-SIGNED = ("returns", "reference_point", "quantities")
+TEXTS = {"fingerprint", "checkpoint", "protocol"}
+NAMES = {"objectives", "quantity_names"}
+SIGNED = {"returns", "reference_point", "quantities"}
 EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
 
 
@@ -59,7 +60,7 @@ class Front(NamedTuple):
         """
         returns = self.returns
         exact = pareto.is_exact(*returns.shape)
-        found = {
+        indicators = {
             EXACT if exact else APPROXIMATE: self.hypervolume,
             "sparsity": pareto.sparsity(returns),
             "expected_utility": pareto.expected_utility(returns, self.tradeoffs),
@@ -67,33 +68,16 @@ class Front(NamedTuple):
             "obedience": pareto.obedience(returns, self.tradeoffs),
         }
         if self.falls is not None:
-            found["fall_rate"] = float(self.falls.mean())
+            indicators["fall_rate"] = float(self.falls.mean())
         if self.blowups is not None:
-            found["blowup_rate"] = float(self.blowups.mean())
+            indicators["blowup_rate"] = float(self.blowups.mean())
         if reference_front is not None:
-            found["igd_plus"] = pareto.igd_plus(returns, reference_front)
-        return found
+            indicators["igd_plus"] = pareto.igd_plus(returns, reference_front)
+        return indicators
 
     @property
     def hypervolume(self) -> float:
         return pareto.hypervolume(self.returns, self.reference_point)
-
-    def averaged(self, episodes: int) -> Self:
-        """Average everything over episodes, from (episodes * K, ...) to (K, ...).
-
-        The K trade-offs are repeated `episodes` times in a row.
-        """
-
-        def mean(values: np.ndarray) -> np.ndarray:
-            return values.reshape(episodes, -1, *values.shape[1:]).mean(0)
-
-        return self._replace(
-            tradeoffs=self.tradeoffs[: len(self.tradeoffs) // episodes],
-            returns=mean(self.returns),
-            lengths=mean(self.lengths),
-            falls=None if self.falls is None else mean(self.falls),
-            blowups=None if self.blowups is None else mean(self.blowups),
-        )
 
     def parts(self, number: int) -> list[Self]:
         """Split into so many fronts, of as many trade-offs each."""
@@ -113,9 +97,9 @@ class Front(NamedTuple):
         Raises:
             MorlaxError: the file cannot be written.
         """
-        known = {name: value for name, value in self._asdict().items() if value is not None}
+        fields = {name: value for name, value in self._asdict().items() if value is not None}
         with replacing(path) as file:
-            np.savez_compressed(file, non_dominated=self.non_dominated, **known)
+            np.savez_compressed(file, non_dominated=self.non_dominated, **fields)
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
@@ -124,15 +108,15 @@ class Front(NamedTuple):
         Raises:
             MorlaxError: there is no such file, or it is damaged.
         """
-        whole = io.BytesIO(read(path, "front"))
+        content = io.BytesIO(read(path, "front"))
         try:
-            with np.load(whole) as arrays:
-                needed = [f for f in cls._fields if f in arrays or f not in cls._field_defaults]
-                fields = {name: arrays[name] for name in needed}
-            texts = {name: str(fields[name]) for name in TEXTS if name in fields}
-            named = ("objectives", "quantity_names")
-            names = {name: tuple(map(str, fields[name])) for name in named if name in fields}
-            front = cls(**{**fields, **texts, **names})
+            with np.load(content) as arrays:
+                fields: dict[str, Any] = {f: arrays[f] for f in cls._fields if f in arrays}
+            for name in fields.keys() & TEXTS:
+                fields[name] = str(fields[name])
+            for name in fields.keys() & NAMES:
+                fields[name] = tuple(map(str, fields[name]))
+            front = cls(**fields)  # which refuses too few fields
             front._check()
             return front
         except MemoryError:
@@ -152,7 +136,7 @@ class Front(NamedTuple):
                 if len(values) > LONGEST or not values.isprintable():
                     raise ValueError(f"{name} must be a short text")
                 continue
-            if name in ("objectives", "quantity_names") or values is None:
+            if name in NAMES or values is None:
                 continue
             shape = shapes.get(name, (K,))
             if values.shape != shape or values.dtype.kind not in "fiu":
@@ -190,9 +174,12 @@ def representatives(front: Front) -> dict[int, str]:
 
 def mean_indicators(fronts: Sequence[Front]) -> dict[str, float]:
     """Return the mean of each indicator over fronts, such as those of several bodies."""
-    found = [front.indicators() for front in fronts]
+    measured = [front.indicators() for front in fronts]
     # numbers of policies stay whole
-    return {name: type(one)(np.mean([x[name] for x in found])) for name, one in found[0].items()}
+    return {
+        name: type(one)(np.mean([indicators[name] for indicators in measured]))
+        for name, one in measured[0].items()
+    }
 
 
 def hypervolume_in(names: Iterable[str]) -> str:

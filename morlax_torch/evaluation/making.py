@@ -20,12 +20,9 @@ DRAWN_TRADEOFFS = 1024  # of the paper's tables, and of D3PO's
 
 
 def usual_tradeoffs(config: Config, protocol: Protocol) -> int:
-    """Return the config's number of trade-offs, or that of published tables by their protocols.
-
-    If the config has such a protocol, its own number counts.
-    """
-    own = protocol in ("latched", config.evaluation.protocol)
-    return config.evaluation.tradeoffs if own else DRAWN_TRADEOFFS
+    """Return the config's number of trade-offs, or that of published tables by their protocols."""
+    of_config = protocol in ("latched", config.evaluation.protocol)
+    return config.evaluation.tradeoffs if of_config else DRAWN_TRADEOFFS
 
 
 def make_evaluator(
@@ -42,15 +39,9 @@ def make_evaluator(
 ) -> Evaluator:
     """Make the evaluator of an agent, with the same worlds for every training seed.
 
-    Trade-offs are an even grid for two objectives; the corners and fixed random draws for more;
-    random draws with the protocols of published tables. None: `usual_tradeoffs`. `seeds` are
-    episodes per trade-off and set. `protocol` and `seeds` are those of the config if they are None.
-    With several `bodies`, that of the agent's context comes first, and fronts hold all trade-offs
-    of one body after the other. For the other arguments see `Evaluator`.
-
-    Raises:
-        MorlaxError: a number is out of range, nothing in the task is random although `seeds` > 1,
-            or the task cannot be evaluated by the protocol.
+    `protocol`, `tradeoffs` and `seeds` (episodes per trade-off and set) are those of the config if
+    they are None. With several `bodies`, that of the agent's context comes first, and fronts hold
+    all trade-offs of one body after the other. For the other arguments see `Evaluator`.
     """
     protocol = config.evaluation.protocol if protocol is None else protocol
     config.check_protocol(protocol)
@@ -64,8 +55,8 @@ def make_evaluator(
         assert isinstance(env, Environment)
         points = points.repeat(bodies, 1)
         rows = torch.arange(bodies).repeat_interleave(tradeoffs)
-        designs, own = held_out(env, bodies), share(rows[:, None], seeds * sets, group)[:, 0]
-        if not embody(env, designs, own).all():
+        designs = held_out(env, bodies)
+        if not embody(env, designs, share(rows[:, None], seeds * sets, group)[:, 0]).all():
             raise MorlaxError(f"not all of {bodies} designs to evaluate with make a body.")
         contexts = torch.from_numpy(DesignSpace(env.designs).scaled(designs)).float()
         points = torch.cat([points, contexts[rows]], -1)
@@ -75,18 +66,13 @@ def make_evaluator(
 def held_out(env: Environment, number: int) -> np.ndarray:
     """Return designs (number, d): first the one of the worlds, then others, spread evenly."""
     space = DesignSpace(env.designs)
-    own = space.vector(env.options.design)
-    return np.concatenate([own[None], space.spread(number - 1, HELD_OUT)])
+    return np.vstack([space.vector(env.options.design), space.spread(number - 1, HELD_OUT)])
 
 
 def embody(env: Environment, designs: np.ndarray, rows: Tensor) -> np.ndarray:
     """Give the worlds the bodies of designs (D, d) by row (N,), in new episodes.
 
-    Returns:
-        Which designs make a body, (D,) bool. Worlds of another one get any body.
-
-    Raises:
-        MorlaxError: none of the designs makes a body.
+    Returns which designs make a body, (D,) bool. Worlds of another one get any body.
     """
     bank = compile_bank(env, designs)
     env.adopt(bank)
@@ -108,5 +94,5 @@ def evaluation_worlds(
         config.task.check_seeds(seeds)
     except ValueError as error:
         raise MorlaxError(f"{error}: leave out --seeds.") from None
-    own = range(group.rank, tradeoffs * seeds * sets, group.size)
-    return config.make_worlds(len(own), EVALUATION_SEEDS + seed, evaluating=True)
+    number = len(range(group.rank, tradeoffs * seeds * sets, group.size))
+    return config.make_worlds(number, EVALUATION_SEEDS + seed, evaluating=True)

@@ -43,11 +43,7 @@ class Requirements(NamedTuple):
         maximize: str,
         at_most: Mapping[str, float],
     ) -> Self:
-        """Check and convert requirements by name, without a margin.
-
-        Raises:
-            MorlaxError: a name is unknown or ambiguous, or a number is not finite.
-        """
+        """Check and convert requirements by name, without a margin."""
         limits = []
         for sign, levels in ((1, at_least), (-1, at_most)):
             for name, level in levels.items():
@@ -62,10 +58,10 @@ class Requirements(NamedTuple):
         """Require a margin, as a share of the ranges (m + q,) of values, or raise MorlaxError."""
         if not 0 <= margin <= 1:
             raise MorlaxError(f"margin is {margin:g}: it must be from 0 to 1.")
-        limits = (
+        limits = [
             limit._replace(bound=limit.level + limit.sign * margin * float(span[limit.index]))
             for limit in self.limits
-        )
+        ]
         return self._replace(limits=tuple(limits))
 
     @property
@@ -94,11 +90,7 @@ class Requirements(NamedTuple):
         return np.all(np.isfinite(values[:, self.used]), axis=1)
 
     def span(self, values: np.ndarray) -> np.ndarray:
-        """Return the range (m + q,) of each of values (n, m + q), above zero.
-
-        Raises:
-            MorlaxError: no policy has finite values.
-        """
+        """Return the range (m + q,) of each of values (n, m + q), above zero."""
         finite = values[self.finite(values)]
         if len(finite) == 0:
             needed = " and ".join(self.names[index] for index in self.used)
@@ -109,18 +101,15 @@ class Requirements(NamedTuple):
         return np.ptp(self.relevant(finite), axis=0).clip(min=1e-12)
 
     def excess(self, values: np.ndarray) -> np.ndarray:
-        """Return by how much values (..., m + q) keep each bound, (..., limits).
-
-        It is negative where they miss it.
-        """
+        """Return by how much values (..., m + q) keep each bound, (..., limits)."""
         signs = np.array([limit.sign for limit in self.limits])
         return signs * (values[..., self.limited] - [limit.bound for limit in self.limits])
 
     def margins(self, values: np.ndarray) -> dict[str, float]:
         """Return by how much values (m + q,) keep the nearest bound, by the value's name."""
         margins: dict[str, float] = {}
-        for index, distance in zip(self.limited, self.excess(values).tolist(), strict=True):
-            name = self.names[index]
+        for limit, distance in zip(self.limits, self.excess(values).tolist(), strict=True):
+            name = self.names[limit.index]
             margins[name] = min(distance, margins.get(name, distance))
         return margins
 
@@ -129,34 +118,25 @@ class Requirements(NamedTuple):
         return self.finite(values) & (self.excess(values) >= 0).all(1)
 
     def ranked(self, tradeoffs: np.ndarray, values: np.ndarray, source: str) -> np.ndarray:
-        """Return which trade-offs (n, m) with values (n, m + q) keep all limits, best first.
-
-        Raises:
-            MorlaxError: none does. It says by how much the nearest of these "simulated" or
-                "evaluated" policies misses.
-        """
+        """Return which trade-offs (n, m) with values (n, m + q) keep all limits, best first."""
         rows = self.kept(values).nonzero()[0]
-        if len(rows) == 0:
-            raise self._missed(tradeoffs, values, source)
-        return rows[(-values[rows, self.maximized]).argsort(kind="stable")]
-
-    def _missed(self, tradeoffs: np.ndarray, values: np.ndarray, source: str) -> MorlaxError:
+        if len(rows):
+            return rows[(-values[rows, self.maximized]).argsort(kind="stable")]
         span, finite = self.span(values), self.finite(values)
-        excess = self.excess(values[finite])
+        tradeoffs, values = tradeoffs[finite], values[finite]
+        excess = self.excess(values)
         nearest = int((excess / span[self.limited]).min(1).argmax())
-        parts = []
-        for limit, distance in zip(self.limits, excess[nearest], strict=True):
-            if distance >= 0:
-                continue
-            name, value = self.names[limit.index], values[finite][nearest, limit.index]
-            margin = f" {limit.bound:.5g} with its margin," if limit.bound != limit.level else ""
-            more = "less" if limit.sign > 0 else "more"
-            parts.append(
-                f"{name} {value:.5g} instead of {limit.shown()},{margin} {-distance:.3g} {more}"
-            )
-        return MorlaxError(
+        misses = [
+            f"{self.names[limit.index]} {values[nearest, limit.index]:.5g} instead of "
+            f"{limit.shown()}, "
+            + (f"{limit.bound:.5g} with its margin, " if limit.bound != limit.level else "")
+            + f"{-distance:.3g} {'less' if limit.sign > 0 else 'more'}"
+            for limit, distance in zip(self.limits, excess[nearest], strict=True)
+            if distance < 0
+        ]
+        raise MorlaxError(
             f"no {source} policy keeps every requirement: the nearest, with the trade-off "
-            f"{shown(tradeoffs[finite][nearest])}, has {' and '.join(parts)}."
+            f"{shown(tradeoffs[nearest])}, has {' and '.join(misses)}."
         )
 
 
@@ -180,11 +160,7 @@ class Choice(NamedTuple):
 
 
 def index_of(name: str, objectives: Sequence[str], quantities: Sequence[str]) -> int:
-    """Return the index of a value (m + q,); a quantity may be named without its unit.
-
-    Raises:
-        MorlaxError: there is no such value, or more than one.
-    """
+    """Return the index of a value (m + q,); a quantity may be named without its unit."""
     names = [*objectives, *quantities]
     matches = [name] if name in names else [q for q in quantities if q.partition(" (")[0] == name]
     if len(matches) > 1:

@@ -1,11 +1,13 @@
 """Whole files and folders: read at once, and written atomically, so never half-written."""
 
+import csv
 import errno
 import glob
+import io
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -25,11 +27,7 @@ def attempting(task: str) -> Iterator[None]:
 
 
 def read(path: AnyPath, what: str = "file") -> bytes:
-    """Read a whole file; error messages name the kind of file, such as "config".
-
-    Raises:
-        MorlaxError: the file is missing, is a folder, device or pipe, or cannot be read.
-    """
+    """Read a whole file; error messages name the kind of file, such as "config"."""
     path = Path(path)
     with attempting(f"read the {what} {path}"):
         if not path.exists():
@@ -44,9 +42,6 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
     """Open a temporary file that replaces `path` once it is complete and on disk.
 
     A symbolic link stays, and its target is replaced. New files get the permissions of the umask.
-
-    Raises:
-        MorlaxError: it cannot be written, or is a folder, device or pipe; `path` is unchanged.
     """
     with attempting(f"write {path}"):
         target = Path(os.path.realpath(path))
@@ -64,9 +59,16 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
 
 
 def write_file(path: AnyPath, content: str | bytes | memoryview) -> None:
-    """Write a whole file atomically; raises as `replacing`."""
+    """Write a whole file atomically."""
     with replacing(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
+
+
+def write_rows(path: AnyPath, rows: Iterable[Iterable]) -> None:
+    """Write a CSV file atomically."""
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    write_file(path, text.getvalue())
 
 
 class Taken(MorlaxError):
@@ -75,12 +77,7 @@ class Taken(MorlaxError):
 
 @contextmanager
 def making(folder: Path) -> Iterator[Path]:
-    """Make an empty temporary folder that becomes `folder` once it is complete.
-
-    Raises:
-        Taken: `folder` is not empty, or another program has made it meanwhile.
-        MorlaxError: it cannot be made or written.
-    """
+    """Make an empty temporary folder that becomes `folder` once it is complete."""
     taken = Taken(f"{folder} exists already: choose another folder.")
     with attempting(f"make {folder}"):
         if folder.exists() and not (folder.is_dir() and _is_unused(folder)):

@@ -45,22 +45,31 @@ def names(runs: Sequence[AnyPath]) -> list[str]:
     A checkpoint is named after its run and its file, such as `20261120-054533-0-latest`. Raises
     MorlaxError if a run is given twice.
     """
-    paths = []
+    paths: list[Path] = []
     for run in runs:
-        folder, file = find_run(run).resolve(), Path(run)
-        paths.append(folder.with_name(f"{folder.name}-{file.stem}") if file.is_file() else folder)
-        if paths.index(paths[-1]) < len(paths) - 1:
+        path, file = find_run(run).resolve(), Path(run)
+        if file.is_file():
+            path = path.with_name(f"{path.name}-{file.stem}")
+        if path in paths:
             raise MorlaxError(f"{run} is given twice: name each run once.")
-    parts = [path.parts[1:] for path in paths]  # an absolute name would leave the output folder
-    for depth in range(1, 2 + max(map(len, parts))):
-        found = ["/".join(some[-depth:]) for some in parts]
-        if len(set(found)) == len(found):
-            break
-    return found
+        paths.append(path)
+    depth, parts = 1, [path.parts[1:] for path in paths]  # not absolute: they name subfolders
+    while len({part[-depth:] for part in parts}) < len(parts):
+        depth += 1
+    return ["/".join(part[-depth:]) for part in parts]
 
 
-def check_comparable(policies: Mapping[str, Policy]) -> None:
-    """Raise MorlaxError unless the returns of policies, given by name, can be compared."""
+def history_of(run: AnyPath) -> History | None:
+    """Return the training curve of a run, if it has one."""
+    curve = find_run(run) / "metrics.csv"
+    return History.load(curve) if curve.is_file() else None
+
+
+def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None = None) -> Protocol:
+    """Return the protocol by which the returns of policies, given by name, can be compared.
+
+    None: that of their training. Raises MorlaxError if they cannot be compared.
+    """
     (first, one), *others = policies.items()
     for name, other in others:
         if movable(one.config.env) != movable(other.config.env):
@@ -73,31 +82,25 @@ def check_comparable(policies: Mapping[str, Policy]) -> None:
                 f"{first} has the objectives {', '.join(one.objectives)} and {name} has "
                 f"{', '.join(other.objectives)}: compare runs with the same objectives only."
             )
-        mine, theirs = (p.config.task.for_evaluation().model_dump() for p in (one, other))
+        mine, theirs = (_options(policy, protocol) for policy in (one, other))
         for option in mine:
-            if option not in BUFFERS and not _same(option, mine[option], theirs[option]):
+            if not _same(option, mine[option], theirs[option]):
                 raise MorlaxError(
-                    f"{first} and {name} differ in task.{option} ({mine[option]} and "
+                    f"{first} and {name} differ in {option} ({mine[option]} and "
                     f"{theirs[option]}), so their returns cannot be compared: evaluate them "
-                    "separately."
+                    "separately, or by one --protocol if they differ in that."
                 )
+    return protocol or one.config.evaluation.protocol
 
 
-def own_protocol(policies: Mapping[str, Policy]) -> Protocol:
-    """Return the protocol that training evaluated by, or raise MorlaxError if policies differ."""
-    own: dict[str, Protocol] = {name: p.config.evaluation.protocol for name, p in policies.items()}
-    (first, one), *others = own.items()
-    for name, other in others:
-        if one != other:
-            raise MorlaxError(
-                f"{first} and {name} differ in evaluation.protocol ({one} and {other}), so their "
-                f"returns cannot be compared: use morlax evaluate --protocol {one}."
-            )
-    return one
+def _options(policy: Policy, protocol: Protocol | None) -> dict[str, Any]:
+    task = policy.config.task.for_evaluation().model_dump(exclude=BUFFERS)
+    counted = {"evaluation.protocol": protocol or policy.config.evaluation.protocol}
+    return {**{f"task.{name}": value for name, value in task.items()}, **counted}
 
 
 def _same(option: str, mine: Any, theirs: Any) -> bool:
-    if option == "learned" and mine and theirs:  # every run has a file of its own
+    if option == "task.learned" and mine and theirs:  # every run has a file of its own
         return read(mine, "learned reward") == read(theirs, "learned reward")
     return mine == theirs
 
@@ -107,16 +110,13 @@ def union(fronts: Sequence[Front]) -> np.ndarray:
 
 
 def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, float]:
-    """Return the indicators, mean episode length in control steps, and ranges of returns, by name.
-
-    Without a reference front (n, m), IGD+ is left out.
-    """
-    found = front.indicators(reference_front)
-    found["episode_length"] = float(front.lengths.mean())
+    """Return the indicators, mean episode length and ranges of returns, by name."""
+    values = front.indicators(reference_front)
+    values["episode_length"] = float(front.lengths.mean())
     for name, returns in zip(front.objectives, front.returns.T, strict=True):
-        found[f"{name}_min"] = float(returns.min())
-        found[f"{name}_max"] = float(returns.max())
-    return found
+        values[f"{name}_min"] = float(returns.min())
+        values[f"{name}_max"] = float(returns.max())
+    return values
 
 
 def quartiles(measured: Sequence[Mapping[str, float]]) -> dict[str, Quartiles]:

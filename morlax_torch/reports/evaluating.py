@@ -19,7 +19,6 @@ from ..runs.checkpoint import front_path
 from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
 from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
-from ..runs.progress import History
 from . import comparison
 from .comparison import Evaluated
 from .page import number, words
@@ -48,35 +47,27 @@ def evaluate_runs(
     trust: bool = False,
     env: str | None = None,
     portrait: Callable[[Policy], bytes | None] = lambda policy: None,
-    show: Callable[[Mapping[str, Evaluated]], None] = lambda found: None,
+    show: Callable[[Mapping[str, Evaluated]], None] = lambda evaluations: None,
 ) -> tuple[dict[str, Evaluated], Path]:
-    """Evaluate runs and write fronts, figures, indicators and a report.
+    """Evaluate runs, and write fronts, figures, indicators and a report to the returned folder.
 
     Args:
         runs: run folders, checkpoint files, or shipped policies.
         typed: the command, for the report; see `evaluate --help` for the other arguments.
         portrait: draws the robot of a policy as a PNG; None: it cannot be drawn.
         show: called with the evaluations by name before anything is written.
-
-    Returns:
-        The evaluations by name, and the folder that they were written to.
-
-    Raises:
-        MorlaxError: a run or the reference cannot be loaded, or they cannot be compared.
     """
     for run in runs:
         trust_run(run, trust, env)
-    place = resolve_device(device)
     named = dict(zip(comparison.names(runs), runs, strict=True))
-    policies = {name: load(run, place) for name, run in named.items()}
-    comparison.check_comparable(policies)
-    protocol = comparison.own_protocol(policies) if protocol is None else protocol
+    policies = {name: load(run, resolve_device(device)) for name, run in named.items()}
+    protocol = comparison.check_comparable(policies, protocol)
     first, configs = next(iter(policies.values())), [p.config for p in policies.values()]
     if tradeoffs is None:
         tradeoffs = max(usual_tradeoffs(config, protocol) for config in configs)
     seeds = max(config.evaluation.seeds for config in configs) if seeds is None else seeds
-    curves = {name: find_run(run) / "metrics.csv" for name, run in named.items()}
-    histories = {name: History.load(p) if p.is_file() else None for name, p in curves.items()}
+    # damaged files are refused before the evaluation
+    histories = {name: comparison.history_of(run) for name, run in named.items()}
     machines = {name: read_machines(find_run(run)) for name, run in named.items()}
 
     def evaluated(policy: Policy) -> Front:
@@ -92,17 +83,30 @@ def evaluate_runs(
             fronts[name] = evaluated(policy)._replace(checkpoint=files[name].name)
     if target is None and len(fronts) > 1:
         target = comparison.union(list(fronts.values()))
-    found = {}
-    for name, run in named.items():
-        about_run = histories[name], comparison.measures(fronts[name], target), machines[name]
-        found[name] = Evaluated(run, policies[name], fronts[name], *about_run)
-    show(found)
-    as_trained = protocol == first.config.evaluation.protocol
-    as_trained = as_trained and not is_changed(runs[0], first)
-    folder = output or default_output(runs, as_trained)
+    evaluations = {
+        name: Evaluated(
+            run,
+            policies[name],
+            fronts[name],
+            histories[name],
+            comparison.measures(fronts[name], target),
+            machines[name],
+        )
+        for name, run in named.items()
+    }
+    show(evaluations)
+    as_trained = protocol == first.config.evaluation.protocol and not is_changed(runs[0], first)
+    # the files in a run's folder are of best.pt, evaluated as in training
+    folder, path = own_folder(runs[0]), Path(runs[0])
+    other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
+    in_run = len(runs) == 1 and folder is not None and as_trained
+    if output is not None:
+        folder = output
+    elif folder is None or other or not in_run:
+        folder = unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
     about = (
-        f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on {place}, "
-        f"{f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
+        f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on "
+        f"{resolve_device(device)}, {f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
         f"Protocol {protocol}: {PROTOCOLS[protocol]}."
     )
     if target is not None:
@@ -110,11 +114,11 @@ def evaluate_runs(
         about += f" Reference of IGD+: {source}, {len(target)} points."
     picture = portrait(first)
     phase("writing the report")
-    write(found, folder, about, typed, picture)
-    if output is None and len(runs) == 1 and own_folder(runs[0]) and as_trained:
-        (path,), (front,) = files.values(), fronts.values()
-        front.save(front_path(path))  # where `load_front` looks
-    return found, folder
+    write(evaluations, folder, about, typed, picture)
+    if output is None and in_run:
+        for name, front in fronts.items():
+            front.save(front_path(files[name]))  # where `load_front` looks
+    return evaluations, folder
 
 
 def reference_front(
@@ -123,43 +127,27 @@ def reference_front(
     protocol: Protocol,
     evaluated: Callable[[Policy], Front],
 ) -> np.ndarray:
-    """Return the non-dominated points (n, m) of a reference: of an .npz file, or of a run.
-
-    Raises MorlaxError if it cannot be loaded or compared, or has no finite returns.
-    """
+    """Return the non-dominated points (n, m) of a reference: of an .npz file, or of a run."""
     if source.endswith(".npz"):
         front = Front.load(Path(source))
     else:
         other = load(source)
-        comparison.check_comparable({**policies, source: other})
+        comparison.check_comparable({**policies, source: other}, protocol)
         front = evaluated(other)
     objectives = next(iter(policies.values())).objectives
     if front.objectives != objectives:
         raise MorlaxError(
             f"the reference {source} has the objectives {', '.join(front.objectives)}, but the "
-            f"runs have {', '.join(objectives)}: choose a front with the same objectives."
+            f"runs have {', '.join(objectives)}."
         )
     if front.protocol != protocol:
         raise MorlaxError(
             f"the reference {source} counts returns by the protocol {front.protocol}, but the runs "
-            f"are evaluated by {protocol}: choose a front of the same protocol."
+            f"are evaluated by {protocol}."
         )
     if not front.non_dominated.any():
         raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
     return front.returns[front.non_dominated]
-
-
-def default_output(runs: Sequence[str], as_trained: bool) -> Path:
-    """Return the run's folder; for several runs or a shipped policy, evaluations/<time>.
-
-    So for a checkpoint that is not the run's best, and for another protocol or model than in
-    training (not `as_trained`): the files in its folder are of best.pt, evaluated as in training.
-    """
-    folder, path = own_folder(runs[0]), Path(runs[0])
-    other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
-    if len(runs) > 1 or folder is None or other or not as_trained:
-        return unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
-    return folder
 
 
 def column_heads(names: Sequence[str]) -> list[str]:
@@ -168,13 +156,13 @@ def column_heads(names: Sequence[str]) -> list[str]:
     return list(names) if width <= MOST_WIDTH else [str(i) for i in range(1, len(names) + 1)]
 
 
-def table(found: Mapping[str, Evaluated]) -> Table:
+def table(evaluations: Mapping[str, Evaluated]) -> Table:
     """Return the indicators as a table for the terminal: of a few runs, or of all together."""
-    measured = [run.measures for run in found.values()]
+    measured = [run.measures for run in evaluations.values()]
     shown = measured if len(measured) <= MOST_COLUMNS else []
     quartiles = comparison.quartiles(measured) if len(measured) > 1 else {}
-    heads = column_heads(list(found)) if shown else []
-    heads += [f"median of {len(found)}"] * bool(quartiles) + ["quartiles"] * (not shown)
+    heads = column_heads(list(evaluations)) if shown else []
+    heads += [f"median of {len(measured)}"] * bool(quartiles) + ["quartiles"] * (not shown)
     table = Table(box=box.SIMPLE_HEAD)
     for head in ["indicator", *heads]:
         table.add_column(head, justify="left" if head == "indicator" else "right", no_wrap=True)

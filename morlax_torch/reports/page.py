@@ -1,9 +1,8 @@
-"""The report of an evaluation: one self-contained HTML file, from the template report.html."""
+"""Parts of HTML reports, each one self-contained file from a template of this folder."""
 
 import base64
 import io
 import re
-from collections.abc import Mapping, Sequence
 from functools import cache
 from html import escape
 from typing import Any
@@ -13,11 +12,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from ..configuration.files import write_yaml
-from ..evaluation.figures.colors import of_objectives
 from ..evaluation.figures.style import FILES, NON_DOMINATED
 from ..evaluation.front import Front, representatives
-from .comparison import Evaluated, Quartiles
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",
@@ -33,61 +29,10 @@ MEANINGS = {
 }
 
 
-def report(
-    title: str,
-    verdict: str,
-    about: str,
-    command: str,
-    evaluations: Mapping[str, Evaluated],
-    summary: Mapping[str, Quartiles],
-    fronts: Mapping[str, Figure],
-    figures: Sequence[tuple[str, Figure]],
-    facts: Mapping[str, Mapping[str, str]],
-    portrait: bytes | None = None,
-) -> str:
-    """Return the report as HTML, see `write`.
-
-    Args:
-        title: the task and its runs.
-        verdict: how good the front is and what to do next.
-        about: how they were evaluated, in a sentence or two.
-        command: the command line of the evaluation.
-        evaluations: by run name.
-        summary: measure -> quartiles over runs; empty for a single run.
-        fronts: figure of each run's front, by run name.
-        figures: captions and figures of everything else.
-        facts: run -> name -> text.
-        portrait: picture of the robot as PNG (None: leave it out).
-    """
-    objectives = next(iter(evaluations.values())).front.objectives
-    settings = dict.fromkeys(name for run in facts.values() for name in run)
-    return rendered(
-        "report.html",
-        title=title,
-        verdict=verdict,
-        about=about,
-        command=command,
-        colors=dict(zip(objectives, of_objectives(len(objectives)), strict=True)),
-        fronts={name: _front(run.front, fronts[name]) for name, run in evaluations.items()},
-        # an <img> keeps the ids of one SVG apart from those of the others
-        figures=[(name, data_url("svg+xml", svg(f).encode()), width(f)) for name, f in figures],
-        runs=facts,
-        settings=[[name, *(run.get(name, "") for run in facts.values())] for name in settings],
-        portrait=portrait and data_url("png", portrait),
-        configs={name: write_yaml(run.policy.config) for name, run in evaluations.items()},
-        heads=["", *evaluations, *(("median", "quartiles") if summary else ()), ""],
-        indicators=[
-            [words(name), *_numbers(name, evaluations, summary), meaning(name)]
-            for name in next(iter(evaluations.values())).measures
-        ],
-    )
-
-
 @cache
 def _templates() -> Environment:
-    folder = PackageLoader(str(__package__), "")
     return Environment(
-        loader=folder,
+        loader=PackageLoader(str(__package__), ""),
         autoescape=lambda name: name is not None and name.endswith(".html"),
         trim_blocks=True,
         undefined=StrictUndefined,
@@ -95,12 +40,10 @@ def _templates() -> Environment:
 
 
 def rendered(template: str, **values: Any) -> str:
-    """Return a template of this folder with these values; texts are escaped."""
     return _templates().get_template(template).render(values)
 
 
 def data_url(kind: str, content: bytes) -> str:
-    """Return a picture as an address that holds all of it."""
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
@@ -113,7 +56,6 @@ def words(measure: str) -> str:
 
 
 def meaning(measure: str) -> str:
-    """Return a short explanation of a measure, empty if there is none."""
     ends = {"_min": "lowest return of any policy", "_max": "highest return of any policy"}
     return MEANINGS.get(measure) or ends.get(measure[-4:], "")
 
@@ -123,7 +65,7 @@ def width(figure: Figure) -> str:
     return f"{96 * figure.get_figwidth():.0f}"
 
 
-def _front(front: Front, figure: Figure) -> dict[str, Any]:
+def front_part(front: Front, figure: Figure) -> dict[str, Any]:
     """Return a front that a user can point at, and the table of its representative policies."""
     heads = [*(f"weight of {name}" for name in front.objectives)]
     heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
@@ -143,17 +85,6 @@ def _front(front: Front, figure: Figure) -> dict[str, Any]:
     ]
     drawing = chart(figure, front)
     return {"drawing": drawing, "width": width(figure), "heads": ["policy", *heads], "rows": rows}
-
-
-def _numbers(
-    measure: str, evaluations: Mapping[str, Evaluated], summary: Mapping[str, Quartiles]
-) -> list[str]:
-    """Return the measure of each run, and its median and quartiles over several."""
-    numbers = [number(run.measures[measure]) for run in evaluations.values()]
-    if not summary:
-        return numbers
-    low, median, high = summary[measure]
-    return [*numbers, number(median), f"{number(low)} - {number(high)}"]
 
 
 def chart(figure: Figure, front: Front) -> str:
@@ -191,11 +122,12 @@ def descriptions(front: Front) -> list[str]:
         pairs = zip(names, values.tolist(), strict=True)
         return ", ".join(f"{name} {value:{form}}" for name, value in pairs)
 
-    texts = []
-    for k in range(len(shares)):
-        text = f"weights: {named(front.objectives, shares[k], '.2f')}"
-        text += f"; returns: {named(front.objectives, front.returns[k], ',.4g')}"
-        if front.quantities is not None:
-            text += f"; {named(front.quantity_names, front.quantities[k], ',.4g')}"
-        texts.append(text)
-    return texts
+    texts = [
+        f"weights: {named(front.objectives, weights, '.2f')}"
+        f"; returns: {named(front.objectives, returns, ',.4g')}"
+        for weights, returns in zip(shares, front.returns, strict=True)
+    ]
+    if front.quantities is None:
+        return texts
+    measured = (named(front.quantity_names, row, ",.4g") for row in front.quantities)
+    return [f"{text}; {row}" for text, row in zip(texts, measured, strict=True)]

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
+from matplotlib.figure import Figure
 
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
 from ..evaluation import figures
-from ..evaluation.front import representatives
+from ..evaluation.front import Front, representatives
 from ..host.files import make_folder, write_file
-from ..runs.loading import find_run, load, load_front
-from ..runs.progress import History
+from ..runs.loading import load, load_front
 from . import comparison
 from .comparison import Evaluated, Quartiles
 from .page import words
@@ -36,54 +36,63 @@ def write_figures(
     """Write the figures of runs as .pdf and .svg, and indicators.tex.
 
     Each run has a figure of its front, in a subfolder if there are several runs; each task has one
-    that overlays its fronts, and each algorithm of a task one of the hypervolume.
-
-    Args:
-        runs: run folders, checkpoint files, or shipped policies, each with a front.
-        folder: where to write.
-        style: a name of `figures.STYLES`.
-        width: width of each figure, in inches (None: that of the style).
-
-    Raises:
-        MorlaxError: a run or its front cannot be loaded, runs of a task cannot be compared, or the
-            width is out of range.
+    that overlays its fronts, and each algorithm of a task one of the hypervolume. `style` is a name
+    of `figures.STYLES`, `width` in inches (None: that of the style).
     """
     width = WIDTHS[style] if width is None else width
     if width is not None and not NARROWEST <= width <= WIDEST:
         raise MorlaxError(
             f"the width must be from {NARROWEST:g} to {WIDEST:g} inches, not {width:g}."
         )
-    found = {name: _evaluated(run) for name, run in zip(comparison.names(runs), runs, strict=True)}
-    rows = _grouped(found)
-    tasks = {task: _of_task(rows, task) for task, _ in rows}
+    evaluations = {
+        name: Evaluated(run, load(run), load_front(run), comparison.history_of(run), {})
+        for name, run in zip(comparison.names(runs), runs, strict=True)
+    }
+    rows: dict[Row, dict[str, Evaluated]] = {}
+    tasks: dict[str, dict[str, Evaluated]] = {}
+    for name, run in evaluations.items():
+        task, algorithm = movable(run.policy.config.env), run.policy.config.algorithm
+        rows.setdefault((task, algorithm), {})[name] = run
+        tasks.setdefault(task, {})[name] = run
     for group in tasks.values():
-        policies = {name: run.policy for name, run in group.items()}
-        comparison.check_comparable(policies)
-        comparison.own_protocol(policies)
+        comparison.check_comparable({name: run.policy for name, run in group.items()})
     make_folder(folder)
+
+    def save(figure: Figure, stem: str) -> None:
+        figures.save(figure, folder / re.sub(r"[^\w.-]+", "-", stem), VECTORS)
+
     with mpl.rc_context(figures.STYLES[style]):
-        for name, run in found.items():
-            place = folder / name if len(found) > 1 else folder
-            make_folder(place)
+        for name, run in evaluations.items():
+            subfolder = folder / name if len(evaluations) > 1 else folder
+            make_folder(subfolder)
             drawn = figures.front_figure(run.front, "", width, representatives(run.front))
-            figures.save(drawn, place / "front", VECTORS)
+            figures.save(drawn, subfolder / "front", VECTORS)
         for task, group in tasks.items():
             if len(group) > 1:
-                fronts = {_label(name, run): run.front for name, run in group.items()}
-                drawn = figures.fronts_figure(fronts, "", width)
-                figures.save(drawn, folder / f"fronts-{_plain(task)}", VECTORS)
+                fronts = {f"{r.policy.config.algorithm}, {n}": r.front for n, r in group.items()}
+                save(figures.fronts_figure(fronts, "", width), f"fronts-{title(task)}")
         for (task, algorithm), group in rows.items():
             histories = [run.history for run in group.values() if run.history is not None]
             if histories:
                 drawn = figures.hypervolume_figure(histories, "", width)
-                figures.save(drawn, folder / f"hypervolume-{_plain(task)}-{algorithm}", VECTORS)
+                save(drawn, f"hypervolume-{title(task)}-{algorithm}")
     write_file(folder / "indicators.tex", latex(rows))
 
 
 def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
     """Return the table of indicators: the median and quartiles over the runs of each row."""
-    measured = {row: _quartiles(group, _of_task(rows, row[0])) for row, group in rows.items()}
-    names = list(dict.fromkeys(name for own in measured.values() for name in own))
+    rivals: dict[str, list[Front]] = {}
+    for (task, _), group in rows.items():
+        rivals.setdefault(task, []).extend(run.front for run in group.values())
+    measured: dict[Row, dict[str, Quartiles]] = {}
+    for row, group in rows.items():
+        fronts = rivals[row[0]]
+        target = comparison.union(fronts) if len(fronts) > 1 else None  # of IGD+
+        first, *others = [run.front.indicators(target) for run in group.values()]
+        shared = [name for name in first if all(name in other for other in others)]
+        indicators = [{name: one[name] for name in shared} for one in (first, *others)]
+        measured[row] = comparison.quartiles(indicators)
+    names = list(dict.fromkeys(name for values in measured.values() for name in values))
     lines = [
         "% Median [lower quartile, upper quartile] over runs; needs \\usepackage{booktabs}",
         f"\\begin{{tabular}}{{lll{'r' * len(names)}}}",
@@ -93,51 +102,10 @@ def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
     ]
     for (task, algorithm), group in rows.items():
         seeds = sorted(run.policy.config.seed for run in group.values())
-        own = measured[task, algorithm]
-        cells = [_cell(own[name], len(group)) if name in own else "--" for name in names]
+        values = measured[task, algorithm]
+        cells = [_cell(values[name], len(group)) if name in values else "--" for name in names]
         lines.append(_line([title(task), algorithm, ", ".join(map(str, seeds))], cells))
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}\n"])
-
-
-def _evaluated(run: str) -> Evaluated:
-    policy, front = load(run), load_front(run)
-    curve = find_run(run) / "metrics.csv"
-    history = History.load(curve) if curve.is_file() else None
-    return Evaluated(run, policy, front, history, {})
-
-
-def _grouped(found: Mapping[str, Evaluated]) -> dict[Row, dict[str, Evaluated]]:
-    """Return the runs of each task and algorithm, in the order in which they are named."""
-    rows: dict[Row, dict[str, Evaluated]] = {}
-    for name, run in found.items():
-        config = run.policy.config
-        rows.setdefault((movable(config.env), config.algorithm), {})[name] = run
-    return rows
-
-
-def _of_task(rows: Mapping[Row, Mapping[str, Evaluated]], task: str) -> dict[str, Evaluated]:
-    return {
-        name: run for (env, _), group in rows.items() if env == task for name, run in group.items()
-    }
-
-
-def _label(name: str, run: Evaluated) -> str:
-    return f"{run.policy.config.algorithm}, {name}"
-
-
-def _plain(task: str) -> str:
-    """Return a task's name as a part of the name of a file."""
-    return re.sub(r"[^\w.-]+", "-", title(task))
-
-
-def _quartiles(
-    group: Mapping[str, Evaluated], rivals: Mapping[str, Evaluated]
-) -> dict[str, Quartiles]:
-    """Return quartiles of the indicators that all runs have; IGD+ refers to all runs of a task."""
-    target = comparison.union([run.front for run in rivals.values()]) if len(rivals) > 1 else None
-    first, *others = [run.front.indicators(target) for run in group.values()]
-    shared = [name for name in first if all(name in other for other in others)]
-    return comparison.quartiles([{name: one[name] for name in shared} for one in (first, *others)])
 
 
 def _line(texts: Sequence[str], cells: Sequence[str] = ()) -> str:

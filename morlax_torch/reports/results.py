@@ -1,8 +1,6 @@
 """Write the results of an evaluation: fronts, figures, tables and a report."""
 
-import csv
-import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -10,14 +8,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..configuration.config import Config
+from ..configuration.files import write_yaml
 from ..envs.naming import title
 from ..evaluation import figures
+from ..evaluation.figures.colors import of_objectives
 from ..evaluation.front import Front, hypervolume_in
-from ..host.files import make_folder, write_file
+from ..host.files import make_folder, write_file, write_rows
 from ..runs.hardware import Machine
 from ..runs.progress import History
+from . import page
 from .comparison import Evaluated, quartiles
-from .page import report
 from .verdict import verdict_of
 
 MOST_NAMES = 4  # in a title
@@ -29,26 +29,24 @@ def facts(
     measures: Mapping[str, float],
     machines: Sequence[Machine] = (),
 ) -> dict[str, str]:
-    found = {
+    texts = {
         "algorithm": config.algorithm,
         "random seed": str(config.seed),
         "device": config.device or "unknown",
         "parallel worlds": f"{config.worlds:,}",
     }
     if history is not None:
-        found["environment steps"] = steps(float(history.env_steps[-1]))
-        found["training time"] = duration(float(history.train_seconds[-1]))
+        texts["environment steps"] = steps(float(history.env_steps[-1]))
+        texts["training time"] = duration(float(history.train_seconds[-1]))
     name = hypervolume_in(measures)
-    found[name.replace("_", ", ")] = f"{measures[name]:.4g}"
-    if machines:
-        found["trained on"] = in_order(machine.hardware() for machine in machines)
-        found["trained with"] = in_order(machine.software() for machine in machines)
-    return found
-
-
-def in_order(names: Iterable[str]) -> str:
-    """Join names, each as often as it follows another one."""
-    return "; then ".join(name for name, _ in groupby(names))
+    texts[name.replace("_", ", ")] = f"{measures[name]:.4g}"
+    if machines:  # each named as often as it follows another one
+        for key, parts in (
+            ("trained on", [machine.hardware() for machine in machines]),
+            ("trained with", [machine.software() for machine in machines]),
+        ):
+            texts[key] = "; then ".join(part for part, _ in groupby(parts))
+    return texts
 
 
 def steps(number: float) -> str:
@@ -67,7 +65,7 @@ def duration(seconds: float) -> str:
 
 
 def write(
-    found: Mapping[str, Evaluated],
+    evaluations: Mapping[str, Evaluated],
     folder: Path,
     about: str,
     typed: str,
@@ -75,69 +73,96 @@ def write(
 ) -> None:
     """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
 
-    For the arguments see `report`.
+    `about` says how runs, by name, were evaluated, `typed` is the command line, and `portrait` a
+    picture of the robot as PNG.
     """
     drawn: list[tuple[str, Figure]] = []
     fronts: dict[str, Figure] = {}
-    several = len(found) > 1
-    task = title(next(iter(found.values())).policy.config.env)
-    histories = [run.history for run in found.values() if run.history is not None]
-    counted = {run.policy.config.evaluation.protocol for run in found.values()}
+    runs, several = list(evaluations.values()), len(evaluations) > 1
+    task = title(runs[0].policy.config.env)
+    histories = [run.history for run in runs if run.history is not None]
     make_folder(folder)
     if several:
-        overlaid = figures.fronts_figure({name: run.front for name, run in found.items()}, task)
+        overlaid = figures.fronts_figure({n: run.front for n, run in evaluations.items()}, task)
         figures.save(overlaid, folder / "fronts")
         drawn.append(
             ("Fronts of all runs, without policies dominated within their own run.", overlaid)
         )
-    if histories and len(counted) == 1:
+    if histories and len({run.policy.config.evaluation.protocol for run in runs}) == 1:
         curves = figures.hypervolume_figure(histories, task)
         figures.save(curves, folder / "hypervolume")
         drawn.append(("Hypervolume during training.", curves))
-    for name, run in found.items():
-        place = folder / name if several else folder
-        make_folder(place)
-        run.front.save(place / "front.npz")
-        write_rows(place / "front.csv", front_rows(run.front))
+    for name, run in evaluations.items():
+        subfolder = folder / name if several else folder
+        make_folder(subfolder)
+        run.front.save(subfolder / "front.npz")
+        write_rows(subfolder / "front.csv", front_rows(run.front))
+        fronts[name] = figures.front_figure(run.front, f"{task}: {name}")
+        figures.save(fronts[name], subfolder / "front")
         for stem, caption, figure in pictures(run.front, f"{task}: {name}"):
-            figures.save(figure, place / stem)
-            if stem == "front":
-                fronts[name] = figure
-            else:
-                drawn.append((f"{name}: {caption}", figure))
-    summary = quartiles([run.measures for run in found.values()]) if several else {}
-    write_rows(folder / "indicators.csv", indicator_rows(found))
+            figures.save(figure, subfolder / stem)
+            drawn.append((f"{name}: {caption}", figure))
+    summary = quartiles([run.measures for run in runs]) if several else {}
+    rows: list[list] = [["run", "path", "env", "seed", *runs[0].measures]]
+    for name, run in evaluations.items():
+        config = run.policy.config
+        rows.append([*map(cell, (name, run.path, config.env)), config.seed, *run.measures.values()])
+    write_rows(folder / "indicators.csv", rows)
     if several:
         heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
-        rows = ([name, *three, len(found)] for name, three in summary.items())
-        write_rows(folder / "summary.csv", [heads, *rows])
-    heading = f"{task}: {', '.join(found) if len(found) <= MOST_NAMES else f'{len(found)} runs'}"
-    known = {
+        quarters = ([name, *three, len(runs)] for name, three in summary.items())
+        write_rows(folder / "summary.csv", [heads, *quarters])
+    number = len(runs)
+    heading = f"{task}: {', '.join(evaluations) if number <= MOST_NAMES else f'{number} runs'}"
+    told = {
         name: {"checkpoint": run.front.checkpoint}
         | facts(run.policy.config, run.history, run.measures, run.machines)
-        for name, run in found.items()
+        for name, run in evaluations.items()
     }
-    said = verdict_of(found)
-    text = report(heading, said, about, typed, found, summary, fronts, drawn, known, portrait)
-    write_file(folder / "report.html", text)
+    settings = dict.fromkeys(name for texts in told.values() for name in texts)
+    indicators = []
+    for name in runs[0].measures:
+        cells = [page.number(run.measures[name]) for run in runs]
+        if several:
+            low, median, high = map(page.number, summary[name])
+            cells += [median, f"{low} - {high}"]
+        indicators.append([page.words(name), *cells, page.meaning(name)])
+    objectives = runs[0].front.objectives
+    report = page.rendered(
+        "report.html",
+        title=heading,
+        verdict=verdict_of(evaluations),
+        about=about,
+        command=typed,
+        colors=dict(zip(objectives, of_objectives(len(objectives)), strict=True)),
+        fronts={n: page.front_part(run.front, fronts[n]) for n, run in evaluations.items()},
+        # an <img> keeps the ids of one SVG apart from those of the others
+        figures=[
+            (caption, page.data_url("svg+xml", page.svg(figure).encode()), page.width(figure))
+            for caption, figure in drawn
+        ],
+        runs=told,
+        settings=[[name, *(texts.get(name, "") for texts in told.values())] for name in settings],
+        portrait=portrait and page.data_url("png", portrait),
+        configs={name: write_yaml(run.policy.config) for name, run in evaluations.items()},
+        heads=["", *evaluations, *(("median", "quartiles") if several else ()), ""],
+        indicators=indicators,
+    )
+    write_file(folder / "report.html", report)
 
 
 def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
-    """Return file name, caption and figure of every picture of one front."""
-    reached = "returns of every trade-off, colored by trade-off."
+    """Return file name, caption and figure of every picture of one front beside that of itself."""
     asked = "return of each objective against the trade-off."
-    found = [
-        ("front", reached, figures.front_figure(front, title)),
-        ("returns", asked, figures.returns_figure(front, title)),
-    ]
+    drawn = [("returns", asked, figures.returns_figure(front, title))]
     if len(front.objectives) > 3:
         lines, best = len(figures.shown_lines(front)), int(front.non_dominated.sum())
         caption = f"the front, one line per policy: {lines} of {best}."
-        found.append(("parallel", caption, figures.parallel_figure(front, title)))
+        drawn.append(("parallel", caption, figures.parallel_figure(front, title)))
     if front.quantities is not None:
         caption = "what each policy does, in physical units, colored by trade-off."
-        found.append(("quantities", caption, figures.quantities_figure(front, title)))
-    return found
+        drawn.append(("quantities", caption, figures.quantities_figure(front, title)))
+    return drawn
 
 
 def front_rows(front: Front) -> list[list]:
@@ -154,20 +179,6 @@ def front_rows(front: Front) -> list[list]:
     return [heads, *([*row, *(f"{mark:g}" for mark in some)] for row, some in pairs)]
 
 
-def indicator_rows(found: Mapping[str, Evaluated]) -> list[list]:
-    rows: list[list] = [["run", "path", "env", "seed", *next(iter(found.values())).measures]]
-    for name, run in found.items():
-        config = run.policy.config
-        rows.append([*map(cell, (name, run.path, config.env)), config.seed, *run.measures.values()])
-    return rows
-
-
 def cell(name: str) -> str:
     """Quote a name that a spreadsheet would run as a formula."""
     return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r")) else name
-
-
-def write_rows(path: Path, rows: Iterable[Sequence]) -> None:
-    text = io.StringIO()
-    csv.writer(text).writerows(rows)
-    write_file(path, text.getvalue())

@@ -1,6 +1,5 @@
 """Say in a sentence or two how good a front is, and what to do next."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -20,29 +19,24 @@ BELOW = 0.05  # of a suggested reference point: distance to the worst return, as
 FEWEST = 4  # evaluations that show whether the hypervolume still rises
 
 
-def verdict_of(found: Mapping[str, Evaluated]) -> str:
+def verdict_of(runs: Mapping[str, Evaluated]) -> str:
     """Return the verdict on a run, or of several runs on the one with the highest hypervolume."""
-    best = max(found, key=lambda name: found[name].front.hypervolume)
-    said = verdict(found[best].front, found[best].history)
-    if len(found) == 1:
-        return said
-    return f"Of {len(found)} runs, {best} has the highest hypervolume. {said}"
+    name, run = max(runs.items(), key=lambda item: item[1].front.hypervolume)
+    which = f"Of {len(runs)} runs, {name} has the highest hypervolume. " if len(runs) > 1 else ""
+    return which + verdict(run.front, run.history)
 
 
 def verdict(front: Front, history: History | None) -> str:
-    """Return what the data say about a front, the most serious finding first.
-
-    Args:
-        front: the evaluated front.
-        history: the training curve of its run (None: unknown).
-    """
+    """Return what the data say about a front, the most serious finding first."""
     rising = None if history is None else _rising(history)
-    problem = _problem(front)
-    if (nothing := unreached(front)) is not None:
-        return f"{nothing}." if problem else f"{nothing}. {_gain(front)}."
-    if problem is not None:
-        return f"{problem}. {rising}." if rising else f"{problem}."
-    return f"{_gain(front)}. {rising}: {LONGER}." if rising else f"{_gain(front)}."
+    problem, nothing = _problem(front), unreached(front)
+    if nothing is not None:
+        said = [nothing] if problem else [nothing, _gain(front)]
+    elif problem is not None:
+        said = [problem, rising]
+    else:
+        said = [_gain(front), rising and f"{rising}: {LONGER}"]
+    return " ".join(f"{sentence}." for sentence in said if sentence)
 
 
 def _problem(front: Front) -> str | None:
@@ -52,21 +46,21 @@ def _problem(front: Front) -> str | None:
     if best == 0:
         return "No policy has finite returns: check the rewards of the task"
     if (rate := _fall_rate(front)) > MOST_FALLS:
-        fail = "Every episode fails" if rate == 1 else _falls(rate)
+        fail = "Every episode fails" if rate == 1 else f"{100 * rate:.3g} % of the episodes fail"
         return f"{fail}: {LONGER}{_failing_pays(front)}"
     if best < K and best <= max(len(front.objectives), FEW * K):
         are = "policies is" if best == 1 else "policies are"
         return f"Only {best} of {K} {are} non-dominated: {remedy}"
-    if narrow := _narrow(front):
-        return f"The returns of the front hardly differ in {' and '.join(narrow)}: {remedy}"
+    returns = front.returns[front.non_dominated]
+    narrow = np.ptp(returns, axis=0) <= NARROW * np.abs(returns.max(0) - front.reference_point)
+    if narrow.any():
+        names = " and ".join(np.array(front.objectives)[narrow])
+        return f"The returns of the front hardly differ in {names}: {remedy}"
     return None
 
 
 def unreached(front: Front) -> str | None:
-    """Say that no policy exceeds the reference point, and which one would be right.
-
-    None if a policy does, or if no policy has finite returns.
-    """
+    """Say that no policy exceeds the reference point, and which one would be right, if so."""
     returns = front.returns[np.isfinite(front.returns).all(1)]
     if not len(returns) or (returns > front.reference_point).all(1).any():
         return None
@@ -79,7 +73,7 @@ def unreached(front: Front) -> str | None:
         return f"{said}: use --evaluation.protocol latched{_failing_pays(front)}"
     worst = returns.min(0)
     size = np.maximum(np.abs(worst), np.ptp(returns, axis=0))
-    lower = [_rounded_down(x - BELOW * (s or 1.0)) for x, s in zip(worst, size, strict=True)]
+    lower = [float(f"{x:.3g}") for x in worst - BELOW * np.where(size > 0, size, 1.0)]
     right = np.where(worst > front.reference_point, front.reference_point, lower)
     return (
         f"{said}: train with --task.reference-point {' '.join(map(_plain, right))}, slightly below "
@@ -90,19 +84,13 @@ def unreached(front: Front) -> str | None:
 def _failing_pays(front: Front) -> str:
     """Add a sentence if returns are negative and episodes can end early."""
     finite = front.returns[np.isfinite(front.returns).all(1)]
-    costs = [name for name, own in zip(front.objectives, finite.T, strict=True) if own.max() < 0]
+    costs = [name for name, most in zip(front.objectives, finite.max(0), strict=True) if most < 0]
     if not costs or _fall_rate(front) == 0:
         return ""
     return (
         f". All returns of {' and '.join(costs)} are negative and some episodes fail, so failing "
         "early pays: reward every step, as the term alive of some tasks does"
     )
-
-
-def _rounded_down(value: float) -> float:
-    """Return the next lower number of two digits."""
-    digits = 1 - math.floor(math.log10(abs(value))) if value else 0
-    return round(math.floor(value * 10.0**digits) / 10.0**digits, digits)
 
 
 def _plain(value: float) -> str:
@@ -112,18 +100,6 @@ def _plain(value: float) -> str:
 
 def _fall_rate(front: Front) -> float:
     return 0.0 if front.falls is None else float(front.falls.mean())
-
-
-def _falls(rate: float) -> str:
-    return f"{100 * rate:.3g} % of the episodes fail"
-
-
-def _narrow(front: Front) -> list[str]:
-    """Return the objectives in which the front has hardly any extent."""
-    returns = front.returns[front.non_dominated]
-    height = np.abs(returns.max(0) - front.reference_point)
-    narrow = np.ptp(returns, axis=0) <= NARROW * height
-    return [name for name, own in zip(front.objectives, narrow, strict=True) if own]
 
 
 def _gain(front: Front) -> str:
@@ -137,14 +113,14 @@ def _gain(front: Front) -> str:
         f"policy of {names[one]} to that of {names[other]}, {changes}"
     )
     rate = _fall_rate(front)
-    return f"{offer}; {_falls(rate)}" if rate > SOME_FALLS else offer
+    return f"{offer}; {100 * rate:.3g} % of the episodes fail" if rate > SOME_FALLS else offer
 
 
 def _change(name: str, start: float, end: float) -> str:
     """Say how a return changes; a share only of positive returns, where it means something."""
     moves = "rises" if end > start else "falls"
-    share = f"by {abs(end / start - 1):.0%}".replace("%", " %") if start > 0 and end > 0 else ""
-    return " ".join(filter(None, [name, moves, share, f"({start:,.4g} to {end:,.4g})"]))
+    share = f" by {100 * abs(end / start - 1):.0f} %" if start > 0 and end > 0 else ""
+    return f"{name} {moves}{share} ({start:,.4g} to {end:,.4g})"
 
 
 def _rising(history: History) -> str | None:
@@ -156,8 +132,6 @@ def _rising(history: History) -> str | None:
     if best[-1] <= best[index] * (1 + RISING):
         return None
     share = (steps[-1] - steps[index]) / (steps[-1] - steps[0])
-    gain = (
-        f"by {best[-1] / best[index] - 1:.0%}".replace("%", " %") if best[index] > 0 else "from 0"
-    )
+    gain = f"by {100 * (best[-1] / best[index] - 1):.0f} %" if best[index] > 0 else "from 0"
     end = "quarter" if share < 0.3 else f"{100 * share:.0f} %"
     return f"The hypervolume still rose {gain} over the last {end} of training"

@@ -6,7 +6,7 @@ import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Annotated, Any, Self
 
 import torch
 from pydantic import (
@@ -25,28 +25,28 @@ from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, explained, shortened
-from ..envs.naming import is_file, movable
+from ..envs.naming import movable
 from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import check_objectives
 from ..host.files import AnyPath, read, write_file
 from .progress import Progress
-from .references import code_of, localized, model_changes, model_of, warn_of_changes
+from .references import check_model, code_of, localized, model_of
 
 FORMAT = 2
 POLICY = ("actor.", "observation_normalizer.")  # beginnings of the names of what policies need
 MOST_ITERATIONS = 2**53  # a float still counts them exactly
+Size = Annotated[int, Field(ge=1, le=2**24)]
 
 
 class Task(BaseModel):
     """The sizes of a task, which do not depend on its code."""
 
     objectives: tuple[str, ...]
-    observation_size: int = Field(ge=1, le=2**24)
-    action_size: int = Field(ge=1, le=2**24)
+    observation_size: Size
+    action_size: Size
     privileged_size: int = Field(default=0, ge=0, le=2**24)
     designs: dict[str, DesignParameter] = {}
-    model_fingerprint: dict[str, str] = {}
-    """Of the MuJoCo model, see `references.model_of`; empty: unknown."""
+    model_fingerprint: dict[str, str] = {}  # see `references.model_of`; empty: unknown
 
     @classmethod
     def of(cls, env: Worlds) -> Self:
@@ -55,7 +55,7 @@ class Task(BaseModel):
 
     @field_validator("objectives")
     @classmethod
-    def _plain(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+    def _check_names(cls, names: tuple[str, ...]) -> tuple[str, ...]:
         check_objectives(names)
         return names
 
@@ -68,13 +68,11 @@ class Contents(BaseModel):
     format: int
     config: dict[str, Any]
     environment: Task
+    # parameter shapes of user-made networks: network -> parameter -> shape
     own_networks: dict[str, dict[str, list[NonNegativeInt]]] = {}
-    """Parameter shapes of user-made networks: network -> parameter -> shape."""
     progress: Progress = Progress()
-    learner: dict[str, Any] | None = None
-    """`Learner.state_dict()`, with the agent's tensors by name as "agent"."""
-    policy: dict[str, Tensor] | None = None
-    """The agent's tensors without critics, instead of a learner."""
+    learner: dict[str, Any] | None = None  # its `state_dict`, with the agent's tensors as "agent"
+    policy: dict[str, Tensor] | None = None  # instead: the agent's tensors without critics
 
     @property
     def agent(self) -> dict[str, Tensor]:
@@ -90,22 +88,13 @@ class Contents(BaseModel):
         agent = self.policy if self.learner is None else self.learner.get("agent")
         if not isinstance(agent, dict) or not all(isinstance(v, Tensor) for v in agent.values()):
             raise ValueError("a learner needs an agent, which consists of tensors by name")
-        for name, value in agent.items():
-            _check_finite(name, value)
+        check_state(agent, agent, "agent")
         return self
 
 
-def _check_finite(name: str, value: Tensor) -> None:
-    if value.is_floating_point() and not value.isfinite().all():
-        raise ValueError(f"{name} is not finite")
-
-
 def snapshot(learner: Learner) -> dict[str, Any]:
-    """Copy the whole state of a learner to the CPU, so that any thread can write it later.
-
-    All processes of the learner's group must call it.
-    """
-    state, group = _on_cpu(learner.state_dict()), learner.group
+    """Copy the whole state of a learner to the CPU; all processes of its group must call it."""
+    group, state = learner.group, _on_cpu(learner.state_dict())
     if group.size > 1:
         _, *state["processes"] = group.gather({name: state[name] for name in learner.per_process})
     return {
@@ -115,10 +104,6 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "learner": state,
     }
 
-
-def _on_cpu(state: Any) -> Any:
-    if isinstance(state, Tensor):
-        return state.cpu()
     if isinstance(state, dict):
         return {name: _on_cpu(value) for name, value in state.items()}
     if isinstance(state, list | tuple):
@@ -126,8 +111,15 @@ def _on_cpu(state: Any) -> Any:
     return state
 
 
+def _on_cpu(state: Any) -> Any:
+    if isinstance(state, dict):
+        return {name: _on_cpu(value) for name, value in state.items()}
+    if isinstance(state, list | tuple):
+        return type(state)(map(_on_cpu, state))
+    return state.cpu() if isinstance(state, Tensor) else state
+
+
 def save(path: Path, learner: Learner, progress: Progress) -> None:
-    """Write the whole state of a learner and the run's counters, atomically."""
     write(path, snapshot(learner), progress)
 
 
@@ -140,11 +132,7 @@ def write(path: AnyPath, contents: dict[str, Any], progress: Progress | None = N
 
 
 def load(path: Path) -> Contents:
-    """Read a file that `save` or `write` wrote, to the CPU.
-
-    Raises:
-        MorlaxError: there is no file, it is damaged or not a checkpoint, or it has another format.
-    """
+    """Read a file that `write` wrote, to the CPU."""
     data = io.BytesIO(read(path, "checkpoint"))
     try:
         _check_sums(data)
@@ -182,22 +170,16 @@ def _check_sums(data: IO[bytes]) -> None:
 
 
 def read_config(contents: Contents, path: Path) -> Config:
-    """Return the config of a checkpoint that was read from `path`.
-
-    Raises:
-        MorlaxError: a value is wrong, the task has moved, or the config names code that is not
-            trusted.
-    """
-    task, missing = contents.config["env"], ""
-    values = localized(contents.config, folder_of(path))
-    file, colon, member = task.rpartition(":")
-    if is_file(task) and colon and not os.path.isfile(file):
+    """Return the config of a checkpoint that was read from `path`, if its code is trusted."""
+    values, missing = localized(contents.config, folder_of(path)), ""
+    file, _, member = contents.config["env"].rpartition(":")
+    if file.endswith(".py") and not os.path.isfile(file):
         missing = f"there is no file {file}, which should define the task {member}"
-    if missing and values["env"] == task:
-        raise MorlaxError(
-            f"{missing} of {path}: name it where it is now, --env FILE.py:{member}, or from Python "
-            "load(..., env=...)."
-        )
+        if values["env"] == contents.config["env"]:
+            raise MorlaxError(
+                f"{missing} of {path}: name it where it is now, --env FILE.py:{member}, or from "
+                "Python load(..., env=...)."
+            )
     try:
         for name in code_of(values):
             envs.check_trusted(name, path)
@@ -233,13 +215,7 @@ def fingerprint(agent: Mapping[str, Tensor]) -> str:
 
 
 def restore(contents: Contents, path: Path, learner: Learner) -> bool:
-    """Load a checkpoint's contents into `learner`; returns whether the robot's model changed.
-
-    Worlds that are not resumable start anew, and so do all if another number of processes trained.
-
-    Raises:
-        MorlaxError: it has another task or another size, or holds only policies.
-    """
+    """Load a checkpoint's contents into `learner`; returns whether the robot's model changed."""
     config, task = learner.config, contents.config["env"]
     if contents.learner is None:
         raise MorlaxError(f"{path} holds only policies, so training cannot continue from it.")
@@ -249,8 +225,7 @@ def restore(contents: Contents, path: Path, learner: Learner) -> bool:
         stored = getattr(contents.environment, name)
         if name != "model_fingerprint" and stored != value:
             raise MorlaxError(f"{path} has {name} {stored}, but the task has {value}.")
-    changes = model_changes(contents.environment.model_fingerprint, model_of(learner.env))
-    warn_of_changes(changes, path)
+    changed = check_model(contents.environment.model_fingerprint, model_of(learner.env), path)
     sizes = config.model_dump(mode="json", include={"worlds", "network"})
     trained = {name: contents.config.get(name) for name in sizes}
     if trained != sizes:
@@ -265,15 +240,14 @@ def restore(contents: Contents, path: Path, learner: Learner) -> bool:
         if len(processes) == learner.group.size:
             state |= processes[learner.group.rank]
         else:
+            # another number of processes trained, so worlds start anew
             state |= {name: current[name] for name in learner.per_process}
         check_state(state, current)
         learner.load_state_dict(state)
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise MorlaxError(
-            f"the state in {path} does not fit this learner: {reason[:LONGEST]}."
-        ) from None
-    return bool(changes)
+        reason = " ".join(str(error).split())[:LONGEST]
+        raise MorlaxError(f"the state in {path} does not fit this learner: {reason}.") from None
+    return changed
 
 
 def check_networks(stored: dict[str, Any], passed: dict[str, Any], path: Path) -> None:
@@ -294,15 +268,9 @@ def check_networks(stored: dict[str, Any], passed: dict[str, Any], path: Path) -
 
 
 def check_state(stored: object, current: object, name: str = "state", listed: bool = False) -> None:
-    """Check a state that a learner is about to load.
-
-    Keys that only one of both has are left to the learner, which knows what it can do without.
-    Tensors in lists (`listed`) may have another length.
-
-    Raises:
-        ValueError: a value has another type or shape, or is not finite.
-    """
+    """Raise ValueError unless a stored state has current types and shapes, and finite numbers."""
     if isinstance(current, dict) and isinstance(stored, dict):
+        # of keys that only one of both has, the learner knows what it can do without
         for key in current.keys() & stored.keys():
             check_state(stored[key], current[key], f"{name}.{key}")
     elif isinstance(current, list) and isinstance(stored, list):
@@ -319,7 +287,8 @@ def check_state(stored: object, current: object, name: str = "state", listed: bo
                 f"{name} is {stored.dtype} {tuple(stored.shape)} instead of "
                 f"{current.dtype} {tuple(current.shape)}"
             )
-        _check_finite(name, stored)
+        if stored.is_floating_point() and not stored.isfinite().all():
+            raise ValueError(f"{name} is not finite")
     elif type(current) is not type(stored) or (
         isinstance(stored, int) and not 0 <= stored <= MOST_ITERATIONS
     ):

@@ -97,14 +97,10 @@ def choose(
 
 
 class Chooser:
-    """Chooses trade-offs of a policy by simulation on its device.
+    """Chooses trade-offs of a policy by simulation on its device, starting from a front, if any.
 
-    It starts from an evaluated front; without one, or if the front lacks a required quantity, it
-    simulates some trade-offs first. It chooses from the front alone if there is no policy, or if
-    the task needs a GPU and the policy is on a CPU.
-
-    Raises:
-        MorlaxError: `seeds` is given, and nothing is simulated.
+    Without a policy, or if the task needs a GPU and the policy is on a CPU, it chooses from the
+    front alone.
     """
 
     def __init__(
@@ -178,9 +174,7 @@ class Chooser:
     def _best(self, candidates: "Candidates") -> tuple[int, np.ndarray, float]:
         """Return the best final candidate that keeps the requirements, and its values (m + q,).
 
-        The last number is the most of the maximized value without requirements. Of a random task,
-        the candidates that a few episodes show as the best are also the luckiest, so other episodes
-        decide.
+        The last number is the most of the maximized value without requirements.
         """
         source = "simulated" if self._evaluator else "evaluated"
         ranked, free = candidates.ranked(source), candidates.unconstrained()
@@ -215,19 +209,13 @@ class Chooser:
 
 
 class Candidates:
-    """Trade-offs with known values, and the ones between them.
+    """Trade-offs (K, m) with known values (K, m + q), and the ones between them.
 
-    Values of a trade-off that was not simulated are promises: evaluated, or interpolated between
-    two neighbors. They are wrong by about as much as neighbors differ. A candidate's score is the
-    probability that it keeps every requirement and gains on the best simulated one, if errors are
-    independent and normal (constrained probability of improvement, as in Bayesian optimization).
-
-    Trade-offs, on the simplex, are (K, m), and values (K, m + q); `final` says whether the values
-    are those of the simulation, so that the trade-off may be chosen. A trade-off whose values are
-    not finite is passed over: the trade-offs on both sides of it count as neighbors.
-
-    Raises:
-        MorlaxError: no values are finite, or the margin is out of range.
+    Values of a trade-off that was not simulated (not `final`) are promises: evaluated, or
+    interpolated between two neighbors. They are wrong by about as much as neighbors differ. A
+    candidate's score is the probability that it keeps every requirement and gains on the best
+    simulated one, if errors are independent and normal (constrained probability of improvement, as
+    in Bayesian optimization). A trade-off whose values are not finite is passed over.
     """
 
     def __init__(
@@ -258,11 +246,7 @@ class Candidates:
             self.final = np.append(self.final, True)
 
     def propose(self, number: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return up to `number` trade-offs (n, m), promises (n, m + q) and the best's chance.
-
-        There is at most one between each two neighbors, and one for equal values, so that the
-        trade-offs are not all in one place.
-        """
+        """Return up to `number` trade-offs (n, m), promises (n, m + q) and the best's chance."""
         tradeoffs, promised, errors = self._pool()
         scores = self._scores(promised, errors)
         order = (-scores).argsort(kind="stable")
@@ -364,15 +348,10 @@ class Trial(NamedTuple):
 
 
 def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str, Trial]:
-    """Simulate a trade-off (m,) under conditions that training may not have had.
+    """Simulate a trade-off (m,) on the policy's device under conditions unlike training's, by name.
 
-    Only the options of this package's own kind of robot can be changed: other tasks are simulated
-    as usual. Conditions in which a task's worlds cannot differ are left out.
-
-    Args:
-        policy: simulated on its device.
-        tradeoff: not negative.
-        seed: random seed of the worlds.
+    Only tasks of this package's kind can be changed, and conditions that a task cannot vary are
+    left out.
     """
     task = policy.config.task.for_evaluation()
     tasks = {USUAL: task}
@@ -406,7 +385,6 @@ def _lacks_gpu(policy: Policy) -> bool:
 
 
 def _evaluator(policy: Policy, tradeoffs: int, seeds: int, seed: int) -> Evaluator:
-    """Make the evaluator of so many trade-offs at once on the policy's device."""
     device = str(policy.agent.observation_normalizer.mean.device)
     config = policy.config.model_copy(update={"device": device, "backend": None})
     env = evaluation_worlds(config, tradeoffs, seeds, seed)

@@ -65,11 +65,7 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
     """Write the policies of a run's best checkpoint, their front, config and training curve.
 
     The folder, new or empty, gets the shape of a run, so every command accepts it, but training
-    cannot continue from it, because critic and optimizers are missing. Returns the front, which
-    `device` evaluates if the run has none.
-
-    Raises:
-        MorlaxError: there is no such run, or `output` is in use or cannot be written.
+    cannot continue from it. Returns the front, which `device` evaluates if the run has none.
     """
     source, policy = find_run(run), load(run)
     machines = read_machines(source)

@@ -29,12 +29,9 @@ PACKAGES = {  # by Worlds.simulator
 class Machine(BaseModel):
     """The hardware and software of one or more sessions of training."""
 
-    device: str
-    """Name of the GPU, or of the CPU if it trained."""
-    processes: int = Field(default=1, ge=1)
-    """How many trained together, each on a device of its own."""
-    cores: int
-    """CPU cores that a process may use."""
+    device: str  # name of the GPU, or of the CPU if it trained
+    processes: int = Field(default=1, ge=1)  # that trained together, each on its own device
+    cores: int  # of the CPU, that a process may use
     torch: str
     simulator: str
 
@@ -60,11 +57,8 @@ class Machine(BaseModel):
         return f"PyTorch {self.torch}, {self.simulator}"
 
 
-class Machines(BaseModel):
-    """The contents of hardware.yaml."""
-
+class _Machines(BaseModel):
     machines: list[Machine] = Field(min_length=1)
-    """In the order in which they trained the run."""
 
 
 def read_machines(folder: Path) -> list[Machine]:
@@ -73,13 +67,13 @@ def read_machines(folder: Path) -> list[Machine]:
     if not path.exists():
         return []
     try:
-        return Machines.model_validate(read_yaml(path, "record", "machines: []")).machines
+        return _Machines.model_validate(read_yaml(path, "record", "machines: []")).machines
     except ValidationError as error:
-        raise MorlaxError(f"{path} is damaged: {explained(error, Machines)}") from None
+        raise MorlaxError(f"{path} is damaged: {explained(error, _Machines)}") from None
 
 
 def write_machines(folder: Path, machines: list[Machine]) -> None:
-    write_file(folder / FILE, write_yaml(Machines(machines=machines)))
+    write_file(folder / FILE, write_yaml(_Machines(machines=machines)))
 
 
 def device_name(device: torch.device) -> str:

@@ -1,7 +1,7 @@
 """Find runs and checkpoints, load or save their policies, fronts and bookmarks, start from them."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,18 +20,8 @@ from ..host.files import AnyPath, read, write_file
 from ..networks.agent import Sizes, agent_class
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
-from . import checkpoint
+from . import checkpoint, references
 from .checkpoint import POLICY, Task
-from .references import (
-    NAMES_CODE,
-    code_of,
-    compared,
-    localized,
-    model_changes,
-    model_of_task,
-    name_task,
-    warn_of_changes,
-)
 
 RUNS, SHIPPED = Path("runs"), Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
@@ -70,9 +60,6 @@ def find_run(run: AnyPath) -> Path:
 
     A folder of runs, such as runs/ant, stands for its newest run, and "latest" for the newest of
     all in runs/. A folder with a shipped name is only meant if it is a run, not an export of it.
-
-    Raises:
-        MorlaxError: there is no such run.
     """
     path = named_run(run)
     if path.is_file():
@@ -95,11 +82,7 @@ def own_folder(run: AnyPath) -> Path | None:
 
 
 def find_checkpoint(run: AnyPath) -> Path:
-    """Return the best checkpoint of a run or shipped policy, or the checkpoint file itself.
-
-    Raises:
-        MorlaxError: there is no such run, or it has no checkpoint.
-    """
+    """Return the best checkpoint of a run or shipped policy, or the checkpoint file itself."""
     if Path(run).is_file():
         return Path(run)
     folder = find_run(run)
@@ -152,22 +135,22 @@ def load(
         raise MorlaxError(f"the networks in {path} do not fit its config: {reason}.") from None
     policy = Policy(agent.to(device), config, task.objectives)
     policy.model_fingerprint = task.model_fingerprint
-    warn_of_changes(_model_changes(policy), path)
+    _has_other_model(policy, path, warn=True)
     return policy
 
 
-def _model_changes(policy: Policy) -> str:
-    """Return in which parts the model is not the one that a policy was trained with, or ""."""
+def _has_other_model(policy: Policy, path: Path, warn: bool = False) -> bool:
     stored, config = dict(policy.model_fingerprint), policy.config
-    if not stored:
-        return ""
-    return model_changes(stored, model_of_task(envs.get(config.env), config.task))
+    current = references.model_of_task(envs.get(config.env), config.task) if stored else {}
+    return references.check_model(stored, current, path, warn)
 
 
 def is_changed(run: AnyPath, policy: Policy) -> bool:
     """Return whether the task of a run's policy has changed since it was trained, if known."""
-    copies = checkpoint.folder_of(find_checkpoint(run)) / NAMES_CODE["env"]
-    return bool(_model_changes(policy) or compared(policy.config.env, copies.resolve())[1])
+    path = find_checkpoint(run)
+    copies = checkpoint.folder_of(path) / references.NAMES_CODE["env"]
+    _, changed = references.compared(policy.config.env, copies.resolve())
+    return bool(changed) or _has_other_model(policy, path)
 
 
 def objectives_of(run: AnyPath) -> tuple[str, ...]:
@@ -178,19 +161,16 @@ def objectives_of(run: AnyPath) -> tuple[str, ...]:
 def trust_run(run: AnyPath, trust: bool = True, env: str | None = None) -> None:
     """Allow runs to name the code that this run names, in this process, if `trust`.
 
-    `env`: FILE.py:CLASS of the run's task, where it is now, from now on.
-
-    Raises:
-        MorlaxError: there is no such run, or its task is another one.
+    `env`: FILE.py:CLASS of the run's task, where it is now.
     """
     if not trust and env is None:
         return
     path = find_checkpoint(run)
     config, folder = checkpoint.load(path).config, checkpoint.folder_of(path)
     if env is not None:
-        name_task(folder, config["env"], env)
+        references.name_task(folder, config["env"], env)
     if trust:
-        for name in code_of(localized(config, folder)):
+        for name in references.code_of(references.localized(config, folder)):
             envs.trust(name)
 
 
@@ -200,22 +180,22 @@ def save(policy: Policy, path: AnyPath) -> None:
     Raises:
         MorlaxError: the file cannot be written.
     """
-    agent, networks = policy.agent, policy.agent.own_networks()
+    networks = policy.agent.own_networks()
     networks.pop("critic", None)
-    state = agent.state_dict()
+    state = policy.agent.state_dict().items()
     task = Task(
         objectives=policy.objectives,
-        observation_size=agent.observation_size,
-        action_size=agent.action_size,
-        privileged_size=agent.privileged_size,
-        designs=agent.designs,
+        observation_size=policy.agent.observation_size,
+        action_size=policy.agent.action_size,
+        privileged_size=policy.agent.privileged_size,
+        designs=policy.agent.designs,
         model_fingerprint=dict(policy.model_fingerprint),
     )
     contents = {
         "config": policy.config.model_dump(mode="json"),
         "environment": task.model_dump(mode="json"),
         "own_networks": networks,
-        "policy": {name: value for name, value in state.items() if name.startswith(POLICY)},
+        "policy": {name: value for name, value in state if name.startswith(POLICY)},
     }
     checkpoint.write(path, contents)
 
@@ -223,14 +203,7 @@ def save(policy: Policy, path: AnyPath) -> None:
 def load_front(run: AnyPath) -> Front:
     """Load the front of the policies that `load` loads.
 
-    The front's `checkpoint` names the file whose policies reached its returns, such as "best.pt".
-
-    Args:
-        run: a run's folder, a checkpoint file, or a shipped name.
-
-    Raises:
-        MorlaxError: there is no such run, it has no front, the front is damaged, is of another
-            checkpoint, or counts returns by another protocol than the run.
+    Its `checkpoint` names the file whose policies reached its returns, such as "best.pt".
     """
     path = find_checkpoint(run)
     file = checkpoint.front_path(path)
@@ -300,15 +273,10 @@ def tradeoff_of(text: str, run: AnyPath, objectives: Sequence[str]) -> tuple[flo
 def start_from(run: str, learner: Learner) -> None:
     """Copy another run's actor and observation normalizer into `learner`, in place.
 
-    The learner may have designs although the run has one body: all bodies start with its policies.
-    The learner may have objectives that the run lacks. The policy of a trade-off is then the run's
-    policy for the weights of the run's own objectives, each plus an even share of the weights of
-    the others, and the critic starts anew. With the same objectives, a critic of the same size is
-    copied too. All processes of the learner's group must call it; they start with what the first
-    one read.
-
-    Raises:
-        MorlaxError: there is no such run, it has another objective, or its networks do not fit.
+    All bodies of its designs start with the run's policies. If the learner has more objectives, the
+    policy of a trade-off is the run's for the weights of the run's own objectives, each plus an
+    even share of the others, and the critic starts anew. With the same objectives, a critic of the
+    same size is copied too. All processes of the learner's group must call it.
     """
     path = find_checkpoint(run)
     contents, agent, objectives = checkpoint.load(path), learner.agent, learner.env.objectives
@@ -323,37 +291,31 @@ def start_from(run: str, learner: Learner) -> None:
             f"start_from needs hypernetworks, which {path} or algorithm "
             f"{learner.config.algorithm} lacks."
         )
-    columns, contexts = [objectives.index(name) for name in before], len(agent.context)
-    state[FIRST_LAYER] = _widened(state[FIRST_LAYER], len(objectives), columns, contexts)
+    columns = torch.tensor([objectives.index(name) for name in before])
+    state[FIRST_LAYER] = _widened(state[FIRST_LAYER], columns, len(objectives), len(agent.context))
     target = agent.state_dict()
+    fits = {n for n, value in target.items() if n in state and state[n].shape == value.shape}
     names = [name for name in target if name.startswith(POLICY)]
-    if misfits := [name for name in names if not _fits(state, name, target)]:
+    if misfits := [name for name in names if name not in fits]:
         raise MorlaxError(
             f"the networks in {path} have other sizes than this run's ({misfits[0]}): give both "
             "the same network section and the same task."
         )
     critic = [name for name in target if name.startswith(CRITIC)]
-    if tuple(before) == tuple(objectives) and all(_fits(state, name, target) for name in critic):
+    if tuple(before) == tuple(objectives) and fits.issuperset(critic):
         names += critic
     for name in names:
         target[name].copy_(state[name])
     learner.group.share(agent)  # a run in training may have replaced its checkpoint meanwhile
 
 
-def _fits(state: Mapping[str, Tensor], name: str, target: Mapping[str, Tensor]) -> bool:
-    return name in state and state[name].shape == target[name].shape
-
-
-def _widened(weight: Tensor, m: int, columns: list[int], contexts: int) -> Tensor:
-    """Return the weights (hidden, m + d) of m trade-off inputs, of which `columns` have weights.
-
-    The others get the mean, because the first layer then maps their corners to the same features
-    as the even trade-off of the objectives before. The d inputs of `contexts` get zeros, unless
-    they have weights too.
-    """
-    weight, of_contexts = weight.split([len(columns), weight.shape[1] - len(columns)], 1)
-    if not of_contexts.shape[1]:
-        of_contexts = weight.new_zeros(len(weight), contexts)
+def _widened(weight: Tensor, columns: Tensor, m: int, contexts: int) -> Tensor:
+    """Return weights (hidden, m + d) of m trade-off inputs, of which `columns` have weights."""
+    weight, context = weight.tensor_split([len(columns)], 1)
+    if not context.shape[1]:
+        context = weight.new_zeros(len(weight), contexts)
+    # with their mean, the first layer maps the corners of the other inputs to the same features as
+    # the even trade-off of the objectives before
     wide = weight.mean(1, keepdim=True).repeat(1, m)
-    wide[:, torch.tensor(columns)] = weight
-    return torch.cat([wide, of_contexts], 1)
+    wide[:, columns] = weight
+    return torch.cat([wide, context], 1)

@@ -65,33 +65,21 @@ class Progress(BaseModel):
     model_config = ConfigDict(allow_inf_nan=False)
 
     env_steps: int = 0
-    processes: int = 1
-    """How many trained together last."""
-    launch: str = Field(default_factory=launch)
-    """The start of `torchrun` that trained last."""
-    train_seconds: float = 0.0
-    """Time spent exploring and learning, without compiling, evaluating and saving."""
-    total_seconds: float = 0.0
-    """Wall-clock time since the command began, over all sessions of the run."""
+    processes: int = 1  # that trained together last
+    launch: str = Field(default_factory=launch)  # of `torchrun`, that trained last
+    train_seconds: float = 0.0  # exploring and learning, without compiling, evaluating and saving
+    total_seconds: float = 0.0  # since the command began, over all sessions of the run
     steps_per_second: float = 0.0
-    blowups: int = 0
-    """How often a training world left sane bounds."""
-    hypervolume: float = 0.0
-    """Of the latest evaluation, as reported."""
-    best_hypervolume: float = 0.0
-    """Of best.pt, as reported."""
-    best_selection: float | None = None
-    """Hypervolume of best.pt on the episodes that choose it (None: the next evaluation is best)."""
-    evaluated: bool = True
-    """Whether metrics.csv has the row of the checkpoint."""
+    blowups: int = 0  # how often a training world left sane bounds
+    hypervolume: float = 0.0  # of the latest evaluation, as reported
+    best_hypervolume: float = 0.0  # of best.pt, as reported
+    best_selection: float | None = None  # on the episodes that choose; None: the next one is best
+    evaluated: bool = True  # whether metrics.csv has the row of the checkpoint
 
     def improved(self, selection: float, hypervolume: float) -> bool:
-        """Store the hypervolumes of an evaluation; returns whether it is the best so far.
-
-        `selection` is that of the episodes that choose a checkpoint. Of equals, such as fronts that
-        do not reach the reference point, the later one is the best: it was trained longer.
-        """
+        """Store the hypervolumes of an evaluation; returns whether it is the best so far."""
         self.hypervolume = hypervolume
+        # of equals, such as fronts below the reference point, the later one was trained longer
         best = self.best_selection is None or selection >= self.best_selection
         if best:
             self.best_selection, self.best_hypervolume = selection, hypervolume
@@ -107,11 +95,7 @@ class History(NamedTuple):
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
-        """Read a run's metrics.csv; each hypervolume is exact or approximate, as in its row.
-
-        Raises:
-            MorlaxError: the file cannot be read, or is damaged.
-        """
+        """Read a run's metrics.csv; each hypervolume is exact or approximate, as in its row."""
         rows = read_rows(path)
         env_steps, train_seconds = (
             np.array([float(row[name]) for row in rows]) for name in COUNTERS[1:]
@@ -120,18 +104,17 @@ class History(NamedTuple):
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:
-    """Read the rows of a run's metrics.csv, at least one, each with finite numbers.
-
-    Raises:
-        MorlaxError: the file cannot be read, or is damaged.
-    """
+    """Read the rows of a run's metrics.csv, at least one, each with finite numbers."""
     text = read(path, "training curve").decode(errors="replace")
     try:
         rows = list(csv.DictReader(io.StringIO(text, newline=""), strict=True))
         if not rows:
             raise ValueError
-        for row in rows:
-            _check(row)
+        for row in rows:  # cells are finite, or empty because their column is newer
+            counters = [int(row["iteration"]), *(float(row[name]) for name in COUNTERS[1:])]
+            cells = [hypervolume_of(row), *(float(cell) for cell in row.values() if cell != "")]
+            if min(counters) < 0 or not all(map(math.isfinite, cells)):
+                raise ValueError
     except (csv.Error, KeyError, StopIteration, TypeError, ValueError):
         raise MorlaxError(
             f"{path} is damaged: it needs a row for each evaluation of a run, with "
@@ -140,20 +123,9 @@ def read_rows(path: AnyPath) -> list[dict[str, str]]:
     return rows
 
 
-def _check(row: dict[str, str]) -> None:
-    """Raise an error unless every cell is a finite number, or empty because its column is newer."""
-    counters = [int(row["iteration"]), *(float(row[name]) for name in COUNTERS[1:])]
-    numbers = [hypervolume_of(row), *(float(cell) for cell in row.values() if cell != "")]
-    if min(counters) < 0 or not all(map(math.isfinite, numbers)):
-        raise ValueError
-
-
 def hypervolume_of(row: Mapping[str, str]) -> float:
-    """Return the hypervolume of a row, exact or approximate.
-
-    A resumed run that evaluates another number of trade-offs may have both columns, and in each row
-    one of them is empty.
-    """
+    """Return the hypervolume of a row, exact or approximate."""
+    # a resumed run with another number of trade-offs may have both columns, one of them empty
     return float(row[hypervolume_in(name for name, cell in row.items() if cell != "")])
 
 

@@ -22,12 +22,7 @@ from ..configuration.config import Config
 from ..envs import Environment, MorlaxError, TaskOptions, Worlds
 from ..envs.errors import MorlaxWarning, shortened
 from ..envs.naming import absolute, is_file, title
-from ..host.files import (
-    attempting,
-    make_folder,
-    read,
-    write_file,
-)
+from ..host.files import attempting, make_folder, read, write_file
 
 NAMES_CODE = {"env": "task", "scalarization": "utility"}
 """Fields of a config that may name a file or module, and a run's folder for a copy of it."""
@@ -65,33 +60,30 @@ def copy_files(config: Config, folder: Path) -> None:
 
     With the code come the models and other files that it names, if they are not too large.
     """
+    from ..envs.external import parts_of
+
     task = config.task
     if isinstance(task, TaskOptions) and task.learned is not None:
         write_file(folder / LEARNED, read(task.learned, "learned reward"))
-    for field, copies in NAMES_CODE.items():
-        name = getattr(config, field)
-        file = Path(name.rpartition(":")[0])
-        if not is_file(name) or file.is_relative_to(folder.resolve()):
+    for field, name in NAMES_CODE.items():
+        code, copies = getattr(config, field), folder / name
+        file = Path(code.rpartition(":")[0])
+        if not is_file(code) or file.is_relative_to(folder.resolve()):
             continue
-        copy, changed = compared(name, folder / copies)
-        if copy is None or changed:
-            model = getattr(envs.get(name), "model_file", "") if field == "env" else ""
-            _copy(file, model, folder / copies)
-
-
-def _copy(file: Path, model: str, copies: Path) -> None:
-    from ..envs.external import parts_of
-
-    parts = parts_of(file, model)
-    with attempting(f"copy {file} and its models"):
-        if sum(part.stat().st_size for part in parts) > MOST_BYTES:
-            return
-        root = os.path.commonpath([part.parent for part in parts])
-        shutil.rmtree(copies, ignore_errors=True)
-        for part in parts:
-            copy = copies / part.relative_to(root)
-            make_folder(copy.parent)
-            write_file(copy, read(part))
+        copy, changed = compared(code, copies)
+        if copy is not None and not changed:
+            continue
+        model = getattr(envs.get(code), "model_file", "") if field == "env" else ""
+        parts = parts_of(file, model)
+        with attempting(f"copy {file} and its models"):
+            if sum(part.stat().st_size for part in parts) > MOST_BYTES:
+                continue
+            root = os.path.commonpath([part.parent for part in parts])
+            shutil.rmtree(copies, ignore_errors=True)
+            for part in parts:
+                copy = copies / part.relative_to(root)
+                make_folder(copy.parent)
+                write_file(copy, read(part))
 
 
 def compared(name: str, copies: Path) -> tuple[Path | None, list[Path]]:
@@ -108,11 +100,7 @@ def compared(name: str, copies: Path) -> tuple[Path | None, list[Path]]:
 
 
 def localized(values: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return a config's plain values with the files of a run's folder.
-
-    Code is that of the run's copy, unless the file that the config names is still there and
-    unchanged, or the user has named the task.
-    """
+    """Return a config's plain values with the files of a run's folder, or those a user named."""
     values, task = dict(values), values.get("task")
     if isinstance(task, dict) and task.get("learned") and (folder / LEARNED).is_file():
         values["task"] = {**task, "learned": str(folder / LEARNED)}
@@ -123,26 +111,22 @@ def localized(values: dict[str, Any], folder: Path) -> dict[str, Any]:
             continue
         if field == "env" and requested is not None and title(requested) == title(name):
             values[field] = requested
-        else:
-            values[field] = _located(field, absolute(name), (folder / copies).resolve())
+            continue
+        values[field] = name = absolute(name)
+        copy, changed = compared(name, (folder / copies).resolve())
+        if copy is None or not changed:
+            continue
+        file, _, member = name.rpartition(":")
+        values[field] = f"{copy}:{member}"
+        if os.path.isfile(file):
+            wish = f"name {name} with --env" if field == "env" else "start a new run"
+            warnings.warn(
+                f"{changed[0]} is not as it was when the run began, so the run uses its own copy "
+                f"in {(folder / copies).resolve()}: to use the edited one, {wish}.",
+                MorlaxWarning,
+                stacklevel=2,
+            )
     return values
-
-
-def _located(field: str, name: str, copies: Path) -> str:
-    """Return FILE.py:MEMBER, of the copy if FILE.py or a file that it needs was moved or edited."""
-    file, _, member = name.rpartition(":")
-    copy, changed = compared(name, copies)
-    if copy is None or not changed:
-        return name
-    if os.path.isfile(file):
-        wish = f"name {file}:{member} with --env" if field == "env" else "start a new run"
-        warnings.warn(
-            f"{changed[0]} is not as it was when the run began, so the run uses its own copy in "
-            f"{copies}: to use the edited one, {wish}.",
-            MorlaxWarning,
-            stacklevel=2,
-        )
-    return f"{copy}:{member}"
 
 
 VERSION = "mujoco"  # key of MuJoCo's version, since each version may compile other numbers
@@ -168,8 +152,7 @@ def model_of(env: Worlds) -> dict[str, str]:
 def model_of_task(task: type[Worlds], options: Any) -> dict[str, str]:
     """Return a short text for each kind of part of a task's model that physics depends on.
 
-    Texts are equal if the numbers are; names, files, colors and other looks do not count. Empty if
-    the model is unknown.
+    Texts are equal if the numbers are. Empty if the model is unknown.
     """
     if not issubclass(task, Environment):
         return {}
@@ -195,19 +178,18 @@ def _mark(arrays: list[np.ndarray | float]) -> str:
     return digest.hexdigest()[:8]
 
 
-def model_changes(stored: dict[str, str], now: dict[str, str]) -> str:
-    """Return the kinds of parts that differ, if both are known and of one MuJoCo version, or ""."""
-    if not stored or stored.get(VERSION) != now.get(VERSION):
-        return ""
-    return ", ".join(kind for kind in now if kind in stored and stored[kind] != now[kind])
-
-
-def warn_of_changes(changes: str, path: Path) -> None:
-    """Warn that a checkpoint's model has changed, if there are `changes`."""
-    if changes:
+def check_model(
+    stored: dict[str, str], current: dict[str, str], path: Path, warn: bool = True
+) -> bool:
+    """Return whether a checkpoint's model has changed, if both are known, and warn of it."""
+    if not stored or stored.get(VERSION) != current.get(VERSION):
+        return False
+    kinds = [kind for kind in current if kind in stored and stored[kind] != current[kind]]
+    if kinds and warn:
         warnings.warn(
             f"the robot's model is not the one that {path} was trained with (other numbers of: "
-            f"{changes}), so returns may differ.",
+            f"{', '.join(kinds)}), so returns may differ.",
             MorlaxWarning,
             stacklevel=2,
         )
+    return bool(kinds)

@@ -1,10 +1,9 @@
 """A run's folder: config, checkpoints and their fronts, metrics, TensorBoard events."""
 
-import csv
-import io
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, suppress
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -26,6 +25,7 @@ from ..host.files import (
     remove_drafts,
     unused,
     write_file,
+    write_rows,
 )
 from . import checkpoint
 from .checkpoint import Contents
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 
 def taken(folder: Path) -> MorlaxError:
-    """Return the error of a new run whose folder is in use."""
     return MorlaxError(
         f"{folder} exists already: choose another --output, or continue the run with "
         f"--resume {folder}."
@@ -64,7 +63,6 @@ class Run:
         self.folder = Path(folder)
         self.checkpoints = self.folder / "checkpoints"
         self._rows: list[dict[str, Any]] = []
-        self._events: Events | None = None
         self._lock = FileLock(self.folder / "train.lock", timeout=0)  # ends with its process
         self._purge_step: int | None = None  # TensorBoard drops events from this step on
 
@@ -119,17 +117,9 @@ class Run:
         return cls(folder)
 
     def config(self, trust: bool = False, env: str | None = None) -> Config:
-        """Return the config to resume the run with.
+        """Return the config to resume the run with; `trust` and `env` are as of `load`.
 
         It is that of the latest checkpoint, with the fields of MAY_CHANGE from config.yaml.
-
-        Args:
-            trust: allow the code that the config names.
-            env: FILE.py:CLASS of the task, where it is now.
-
-        Raises:
-            MorlaxError: a file is damaged, config.yaml was edited where it may not change, or the
-                config names code that is not trusted.
         """
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
         trust_run(path, trust, env)
@@ -167,12 +157,7 @@ class Run:
     def restore(self, learner: Learner) -> Progress:
         """Load the latest checkpoint into `learner` and drop later log entries.
 
-        Another protocol, other trade-offs or episodes, and another model give other hypervolumes,
-        so with them the record of the best checkpoint begins anew. All processes of the learner's
-        group must call it.
-
-        Raises:
-            MorlaxError: another program trains the run, or the checkpoint does not fit.
+        All processes of the learner's group must call it.
         """
         first, path = learner.group.rank == 0, self.checkpoints / "latest.pt"
         if first:
@@ -187,10 +172,10 @@ class Run:
             raise
         evaluation = learner.config.evaluation
         before = type(evaluation).model_validate(contents.config.get("evaluation", {}))
-        if changed or not before.measures_like(evaluation):
-            anew = {"best_selection": None, "best_hypervolume": 0.0}
-            return contents.progress.model_copy(update=anew)
-        return contents.progress
+        # other evaluations have other hypervolumes, so the record of the best one begins anew
+        anew = changed or not before.measures_like(evaluation)
+        update = {"best_selection": None, "best_hypervolume": 0.0} if anew else {}
+        return contents.progress.model_copy(update=update)
 
     def _acquire(self) -> None:
         with attempting(f"lock {self.folder}"):
@@ -203,10 +188,7 @@ class Run:
                 ) from None
 
     def _clear_up(self, learner: Learner, contents: Contents) -> None:
-        """Drop what was logged after a checkpoint, and complete best.pt if it is the checkpoint.
-
-        Also update config.yaml and hardware.yaml.
-        """
+        """Make files agree with a checkpoint: rows and drafts go, best.pt is completed."""
         evaluated, rows = contents.progress.evaluated, self._read_rows()
         machines, machine = read_machines(self.folder), Machine.of(learner)
         last = learner.iteration if evaluated else learner.iteration - 1
@@ -217,11 +199,14 @@ class Run:
         repeats = not evaluated and learner.iteration in (0, *dropped)
         self._purge_step = learner.env_steps + (0 if repeats else 1)
         if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
-            mark = checkpoint.fingerprint(contents.agent)
-            names = "latest.pt", "best.pt"
-            latest, best = (_front_of(mark, self.checkpoints / name) for name in names)
-            if latest is not None and best is None:
-                self._save_best(latest)
+            fronts = {}  # of the checkpoint's policies
+            for name in ("latest.pt", "best.pt"):
+                with suppress(MorlaxError):  # it is missing or damaged
+                    front = Front.load(checkpoint.front_path(self.checkpoints / name))
+                    if front.fingerprint == checkpoint.fingerprint(contents.agent):
+                        fronts[name] = front
+            if list(fronts) == ["latest.pt"]:
+                self._save_best(fronts["latest.pt"])
         write_record(learner.config, self.folder)
         copy_files(learner.config, self.folder)
         if not machines or machines[-1] != machine:
@@ -248,24 +233,21 @@ class Run:
             self._save_best(evaluation.front)
 
     def _save_best(self, front: Front) -> None:
-        """Make the latest checkpoint, with this front, the best one."""
         best = self.checkpoints / "best.pt"
         write_file(best, read(self.checkpoints / "latest.pt", "checkpoint"))
         _save_front(front, best)
 
     def has_evaluation(self, iteration: int) -> bool:
-        """Return whether metrics.csv has a row for this iteration."""
         return any(int(row["iteration"]) == iteration for row in self._rows)
 
     def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
-        """Write the learner's metrics to TensorBoard."""
-        with self._written() as events:
-            events.log_metrics(metrics, env_steps)
+        with self._writing():
+            self._events.log_metrics(metrics, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
         """Write an evaluation of a `task`: events and a row of metrics.csv."""
-        with self._written() as events:
-            events.log_evaluation(evaluation, task, len(self._rows))
+        with self._writing():
+            self._events.log_evaluation(evaluation, task, len(self._rows))
         self._rows.append(evaluation.row())
         self._write_rows()
 
@@ -274,29 +256,28 @@ class Run:
         return read_rows(metrics) if metrics.exists() else []
 
     def _write_rows(self) -> None:
-        metrics, table = self.folder / "metrics.csv", io.StringIO()
+        metrics = self.folder / "metrics.csv"
         if not self._rows:
             metrics.unlink(missing_ok=True)
             return
-        writer = csv.DictWriter(table, dict.fromkeys(chain(self._rows[-1], *self._rows)))
-        writer.writeheader()
-        writer.writerows(self._rows)
-        write_file(metrics, table.getvalue())
+        columns = dict.fromkeys(chain(self._rows[-1], *self._rows))
+        rows = ([row.get(column, "") for column in columns] for row in self._rows)
+        write_rows(metrics, [list(columns), *rows])
 
-    @contextmanager
-    def _written(self) -> "Iterator[Events]":
-        with attempting(f"write events in {self.folder}"):
-            if self._events is None:
-                from .tensorboard import Events  # loads slowly
+    @cached_property
+    def _events(self) -> "Events":
+        from .tensorboard import Events  # loads slowly
 
-                self._events = Events(self.folder, self._purge_step)
-            yield self._events
+        return Events(self.folder, self._purge_step)
+
+    def _writing(self) -> AbstractContextManager[None]:
+        return attempting(f"write events in {self.folder}")
 
     def close(self) -> None:
         """Write and close the TensorBoard events, and let other processes train the run."""
         try:
-            with self._written() as events:
-                events.close()
+            with self._writing():
+                self._events.close()
         finally:
             self._lock.release()
 
@@ -312,13 +293,4 @@ class Run:
 
 
 def _save_front(front: Front, path: Path) -> None:
-    """Write the front of a checkpoint beside it."""
     front._replace(checkpoint=path.name).save(checkpoint.front_path(path))
-
-
-def _front_of(mark: str, path: Path) -> Front | None:
-    """Return the front beside a checkpoint, if it is of the policies of this fingerprint."""
-    with suppress(MorlaxError):  # it is missing or damaged
-        front = Front.load(checkpoint.front_path(path))
-        return front if front.fingerprint == mark else None
-    return None

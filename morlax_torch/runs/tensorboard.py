@@ -59,10 +59,7 @@ class Events:
             self._writer.add_image(f"figures/{tag}", image, evaluation.env_steps, dataformats="HWC")
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:
-        """Fill the HPARAMS tab, which shows the latest value of each of the `tags`.
-
-        Options that differ from the task's config come first.
-        """
+        """Fill the HPARAMS tab, first with options that differ from the task's config."""
         values = read_yaml(self._folder / "config.yaml")
         first = changed(values)
         ordered = sorted(flat(values).items(), key=lambda item: item[0] not in first)

@@ -37,6 +37,8 @@ TRAINING = "training"  # the phase
 MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
 REPORT_EVERY = 10  # iterations between reads of the metrics, each of which waits for the GPU
 EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are spaced by their cost
+MEASURED = {"env_steps", "train_seconds", "total_seconds", "steps_per_second", "blowups"}
+HYPERVOLUMES = {"hypervolume", "best_hypervolume", "best_selection"}  # of `Progress`, as MEASURED
 
 Job = Callable[[], Evaluation | None]
 
@@ -48,8 +50,7 @@ class Session:
     learner: Learner
     evaluator: Evaluator
     run: Run | None = None
-    progress: Progress = field(default_factory=Progress)
-    """Of a resumed run; updated in place."""
+    progress: Progress = field(default_factory=Progress)  # of a resumed run; updated in place
 
     @classmethod
     def of(
@@ -62,14 +63,10 @@ class Session:
         *,
         written: bool = True,
     ) -> Self:
-        """Make worlds, learner, evaluator and run of a config.
+        """Make worlds, learner, evaluator and run of a config; see `morlax_torch.train`.
 
-        Started by `torchrun`, all processes share the run, which the first one writes.
-        `morlax_torch.train` describes the arguments; unless `written`, no new run is made.
-
-        Raises:
-            MorlaxError: the processes do not agree, the config does not fit this machine, or the
-                folder cannot be written.
+        Started by `torchrun`, all processes share the run, which the first one writes. Unless
+        `written`, no new run is made.
         """
         device, group = join(config.device, config.model_dump_json())
         config = config.model_copy(update={"device": device})
@@ -98,23 +95,16 @@ class Session:
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the learner's config, and yield each evaluation.
 
-        The first evaluation comes before training.
-
-        A thread writes the run's folder while training goes on, so the learner may be ahead of an
-        evaluation when it is yielded. The evaluation and its checkpoint are in the folder by then.
-        However training ends, everything evaluated so far is written first, so the iterator may be
-        closed at any time. Without a run, each evaluation is yielded before training goes on.
-
-        It prints nothing and installs no signal handlers, so it works in threads and notebooks.
+        The first evaluation comes before training. A thread writes the run's folder while training
+        goes on, so the learner may be ahead of an evaluation when it is yielded. However training
+        ends, everything evaluated so far is written first, so the iterator may be closed at any
+        time. It prints nothing and installs no signal handlers, so it works in threads and
+        notebooks.
 
         Args:
             began: value of `time.perf_counter()` from which `total_seconds` counts (None: now).
             stopped: asked after each iteration whether to stop there.
             evaluate_at: training seconds at which to evaluate, instead of the config's interval.
-
-        Raises:
-            MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
-                blows up, or a loss is not finite. Checkpoints keep their last good state.
         """
         learner, group, progress = self.learner, self.learner.group, self.progress
         run = self._output
@@ -162,8 +152,7 @@ class Session:
     ) -> Iterator[Evaluation]:
         """Iterate until the next look at limits and metrics, then check the metrics.
 
-        On a CPU, where an iteration may take a second, yield evaluations as soon as they are
-        written. `earlier`: blow-ups counted before the worlds were rebuilt.
+        `earlier`: blow-ups counted before the worlds were rebuilt.
         """
         learner, progress = self.learner, self.progress
         first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
@@ -197,11 +186,7 @@ class Session:
             writer.put(partial(self._output.log_metrics, metrics, learner.env_steps))
 
     def _evaluate(self, began: float) -> Job:
-        """Evaluate, copy the learner's state, and return a job that measures and writes both.
-
-        Of the fronts of each set of episodes, the first is reported, the last chooses the
-        checkpoint.
-        """
+        """Evaluate, copy the learner's state, and return a job that measures and writes both."""
         learner, progress, run = self.learner, self.progress, self._output
         fronts = self.evaluator.evaluate_sets()
         if fronts[0].blowups is not None and fronts[0].blowups.all():
@@ -210,7 +195,8 @@ class Session:
                 f"{UNSTABLE}"
             )
         progress.total_seconds = time.perf_counter() - began
-        iteration, env_steps, now = learner.iteration, learner.env_steps, progress.model_copy()
+        iteration = learner.iteration
+        now = progress.model_copy(update={"env_steps": learner.env_steps})
         # of several processes, each copies its own state
         contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
 
@@ -223,28 +209,22 @@ class Session:
                 front = front._replace(fingerprint=mark)
             evaluation = Evaluation(
                 iteration,
-                env_steps,
-                now.train_seconds,
-                now.total_seconds,
-                now.steps_per_second,
-                now.blowups,
-                front,
-                reported,
+                front=front,
+                indicators=reported,
                 selection=selecting[0] if selecting else None,
+                **now.model_dump(include=MEASURED),
             )
             best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
             evaluation = evaluation._replace(best=best)
             if run:
-                for name in ("hypervolume", "best_hypervolume", "best_selection"):
-                    setattr(now, name, getattr(progress, name))
                 run.log_evaluation(evaluation, learner.config.env)
-                run.save(contents, now, evaluation)
+                hypervolumes = progress.model_dump(include=HYPERVOLUMES)
+                run.save(contents, now.model_copy(update=hypervolumes), evaluation)
             return evaluation
 
         return work
 
     def _check(self, metrics: dict[str, float], first: int, all_blew_up: bool) -> None:
-        """Raise MorlaxError if the iterations after `first` cannot be trusted."""
         learner = self.learner
         span = f"iterations {first + 1} to {learner.iteration}"
         if metrics["overflow"]:
@@ -268,15 +248,10 @@ class Session:
 
 
 def make_evaluator(learner: Learner) -> Evaluator:
-    """Make the evaluator of a learner's agent.
-
-    Where a task is random, it has a second set of episodes, to choose the best checkpoint by.
-    """
-    config, m = learner.config, len(learner.env.objectives)
-    sets, group = SETS if config.task.for_evaluation().varies else 1, learner.group
-    return making.make_evaluator(
-        learner.agent, config, m, sets=sets, group=group, bodies=bodies(config)
-    )
+    """Make the evaluator of a learner's agent; a random task has a second set, to choose by."""
+    config, m, group = learner.config, len(learner.env.objectives), learner.group
+    sets, number = SETS if config.task.for_evaluation().varies else 1, bodies(config)
+    return making.make_evaluator(learner.agent, config, m, sets=sets, group=group, bodies=number)
 
 
 def bodies(config: Config) -> int:
@@ -287,11 +262,8 @@ def bodies(config: Config) -> int:
 class Schedule:
     """The limits of a learner's config, in iterations and seconds.
 
-    Evaluations come at the training seconds `evaluate_at`, else at the config's interval. Without
-    both they are spaced by their cost, so that they take about EVALUATION_SHARE of the training
-    loop's time. Where a GPU steps worlds from Python, few worlds take as long as many, so the first
-    evaluation comes only when its expected cost is that share. `progress` is read live while
-    training updates it.
+    Evaluations come at the training seconds `evaluate_at`, else at the config's interval, else so
+    that they take about EVALUATION_SHARE of the training loop's time. `progress` is read live.
     """
 
     def __init__(
@@ -299,7 +271,8 @@ class Schedule:
     ):
         config, env = learner.config, learner.env
         self._learner, self._progress, self._evaluate_at = learner, progress, evaluate_at
-        self._max_env_steps, self._max_seconds = config.max_env_steps, config.max_seconds
+        self._max_env_steps = config.max_env_steps or math.inf
+        self._max_seconds = config.max_seconds or math.inf
         self._interval: int | None = None  # iterations between evaluations; None: seconds decide
         if config.evaluation.every is not None and evaluate_at is None:
             self._interval = max(1, config.evaluation.every // learner.steps_per_iteration)
@@ -307,16 +280,12 @@ class Schedule:
         self._expects_cost = env.device.type == "cuda" and not env.recordable
 
     def over(self) -> bool:
-        """Return whether a limit is reached."""
         return self._seconds_left() <= 0 or self._iterations_left() <= 0
 
     def done(self, seconds: float) -> float:
-        """Return the share of the run that is over after so many training seconds, 0 to 1.
-
-        It is that of the limit, of steps or of time, which is nearer. Without limits it is 0.
-        """
-        steps = self._learner.env_steps / self._max_env_steps if self._max_env_steps else 0.0
-        return min(1.0, max(steps, seconds / self._max_seconds if self._max_seconds else 0.0))
+        """Return the share of the run that is over after so many training seconds, 0 to 1."""
+        steps = self._learner.env_steps / self._max_env_steps
+        return min(1.0, max(steps, seconds / self._max_seconds))
 
     def evaluation_due(self) -> bool:
         if self._interval is not None:
@@ -340,14 +309,10 @@ class Schedule:
 
     def iterations(self) -> int:
         """Return how many iterations may pass until the next look at limits and metrics."""
-        count, seconds, pace = (
-            min(REPORT_EVERY, self._iterations_left()),
-            self.seconds(),
-            self.pace(),
-        )
+        count, seconds = min(REPORT_EVERY, self._iterations_left()), self.seconds()
         if self._interval is not None:
             count = min(count, self._interval - self._learner.iteration % self._interval)
-        if pace and seconds < math.inf:
+        if (pace := self.pace()) and seconds < math.inf:
             # a GPU is too far behind to watch the clock instead
             count = min(count, max(1, math.ceil(seconds / pace)))
         return int(count)
@@ -363,22 +328,20 @@ class Schedule:
         return left if self._interval is not None else min(left, self._until_evaluation())
 
     def _seconds_left(self) -> float:
-        return (self._max_seconds or math.inf) - self._progress.train_seconds
+        return self._max_seconds - self._progress.train_seconds
 
     def _iterations_left(self) -> float:
-        left = (self._max_env_steps or math.inf) - self._learner.env_steps
-        return left if left == math.inf else math.ceil(left / self._learner.steps_per_iteration)
+        left = (self._max_env_steps - self._learner.env_steps) / self._learner.steps_per_iteration
+        return left if left == math.inf else math.ceil(left)
 
     def _until_evaluation(self) -> float:
         return self._next_second - self._progress.train_seconds
 
 
 class Writer:
-    """Runs jobs one after the other in a thread of its own.
+    """Runs jobs one after the other in a thread of its own, at most `most_waiting` unfinished.
 
-    `results` raises the first error of a job, and later jobs are dropped. On exit, wait for all
-    jobs, then raise the first unreported job error unless the block itself failed. At most
-    `most_waiting` jobs are unfinished when `put` returns.
+    After the first error, which `results` or the exit raises, later jobs are dropped.
     """
 
     def __init__(self, most_waiting: int):
@@ -393,10 +356,7 @@ class Writer:
         wait(list(self._jobs)[: max(0, len(self._jobs) - self._most_waiting)])
 
     def results(self, all_of_them: bool = False) -> Iterator[Evaluation]:
-        """Yield the evaluations of finished jobs, in order, each once; raise a job's first error.
-
-        `all_of_them`: wait for unfinished jobs too.
-        """
+        """Yield the evaluations of finished jobs, in order, each once, or of `all_of_them`."""
         while self._jobs and (all_of_them or self._jobs[0].done()):
             if evaluation := self._jobs.popleft().result():
                 yield evaluation
@@ -416,5 +376,4 @@ class Writer:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._thread.shutdown()
         if kind is None or issubclass(kind, GeneratorExit):
-            for _ in self.results():
-                pass
+            list(self.results())

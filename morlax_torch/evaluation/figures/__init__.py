@@ -3,11 +3,17 @@
 `save` writes it to files, `pixels` renders it to an array.
 """
 
-from .designs import designs_figure
-from .front import front_figure, fronts_figure, parallel_figure, shown_lines, spaces_figure
+from .front import (
+    designs_figure,
+    front_figure,
+    fronts_figure,
+    parallel_figure,
+    quantities_figure,
+    returns_figure,
+    shown_lines,
+    spaces_figure,
+)
 from .hypervolume import hypervolume_figure
-from .quantities import quantities_figure
-from .returns import returns_figure
 from .style import STYLES, pixels, save
 
 __all__ = [

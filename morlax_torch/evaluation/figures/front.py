@@ -1,4 +1,4 @@
-"""Figures of fronts: the returns of the policies of a family."""
+"""Figures of fronts: the returns of the policies of a family, and what they do."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from ..front import Front
@@ -18,7 +19,8 @@ from ..pareto import conflicts, most_conflicting_pair
 from .colors import of_objectives
 from .style import (
     LEGEND_LETTER,
-    between,
+    RUNS,
+    Apart,
     blank,
     color_key,
     colors_of,
@@ -29,9 +31,11 @@ from .style import (
     letter,
     limits,
     note,
+    panels,
     points,
     printed,
     returned,
+    shades,
     short,
     tint,
     weight,
@@ -41,6 +45,7 @@ MARKS = 25  # markers per line; they tell lines apart in grayscale
 MOST_PAIRS = 6  # projections in a figure
 MOST_LINES = 30  # policies in a figure of parallel coordinates
 COLUMNS = 3
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
 SIZE, PRINTED_SIZE = 14, 6  # of a point, in square points
 
 
@@ -62,9 +67,17 @@ def front_figure(
         labels: policies to mark with letters that the legend explains, by index.
     """
     names, labels = front.objectives, labels or {}
-    m, entries = len(names), 1 + len(names) + len(labels)
+    m, size = len(names), SIZE if width is None else PRINTED_SIZE
     if m == 2:
-        return _two(front, title, width, labels)
+        entries = 1 + len(labels)
+        figure = blank(5.4, 4.2, title) if width is None else printed(width, 1, entries, title)[0]
+        axes = figure.add_subplot()
+        _pair(axes, front, 0, 1, size, labels)
+        colors = LinearSegmentedColormap.from_list("between", of_objectives(2)[::-1])
+        shade = ScalarMappable(Normalize(0, 1), colors)
+        figure.colorbar(shade, ax=axes, label=weight(names[0]))
+        legend_outside(figure)
+        return figure
     pairs, all_pairs = most_conflicting(front), m * (m - 1) // 2
     if len(pairs) < all_pairs:
         title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
@@ -72,15 +85,16 @@ def front_figure(
         above, rows, columns = int(m == 3), -(-len(pairs) // COLUMNS), COLUMNS
         figure = blank(10.2, 3.3 * rows + (4.9 if above else 0.8), title)
     else:  # a plot in 3D is hard to read in print
+        entries = 1 + m + len(labels)
         above, (figure, rows, columns) = 0, printed(width, len(pairs), entries, title)
     grid = figure.add_gridspec(above + rows, columns, height_ratios=[1.5] * above + [1] * rows)
     if above:
-        axes: Any = figure.add_subplot(grid[0, :], projection="3d")
+        space: Any = figure.add_subplot(grid[0, :], projection="3d")
         best = front.non_dominated
-        space(axes, front.returns[best], colors_of(front.tradeoffs[best]), names)
+        _space(space, front.returns[best], colors_of(front.tradeoffs[best]), names)
     for cell, (x, y) in enumerate(pairs):
         axes = figure.add_subplot(grid[above + cell // columns, cell % columns])
-        _pair(axes, front, x, y, SIZE if width is None else PRINTED_SIZE, labels)
+        _pair(axes, front, x, y, size, labels)
         if cell == 0:
             color_key(axes, names)
     legend_outside(figure)
@@ -102,17 +116,6 @@ def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes,
     axes = figure.add_subplot()
     _pair(axes, front, x, y, SIZE, {})
     return figure, axes, (x, y)
-
-
-def _two(front: Front, title: str, width: float | None, labels: Mapping[int, str]) -> Figure:
-    entries = 1 + len(labels)
-    figure = blank(5.4, 4.2, title) if width is None else printed(width, 1, entries, title)[0]
-    axes, (first, second) = figure.add_subplot(), of_objectives(2)
-    _pair(axes, front, 0, 1, SIZE if width is None else PRINTED_SIZE, labels)
-    shade = ScalarMappable(Normalize(0, 1), between(second, first))
-    figure.colorbar(shade, ax=axes, label=weight(front.objectives[0]))
-    legend_outside(figure)
-    return figure
 
 
 def _pair(axes: Axes, front: Front, x: int, y: int, size: float, labels: Mapping[int, str]) -> None:
@@ -146,17 +149,16 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
     column = max(1.6, LEGEND_LETTER * max(len(returned(name)) for name in names))
     figure = blank(2.2 + column * len(names), 4.6, title)
     axes = figure.add_subplot()
-    at = np.arange(len(names))
     colors = of_objectives(len(names))
     for k, look in enumerate(distinct(len(names))):
-        lines = [np.stack([at, row], -1) for row in heights[chief == k]]
+        lines = [[*enumerate(row)] for row in heights[chief == k]]
         style: Any = {"color": colors[k], "linestyle": look["linestyle"]}
         axes.add_collection(LineCollection(lines, lw=0.8, alpha=0.7, **style))
         axes.plot([], [], lw=2, label=names[k], **style)
         axes.axvline(k, color=colors[k], lw=2.5)
         note(axes, f"{low[k]:.4g}", (k, 0), above=False)
         note(axes, f"{high[k]:.4g}", (k, 1), above=True)
-    axes.set_xticks(at, [returned(name) for name in names])
+    axes.set_xticks(range(len(names)), [returned(name) for name in names])
     axes.tick_params(axis="x", length=0, pad=18)
     axes.set_yticks([0, 1], ["min", "max"])
     axes.set_ylabel("return, scaled to the range of the front")
@@ -167,10 +169,7 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
 
 
 def shown_lines(front: Front) -> NDArray[np.intp]:
-    """Return the policies of a parallel figure: the best of each objective, and even steps of all.
-
-    There are at most MOST_LINES of them.
-    """
+    """Return at most MOST_LINES policies: the best of each objective, and even steps of all."""
     best = np.flatnonzero(front.non_dominated)
     if len(best) <= MOST_LINES:
         return best
@@ -194,13 +193,12 @@ def fronts_figure(
     joined = len(first.objectives) == 2
     pairs = most_conflicting(first)
     if width is None:
-        columns = min(len(pairs), COLUMNS)
-        rows = -(-len(pairs) // columns)
-        figure = blank(1.6 + 4.2 * columns, 3.9 * rows, title)
+        figure, plots = panels(len(pairs), COLUMNS, (4.2, 3.9), title)
     else:
         figure, rows, columns = printed(width, len(pairs), len(fronts), title)
-    for cell, (x, y) in enumerate(pairs, start=1):
-        axes = figure.add_subplot(rows, columns, cell)
+        plots = [figure.add_subplot(rows, columns, cell + 1) for cell in range(len(pairs))]
+    shown = np.concatenate([each.returns[each.non_dominated] for each in fronts.values()])
+    for axes, (x, y) in zip(plots, pairs, strict=True):
         for (name, front), look in zip(fronts.items(), distinct(len(fronts)), strict=True):
             returns = front.returns[front.non_dominated]
             order = returns[:, x].argsort()
@@ -208,7 +206,6 @@ def fronts_figure(
             style |= {"markevery": max(1, len(order) // MARKS)} if joined else {"linestyle": "none"}
             axes.plot(*returns[order][:, [x, y]].T, **style, label=name)
         _label(axes, first.objectives, x, y)
-        shown = np.concatenate([each.returns[each.non_dominated] for each in fronts.values()])
         fit(axes, shown[:, x], shown[:, y])
     legend_outside(figure)
     return figure
@@ -224,14 +221,14 @@ def spaces_figure(front: Front, triples: Sequence[Sequence[str]], title: str = "
         shades = np.array([to_rgb(palette[column]) for column in columns])
         axes: Any = figure.add_subplot(1, len(triples), cell, projection="3d")
         colors = weights / weights.sum(1, keepdims=True) @ shades
-        space(axes, front.returns[:, columns], colors, triple)
+        _space(axes, front.returns[:, columns], colors, triple)
         for name, shade in zip(triple, shades, strict=True):
             axes.scatter([], [], [], s=40, color=[shade], label=f"weight on {name}")
     legend_outside(figure)
     return figure
 
 
-def space(axes: Any, returns: NDArray, colors: NDArray, names: Sequence[str]) -> None:
+def _space(axes: Any, returns: NDArray, colors: NDArray, names: Sequence[str]) -> None:
     """Plot returns (K, 3) in colors (K, 3), without those beyond the limits of the axes."""
     bounds = [limits(column) for column in returns.T]
     low, high = np.transpose(bounds)
@@ -244,3 +241,118 @@ def space(axes: Any, returns: NDArray, colors: NDArray, names: Sequence[str]) ->
     axes.locator_params(nbins=5)
     axes.view_init(elev=25, azim=45)
     axes.set_box_aspect((1.3, 1.3, 1), zoom=0.97)  # else the label of the z axis is cut off
+
+
+def designs_figure(
+    objectives: Sequence[str],
+    returns: NDArray,
+    designs: NDArray,
+    parameters: Sequence[str],
+    usual: NDArray,
+    title: str = "",
+) -> Figure:
+    """Plot the common front (n, m) of many bodies, colored by each of d design parameters in turn.
+
+    So it shows which bodies win where, beside the `usual` front (k, m) of the default body.
+    `designs` are (n, d), and `parameters` have units, such as "thigh (m)". Axes are the two
+    objectives that conflict most.
+    """
+    pair = most_conflicting_pair(returns)
+    x, y = returns[:, pair].T
+    line = usual[usual[:, pair[0]].argsort()][:, pair]
+    across, up = (returned(objectives[k]) for k in pair)
+    figure, plots = panels(len(parameters), COLUMNS, (3.6, 3.1), title, room=0.5)
+    for axes, values, name in zip(plots, designs.T, parameters, strict=True):
+        axes.plot(*line.T, "-", color="0.6", lw=1, label="default body")
+        marks = axes.scatter(x, y, c=values, cmap=RUNS, s=SIZE)
+        fit(axes, x, y)
+        figure.colorbar(marks, ax=axes, label=name)
+        axes.set(xlabel=across, ylabel=up)
+        lattice(axes)
+    legend_outside(figure)
+    return figure
+
+
+def quantities_figure(front: Front, title: str = "") -> Figure:
+    """Plot each measured quantity of every trade-off against the first one, colored by trade-off.
+
+    Policies with dominated returns are gray.
+    """
+    assert front.quantities is not None
+    across, *others = front.quantities.T
+    figure, plots = panels(len(others), 2, (4.0, 3.3), title, room=0.8)
+    best, colors = front.non_dominated, colors_of(front.tradeoffs)
+    for axes, values, name in zip(plots, others, front.quantity_names[1:], strict=True):
+        points(axes, across, values, best, SIZE, colors[best])
+        fit(axes, across, values)
+        axes.set(xlabel=front.quantity_names[0], ylabel=name)
+        lattice(axes)
+    color_key(plots[0], front.objectives)
+    legend_outside(figure)
+    return figure
+
+
+def returns_figure(front: Front, title: str = "") -> Figure:
+    """Plot the return of each objective over the simplex of trade-offs.
+
+    With two objectives, both are plotted against the weight of the first. With three, each is a
+    map of the simplex, whose corners put all weight on one objective. With more, each is plotted
+    against its own weight.
+    """
+    draw = {2: _curves, 3: _maps}.get(len(front.objectives), _own_weights)
+    return draw(front, title)
+
+
+def _curves(front: Front, title: str) -> Figure:
+    figure = blank(5.4, 5.2, title)
+    order = front.tradeoffs[:, 0].argsort()
+    panels = figure.subplots(2, 1, sharex=True)
+    for k, (axes, name) in enumerate(zip(panels, front.objectives, strict=True)):
+        x, y = front.tradeoffs[order, 0], front.returns[order, k]
+        best = front.non_dominated[order]
+        axes.plot(x, y, color="0.6", lw=0.8)
+        points(axes, x, y, best, 10, of_objectives(2)[k])
+        axes.set_ylabel(returned(name))
+        lattice(axes)
+        tint(axes, of_objectives(2)[0], of_objectives(2)[k])
+    panels[1].set_xlabel(weight(front.objectives[0]))
+    legend_outside(figure)
+    return figure
+
+
+def _maps(front: Front, title: str) -> Figure:
+    names = front.objectives
+    figure = blank(11.0, 4.0, title)
+    simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
+    for k, axes in enumerate(figure.subplots(1, 3)):
+        colors = axes.tripcolor(
+            simplex,
+            front.returns[:, k],
+            cmap=shades(of_objectives(3)[k]),
+            shading="flat",
+            edgecolors="face",
+            lw=0.2,
+        )
+        for corner, name in enumerate(names):
+            style = {"fontweight": "bold"} if corner == k else {}
+            note(axes, f"{name} only", CORNERS[corner], above=corner == 2, **style)
+        axes.plot(*CORNERS[[0, 1, 2, 0]].T, color="0.2", lw=0.8)
+        axes.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(-0.08, 0.95))
+        axes.set_axis_off()
+        style: Any = {"location": "bottom", "shrink": 0.7, "ticks": Apart(), "format": short}
+        figure.colorbar(colors, ax=axes, label=returned(names[k]), **style)
+    return figure
+
+
+def _own_weights(front: Front, title: str) -> Figure:
+    m = len(front.objectives)
+    colors, best = of_objectives(m), front.non_dominated
+    figure, plots = panels(m, 3, (3.4, 3.5), title)
+    for k, (axes, name) in enumerate(zip(plots, front.objectives, strict=True)):
+        x, y = front.tradeoffs[:, k], front.returns[:, k]
+        points(axes, x, y, best, 10, colors[k])
+        axes.set(xlabel=f"weight of {name}", ylabel=returned(name), ylim=limits(y[best]))
+        lattice(axes)
+        tint(axes, colors[k], colors[k])
+    legend_outside(figure)
+    return figure

@@ -1,7 +1,7 @@
 """Figure of the hypervolume during training."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,17 +10,6 @@ from .colors import INK
 from .style import blank, lattice, printed
 
 SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))
-
-
-class Curves(Protocol):
-    """Numbers of a run's E evaluations, (E,) each, such as those of a `History`."""
-
-    @property
-    def env_steps(self) -> np.ndarray: ...
-    @property
-    def train_seconds(self) -> np.ndarray: ...
-    @property
-    def hypervolume(self) -> np.ndarray: ...
 
 
 class Band(NamedTuple):
@@ -42,11 +31,12 @@ class Band(NamedTuple):
 
 
 def hypervolume_figure(
-    histories: Sequence[Curves], title: str = "", width: float | None = None
+    histories: Sequence[Any], title: str = "", width: float | None = None
 ) -> Figure:
     """Plot hypervolume against environment steps and against training seconds.
 
-    Several runs are thin lines, overlaid with their median and interquartile range.
+    Several runs are thin lines, overlaid with their median and interquartile range. Each is a
+    `runs.progress.History`.
     """
     figure = blank(9.0, 3.7, title) if width is None else printed(width, 2, 0, title)[0]
     panels = figure.subplots(1, 2, sharey=True)
@@ -58,15 +48,8 @@ def hypervolume_figure(
             axes.plot(x, y, ms=3.5, **look, label="single run" if several and k == 0 else None)
         if several:
             band = Band.over(curves)
-            axes.fill_between(
-                band.x,
-                band.low,
-                band.high,
-                color=INK,
-                alpha=0.25,
-                lw=0,
-                label="interquartile range",
-            )
+            style = {"color": INK, "alpha": 0.25, "lw": 0, "label": "interquartile range"}
+            axes.fill_between(band.x, band.low, band.high, **style)
             axes.plot(band.x, band.middle, color=INK, lw=2, label=f"median of {len(curves)} runs")
         axes.set_xlabel(label)
         lattice(axes)

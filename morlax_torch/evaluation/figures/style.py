@@ -76,11 +76,17 @@ def blank(width: float, height: float, title: str) -> Figure:
     return figure
 
 
-def printed(width: float, plots: int, entries: int, title: str) -> tuple[Figure, int, int]:
-    """Create an empty figure of a width in inches, and return it with its rows and columns.
+def panels(
+    number: int, columns: int, size: tuple[float, float], title: str, room: float = 0.0
+) -> tuple[Figure, list[Axes]]:
+    """Create a figure of so many plots of a size, and `room` beside them, in inches."""
+    rows, columns = -(-number // columns), min(number, columns)
+    figure = blank(size[0] * columns, size[1] * rows + room, title)
+    return figure, [figure.add_subplot(rows, columns, cell + 1) for cell in range(number)]
 
-    It has room for so many plots, none narrower than NARROWEST, and entries of a legend.
-    """
+
+def printed(width: float, plots: int, entries: int, title: str) -> tuple[Figure, int, int]:
+    """Create a figure with room for plots and entries of a legend; returns its rows and columns."""
     columns = max(1, min(plots, int(width / NARROWEST)))
     rows, lines = -(-plots // columns), -(-entries // max(1, int(width / PRINTED_ENTRY)))
     figure = blank(width, PRINTED_HEIGHT * rows * width / columns + PRINTED_LINE * lines, title)
@@ -108,31 +114,29 @@ def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color
     axes.scatter(x[best], y[best], s=size, color=color, label=NON_DOMINATED)
 
 
-def note(axes: Axes, text: str, place: Sequence[float], above: bool, **style: Any) -> None:
+def note(axes: Axes, text: str, point: Sequence[float], above: bool, **style: Any) -> None:
     side = "bottom" if above else "top"
     shift: Any = {"xytext": (0, 4 if above else -4), "textcoords": "offset points"}
-    axes.annotate(text, (place[0], place[1]), ha="center", va=side, **shift, **style)
+    axes.annotate(text, (point[0], point[1]), ha="center", va=side, **shift, **style)
 
 
-def letter(axes: Axes, name: str, text: str, place: NDArray, number: int) -> None:
-    """Mark a point with a letter, which the legend explains by a text, unless it lies outside.
-
-    Near a side of the plot the letter stands toward the middle, elsewhere above or below the point
-    in turn.
-    """
+def letter(axes: Axes, name: str, text: str, point: NDArray, number: int) -> None:
+    """Mark a point with a letter, which the legend explains by a text, unless it lies outside."""
     axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
-    shares = axes.transAxes.inverted().transform(axes.transData.transform(place))
+    shares = axes.transAxes.inverted().transform(axes.transData.transform(point))
     if (np.abs(shares - 0.5) > 0.5).any():
         return
-    look: Any = {"facecolor": "none", "edgecolor": "black", "linewidth": 0.9, "zorder": 3}
-    axes.scatter(*place, s=30, **look)
+    axes.scatter(*point, s=30, facecolor="none", edgecolor="black", linewidth=0.9, zorder=3)
     turn = number % 2 == 0
     right, above = (share < EDGE or (turn and share < 1 - EDGE) for share in shares)
-    shift: Any = {"xytext": (4 if right else -4, 4 if above else -4), "textcoords": "offset points"}
-    sides: Any = {"ha": "left" if right else "right", "va": "bottom" if above else "top"}
+    style: Any = {
+        "xytext": (4 if right else -4, 4 if above else -4),
+        "textcoords": "offset points",
+        "ha": "left" if right else "right",
+        "va": "bottom" if above else "top",
+    }
     halo = [withStroke(linewidth=2, foreground="white")]
-    style: Any = {"fontweight": "bold", "path_effects": halo, **shift, **sides}
-    axes.annotate(name, (place[0], place[1]), **style)
+    axes.annotate(name, (point[0], point[1]), fontweight="bold", path_effects=halo, **style)
 
 
 def distinct(number: int) -> list[dict[str, Any]]:
@@ -146,11 +150,6 @@ def distinct(number: int) -> list[dict[str, Any]]:
 def tint(axes: Axes, x: str, y: str) -> None:
     for side, color in (("bottom", x), ("left", y)):
         axes.spines[side].set(color=color, linewidth=2.5)
-
-
-def between(first: str, second: str) -> LinearSegmentedColormap:
-    """Return a color map from one color (0) to another (1)."""
-    return LinearSegmentedColormap.from_list("between", [first, second])
 
 
 def shades(color: str) -> LinearSegmentedColormap:
@@ -192,10 +191,9 @@ def fit(axes: Axes, x: NDArray, y: NDArray) -> None:
     axes.set(xlim=across, ylim=up)
     outside = (x < across[0]) | (x > across[1]) | (y < up[0]) | (y > up[1])
     if outside.any():
-        text = f"{outside.sum()} outside"
-        style: Any = {"ha": "left", "va": "bottom", "color": INK, "fontsize": "small"}
         box: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
-        axes.annotate(text, (0.02, 0.02), xycoords="axes fraction", bbox=box, **style)
+        style: Any = {"transform": axes.transAxes, "color": INK, "fontsize": "small", "bbox": box}
+        axes.text(0.02, 0.02, f"{outside.sum()} outside", ha="left", va="bottom", **style)
 
 
 def legend_outside(figure: Figure, side: str = "lower center", title: str | None = None) -> None:
@@ -204,19 +202,19 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             names.setdefault(label, handle)
-    if names:
-        place: Any = f"outside {side}"
-        letters = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
-        size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
-        entry = letters * size / FONT_SIZE
-        columns = 1 if "right" in side else max(1, int(figure.get_figwidth() / entry))
-        figure.legend(
-            [*names.values()], [*names], loc=place, title=title, frameon=False, ncols=columns
-        )
+    if not names:
+        return
+    location: Any = f"outside {side}"
+    letters = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
+    size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
+    columns = int(figure.get_figwidth() / (letters * size / FONT_SIZE))
+    columns = 1 if "right" in side else max(1, columns)
+    figure.legend(
+        [*names.values()], [*names], loc=location, title=title, frameon=False, ncols=columns
+    )
 
 
 def returned(objective: str) -> str:
-    """Return the label of an axis of returns, which have the unit of the reward."""
     return f"{objective} (return)"
 
 
