@@ -120,8 +120,12 @@ class BaseLearner(Learner):
         """
 
     @abstractmethod
-    def _restart_metrics(self) -> None:
-        """Set the sums behind `metrics` to zero."""
+    def _means(self) -> dict[str, Tensor]:
+        """Return metrics () of this process, means over the iterations since the last call."""
+
+    @abstractmethod
+    def _sums_of_metrics(self) -> list[Tensor]:
+        """Return the sums behind `_means`."""
 
     @property
     def per_process(self) -> tuple[str, ...]:
@@ -161,14 +165,20 @@ class BaseLearner(Learner):
     def _learn_from_it(self) -> None:
         self.learn()
 
-    def _read(self, means: dict[str, Tensor]) -> dict[str, float]:
-        """Return metrics () and those of all worlds, means over all processes.
+    def _decay(self) -> Tensor:
+        """Return the factor () of learning rates at this time of the run."""
+        if not self.config.decay_fraction:
+            return torch.ones_like(self._done)
+        return ((1 - self._done) / self.config.decay_fraction).clamp(max=1.0)
 
-        Waits for the GPU, and for the other processes. Returns and lengths are means of the
-        episodes that have ended, if any have.
+    def metrics(self) -> dict[str, float]:
+        """Return means over the iterations since the last call, and over all processes.
+
+        Episode returns and lengths are those of episodes that ended since then, if any did. Waits
+        for the GPU, and for the other processes, which must call it too.
         """
         env, group = self.env, self.group
-        means = {**means, "blowups": env.blowups.float()}
+        means = {**self._means(), "blowups": env.blowups.float()}
         # one copy to the CPU, since each waits for the GPU
         sums = group.mean_(torch.stack([*means.values(), *self._episodes.totals]))
         overflow = group.largest_(env.overflow().max().float()[None])
@@ -179,16 +189,22 @@ class BaseLearner(Learner):
         if number:
             names = [*(f"episode_return/{name}" for name in env.objectives), "episode_length"]
             metrics |= {name: x / number for name, x in zip(names, totals, strict=True)}
+        self._restart_metrics()
         return {**metrics, "overflow": largest}
+
+    def _restart_metrics(self) -> None:
+        self._iterations = 0
+        for value in (self._episodes.totals, *self._sums_of_metrics()):
+            value.zero_()
 
     def _start_here(self) -> None:
         """Explore from what the worlds show now, with no episode under way."""
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
 
+    @abstractmethod
     def _tensors(self) -> dict[str, list[Tensor]]:
         """Return further tensors of the state by name; all are updated in place."""
-        return {}
 
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on.

@@ -14,6 +14,7 @@ import triton.language as tl
 from ..configuration.sections import DECAYS, EPSILON
 
 BLOCK = 1024  # numbers per program
+LOGS = [math.log(decay) for decay in DECAYS]
 
 
 @triton.jit
@@ -23,14 +24,14 @@ def _gradient(gradients, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.conste
     i = tl.zeros([B], tl.int32)
     inside = i < 0
     g = tl.zeros([B], tl.float32)
-    place = 0
+    start = 0
     for j in tl.static_range(len(SIZES)):
         if (program >= FIRSTS[j]) & (program < FIRSTS[j + 1]):
-            own = (program - FIRSTS[j]) * B + tl.arange(0, B)
-            inside = own < SIZES[j]
-            g = tl.load(gradients[j] + own, mask=inside, other=0.0)
-            i = place + own
-        place += SIZES[j]
+            cell = (program - FIRSTS[j]) * B + tl.arange(0, B)
+            inside = cell < SIZES[j]
+            g = tl.load(gradients[j] + cell, mask=inside, other=0.0)
+            i = start + cell
+        start += SIZES[j]
     return g, i, inside
 
 
@@ -102,19 +103,12 @@ def step(vector, gradients, means, squares, steps, rate, max_norm, norms=None) -
     sizes = tuple(gradient.numel() for gradient in gradients)
     firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))
     programs = firsts[-1]
+    constants = {"FIRSTS": firsts, "SIZES": sizes, "B": BLOCK}
     sums, corrections = vector.new_empty(programs), vector.new_empty(2)
     norms = vector.new_empty(()) if norms is None else norms
     with torch.cuda.device_of(vector):
         _squares[(programs,)](
-            gradients,
-            sums,
-            steps,
-            corrections,
-            LOG1=math.log(DECAYS[0]),
-            LOG2=math.log(DECAYS[1]),
-            FIRSTS=firsts,
-            SIZES=sizes,
-            B=BLOCK,
+            gradients, sums, steps, corrections, LOG1=LOGS[0], LOG2=LOGS[1], **constants
         )
         _step[(programs,)](
             vector,
@@ -129,8 +123,6 @@ def step(vector, gradients, means, squares, steps, rate, max_norm, norms=None) -
             DECAY1=DECAYS[0],
             DECAY2=DECAYS[1],
             EPSILON=EPSILON,
-            FIRSTS=firsts,
-            SIZES=sizes,
-            B=BLOCK,
             PROGRAMS=triton.next_power_of_2(programs),
+            **constants,
         )

@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Callable, Mapping
-from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -24,7 +23,7 @@ from .normalizer import Normalizer
 
 
 class Actors(NamedTuple):
-    """The actors of K trade-offs: generated parameters, their family and the normalizer."""
+    """The actors of K trade-offs."""
 
     parameters: dict[str, Tensor]  # (K, ...) each
     family: Family
@@ -55,12 +54,12 @@ class Actors(NamedTuple):
 
     def copy_(self, other: Self, rows: slice = slice(None)) -> None:
         """Copy the numbers of other actors to these rows, in place: recorded graphs read them."""
-        pairs = [(self.parameters[name], values) for name, values in other.parameters.items()]
-        if self.normalizer is not other.normalizer:  # else it is the agent's own, always up to date
-            statistics = self.normalizer.statistics(), other.normalizer.statistics()
-            pairs += zip(*statistics, strict=True)
-        for mine, values in pairs:
-            mine[rows].copy_(values)
+        mine, values = [*self.parameters.values()], [*other.parameters.values()]
+        if self.normalizer is not other.normalizer:  # else it is the agent's, always up to date
+            mine += self.normalizer.statistics()
+            values += other.normalizer.statistics()
+        for target, source in zip(mine, values, strict=True):
+            target[rows].copy_(source)
 
 
 class SpecializedPolicy(nn.Module):
@@ -126,8 +125,17 @@ class Agent(nn.Module):
         self.observation_size, self.privileged_size = sizes.observation, sizes.privileged
         self.action_size, self.num_objectives = sizes.action, m
         self.designs, self._max_std = dict(sizes.designs), network.max_std
-        self.context: Tensor  # (d,)
-        self.register_buffer("context", _context(self.designs, config), persistent=False)
+        context = torch.zeros(0, dtype=torch.float32)
+        if config.sampling.designs:
+            if not self.designs:
+                raise MorlaxError(
+                    f"sampling.designs is {config.sampling.designs}, but {config.env} declares no "
+                    "design parameters: set it to 0, or declare some (docs/designs.md)."
+                )
+            space = DesignSpace(self.designs)
+            context = torch.from_numpy(space.scaled(space.vector(config.task.design))).float()
+        self.context: Tensor  # (d,) of the body that the task names; empty without designs
+        self.register_buffer("context", context, persistent=False)
         self._own = [name for name, x in (("actor", actor), ("critic", critic)) if x is not None]
         self.num_values = config.num_values(m)
         actor, critic = self._networks(actor, critic, config, generator)
@@ -141,19 +149,11 @@ class Agent(nn.Module):
             keys = even_tradeoffs(self.num_networks, m)
             self.actor, self.critic = Independent(actor, keys), Independent(critic, keys)
         else:
-            make = partial(
-                Hypernetwork,
-                num_objectives=m,
-                hidden_sizes=network.hidden,
-                num_features=network.features,
-                context_size=len(self.context),
-                scale=network.scale,
-                generator=generator,
-            )
-            self.actor = make(actor)
-            self.critic = make(
-                critic, features=self.actor.features if network.type == "single" else None
-            )
+            options = {"context_size": len(context), "scale": network.scale, "generator": generator}
+            sizes_of_features = m, network.hidden, network.features
+            self.actor = Hypernetwork(actor, *sizes_of_features, **options)
+            shared = self.actor.features if network.type == "single" else None
+            self.critic = Hypernetwork(critic, *sizes_of_features, features=shared, **options)
         features = sizes.observation + sizes.privileged
         self.observation_normalizer = Normalizer(features, mirror.observation if mirror else None)
         self.value_normalizer = Normalizer(self.num_values)
@@ -214,17 +214,15 @@ class Agent(nn.Module):
 
     def own_networks(self) -> dict[str, dict[str, list[int]]]:
         """Return the parameter shapes of user-made networks: network -> parameter -> shape."""
-        families = {name: getattr(self, name) for name in self._own}
         return {
-            name: {parameter: list(shape) for parameter, shape in family.shapes.items()}
-            for name, family in families.items()
+            name: {
+                parameter: list(shape) for parameter, shape in getattr(self, name).shapes.items()
+            }
+            for name in self._own
         }
 
     def conditions(self, tradeoffs: Tensor) -> Tensor:
-        """Return trade-offs (..., m) with the agent's context, (..., m + d).
-
-        What has a context of its own already, (..., m + d), stays as it is.
-        """
+        """Add the context to trade-offs (..., m); conditions (..., m + d) have their own."""
         if tradeoffs.shape[-1] > self.num_objectives or not len(self.context):
             return tradeoffs
         context = self.context.expand(*tradeoffs.shape[:-1], -1)
@@ -242,20 +240,14 @@ class Agent(nn.Module):
         return Actors(self.actor(self.conditions(tradeoffs)), self.actor, normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
-        """Generate the actors of K trade-offs (K, m) or conditions (K, m + d).
-
-        Returns:
-            A function from *normalized* features (K, B, O + P) to action distributions.
-        """
+        """Return a function from *normalized* features (K, B, O + P) to action distributions."""
         actors, size = self.actors(tradeoffs), self.observation_size
         return lambda normalized: actors.of_normalized(normalized[..., :size])
 
     def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
-        """Generate the critics of K trade-offs (K, m) or conditions (K, m + d).
+        """Return a function from *normalized* features (K, B, O + P) to values (K, B, m).
 
-        Returns:
-            A function from *normalized* features (K, B, O + P) to values (K, B, m), in the units of
-            `value_normalizer`.
+        They are in the units of `value_normalizer`.
         """
         parameters = self.critic(self.conditions(tradeoffs))
         return lambda normalized: self.critic.run(parameters, normalized)
@@ -270,16 +262,3 @@ class Agent(nn.Module):
 def agent_class(config: Config) -> type[Agent]:
     """Return the class of a config's agents: an algorithm may have agents of its own kind."""
     return config.method.agent_class() or Agent
-
-
-def _context(designs: Mapping[str, DesignParameter], config: Config) -> Tensor:
-    """Return the context (d,) of the body that the config's task names; empty without designs."""
-    if not config.sampling.designs:
-        return torch.zeros(0, dtype=torch.float32)
-    if not designs:
-        raise MorlaxError(
-            f"sampling.designs is {config.sampling.designs}, but {config.env} declares no design "
-            "parameters: set it to 0, or declare some (docs/designs.md)."
-        )
-    space = DesignSpace(designs)
-    return torch.from_numpy(space.scaled(space.vector(config.task.design))).float()

@@ -15,10 +15,6 @@ class Interpolator:
     A sum of distances to the key trade-offs and a constant (radial basis functions of degree 1;
     Wright, 2003) goes through their returns, which are divided by their sum of absolute values.
     Until returns are known, the direction of a trade-off is the trade-off itself.
-
-    Args:
-        num_objectives: m; there are m + 1 keys.
-        device: of the trade-offs.
     """
 
     def __init__(self, num_objectives: int, device: torch.device):
@@ -35,7 +31,6 @@ class Interpolator:
         self._fit()
 
     def state(self) -> list[Tensor]:
-        """Return all tensors, in a fixed order; all are updated in place."""
         return [self._solutions, self._known, self._coefficients]
 
     def observe(self, returns: Tensor) -> None:

@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from ...algorithms.off_policy.learner import OffPolicy
-from ...algorithms.off_policy.replay import Transitions
+from ...algorithms.off_policy import OffPolicy, Transitions
 from ...algorithms.rollout import Explore
 from ...configuration.config import Config
 from ...configuration.tradeoffs import even_tradeoffs, sample_cells
@@ -50,7 +49,7 @@ class PDMORL(OffPolicy):
         families = self.agent.actor, self.agent.critic
         rate, group = self.options.learning_rate, self.group
         self.optimizers = tuple(
-            ClippedAdam([*own.parameters()], rate, MAX_NORM, group=group) for own in families
+            ClippedAdam([*x.parameters()], rate, MAX_NORM, group=group) for x in families
         )
         K, m = self.tradeoffs.shape
         self._centers = even_tradeoffs(K, m).to(env.device)
@@ -163,10 +162,7 @@ class PDMORL(OffPolicy):
         return self._guided(self.options.actor_angle) * degrees - utility, degrees
 
     def _tensors(self) -> dict[str, list[Tensor]]:
-        return {
-            "interpolator": self.interpolator.state(),
-            **super()._tensors(),
-        }
+        return {"interpolator": self.interpolator.state(), **super()._tensors()}
 
 
 LEARNER = PDMORL
