@@ -15,7 +15,7 @@ from morlax_torch.algorithms.hyper_sac import HyperSAC
 from morlax_torch.algorithms.off_policy import Replay, Transitions
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
-from morlax_torch.baselines.pd_morl.interpolator import Interpolator, angle
+from morlax_torch.baselines.pd_morl.learner import Interpolator, angle
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
 from morlax_torch.runs.checkpoint import check_state
 

@@ -73,12 +73,9 @@ class TradeoffDraws:
 class BaseLearner(Learner):
     """Explores T steps with K trade-offs, then learns; each is recorded as a CUDA graph.
 
-    One generator draws everything; all state lives in tensors updated in place.
-
-    `trained` is the agent that explores and learns; `agent`, the one that is evaluated, is the same
-    unless a method keeps another.
-
-    Arguments and errors are those of `MORLAX`, but for the agent, which replaces its networks.
+    One generator draws everything; all state lives in tensors updated in place. `trained` is the
+    agent that explores and learns; `agent`, the one that is evaluated, is the same unless a method
+    keeps another. Arguments and errors are those of `MORLAX`, but for the agent.
     """
 
     def __init__(self, env: Worlds, config: Config, agent: Agent, group: Group):
@@ -104,6 +101,7 @@ class BaseLearner(Learner):
         self._done = self.tradeoffs.new_zeros(())  # of `iterate`, readable by graphs
         self._episodes = Episodes(config.worlds, m, device)
         self._iterations = 0  # that metrics are sums over
+        self._process_state: dict[str, Tensor] = {}  # further state, of this process alone
         generators = [self.generator, env.generator]
         self.explore = Graph(self._explore, device, generators, partial(self._explore, 1))
         self.learn = Graph(self._learn, device, [self.generator], partial(self._learn, 1))
@@ -114,10 +112,7 @@ class BaseLearner(Learner):
 
     @abstractmethod
     def _learn(self, rounds: int | None = None) -> None:
-        """Learn from what was explored, so many times (None: as often as the config says).
-
-        Runs inside a recorded graph.
-        """
+        """Learn from the rollout, so many times (None: as the config says). Runs inside a graph."""
 
     @abstractmethod
     def _means(self) -> dict[str, Tensor]:
@@ -129,7 +124,7 @@ class BaseLearner(Learner):
 
     @property
     def per_process(self) -> tuple[str, ...]:
-        return "generator", "environment", "observation", "episodes"
+        return "generator", "environment", "observation", "episodes", *self._process_state
 
     def compile(self) -> None:
         """Compile kernels and record the graphs; all state is unchanged.
@@ -174,8 +169,8 @@ class BaseLearner(Learner):
     def metrics(self) -> dict[str, float]:
         """Return means over the iterations since the last call, and over all processes.
 
-        Episode returns and lengths are those of episodes that ended since then, if any did. Waits
-        for the GPU, and for the other processes, which must call it too.
+        Episode returns and lengths are those of episodes that ended since then, if any did. All
+        processes must call it.
         """
         env, group = self.env, self.group
         means = {**self._means(), "blowups": env.blowups.float()}
@@ -202,9 +197,9 @@ class BaseLearner(Learner):
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
 
-    @abstractmethod
     def _tensors(self) -> dict[str, list[Tensor]]:
         """Return further tensors of the state by name; all are updated in place."""
+        return {name: [value] for name, value in self._process_state.items()}
 
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on.

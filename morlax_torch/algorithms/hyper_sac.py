@@ -29,9 +29,8 @@ class HyperSAC(OffPolicy):
     so every transition teaches every trade-off. Critics predict one soft value per objective, and
     each sample's target is that of the twin with the smaller weighted value. In short control
     steps, exploration holds its noise for a random number of them, `method.hold` seconds on average
-    (after FlashSAC, Kim et al., 2026).
-
-    It needs `network.type: dual`, and takes the arguments of `OffPolicy`.
+    (after FlashSAC, Kim et al., 2026). It needs `network.type: dual`, and takes the arguments of
+    `OffPolicy`.
     """
 
     losses = ("policy_loss", "value_loss", "entropy", "action_std")
@@ -55,12 +54,9 @@ class HyperSAC(OffPolicy):
         hold = self.options.hold
         self._repeat = max(0.0, 1 - env.dt / hold) if hold else 0.0  # probability per step
         self._gains = start.new_zeros(env.num_worlds, m)  # discounted, of episodes
+        self._process_state |= {"gains": self._gains, "noise": self._noise}
         self._squares = start.new_zeros(m)  # their mean square
         self._seen = start.new_zeros(())  # steps that it is a mean of
-
-    @property
-    def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, "gains", "noise"
 
     def _start_here(self) -> None:
         super()._start_here()
@@ -150,7 +146,5 @@ class HyperSAC(OffPolicy):
         return {
             "temperature": [self.log_temperature.detach()],
             "scale": [self._squares, self._seen],
-            "gains": [self._gains],
-            "noise": [self._noise],
             **super()._tensors(),
         }

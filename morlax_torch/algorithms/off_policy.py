@@ -234,6 +234,7 @@ class OffPolicy(BaseLearner):
         return {
             "target": [x for target in self.targets for x in target.parameters()],
             "optimizers": [x for optimizer in self.optimizers for x in optimizer.state()],
+            **super()._tensors(),
         }
 
     def state_dict(self) -> dict[str, Any]:

@@ -182,11 +182,8 @@ class Constrained(Ranged):
 class OwnUtility(Scalarization):
     """A differentiable function u(w, r) of trade-offs (K, m) and returns (K, m), to (K,).
 
-    A recorded graph holds it: it consists of torch operations of fixed shape.
-
-    Raises:
-        MorlaxError: also from `weights`, if the function fails, has another shape, or is not
-            differentiable.
+    A recorded graph holds it: it consists of torch operations of fixed shape. MorlaxError, also
+    from `weights`, says what is wrong with it.
     """
 
     def __init__(

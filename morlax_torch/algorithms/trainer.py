@@ -59,10 +59,7 @@ class DesignDraws:
 
 
 class Trainer(BaseLearner):
-    """Trains an agent with PPO, as all methods do. Subclasses say what is special about them.
-
-    Arguments and errors are those of `MORLAX`; `agent` replaces the one of the config.
-    """
+    """Trains an agent with PPO; `agent` replaces the one of the config. See `MORLAX`."""
 
     def __init__(
         self,
@@ -83,7 +80,6 @@ class Trainer(BaseLearner):
         super().__init__(env, config, agent, group)
         self.ppo = PPO(agent, config.ppo, group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
-        self._process_state: dict[str, Tensor] = {}  # of this process alone
         self.designs: DesignDraws | None = None
         if config.sampling.designs:
             assert isinstance(env, Environment)
@@ -103,15 +99,8 @@ class Trainer(BaseLearner):
         )
         self._metrics = torch.zeros(len(self.metric_names), dtype=torch.float32, device=env.device)
 
-    @property
-    def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, *self._process_state
-
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
-        """Choose the trade-offs (K, m) of an iteration, in place; by default, they stay.
-
-        Runs inside a recorded graph.
-        """
+        """Draw the trade-offs (K, m) of an iteration, in place, or keep them. Runs in a graph."""
 
     @property
     def conditions(self) -> Tensor:
@@ -193,5 +182,5 @@ class Trainer(BaseLearner):
         return {
             "optimizers": self.ppo.state(),
             "scalarization": self.scalarization.state(),
-            **{name: [value] for name, value in self._process_state.items()},
+            **super()._tensors(),
         }

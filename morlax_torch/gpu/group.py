@@ -101,11 +101,7 @@ class Group:
         return values
 
     def share(self, module: nn.Module) -> None:
-        """Copy the first process's parameters and buffers into `module`, in place.
-
-        Raises:
-            MorlaxError: they have other sizes in another process.
-        """
+        """Copy the first process's parameters and buffers into `module`, in place."""
         tensors = [x.detach() for x in (*module.parameters(), *module.buffers())]
         rank = self.unlike_first([x.shape for x in tensors])
         if rank:
@@ -131,14 +127,7 @@ def join(device: str | None, settings: str) -> tuple[str | None, Group]:
     """Join the processes that `torchrun` started, if it did, each on a GPU of its own.
 
     It may be called again for another run of the same processes, or after
-    `torch.distributed.init_process_group`.
-
-    Args:
-        device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
-        settings: must be the same in all processes.
-
-    Returns:
-        The device of this process, and the group.
+    `torch.distributed.init_process_group`. It returns the device of this process, and the group.
 
     Raises:
         MorlaxError: not all of them came within a minute, there are fewer GPUs, or they have

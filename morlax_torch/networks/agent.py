@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -40,10 +41,7 @@ class Actors(NamedTuple):
         return TanhNormal(output if self.max_std is None else limited(output, self.max_std))
 
     def explore(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-        """Sample actions before the tanh (K, B, A), with their log-probabilities (K, B).
-
-        Observations (K, B, O) are raw; the noise (K, B, A) is standard normal.
-        """
+        """Map raw observations (K, B, O) and normal noise (K, B, A) as `gaussian.sample` does."""
         output = self.distribution(observation).output
         kernels = fused.kernels(output.device)
         return (kernels.sample if kernels else sample)(output, noise)
@@ -104,9 +102,6 @@ class Agent(nn.Module):
             takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to the values.
         mirror: of the robot, for `network.symmetric`; None: a checkpoint will tell.
-
-    Raises:
-        MorlaxError: an actor or critic has the wrong sizes, or there are no design parameters.
     """
 
     def __init__(
@@ -149,11 +144,18 @@ class Agent(nn.Module):
             keys = even_tradeoffs(self.num_networks, m)
             self.actor, self.critic = Independent(actor, keys), Independent(critic, keys)
         else:
-            options = {"context_size": len(context), "scale": network.scale, "generator": generator}
-            sizes_of_features = m, network.hidden, network.features
-            self.actor = Hypernetwork(actor, *sizes_of_features, **options)
+            make = partial(
+                Hypernetwork,
+                num_objectives=m,
+                hidden_sizes=network.hidden,
+                num_features=network.features,
+                context_size=len(context),
+                scale=network.scale,
+                generator=generator,
+            )
+            self.actor = make(actor)
             shared = self.actor.features if network.type == "single" else None
-            self.critic = Hypernetwork(critic, *sizes_of_features, features=shared, **options)
+            self.critic = make(critic, features=shared)
         features = sizes.observation + sizes.privileged
         self.observation_normalizer = Normalizer(features, mirror.observation if mirror else None)
         self.value_normalizer = Normalizer(self.num_values)
@@ -245,10 +247,7 @@ class Agent(nn.Module):
         return lambda normalized: actors.of_normalized(normalized[..., :size])
 
     def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
-        """Return a function from *normalized* features (K, B, O + P) to values (K, B, m).
-
-        They are in the units of `value_normalizer`.
-        """
+        """Return a function from *normalized* features (K, B, O + P) to such values (K, B, m)."""
         parameters = self.critic(self.conditions(tradeoffs))
         return lambda normalized: self.critic.run(parameters, normalized)
 

@@ -62,12 +62,9 @@ def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
 class Conditioned(nn.Module):
     """One network for every trade-off w, which it takes beside its input x: g(x, w).
 
-    (AMOR: Alegre et al., 2025. A hypernetwork instead generates the network's parameters.)
-
-    Args:
-        network: maps rows (B, inputs + m + d) to (B, outputs); its last m + d inputs are the
-            condition. It is copied, not changed.
-        num_objectives: m, if conditions have a context (see `family`).
+    (AMOR: Alegre et al., 2025. A hypernetwork instead generates the network's parameters.) The
+    network, which is copied, maps rows (B, inputs + m + d) to (B, outputs). `num_objectives` is m
+    if conditions have a context.
     """
 
     def __init__(self, network: nn.Module, num_objectives: int | None = None):

@@ -33,13 +33,7 @@ class Generated(nn.Module, ABC):
 
     A subclass maps conditions (K, m + d) to rows of P parameters (`flat`). Any target that
     `torch.vmap` can batch works (nn.LSTM does not; a loop over nn.GRUCell does). Its buffers are
-    copied once and shared by the whole family.
-
-    Args:
-        target: the module whose parameters are generated; it is copied, not changed.
-
-    Raises:
-        MorlaxError: the target is no module, or has no parameters.
+    copied once and shared by the whole family. The target itself is copied, not changed.
     """
 
     def __init__(self, target: nn.Module):
@@ -67,11 +61,7 @@ class Generated(nn.Module, ABC):
         """Map conditions (K, m + d) to parameters (K, P), in the order of `shapes`."""
 
     def forward(self, conditions: Tensor) -> dict[str, Tensor]:
-        """Map conditions (K, m + d) to {"flat": (K, P)}; their trade-offs are scaled to sum to one.
-
-        Raises:
-            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
-        """
+        """Map conditions (K, m + d) to {"flat": (K, P)}; trade-offs are scaled (`on_simplex`)."""
         return {"flat": self.flat(conditions)}
 
     def split(self, flat: Tensor) -> dict[str, Tensor]:
@@ -80,11 +70,7 @@ class Generated(nn.Module, ABC):
         return {name: values.reshape((*flat.shape[:-1], *shape)) for (name, shape), values in named}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
-
-        MLPs run in fused kernels where there are some; the result is that of `torch.vmap`, up to
-        rounding.
-        """
+        """Run K networks, each on its own inputs (K, ...), with fused kernels if there are some."""
         definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
         if not self._mlp or len(inputs) != 1:
             return definition()
@@ -129,11 +115,8 @@ class Independent(Generated):
 
     That is the network r with the largest w . keys[r] + offsets[r]. With points a of the simplex as
     keys and -|a|²/2 as offsets, it is the nearest one; with returns as keys and no offsets, the one
-    with the largest weighted return.
-
-    Args:
-        target: the module that all networks start as; it is copied, not changed.
-        keys: points of the simplex (R, m), so that the nearest network is chosen at first.
+    with the largest weighted return. All networks start as the target, with points of the simplex
+    as keys.
     """
 
     keys: Tensor

@@ -25,20 +25,13 @@ SOFT = 0.1  # scaled residual at which the loss turns from quadratic to linear
 
 
 def predict(
-    before: ArrayLike,
-    weights: ArrayLike,
-    change: ArrayLike,
-    points: ArrayLike,
-    candidates: ArrayLike,
+    before: ArrayLike,  # returns (h, m) at the start of each stretch of training so far
+    weights: ArrayLike,  # trade-offs (h, m) of the stretches
+    change: ArrayLike,  # changes (h, m) of the returns in the stretches
+    points: ArrayLike,  # current returns (p, m) of the policies
+    candidates: ArrayLike,  # trade-offs (p, c, m)
 ) -> Array:
     """Predict the returns (p, c, m) of p policies after training with c candidate trade-offs each.
-
-    Args:
-        before: returns (h, m) at the start of each stretch of training so far.
-        weights: trade-offs (h, m) of the stretches.
-        change: changes (h, m) of the returns in the stretches.
-        points: current returns (p, m) of the policies.
-        candidates: trade-offs (p, c, m).
 
     Each policy and objective has its own model of the change over the weight x of that objective,
 
