@@ -98,7 +98,7 @@ def test_each_tradeoff_has_its_own_policy_and_values(make_agent, generator, type
 def test_initial_networks_are_lecun_uniform_with_zero_biases(make_agent):
     agent = make_agent(30, 4, scale=0.0, actor=(80, 60), critic=(50,))
     for family, sizes in ((agent.actor, (30, 80, 60, 8)), (agent.critic, (30, 50, 2))):
-        generated = family(TRADEOFFS)
+        generated = family.split(family.flat(TRADEOFFS))
         assert len(generated) == 2 * (len(sizes) - 1)
         for layer in range(len(sizes) - 1):
             weight, bias = generated[f"{2 * layer}.weight"][0], generated[f"{2 * layer}.bias"]

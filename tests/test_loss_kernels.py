@@ -10,7 +10,7 @@ from morlax_torch.networks.gaussian import TanhNormal
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from morlax_torch.gpu import gaussian_kernels, loss_kernels, mlp_kernels
+from morlax_torch.gpu import mlp_kernels, policy_kernels
 
 DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
 
@@ -33,7 +33,7 @@ def samples() -> tuple[torch.Tensor, Batch, torch.Tensor]:
 def test_a_fused_action_is_the_sample_and_its_log_probability(samples):
     output, _, noise = samples
     expected, density = gaussian.sample(output.detach().cpu(), noise.cpu())
-    action, log_prob = gaussian_kernels.sample(output.detach(), noise)
+    action, log_prob = policy_kernels.sample(output.detach(), noise)
     torch.testing.assert_close(action.cpu(), expected)
     torch.testing.assert_close(log_prob.cpu(), density, rtol=1e-4, atol=1e-4)
 
@@ -47,7 +47,7 @@ def test_the_fused_loss_and_its_gradient_are_those_of_the_definition(samples, cl
         plain, *(x.cpu() for x in given), clip, penalty, torch.tensor(bonus)
     )
     weight = torch.tensor(bonus).to(output)
-    loss, found = loss_kernels.policy_loss(output, *given, clip, penalty, weight)
+    loss, found = policy_kernels.policy_loss(output, *given, clip, penalty, weight)
     torch.testing.assert_close(loss.cpu(), expected, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(found.cpu(), metrics, rtol=1e-4, atol=1e-5)
     (slope,) = torch.autograd.grad(loss, output)
@@ -66,8 +66,8 @@ def test_a_steeper_loss_has_a_steeper_gradient(samples):
         0.01,
         torch.tensor(0.01).to(output),
     )
-    once, _ = loss_kernels.policy_loss(output, *arguments)
+    once, _ = policy_kernels.policy_loss(output, *arguments)
     (slope,) = torch.autograd.grad(once, output)
-    twice, _ = loss_kernels.policy_loss(output, *arguments)
+    twice, _ = policy_kernels.policy_loss(output, *arguments)
     (double,) = torch.autograd.grad(2 * twice, output)
     torch.testing.assert_close(double, 2 * slope)

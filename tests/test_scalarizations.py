@@ -10,7 +10,7 @@ from same import assert_same
 from morlax_torch import MORLAX, MorlaxError, config_for, envs
 from morlax_torch.algorithms.batch import expected_returns
 from morlax_torch.algorithms.registry import make_learner
-from morlax_torch.algorithms.scalarizations.interface import (
+from morlax_torch.algorithms.scalarizations import (
     AUGMENTATION,
     FORGETTING,
     LEVELS,
@@ -19,9 +19,8 @@ from morlax_torch.algorithms.scalarizations.interface import (
     SMOOTHNESS,
     Constrained,
     SmoothChebyshev,
+    make_scalarization,
 )
-from morlax_torch.algorithms.scalarizations.registry import make_scalarization
-from morlax_torch.configuration.config import SCALARIZATIONS
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
@@ -91,7 +90,25 @@ def tasks(monkeypatch) -> None:
         envs.register(name, task)
 
 
-@pytest.mark.parametrize("name", [*SCALARIZATIONS, "constrained:b", "FILE:least"])
+def lagrangian(tradeoffs: torch.Tensor, behind: torch.Tensor, returns: torch.Tensor):
+    """Return that of the constraint on objective 1, as far as it depends on the returns."""
+    level = tradeoffs[:, 1]
+    others = (tradeoffs * -behind / (1 - level)[:, None])[:, [0, 2]].sum(-1)
+    multiplier = np.interp(level, np.linspace(0, 1, LEVELS), MULTIPLIERS)
+    return others - torch.from_numpy(multiplier) * behind[:, 1]
+
+
+MULTIPLIERS = np.linspace(0, 3, LEVELS) ** 2
+UTILITIES = {  # of trade-offs, distances to the ideal point in units of the range, and returns
+    "linear": lambda w, d, r: (w * r).sum(-1),
+    "chebyshev": lambda w, d, r: -SMOOTHNESS * (w * d / SMOOTHNESS).exp().sum(-1).log(),
+    "augmented-chebyshev": lambda w, d, r: -(w * d).amax(-1) - AUGMENTATION * (w * d).sum(-1),
+    "constrained:b": lagrangian,
+    "FILE:least": lambda w, d, r: -(-5.0 * w * r).logsumexp(-1),
+}
+
+
+@pytest.mark.parametrize("name", UTILITIES)
 def test_weights_are_the_derivatives_of_the_utility(name, own):
     scalarization = make_scalarization(name.replace("FILE", own), "abc", CPU)
     generator = torch.Generator().manual_seed(0)
@@ -99,26 +116,15 @@ def test_weights_are_the_derivatives_of_the_utility(name, own):
     tradeoffs = torch.rand(6, 3, generator=generator, dtype=torch.float64)
     tradeoffs /= tradeoffs.sum(1, keepdim=True)
     scalarization.observe(tradeoffs.float(), returns.float())
-    weights, step = scalarization.weights(tradeoffs, returns), 1e-4
-    for i in range(3):
-        change = torch.zeros(3, dtype=torch.float64)
-        change[i] = step
-        difference = scalarization.utility(tradeoffs, returns + change)
-        difference -= scalarization.utility(tradeoffs, returns - change)
-        assert_allclose(weights[:, i], difference / (2 * step), rtol=1e-4, atol=1e-8)
-
-
-def test_chebyshev_utilities_equal_their_formulas():
-    returns, tradeoffs = np.array([[4.0, 10.0], [8.0, 0.0]]), np.array([[0.3, 0.7], [1.0, 0.0]])
-    given = torch.tensor(tradeoffs), torch.tensor(returns)
-    behind = tradeoffs * (returns.max(0) - returns) / np.ptp(returns, axis=0)
-    smooth, augmented = (make_scalarization(n, "ab", CPU) for n in SCALARIZATIONS[1:])
-    for scalarization in (smooth, augmented):
-        scalarization.observe(*(each.float() for each in given))
-    expected = -SMOOTHNESS * np.log(np.exp(behind / SMOOTHNESS).sum(1))
-    assert_allclose(smooth.utility(*given), expected)
-    expected = -behind.max(1) - AUGMENTATION * behind.sum(1)
-    assert_allclose(augmented.utility(*given), expected)
+    if isinstance(scalarization, Constrained):
+        scalarization.multipliers.copy_(torch.from_numpy(MULTIPLIERS))
+    ideal, nadir = returns.amax(0), returns.amin(0)
+    returns.requires_grad_()
+    distances = (ideal - returns) / (ideal - nadir)
+    utility = UTILITIES[name](tradeoffs, distances, returns)
+    (expected,) = torch.autograd.grad(utility.sum(), returns)
+    weights = scalarization.weights(tradeoffs, returns.detach())
+    assert_allclose(weights, expected, rtol=1e-4, atol=1e-8)
 
 
 def test_the_range_takes_new_extremes_at_once_and_forgets_old_ones_slowly():

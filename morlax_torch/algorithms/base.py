@@ -73,12 +73,9 @@ class TradeoffDraws:
 class BaseLearner(Learner):
     """Explores T steps with K trade-offs, then learns; each is recorded as a CUDA graph.
 
-    One generator draws everything; all state lives in tensors updated in place.
-
-    `trained` is the agent that explores and learns; `agent`, the one that is evaluated, is the same
-    unless a method keeps another.
-
-    Arguments and errors are those of `MORLAX`, but for the agent, which replaces its networks.
+    One generator draws everything; all state lives in tensors updated in place. `trained` is the
+    agent that explores and learns; `agent`, the one that is evaluated, is the same unless a method
+    keeps another. Arguments and errors are those of `MORLAX`, but for the agent.
     """
 
     def __init__(self, env: Worlds, config: Config, agent: Agent, group: Group):
@@ -104,6 +101,7 @@ class BaseLearner(Learner):
         self._done = self.tradeoffs.new_zeros(())  # of `iterate`, readable by graphs
         self._episodes = Episodes(config.worlds, m, device)
         self._iterations = 0  # that metrics are sums over
+        self._process_state: dict[str, Tensor] = {}  # further state, of this process alone
         generators = [self.generator, env.generator]
         self.explore = Graph(self._explore, device, generators, partial(self._explore, 1))
         self.learn = Graph(self._learn, device, [self.generator], partial(self._learn, 1))
@@ -114,18 +112,19 @@ class BaseLearner(Learner):
 
     @abstractmethod
     def _learn(self, rounds: int | None = None) -> None:
-        """Learn from what was explored, so many times (None: as often as the config says).
-
-        Runs inside a recorded graph.
-        """
+        """Learn from the rollout, so many times (None: as the config says). Runs inside a graph."""
 
     @abstractmethod
-    def _restart_metrics(self) -> None:
-        """Set the sums behind `metrics` to zero."""
+    def _means(self) -> dict[str, Tensor]:
+        """Return metrics () of this process, means over the iterations since the last call."""
+
+    @abstractmethod
+    def _sums_of_metrics(self) -> list[Tensor]:
+        """Return the sums behind `_means`."""
 
     @property
     def per_process(self) -> tuple[str, ...]:
-        return "generator", "environment", "observation", "episodes"
+        return "generator", "environment", "observation", "episodes", *self._process_state
 
     def compile(self) -> None:
         """Compile kernels and record the graphs; all state is unchanged.
@@ -161,14 +160,20 @@ class BaseLearner(Learner):
     def _learn_from_it(self) -> None:
         self.learn()
 
-    def _read(self, means: dict[str, Tensor]) -> dict[str, float]:
-        """Return metrics () and those of all worlds, means over all processes.
+    def _decay(self) -> Tensor:
+        """Return the factor () of learning rates at this time of the run."""
+        if not self.config.decay_fraction:
+            return torch.ones_like(self._done)
+        return ((1 - self._done) / self.config.decay_fraction).clamp(max=1.0)
 
-        Waits for the GPU, and for the other processes. Returns and lengths are means of the
-        episodes that have ended, if any have.
+    def metrics(self) -> dict[str, float]:
+        """Return means over the iterations since the last call, and over all processes.
+
+        Episode returns and lengths are those of episodes that ended since then, if any did. All
+        processes must call it.
         """
         env, group = self.env, self.group
-        means = {**means, "blowups": env.blowups.float()}
+        means = {**self._means(), "blowups": env.blowups.float()}
         # one copy to the CPU, since each waits for the GPU
         sums = group.mean_(torch.stack([*means.values(), *self._episodes.totals]))
         overflow = group.largest_(env.overflow().max().float()[None])
@@ -179,7 +184,13 @@ class BaseLearner(Learner):
         if number:
             names = [*(f"episode_return/{name}" for name in env.objectives), "episode_length"]
             metrics |= {name: x / number for name, x in zip(names, totals, strict=True)}
+        self._restart_metrics()
         return {**metrics, "overflow": largest}
+
+    def _restart_metrics(self) -> None:
+        self._iterations = 0
+        for value in (self._episodes.totals, *self._sums_of_metrics()):
+            value.zero_()
 
     def _start_here(self) -> None:
         """Explore from what the worlds show now, with no episode under way."""
@@ -188,7 +199,7 @@ class BaseLearner(Learner):
 
     def _tensors(self) -> dict[str, list[Tensor]]:
         """Return further tensors of the state by name; all are updated in place."""
-        return {}
+        return {name: [value] for name, value in self._process_state.items()}
 
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on.

@@ -52,13 +52,9 @@ def make_batch(
     seen = agent.observation_normalizer(rollout.observation)
     value = value_of(seen)
     final_value = value_of(agent.observation_normalizer(rollout.final_observation))
+    bootstrap = config.truncation == "bootstrap"
     advantage = advantages(
-        rollout,
-        value,
-        final_value,
-        config.discount,
-        config.gae_lambda,
-        config.truncation == "bootstrap",
+        rollout, value, final_value, config.discount, config.gae_lambda, bootstrap
     )
     target = advantage + value
     spread = target.var((0, 1, 2))
@@ -93,14 +89,11 @@ class Table:
     def minibatches(
         self, conditions: Tensor, number: int, generator: torch.Generator
     ) -> list[tuple[Tensor, Batch]]:
-        """Deal the table out to the minibatches of one epoch.
+        """Deal out conditions (K, m + d) and samples (K, S, ...) to the minibatches of an epoch.
 
         Worlds are shuffled within their clusters and dealt out, so that every minibatch holds all
         clusters and generates each cluster's parameters once. If every world has its own trade-off,
         whole clusters are dealt out instead, and a single minibatch has them in their order.
-
-        Returns:
-            The conditions (K, m + d) and samples (K, S, ...) of each minibatch.
         """
         draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
         order = draws.argsort(1)
@@ -118,11 +111,7 @@ class Table:
 
 @torch.no_grad()
 def expected_returns(
-    agent: Agent,
-    conditions: Tensor,
-    starts: Tensor,
-    discount: float,
-    episode_length: int,
+    agent: Agent, conditions: Tensor, starts: Tensor, discount: float, episode_length: int
 ) -> Tensor:
     """Estimate the undiscounted returns (K, m) of whole episodes.
 

@@ -45,10 +45,8 @@ class AMOR(Trainer):
     """Trains one conditioned actor and one conditioned critic with MORLAX's updates.
 
     (Alegre et al., 2025, "AMOR: Adaptive Character Control through Multi-Objective Reinforcement
-    Learning".) With dense sampling every world keeps its trade-off until its episode ends; it draws
-    the next one at the start of the following rollout. docs/algorithms.md says what differs.
-
-    It needs `network.type: conditioned`, and takes the arguments of `MORLAX`.
+    Learning".) With dense sampling every world keeps its trade-off until its episode ends. It needs
+    `network.type: conditioned`, and takes the arguments of `MORLAX`.
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
@@ -72,10 +70,8 @@ class IndependentPPO(Trainer):
     """Trains K policies that share no parameters, each for one of K evenly spread trade-offs.
 
     Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
-    norm and moments of Adam; only the normalizers of observations and values see all worlds. With
-    enough steps it is the reference that fronts are measured against.
-
-    It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
+    norm and moments of Adam; only the normalizers of observations and values see all worlds. It
+    needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):
@@ -88,11 +84,8 @@ class HyperMORL(Trainer):
 
     (Shu et al., 2024, "Learning Pareto Set for Multi-Objective Continuous Robot Control".) A
     warm-up trains the balanced trade-off alone. Then its policy becomes the bias of the
-    hypernetwork, explores as at the start, Adam and the learning rate start anew, and every
-    iteration explores one random trade-off from each of K even cells of the simplex.
-    docs/algorithms.md says what differs.
-
-    It needs `network.type: single` and sparse sampling, and takes the arguments of `MORLAX`.
+    hypernetwork, and every iteration explores one random trade-off from each of K even cells of the
+    simplex. It needs `network.type: single` and sparse sampling, and takes MORLAX's arguments.
     """
 
     def __init__(self, env: Worlds, config: Config, **others: Any):

@@ -16,29 +16,19 @@ RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learnin
 
 
 def policy_loss(
-    output: Tensor,
-    action: Tensor,
-    noise: Tensor,
-    old_log_prob: Tensor,
-    advantage: Tensor,
-    clip: float,
-    mean_penalty: float,
-    entropy_weight: Tensor,
+    output: Tensor,  # (K, S, 2A) of the actors
+    action: Tensor,  # (K, S, A) before the tanh
+    noise: Tensor,  # (K, S, A) standard normal, to estimate the entropy
+    old_log_prob: Tensor,  # (K, S, 1) under the policy that acted
+    advantage: Tensor,  # (K, S, 1) scalarized
+    clip: float,  # largest change of the probability ratio that counts
+    mean_penalty: float,  # weight of the squared means
+    entropy_weight: Tensor,  # () a tensor so that a recorded graph can decay it
 ) -> tuple[Tensor, Tensor]:
     """Compute PPO's clipped surrogate minus the entropy bonus plus the penalty on large means.
 
     (Schulman et al., 2017, eq. 7 and 9. The KL from the policy that acted to the current one uses
     the estimator E[r - 1 - log r].)
-
-    Args:
-        output: of the actors, (K, S, 2A).
-        action: before the tanh, (K, S, A).
-        noise: standard normal, (K, S, A), to estimate the entropy.
-        old_log_prob: (K, S, 1) under the policy that acted.
-        advantage: (K, S, 1) scalarized.
-        clip: largest change of the probability ratio that counts.
-        mean_penalty: weight of the squared means.
-        entropy_weight: (), a tensor so that a recorded graph can decay it.
 
     Returns:
         The loss (), and without gradients (5,): the surrogate, the entropy, the KL, the clipped
@@ -56,8 +46,8 @@ def policy_loss(
     with torch.no_grad():
         kl = (ratio - 1 - log_ratio).mean()
         clip_fraction = (ratio != clipped).float().mean()
-        found = torch.stack([surrogate, entropy, kl, clip_fraction, policy.std.mean()])
-    return loss, found
+        parts = torch.stack([surrogate, entropy, kl, clip_fraction, policy.std.mean()])
+    return loss, parts
 
 
 class PPO:
@@ -74,20 +64,18 @@ class PPO:
         self.agent, self.config, self._group = agent, config, group
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
         self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
-        norm = config.max_grad_norm
-        shared = bool({*map(id, actor)} & {*map(id, critic)})
-        self.joint = shared or config.optimizer == "joint"
-        groups = {"actor": actor, "critic": critic}
+        norm, networks = config.max_grad_norm, agent.num_networks
+        together = list(dict.fromkeys(actor + critic))
+        self.joint = len(together) < len(actor + critic) or config.optimizer == "joint"
         if self.joint:
-            groups = {"joint": list(dict.fromkeys(actor + critic))}
-        channels = group, group.channel()  # of branches that run in parallel
-        self.optimizers = [
-            ClippedAdam(parameters, rate, norm, agent.num_networks, channel)
-            for parameters, rate, channel in zip(
-                groups.values(), self.rates, channels, strict=False
-            )
-        ]
-        self.optimizer_names = tuple(groups)
+            self.optimizer_names: tuple[str, ...] = ("joint",)
+            self.optimizers = [ClippedAdam(together, self.rates[0], norm, networks, group)]
+        else:
+            self.optimizer_names = "actor", "critic"
+            self.optimizers = [
+                ClippedAdam(actor, self.rates[0], norm, networks, group),
+                ClippedAdam(critic, self.rates[1], norm, networks, group.channel),
+            ]
         self.entropy = actor[0].new_tensor(config.entropy)
         self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
         self._branch = Branch(actor[0].device)
@@ -105,22 +93,16 @@ class PPO:
         first: bool = True,
         last: bool = True,
     ) -> Tensor:
-        """Take an optimizer step on every minibatch of an epoch.
+        """Take an optimizer step on every minibatch of an epoch; return means of `metrics`, (6,).
 
-        Args:
-            parts: conditions and minibatches.
-            generator: draws noise to estimate entropies.
-            first: whether this is the first epoch on the rollout.
-            last: whether this is the last epoch on the rollout.
-
-        Returns:
-            The means of `metrics`, (6,).
+        The parts are conditions with minibatches. The epoch may be the `first` or the `last` one on
+        a rollout.
         """
         policies, values = [], []
-        shapes = [batch.action.shape for _, batch in parts]
-        sizes = [shape.numel() for shape in shapes]
+        sizes = [batch.action.numel() for _, batch in parts]
+        # in one kernel, to estimate entropies
         drawn = self.entropy.new_empty(sum(sizes)).normal_(generator=generator).split(sizes)
-        noises = [noise.view(shape) for noise, shape in zip(drawn, shapes, strict=True)]
+        noises = [x.view(batch.action.shape) for x, (_, batch) in zip(drawn, parts, strict=True)]
         if not self.joint:
             with self._branch:
                 for conditions, batch in parts:
@@ -128,15 +110,15 @@ class PPO:
                     self.optimizers[1].step(value_loss)
                     values.append(value_loss.detach())
         for (conditions, batch), noise in zip(parts, noises, strict=True):
-            loss, found = self.policy_loss(conditions, batch, noise)
+            loss, means = self.policy_loss(conditions, batch, noise)
             if self.joint:
                 value_loss = self.value_loss(conditions, batch)
                 values.append(value_loss.detach())
                 loss = loss + value_loss
             if policies or not first:
-                self._adapt(found)
+                self._adapt(means)
             self.optimizers[0].step(loss)
-            policies.append(found)
+            policies.append(means)
         if not self.joint:
             self._branch.join()
         if last and self.config.desired_kl is not None:

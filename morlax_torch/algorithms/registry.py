@@ -6,10 +6,10 @@ from ..configuration.config import Config
 from ..configuration.sections import baseline
 from ..envs import Worlds
 from ..gpu.group import ALONE, Group
+from .hyper_sac import HyperSAC
 from .learner import Learner
 from .methods import AMOR, MORLAX, HyperMORL, IndependentPPO
-from .off_policy.hyper_sac import HyperSAC
-from .off_policy.learner import OffPolicy
+from .off_policy import OffPolicy
 from .trainer import Trainer
 
 LEARNERS: dict[str, type[Trainer] | type[OffPolicy]] = {

@@ -15,7 +15,7 @@ from .base import BaseLearner, make_agent
 from .batch import Table, expected_returns, make_batch
 from .ppo import PPO
 from .rollout import collect
-from .scalarizations.registry import make_scalarization
+from .scalarizations import make_scalarization
 
 STARTS = 16  # first observations of episodes per trade-off, to estimate returns from
 
@@ -23,18 +23,14 @@ STARTS = 16  # first observations of episodes per trade-off, to estimate returns
 class DesignDraws:
     """Gives each of K clusters a body, for as long as an episode may last, and then another one.
 
-    Clusters begin at even distances in time, so that a few of them change in each iteration.
-
-    Args:
-        env: the worlds, which adopt a bank of `config.sampling.designs` bodies.
-        config: with K clusters.
-        seed: of the bank.
+    The worlds adopt a bank of `config.sampling.designs` bodies. Clusters begin at even distances in
+    time, so that a few of them change in each iteration.
     """
 
-    def __init__(self, env: Environment, config: Config, seed: int):
+    def __init__(self, env: Environment, config: Config):
         space, K = DesignSpace(env.designs), config.num_clusters
         self.env, self._each = env, config.worlds // K
-        self.bank = compile_bank(env, space.spread(config.sampling.designs, seed))
+        self.bank = compile_bank(env, space.spread(config.sampling.designs, config.seed))
         if config.network.symmetric and type(env).mirror is Environment.mirror:
             for row in {*self.bank.designs.argmin(0), *self.bank.designs.argmax(0)}:
                 check(self.bank.models[row], config.network.symmetry_tolerance)
@@ -63,10 +59,7 @@ class DesignDraws:
 
 
 class Trainer(BaseLearner):
-    """Trains an agent with PPO, as all methods do. Subclasses say what is special about them.
-
-    Arguments and errors are those of `MORLAX`; `agent` replaces the one of the config.
-    """
+    """Trains an agent with PPO; `agent` replaces the one of the config. See `MORLAX`."""
 
     def __init__(
         self,
@@ -87,11 +80,10 @@ class Trainer(BaseLearner):
         super().__init__(env, config, agent, group)
         self.ppo = PPO(agent, config.ppo, group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
-        self._process_state: dict[str, Tensor] = {}  # of this process alone
         self.designs: DesignDraws | None = None
         if config.sampling.designs:
             assert isinstance(env, Environment)
-            self.designs = DesignDraws(env, config, config.seed)
+            self.designs = DesignDraws(env, config)
             self._process_state |= self.designs.state
             self._start_here()
         if self.scalarization.uses_returns:
@@ -107,15 +99,8 @@ class Trainer(BaseLearner):
         )
         self._metrics = torch.zeros(len(self.metric_names), dtype=torch.float32, device=env.device)
 
-    @property
-    def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, *self._process_state
-
     def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
-        """Choose the trade-offs (K, m) of an iteration, in place; by default, they stay.
-
-        Runs inside a recorded graph.
-        """
+        """Draw the trade-offs (K, m) of an iteration, in place, or keep them. Runs in a graph."""
 
     @property
     def conditions(self) -> Tensor:
@@ -154,9 +139,8 @@ class Trainer(BaseLearner):
 
     def _learn(self, rounds: int | None = None) -> None:
         """Learn from the rollout for so many epochs."""
-        config, decay = self.config.ppo, torch.ones_like(self._done)
+        config, decay = self.config.ppo, self._decay()
         if self.config.decay_fraction:
-            decay = ((1 - self._done) / self.config.decay_fraction).clamp(max=1.0)
             self.ppo.decay(decay)
         batch, explained = make_batch(
             self.trained, self.conditions, self.rollout, config, self._weights(), self.group
@@ -177,36 +161,26 @@ class Trainer(BaseLearner):
         self._metrics += torch.cat([losses / config.epochs, explained, reward, terminated])
 
     def metrics(self) -> dict[str, float]:
-        """Return means over the iterations since the last call, and over all processes.
+        bodies = {"bodies": len(self.designs.bank.models)} if self.designs else {}
+        return super().metrics() | bodies
 
-        Episode returns and lengths are those of episodes that ended since then, if any did. Waits
-        for the GPU, and for the other processes, which must call it too.
-        """
+    def _means(self) -> dict[str, Tensor]:
         iterations = max(1, self._iterations)
         updates = iterations * self.config.ppo.epochs * self.config.ppo.minibatches
         optimizers = dict(zip(self.ppo.optimizer_names, self.ppo.optimizers, strict=True))
-        metrics = self._read(
-            {
-                **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
-                **{f"learning_rate/{name}": x.rate for name, x in optimizers.items()},
-                **{f"gradient_norm/{name}": x.norms / updates for name, x in optimizers.items()},
-                **self.scalarization.metrics(self.env.objectives),
-            }
-        )
-        if self.designs:
-            metrics["bodies"] = len(self.designs.bank.models)
-        self._restart_metrics()
-        return metrics
+        return {
+            **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
+            **{f"learning_rate/{name}": x.rate for name, x in optimizers.items()},
+            **{f"gradient_norm/{name}": x.norms / updates for name, x in optimizers.items()},
+            **self.scalarization.metrics(self.env.objectives),
+        }
 
-    def _restart_metrics(self) -> None:
-        self._iterations = 0
-        sums = self._metrics, self._episodes.totals, *(each.norms for each in self.ppo.optimizers)
-        for value in sums:
-            value.zero_()
+    def _sums_of_metrics(self) -> list[Tensor]:
+        return [self._metrics, *(adam.norms for adam in self.ppo.optimizers)]
 
     def _tensors(self) -> dict[str, list[Tensor]]:
         return {
             "optimizers": self.ppo.state(),
             "scalarization": self.scalarization.state(),
-            **{name: [value] for name, value in self._process_state.items()},
+            **super()._tensors(),
         }

@@ -14,6 +14,8 @@ import triton.language as tl
 from ..configuration.sections import DECAYS, EPSILON
 
 BLOCK = 1024  # numbers per program
+_DECAY1, _DECAY2, _EPSILON = tl.constexpr(DECAYS[0]), tl.constexpr(DECAYS[1]), tl.constexpr(EPSILON)
+_LOG1, _LOG2 = tl.constexpr(math.log(DECAYS[0])), tl.constexpr(math.log(DECAYS[1]))
 
 
 @triton.jit
@@ -23,14 +25,14 @@ def _gradient(gradients, FIRSTS: tl.constexpr, SIZES: tl.constexpr, B: tl.conste
     i = tl.zeros([B], tl.int32)
     inside = i < 0
     g = tl.zeros([B], tl.float32)
-    place = 0
+    start = 0
     for j in tl.static_range(len(SIZES)):
         if (program >= FIRSTS[j]) & (program < FIRSTS[j + 1]):
-            own = (program - FIRSTS[j]) * B + tl.arange(0, B)
-            inside = own < SIZES[j]
-            g = tl.load(gradients[j] + own, mask=inside, other=0.0)
-            i = place + own
-        place += SIZES[j]
+            cell = (program - FIRSTS[j]) * B + tl.arange(0, B)
+            inside = cell < SIZES[j]
+            g = tl.load(gradients[j] + cell, mask=inside, other=0.0)
+            i = start + cell
+        start += SIZES[j]
     return g, i, inside
 
 
@@ -40,8 +42,6 @@ def _squares(
     squares,
     steps,  # ()
     corrections,  # (2,)
-    LOG1: tl.constexpr,  # of the decays
-    LOG2: tl.constexpr,
     FIRSTS: tl.constexpr,
     SIZES: tl.constexpr,
     B: tl.constexpr,
@@ -52,8 +52,8 @@ def _squares(
     if tl.program_id(0) == 0:
         count = tl.load(steps) + 1.0
         tl.store(steps, count)
-        first = 1.0 - tl.exp(count.to(tl.float64) * LOG1)
-        second = 1.0 - tl.exp(count.to(tl.float64) * LOG2)
+        first = 1.0 - tl.exp(count.to(tl.float64) * _LOG1)
+        second = 1.0 - tl.exp(count.to(tl.float64) * _LOG2)
         tl.store(corrections, first.to(tl.float32))
         tl.store(corrections + 1, tl.sqrt(second).to(tl.float32))
 
@@ -69,9 +69,6 @@ def _step(
     squares,  # of the gradients, one sum per program
     norms,  # ()
     max_norm,
-    DECAY1: tl.constexpr,
-    DECAY2: tl.constexpr,
-    EPSILON: tl.constexpr,
     FIRSTS: tl.constexpr,  # programs of each gradient
     SIZES: tl.constexpr,  # of each gradient
     B: tl.constexpr,
@@ -86,9 +83,9 @@ def _step(
     g /= tl.maximum(norm / max_norm, 1.0)
     m = tl.load(means + i, mask=inside, other=0.0)
     v = tl.load(squares_ + i, mask=inside, other=0.0)
-    m += (1.0 - DECAY1) * (g - m)
-    v = DECAY2 * v + (1.0 - DECAY2) * g * g
-    scale = tl.sqrt(v) / tl.load(corrections + 1) + EPSILON
+    m += (1.0 - _DECAY1) * (g - m)
+    v = _DECAY2 * v + (1.0 - _DECAY2) * g * g
+    scale = tl.sqrt(v) / tl.load(corrections + 1) + _EPSILON
     p = tl.load(vector + i, mask=inside, other=0.0)
     p -= tl.load(rate) / tl.load(corrections) * m / scale
     tl.store(means + i, m, mask=inside)
@@ -102,20 +99,11 @@ def step(vector, gradients, means, squares, steps, rate, max_norm, norms=None) -
     sizes = tuple(gradient.numel() for gradient in gradients)
     firsts = (0, *accumulate(triton.cdiv(size, BLOCK) for size in sizes))
     programs = firsts[-1]
+    constants = {"FIRSTS": firsts, "SIZES": sizes, "B": BLOCK}
     sums, corrections = vector.new_empty(programs), vector.new_empty(2)
     norms = vector.new_empty(()) if norms is None else norms
     with torch.cuda.device_of(vector):
-        _squares[(programs,)](
-            gradients,
-            sums,
-            steps,
-            corrections,
-            LOG1=math.log(DECAYS[0]),
-            LOG2=math.log(DECAYS[1]),
-            FIRSTS=firsts,
-            SIZES=sizes,
-            B=BLOCK,
-        )
+        _squares[(programs,)](gradients, sums, steps, corrections, **constants)
         _step[(programs,)](
             vector,
             gradients,
@@ -126,11 +114,6 @@ def step(vector, gradients, means, squares, steps, rate, max_norm, norms=None) -
             sums,
             norms,
             max_norm,
-            DECAY1=DECAYS[0],
-            DECAY2=DECAYS[1],
-            EPSILON=EPSILON,
-            FIRSTS=firsts,
-            SIZES=sizes,
-            B=BLOCK,
             PROGRAMS=triton.next_power_of_2(programs),
+            **constants,
         )

@@ -25,11 +25,11 @@ def kernels(device: torch.device) -> Kernels | None:
     if device.type != "cuda":
         return None
     try:
-        from . import adam_kernels, gaussian_kernels, loss_kernels, mlp_kernels
+        from . import adam_kernels, mlp_kernels, policy_kernels
 
         with torch.cuda.device(device):
             if mlp_kernels.fits((1, 1, 1), device):
-                return Kernels(adam_kernels.step, gaussian_kernels.sample, loss_kernels.policy_loss)
+                return Kernels(adam_kernels.step, policy_kernels.sample, policy_kernels.policy_loss)
         reason = "they do not fit on this GPU"
     except Exception as error:  # without a compiler, or on an old GPU, Triton raises many kinds
         reason = (str(error) or repr(error)).splitlines()[0]
@@ -48,15 +48,14 @@ def mlps(
     parameters: Sequence[Tensor],
     definition: Callable[[], Tensor],
 ) -> Tensor:
-    """Run K MLPs with these parameters (K, ...) on x (K, S, O), as `definition` does."""
+    """Run K MLPs on x (K, S, O), as `definition` does; `mlp_kernels.run` has the parameters."""
     if not _suits(x, parameters):
         return definition()
     from . import mlp_kernels
 
     if not mlp_kernels.fits(sizes, x.device):
         return definition()
-    whole = _whole(parameters)
-    return mlp_kernels.run(sizes, parameters if whole is None else [whole], x)
+    return mlp_kernels.run(sizes, parameters, x)
 
 
 def mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> Tensor:
@@ -85,20 +84,3 @@ def _suits(x: Tensor, parameters: Sequence[Tensor]) -> bool:
         )
         and kernels(x.device) is not None
     )
-
-
-def _whole(parameters: Sequence[Tensor]) -> Tensor | None:
-    """Return the tensor (K, P) that a family's parameters are consecutive columns of, if any.
-
-    Its gradient then needs no kernel to put the pieces together.
-    """
-    whole = parameters[0]._base
-    if whole is None or whole.dim() != 2 or not whole.is_contiguous():
-        return None
-    start = whole.storage_offset()
-    for parameter in parameters:
-        mine = parameter._base is whole and parameter.storage_offset() == start
-        if not mine or (len(parameter), parameter.stride(0)) != whole.shape:
-            return None
-        start += parameter[0].numel()
-    return whole if start == whole.storage_offset() + whole.shape[1] else None

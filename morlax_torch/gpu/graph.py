@@ -41,11 +41,7 @@ class Graph:
     never reads a GPU value on the CPU: no `.item()`, no boolean indexing, no shape that depends on
     data. Torch and Warp work are recorded alike. On the CPU each call simply calls `run`.
 
-    Args:
-        run: the function.
-        device: where it works.
-        generators: that it draws from.
-        warm_up: a shorter `run` that launches the same kernels (None: `run` itself).
+    It draws from the `generators`. `warm_up` is a shorter `run` that launches the same kernels.
     """
 
     def __init__(

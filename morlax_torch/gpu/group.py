@@ -40,7 +40,7 @@ class Group:
     """The processes of a run, started by `torchrun`. Alone, every method changes nothing.
 
     Collectives run in the same order in every process. On CUDA they are recorded in graphs, like
-    other GPU work; work in parallel branches needs a `channel` of its own. One process group is for
+    other GPU work; work in parallel branches needs the `channel`. One process group is for
     tensors, one for objects on the CPU.
     """
 
@@ -53,24 +53,23 @@ class Group:
             self.rank, self.size = dist.get_rank(), dist.get_world_size()
 
     @cached_property
-    def _other(self) -> "Group":
+    def channel(self) -> "Group":
+        """The same processes, for collectives in parallel with those of this group."""
+        if self.size == 1:
+            return self
         backend = dist.get_backend(self._tensors)
         return Group(dist.new_group(backend=backend, timeout=PATIENCE), self._objects)
 
-    def channel(self) -> "Group":
-        """Return the same processes, for collectives in parallel with those of this group."""
-        return self._other if self.size > 1 else self
-
     def mean_(self, x: Tensor) -> Tensor:
-        """Average a tensor over the processes, in local."""
-        if self.size == 1:
-            return x
-        with _together():
-            dist.all_reduce(x, group=self._tensors)
-        return x.div_(self.size)
+        """Average a tensor over the processes, in place."""
+        if self.size > 1:
+            with _together():
+                dist.all_reduce(x, group=self._tensors)
+            x.div_(self.size)
+        return x
 
     def largest_(self, x: Tensor) -> Tensor:
-        """Take the maximum of a tensor over the processes, in local."""
+        """Take the maximum of a tensor over the processes, in place."""
         if self.size > 1:
             with _together():
                 dist.all_reduce(x, dist.ReduceOp.MAX, group=self._tensors)
@@ -95,33 +94,30 @@ class Group:
 
     def gather(self, value: T) -> list[T]:
         """Return every process's value, in the order of ranks."""
-        if self.size == 1:
-            return [value]
-        values: list[Any] = [None] * self.size
-        with _together():
-            dist.all_gather_object(values, value, group=self._objects)
+        values: list[Any] = [value] * self.size
+        if self.size > 1:
+            with _together():
+                dist.all_gather_object(values, value, group=self._objects)
         return values
 
     def share(self, module: nn.Module) -> None:
-        """Copy the first process's parameters and buffers into `module`, in local.
-
-        Raises:
-            MorlaxError: they have other sizes in another process.
-        """
-        if self.size == 1:
-            return
-        tensors = [*module.parameters(), *module.buffers()]
-        sizes = self.gather([x.shape for x in tensors])
-        for rank, others in enumerate(sizes):
-            if others != sizes[0]:
-                raise MorlaxError(
-                    f"process {rank} has networks of other sizes than process 0: give every "
-                    "process the same actor, critic and task."
-                )
-        firsts = self.first([x.detach().cpu() for x in tensors])
-        with torch.no_grad():
+        """Copy the first process's parameters and buffers into `module`, in place."""
+        tensors = [x.detach() for x in (*module.parameters(), *module.buffers())]
+        rank = self.unlike_first([x.shape for x in tensors])
+        if rank:
+            raise MorlaxError(
+                f"process {rank} has networks of other sizes than process 0: give every process "
+                "the same actor, critic and task."
+            )
+        if self.size > 1:
+            firsts = self.first([x.cpu() for x in tensors])
             for x, first in zip(tensors, firsts, strict=True):
                 x.copy_(first)
+
+    def unlike_first(self, value: Any) -> int:
+        """Return the lowest rank of a process with another value than the first one, else 0."""
+        values = self.gather(value)
+        return next((rank for rank, other in enumerate(values) if other != values[0]), 0)
 
 
 ALONE = Group()
@@ -130,14 +126,8 @@ ALONE = Group()
 def join(device: str | None, settings: str) -> tuple[str | None, Group]:
     """Join the processes that `torchrun` started, if it did, each on a GPU of its own.
 
-    Returns the device of this process, and the group.
-
     It may be called again for another run of the same processes, or after
-    `torch.distributed.init_process_group`.
-
-    Args:
-        device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
-        settings: must be the same in all processes.
+    `torch.distributed.init_process_group`. It returns the device of this process, and the group.
 
     Raises:
         MorlaxError: not all of them came within a minute, there are fewer GPUs, or they have
@@ -151,17 +141,15 @@ def join(device: str | None, settings: str) -> tuple[str | None, Group]:
         torch.cuda.set_device(local)
     try:
         group = _processes("nccl" if local.type == "cuda" else "gloo")
-        all_settings = group.gather(settings)
     except (OSError, RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise MorlaxError(
             f"the {PROCESSES} processes of this run did not find each other: {reason}"
         ) from None
-    others = [rank for rank, other in enumerate(all_settings) if other != all_settings[0]]
-    if others:
+    if rank := group.unlike_first(settings):
         raise MorlaxError(
-            f"process {others[0]} has another config than process 0: start all processes with the "
-            "same command."
+            f"process {rank} has another config than process 0: start all processes with the same "
+            "command."
         )
     return str(local), group
 
@@ -183,32 +171,23 @@ def meet(store: Store, rank: int, size: int, seconds: float) -> str:
 
     torchrun keeps its store over restarts, with the addresses of processes that have ended, and
     its launchers on several hosts do not count each other's restarts. So each process shows a new
-    word, which the first one answers.
-
-    Args:
-        store: the store of all processes.
-        rank: the number of this process.
-        size: the number of processes.
-        seconds: for how long the first process waits; others wait for the store's timeout.
-
-    Raises:
-        RuntimeError: the first process did not come.
-        TimeoutError: another process did not come.
+    word, which the first one answers. The first one waits so many seconds, and then raises
+    TimeoutError; others wait for the store's timeout, a RuntimeError.
     """
-    own = uuid4().hex
-    store.set(f"word/{rank}", own)
+    word = uuid4().hex
+    store.set(f"word/{rank}", word)
     if rank > 0:
-        name = store.get(f"answer/{own}").decode()
+        name = store.get(f"answer/{word}").decode()
         store.set(f"met/{name}/{rank}", "")
         return name
     missing, end = set(range(1, size)), time.monotonic() + seconds
     while missing:
         for other in tuple(missing):
             if store.check([f"word/{other}"]):  # perhaps of a process that has ended
-                store.set(f"answer/{store.get(f'word/{other}').decode()}", own)
-            if store.check([f"met/{own}/{other}"]):
+                store.set(f"answer/{store.get(f'word/{other}').decode()}", word)
+            if store.check([f"met/{word}/{other}"]):
                 missing.remove(other)
         if time.monotonic() >= end:
             raise TimeoutError(f"process {min(missing)} did not come within {seconds:g} s")
         time.sleep(PAUSE)
-    return own
+    return word

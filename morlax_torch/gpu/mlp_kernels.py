@@ -9,7 +9,6 @@ in a fixed order, so results repeat bit for bit.
 import it only where there is CUDA.
 """
 
-import sys
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
@@ -61,8 +60,8 @@ def _layers(row, SIZES: tl.constexpr, PADDED: tl.constexpr):
     for i in tl.static_range(len(SIZES) - 1):
         outputs, inputs = tl.arange(0, PADDED[i + 1]), tl.arange(0, PADDED[i])
         inside = (outputs < SIZES[i + 1])[:, None] & (inputs < SIZES[i])[None, :]
-        place = row + outputs[:, None] * SIZES[i] + inputs[None, :]
-        weights += (tl.load(place, mask=inside, other=0.0),)
+        cell = row + outputs[:, None] * SIZES[i] + inputs[None, :]
+        weights += (tl.load(cell, mask=inside, other=0.0),)
         row += SIZES[i + 1] * SIZES[i]
         biases += (tl.load(row + outputs, mask=outputs < SIZES[i + 1], other=0.0),)
         row += SIZES[i + 1]
@@ -105,8 +104,8 @@ def _forward(
         z = _product(_round(a, TF32), tl.trans(weights[LAST]), TF32) + biases[LAST][None, :]
         sample, column = first + tl.arange(0, ROWS), tl.arange(0, PADDED[LAST + 1])
         inside = (sample < stop)[:, None] & (column < SIZES[LAST + 1])[None, :]
-        place = y + (k * S + sample[:, None]) * SIZES[LAST + 1] + column[None, :]
-        tl.store(place, z, mask=inside)
+        cell = y + (k * S + sample[:, None]) * SIZES[LAST + 1] + column[None, :]
+        tl.store(cell, z, mask=inside)
 
 
 @triton.jit(do_not_specialize=("S", "stretch"))
@@ -128,6 +127,7 @@ def _backward(
     """Samples are columns: tensor cores take 64 rows, but registers hold fewer samples."""
     k = tl.program_id(1).to(tl.int64)
     LAST: tl.constexpr = len(SIZES) - 2
+    C: tl.constexpr = SIZES[LAST + 1]
     weights, biases = _layers(packed + k * P, SIZES, PADDED)
     by_weight = ()  # the last one transposed, since C may be less than 64
     by_bias = ()
@@ -140,15 +140,7 @@ def _backward(
     stop = tl.minimum(start + stretch, S)
     for first in tl.range(start, stop, ROWS, num_stages=1):
         seen = _samples(x + k * x_k, first, stop, x_s, SIZES[0], PADDED[0], ROWS)
-        slope = _samples(
-            dy + k * S * SIZES[LAST + 1],
-            first,
-            stop,
-            SIZES[LAST + 1],
-            SIZES[LAST + 1],
-            PADDED[LAST + 1],
-            ROWS,
-        )
+        slope = _samples(dy + k * S * C, first, stop, C, C, PADDED[LAST + 1], ROWS)
         a = tl.trans(seen)
         zs = ()
         for i in tl.static_range(LAST):
@@ -178,14 +170,11 @@ def _backward(
         outputs, inputs = tl.arange(0, PADDED[i + 1]), tl.arange(0, PADDED[i])
         if i < LAST:
             inside = (outputs < SIZES[i + 1])[:, None] & (inputs < SIZES[i])[None, :]
-            tl.store(
-                part + outputs[:, None] * SIZES[i] + inputs[None, :], by_weight[i], mask=inside
-            )
+            cell = part + outputs[:, None] * SIZES[i] + inputs[None, :]
         else:
             inside = (inputs < SIZES[i])[:, None] & (outputs < SIZES[i + 1])[None, :]
-            tl.store(
-                part + outputs[None, :] * SIZES[i] + inputs[:, None], by_weight[i], mask=inside
-            )
+            cell = part + outputs[None, :] * SIZES[i] + inputs[:, None]
+        tl.store(cell, by_weight[i], mask=inside)
         part += SIZES[i + 1] * SIZES[i]
         tl.store(part + outputs, by_bias[i], mask=outputs < SIZES[i + 1])
         part += SIZES[i + 1]
@@ -216,16 +205,11 @@ def _pack(
 
 
 def run(sizes: tuple[int, ...], parameters: Sequence[Tensor], x: Tensor) -> Tensor:
-    """Run K networks, each on its own samples; differentiable by their parameters.
+    """Run K networks, each on its own samples x (K, S, O), to (K, S, C); not differentiable by x.
 
-    Args:
-        sizes: O, the hidden layers, C. There is a SiLU after each hidden layer.
-        parameters: the weights (K, outputs, inputs) and bias (K, outputs) of each layer in turn,
-            each contiguous within a network; or one tensor with all of them in a row, (K, P).
-        x: float32 (K, S, O), contiguous in the last dimension.
-
-    Returns:
-        (K, S, C)
+    The sizes are O, the hidden layers, each with a SiLU, and C. Parameters are the weights
+    (K, outputs, inputs) and bias (K, outputs) of each layer in turn, each contiguous within a
+    network; or one tensor with all of them in a row, (K, P). x is contiguous in its rows.
     """
     return _FamilyMLP.apply(x, sizes, *parameters)
 
@@ -233,9 +217,10 @@ def run(sizes: tuple[int, ...], parameters: Sequence[Tensor], x: Tensor) -> Tens
 @cache
 def fits(sizes: tuple[int, ...], device: torch.device) -> bool:
     """Return whether the weights and gradients of a network fit on chip. Compiles the kernels."""
-    weights = sum(4 * b * a for a, b in pairwise(_padded(sizes)))
-    if weights > _memory(device):
-        return False
+    if not INTERPRETED:
+        weights = sum(4 * b * a for a, b in pairwise(_padded(sizes)))
+        if weights > torch.cuda.get_device_properties(device).shared_memory_per_block_optin:
+            return False
     P = sum(shape.numel() for shape in _shapes(sizes))
     parameters = torch.zeros(1, P, device=device, requires_grad=True, dtype=torch.float32)
     x = torch.zeros(1, FORWARD_ROWS, sizes[0], dtype=torch.float32, device=device)
@@ -265,7 +250,7 @@ class _FamilyMLP(torch.autograd.Function):
             )
             constants = _constants(sizes, rows)
             _forward[number, K](
-                x, packed, y, x.stride(0), x.stride(1), P, S, stretch, **constants, num_warps=4
+                x, packed, y, *x.stride()[:2], P, S, stretch, **constants, num_warps=4
             )
         ctx.sizes = sizes
         ctx.save_for_backward(x, packed)
@@ -281,19 +266,10 @@ class _FamilyMLP(torch.autograd.Function):
         rows, warps = (32 if S > SMALLEST else SMALLEST, 8) if wide else (SMALLEST, 4)
         stretch, number = _stretches(S, _processors(x.device) // K, rows)
         parts = x.new_empty(K, number, P)
+        dy, constants = dy.contiguous(), _constants(ctx.sizes, rows)
         with torch.cuda.device_of(x):
             _backward[number, K](
-                x,
-                packed,
-                dy.contiguous(),
-                parts,
-                x.stride(0),
-                x.stride(1),
-                P,
-                S,
-                stretch,
-                **_constants(ctx.sizes, rows),
-                num_warps=warps,
+                x, packed, dy, parts, *x.stride()[:2], P, S, stretch, **constants, num_warps=warps
             )
         gradient = parts.sum(1) if number > 1 else parts[:, 0]
         if ctx.in_one:
@@ -313,14 +289,6 @@ def _padded(sizes: tuple[int, ...]) -> tuple[int, ...]:
 
 def _constants(sizes: tuple[int, ...], rows: int) -> dict[str, Any]:
     return {"SIZES": sizes, "PADDED": _padded(sizes), "ROWS": rows, "TF32": not INTERPRETED}
-
-
-@cache
-def _memory(device: torch.device) -> int:
-    """Return the most bytes of shared memory that a program can have."""
-    if INTERPRETED:
-        return sys.maxsize
-    return torch.cuda.get_device_properties(device).shared_memory_per_block_optin
 
 
 @cache

@@ -13,26 +13,19 @@ from .group import ALONE, Group
 
 
 def step(
-    vector: Tensor,
+    vector: Tensor,  # (P,) parameters
     gradients: Sequence[Tensor],
-    means: Tensor,
-    squares: Tensor,
-    steps: Tensor,
-    rate: Tensor,
+    means: Tensor,  # (P,) first moments
+    squares: Tensor,  # (P,) second moments
+    steps: Tensor,  # () taken
+    rate: Tensor,  # ()
     max_norm: float,
-    norms: Tensor | None = None,
+    norms: Tensor | None = None,  # ()
 ) -> None:
     """Scale gradients down to a joint norm of `max_norm` and take a step of Adam, in place.
 
-    Args:
-        vector: the parameters (P,).
-        gradients: of consecutive parts of the vector, of any shapes.
-        means: the first moments (P,).
-        squares: the second moments (P,).
-        steps: the number of steps taken ().
-        rate: the learning rate ().
-        max_norm: largest norm of the gradients.
-        norms: () increased by the norm of the gradients before scaling, in place, if given.
+    The gradients are those of consecutive parts of the vector, of any shapes. The norm before
+    scaling is added to `norms`.
     """
     gradient = torch.cat([g.flatten() for g in gradients])
     norm = gradient.norm()
@@ -62,14 +55,7 @@ class ClippedAdam:
 
     The parameters become views of one vector, so that a step is a handful of kernels. All state
     lives in tensors that are updated in place, because a recorded graph knows them by address.
-
-    Args:
-        parameters: updated in place.
-        rate: the learning rate.
-        max_norm: largest norm of the gradients.
-        networks: of how many networks, which share nothing, the parameters consist; each has its
-            own norm then, of gradients times their number, which a mean over them divided by.
-        group: processes over which gradients are averaged.
+    Parameters of several `networks`, which share nothing, are clipped network by network.
     """
 
     def __init__(
@@ -94,7 +80,6 @@ class ClippedAdam:
         """Sum over steps of the gradients' norm before clipping, a mean over networks."""
 
     def state(self) -> list[Tensor]:
-        """Return the moments, the number of steps and the learning rate."""
         return [self.mean, self.square, self.steps, self.rate]
 
     def forget(self) -> None:
@@ -105,25 +90,20 @@ class ClippedAdam:
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""
         # with a given first gradient, torch would import SymPy for seconds
-        gradients = self._averaged(torch.autograd.grad(loss, self.parameters))
+        gradients = torch.autograd.grad(loss, self.parameters)
+        if self.group.size > 1:  # in one collective
+            flat = self.group.mean_(torch.cat([gradient.flatten() for gradient in gradients]))
+            gradients = [*flat.split([gradient.numel() for gradient in gradients])]
         max_norm, norms = self.max_norm, self.norms
         if self.networks > 1:
             gradients, max_norm, norms = self._clipped(gradients), math.inf, None
         state = self.mean, self.square, self.steps, self.rate
         self._step(self.vector, gradients, *state, max_norm, norms)
 
-    def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
-        """Average gradients over the processes, in one collective."""
-        if self.group.size == 1:
-            return gradients
-        flat = self.group.mean_(torch.cat([gradient.flatten() for gradient in gradients]))
-        parts = flat.split([gradient.numel() for gradient in gradients])
-        return [part.view_as(own) for part, own in zip(parts, gradients, strict=True)]
-
-    def _clipped(self, gradients: Sequence[Tensor]) -> tuple[Tensor, ...]:
-        """Clip the gradients (R, ...) of every network by itself."""
-        rows = [self.networks * gradient.flatten(1) for gradient in gradients]
-        norm = torch.cat(rows, 1).norm(dim=1, keepdim=True)
+    def _clipped(self, gradients: Sequence[Tensor]) -> list[Tensor]:
+        """Clip the gradients of R networks, one by one; a mean over them has divided the loss."""
+        rows = [gradient.reshape(self.networks, -1) for gradient in gradients]
+        norm = torch.cat([self.networks * row for row in rows], 1).norm(dim=1, keepdim=True)
         self.norms += norm.mean()
         scale = self.networks / (norm / self.max_norm).clamp(min=1.0)
-        return tuple((gradient.flatten(1) * scale).view_as(gradient) for gradient in gradients)
+        return [row * scale for row in rows]

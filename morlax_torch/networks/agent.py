@@ -24,7 +24,7 @@ from .normalizer import Normalizer
 
 
 class Actors(NamedTuple):
-    """The actors of K trade-offs: generated parameters, their family and the normalizer."""
+    """The actors of K trade-offs."""
 
     parameters: dict[str, Tensor]  # (K, ...) each
     family: Family
@@ -41,10 +41,7 @@ class Actors(NamedTuple):
         return TanhNormal(output if self.max_std is None else limited(output, self.max_std))
 
     def explore(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-        """Sample actions before the tanh (K, B, A), with their log-probabilities (K, B).
-
-        Observations (K, B, O) are raw; the noise (K, B, A) is standard normal.
-        """
+        """Map raw observations (K, B, O) and normal noise (K, B, A) as `gaussian.sample` does."""
         output = self.distribution(observation).output
         kernels = fused.kernels(output.device)
         return (kernels.sample if kernels else sample)(output, noise)
@@ -55,12 +52,12 @@ class Actors(NamedTuple):
 
     def copy_(self, other: Self, rows: slice = slice(None)) -> None:
         """Copy the numbers of other actors to these rows, in place: recorded graphs read them."""
-        pairs = [(self.parameters[name], values) for name, values in other.parameters.items()]
-        if self.normalizer is not other.normalizer:  # else it is the agent's own, always up to date
-            statistics = self.normalizer.statistics(), other.normalizer.statistics()
-            pairs += zip(*statistics, strict=True)
-        for mine, values in pairs:
-            mine[rows].copy_(values)
+        mine, values = [*self.parameters.values()], [*other.parameters.values()]
+        if self.normalizer is not other.normalizer:  # else it is the agent's, always up to date
+            mine += self.normalizer.statistics()
+            values += other.normalizer.statistics()
+        for target, source in zip(mine, values, strict=True):
+            target[rows].copy_(source)
 
 
 class SpecializedPolicy(nn.Module):
@@ -105,9 +102,6 @@ class Agent(nn.Module):
             takes m more inputs, the trade-off, and so does the critic.
         critic: replaces the config's critic: a module from (B, O + P) to the values.
         mirror: of the robot, for `network.symmetric`; None: a checkpoint will tell.
-
-    Raises:
-        MorlaxError: an actor or critic has the wrong sizes, or there are no design parameters.
     """
 
     def __init__(
@@ -126,8 +120,17 @@ class Agent(nn.Module):
         self.observation_size, self.privileged_size = sizes.observation, sizes.privileged
         self.action_size, self.num_objectives = sizes.action, m
         self.designs, self._max_std = dict(sizes.designs), network.max_std
-        self.context: Tensor  # (d,)
-        self.register_buffer("context", _context(self.designs, config), persistent=False)
+        context = torch.zeros(0, dtype=torch.float32)
+        if config.sampling.designs:
+            if not self.designs:
+                raise MorlaxError(
+                    f"sampling.designs is {config.sampling.designs}, but {config.env} declares no "
+                    "design parameters: set it to 0, or declare some (docs/designs.md)."
+                )
+            space = DesignSpace(self.designs)
+            context = torch.from_numpy(space.scaled(space.vector(config.task.design))).float()
+        self.context: Tensor  # (d,) of the body that the task names; empty without designs
+        self.register_buffer("context", context, persistent=False)
         self._own = [name for name, x in (("actor", actor), ("critic", critic)) if x is not None]
         self.num_values = config.num_values(m)
         actor, critic = self._networks(actor, critic, config, generator)
@@ -146,14 +149,13 @@ class Agent(nn.Module):
                 num_objectives=m,
                 hidden_sizes=network.hidden,
                 num_features=network.features,
-                context_size=len(self.context),
+                context_size=len(context),
                 scale=network.scale,
                 generator=generator,
             )
             self.actor = make(actor)
-            self.critic = make(
-                critic, features=self.actor.features if network.type == "single" else None
-            )
+            shared = self.actor.features if network.type == "single" else None
+            self.critic = make(critic, features=shared)
         features = sizes.observation + sizes.privileged
         self.observation_normalizer = Normalizer(features, mirror.observation if mirror else None)
         self.value_normalizer = Normalizer(self.num_values)
@@ -214,17 +216,15 @@ class Agent(nn.Module):
 
     def own_networks(self) -> dict[str, dict[str, list[int]]]:
         """Return the parameter shapes of user-made networks: network -> parameter -> shape."""
-        families = {name: getattr(self, name) for name in self._own}
         return {
-            name: {parameter: list(shape) for parameter, shape in family.shapes.items()}
-            for name, family in families.items()
+            name: {
+                parameter: list(shape) for parameter, shape in getattr(self, name).shapes.items()
+            }
+            for name in self._own
         }
 
     def conditions(self, tradeoffs: Tensor) -> Tensor:
-        """Return trade-offs (..., m) with the agent's context, (..., m + d).
-
-        What has a context of its own already, (..., m + d), stays as it is.
-        """
+        """Add the context to trade-offs (..., m); conditions (..., m + d) have their own."""
         if tradeoffs.shape[-1] > self.num_objectives or not len(self.context):
             return tradeoffs
         context = self.context.expand(*tradeoffs.shape[:-1], -1)
@@ -242,21 +242,12 @@ class Agent(nn.Module):
         return Actors(self.actor(self.conditions(tradeoffs)), self.actor, normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
-        """Generate the actors of K trade-offs (K, m) or conditions (K, m + d).
-
-        Returns:
-            A function from *normalized* features (K, B, O + P) to action distributions.
-        """
+        """Return a function from *normalized* features (K, B, O + P) to action distributions."""
         actors, size = self.actors(tradeoffs), self.observation_size
         return lambda normalized: actors.of_normalized(normalized[..., :size])
 
     def values(self, tradeoffs: Tensor) -> Callable[[Tensor], Tensor]:
-        """Generate the critics of K trade-offs (K, m) or conditions (K, m + d).
-
-        Returns:
-            A function from *normalized* features (K, B, O + P) to values (K, B, m), in the units of
-            `value_normalizer`.
-        """
+        """Return a function from *normalized* features (K, B, O + P) to such values (K, B, m)."""
         parameters = self.critic(self.conditions(tradeoffs))
         return lambda normalized: self.critic.run(parameters, normalized)
 
@@ -270,16 +261,3 @@ class Agent(nn.Module):
 def agent_class(config: Config) -> type[Agent]:
     """Return the class of a config's agents: an algorithm may have agents of its own kind."""
     return config.method.agent_class() or Agent
-
-
-def _context(designs: Mapping[str, DesignParameter], config: Config) -> Tensor:
-    """Return the context (d,) of the body that the config's task names; empty without designs."""
-    if not config.sampling.designs:
-        return torch.zeros(0, dtype=torch.float32)
-    if not designs:
-        raise MorlaxError(
-            f"sampling.designs is {config.sampling.designs}, but {config.env} declares no design "
-            "parameters: set it to 0, or declare some (docs/designs.md)."
-        )
-    space = DesignSpace(designs)
-    return torch.from_numpy(space.scaled(space.vector(config.task.design))).float()

@@ -51,26 +51,20 @@ def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
     m = num_objectives
     if m is not None and m < conditions.shape[-1]:
         return torch.cat([on_simplex(conditions[..., :m]), conditions[..., m:]], -1)
-    if not (_is_recorded() or (conditions.isfinite() & (conditions.sum(-1, True) > 0)).all()):
-        raise MorlaxError("a trade-off must be finite, and its weights must not sum to zero.")
-    return conditions / conditions.sum(-1, keepdim=True)
-
-
-def _is_recorded() -> bool:
-    """Return whether torch only records the operations, and no number exists yet."""
+    sums = conditions.sum(-1, keepdim=True)
     capturing = torch.cuda.is_available() and torch.cuda.is_current_stream_capturing()
-    return capturing or torch.jit.is_tracing() or torch.compiler.is_compiling()
+    recorded = capturing or torch.jit.is_tracing() or torch.compiler.is_compiling()
+    if not (recorded or (conditions.isfinite() & (sums > 0)).all()):
+        raise MorlaxError("a trade-off must be finite, and its weights must not sum to zero.")
+    return conditions / sums
 
 
 class Conditioned(nn.Module):
     """One network for every trade-off w, which it takes beside its input x: g(x, w).
 
-    (AMOR: Alegre et al., 2025. A hypernetwork instead generates the network's parameters.)
-
-    Args:
-        network: maps rows (B, inputs + m + d) to (B, outputs); its last m + d inputs are the
-            condition. It is copied, not changed.
-        num_objectives: m, if conditions have a context (see `family`).
+    (AMOR: Alegre et al., 2025. A hypernetwork instead generates the network's parameters.) The
+    network, which is copied, maps rows (B, inputs + m + d) to (B, outputs). `num_objectives` is m
+    if conditions have a context.
     """
 
     def __init__(self, network: nn.Module, num_objectives: int | None = None):
@@ -81,28 +75,19 @@ class Conditioned(nn.Module):
         self._mlp = mlp_sizes(network)
 
     def forward(self, conditions: Tensor) -> dict[str, Tensor]:
-        """Return the parameters of K networks: {"condition": (K, m + d)}.
-
-        Their trade-offs are scaled to sum to one.
-
-        Raises:
-            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
-        """
+        """Return {"condition": (K, m + d)}; their trade-offs are scaled to sum to one."""
         return {"condition": on_simplex(conditions, self._num_objectives)}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
-        """Run the network under K conditions, each on its own inputs (K, B, ...)."""
         (x,) = inputs
         rows = _beside(x, parameters["condition"][:, None]).flatten(0, 1)
         return fused.mlp(rows, self._mlp, self.network).unflatten(0, x.shape[:2])
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
-        """Run the network under one {"condition": (m + d,)} on its inputs (B, ...)."""
         (x,) = inputs
         return self.network(_beside(x, parameters["condition"]))
 
     def specialize(self, condition: Tensor) -> nn.Module:
-        """Return the network of one condition (m + d,), with parameters of its own."""
         network = copy.deepcopy(self.network).to(condition.device)
         return _Fixed(network, on_simplex(condition[None], self._num_objectives))
 

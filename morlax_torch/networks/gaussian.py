@@ -65,14 +65,9 @@ def limited(output: Tensor, max_std: float) -> Tensor:
 
 
 def sample(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Sample actions before the tanh, with their log-probabilities (`gaussian_kernels.sample`).
+    """Return actions before the tanh (K, G, A), with their log-probabilities (K, G).
 
-    Args:
-        output: of the actors, (K, G, 2A).
-        noise: standard normal, (K, G, A).
-
-    Returns:
-        Actions (K, G, A) and log-probabilities (K, G).
+    The actors' output is (K, G, 2A), the standard normal noise (K, G, A).
     """
     policy = TanhNormal(output)
     action = policy.mean + policy.std * noise

@@ -21,7 +21,7 @@ from .mlp import Symmetric, mlp_sizes
 class PerThread(threading.local):
     """A copy of a module for each thread: `functional_call` swaps a module's parameters."""
 
-    def __init__(self, module: nn.Module):  # every thread that uses the object calls it
+    def __init__(self, module: nn.Module):  # called by every thread that uses the object
         self.original, self.copy = module, copy.deepcopy(module)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -33,13 +33,7 @@ class Generated(nn.Module, ABC):
 
     A subclass maps conditions (K, m + d) to rows of P parameters (`flat`). Any target that
     `torch.vmap` can batch works (nn.LSTM does not; a loop over nn.GRUCell does). Its buffers are
-    copied once and shared by the whole family.
-
-    Args:
-        target: the module whose parameters are generated; it is copied, not changed.
-
-    Raises:
-        MorlaxError: the target is no module, or has no parameters.
+    copied once and shared by the whole family. The target itself is copied, not changed.
     """
 
     def __init__(self, target: nn.Module):
@@ -67,63 +61,48 @@ class Generated(nn.Module, ABC):
         """Map conditions (K, m + d) to parameters (K, P), in the order of `shapes`."""
 
     def forward(self, conditions: Tensor) -> dict[str, Tensor]:
-        """Map conditions (K, m + d) to parameters: name -> (K, *shape).
-
-        Their trade-offs are scaled to sum to one.
-
-        Raises:
-            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
-        """
-        return self.split(self.flat(conditions))
+        """Map conditions (K, m + d) to {"flat": (K, P)}; trade-offs are scaled (`on_simplex`)."""
+        return {"flat": self.flat(conditions)}
 
     def split(self, flat: Tensor) -> dict[str, Tensor]:
         """Return the parameters (..., *shape) that rows (..., P) consist of, by name."""
         named = zip(self.shapes.items(), flat.split(self.sizes, dim=-1), strict=True)
-        return {name: values.reshape(*flat.shape[:-1], *shape) for (name, shape), values in named}
+        return {name: values.reshape((*flat.shape[:-1], *shape)) for (name, shape), values in named}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
-
-        MLPs run in fused kernels where there are some; the result is that of `torch.vmap`, up to
-        rounding.
-        """
+        """Run K networks, each on its own inputs (K, ...), with fused kernels if there are some."""
         definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
         if not self._mlp or len(inputs) != 1:
             return definition()
-        target = self._target.copy
-        if isinstance(target, Symmetric):
-            return self._run_mirrored(target, self._mlp, parameters, *inputs)
-        generated = [parameters[name] for name in self.shapes]
-        return fused.mlps(inputs[0], self._mlp, generated, definition)
+        target, flat = self._target.copy, parameters["flat"]
+        if not isinstance(target, Symmetric):
+            return fused.mlps(inputs[0], self._mlp, [flat], definition)
 
-    def _run_mirrored(
-        self, target: Symmetric, sizes: tuple[int, ...], parameters: dict[str, Tensor], x: Tensor
-    ) -> Tensor:
-        """Run K symmetric MLPs, each on its rows of x (K, B, I) and their images at once."""
+        def run_inside(flat: Tensor, x: Tensor) -> Tensor:
+            inside = {name.removeprefix("network."): p for name, p in self.split(flat).items()}
+            return functional_call(target.network, inside, x)
+
+        # one call for the rows and their images
         buffers = self._buffers_of_family()
-        inputs = Reflection(buffers["inputs_order"], buffers["inputs_sign"])
-        outputs = Reflection(buffers["outputs_order"], buffers["outputs_sign"])
-        rows, run = torch.cat([x, inputs(x)], 1), partial(functional_call, target.network)
-        generated = [parameters[name] for name in self.shapes]
-        named = {name.removeprefix("network."): parameters[name] for name in self.shapes}
-        found = fused.mlps(rows, sizes, generated, partial(vmap(run), named, rows))
-        own, image = found.chunk(2, 1)
-        return target.mixed(own, outputs(image))
+        mirror_inputs = Reflection(buffers["inputs_order"], buffers["inputs_sign"])
+        mirror_outputs = Reflection(buffers["outputs_order"], buffers["outputs_sign"])
+        rows = torch.cat([inputs[0], mirror_inputs(inputs[0])], 1)
+        outputs = fused.mlps(rows, self._mlp, [flat], partial(vmap(run_inside), flat, rows))
+        plain, image = outputs.chunk(2, 1)
+        return target.mixed(plain, mirror_outputs(image))
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run one network, with parameters of the target's own shapes, on the target's inputs."""
-        target = self._target.copy
-        return functional_call(target, {**parameters, **self._buffers_of_family()}, inputs)
+        """Run one network, {"flat": (P,)}, on the target's inputs."""
+        named = {**self.split(parameters["flat"]), **self._buffers_of_family()}
+        return functional_call(self._target.copy, named, inputs)
 
     def specialize(self, condition: Tensor) -> nn.Module:
         """Return a plain copy of the target with the parameters of one condition (m + d,)."""
         network = copy.deepcopy(self.target).to(condition.device)
         with torch.no_grad():
-            generated = self(condition[None])
-            for name, parameter in network.named_parameters():
-                parameter.copy_(generated[name][0])
-            for name, buffer in self._buffers_of_family().items():
-                network.get_buffer(name).copy_(buffer)
+            values = {**self.split(self.flat(condition[None])[0]), **self._buffers_of_family()}
+            for name, tensor in [*network.named_parameters(), *network.named_buffers()]:
+                tensor.copy_(values[name])
         return network
 
     def _buffers_of_family(self) -> dict[str, Tensor]:
@@ -136,11 +115,8 @@ class Independent(Generated):
 
     That is the network r with the largest w . keys[r] + offsets[r]. With points a of the simplex as
     keys and -|a|²/2 as offsets, it is the nearest one; with returns as keys and no offsets, the one
-    with the largest weighted return.
-
-    Args:
-        target: the module that all networks start as; it is copied, not changed.
-        keys: points of the simplex (R, m), so that the nearest network is chosen at first.
+    with the largest weighted return. All networks start as the target, with points of the simplex
+    as keys.
     """
 
     keys: Tensor

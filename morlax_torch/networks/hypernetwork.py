@@ -23,8 +23,7 @@ class Hypernetwork(Generated):
         outputs = family.run(family(tradeoffs), inputs)  # (K, 2), (K, B, 3) -> (K, B, 2)
 
     Args:
-        target: the module to generate parameters for, of any kind that `Generated` can run; it is
-            copied, not changed.
+        target: the module to generate parameters for, which `Generated` can run; it is copied.
         num_objectives: m, the length of a trade-off.
         hidden_sizes: hidden layers of f.
         num_features: F.

@@ -31,16 +31,21 @@ def mlp(
     outputs: int,
     generator: torch.Generator | None = None,
     dtype: torch.dtype = torch.float32,
+    normalized: bool = False,
 ) -> nn.Sequential:
-    """Build SiLU layers and a linear output layer, with LeCun-uniform weights and zero biases."""
+    """Build SiLU layers and a linear output layer, with LeCun-uniform weights and zero biases.
+
+    With `normalized`, there is a layer normalization before each activation.
+    """
     layers: list[nn.Module] = []
     for before, after in pairwise([inputs, *hidden, outputs]):
         linear = Linear(before, after, dtype=dtype)
         bound = math.sqrt(3 / before)
         nn.init.uniform_(linear.weight, -bound, bound, generator)
         nn.init.zeros_(linear.bias)
-        layers += [linear, nn.SiLU()]
-    return nn.Sequential(*layers[:-1])
+        norms = [nn.LayerNorm(after, dtype=dtype)] if normalized else []
+        layers += [linear, *norms, nn.SiLU()]
+    return nn.Sequential(*layers[: -2 if normalized else -1])
 
 
 def mlp_sizes(network: nn.Module) -> tuple[int, ...] | None:
@@ -62,13 +67,7 @@ class Symmetric(nn.Module):
     f(x) = (1 + a) / 2 g(x) + (1 - a) / 2 M'g(Mx), where M and M' reflect inputs and outputs. With
     a = 0 that is exact (Ravindran and Barto, 2001, on symmetries of decisions; "NET" in
     Abdolhosseini et al., "On Learning Symmetric Locomotion", 2019). But then a robot that stands
-    exactly symmetric moves both legs alike; with a > 0 it can take a first step.
-
-    Args:
-        network: g, from inputs (B, I) to outputs (B, O).
-        inputs: M.
-        outputs: M'.
-        asymmetry: a, from 0 to 1, where f = g.
+    exactly symmetric moves both legs alike; with an `asymmetry` a > 0 it can take a first step.
     """
 
     inputs_order: Tensor
@@ -90,10 +89,9 @@ class Symmetric(nn.Module):
         outputs = Reflection(self.outputs_order, self.outputs_sign)
         return self.mixed(self.network(x), outputs(self.network(inputs(x))))
 
-    def mixed(self, own: Tensor, mirrored: Tensor) -> Tensor:
+    def mixed(self, plain: Tensor, mirrored: Tensor) -> Tensor:
         """Return f(x) from g(x) and M'g(Mx)."""
-        mine, its = self.shares
-        return mine * own + its * mirrored
+        return self.shares[0] * plain + self.shares[1] * mirrored
 
 
 class Twins(nn.Module):
@@ -101,12 +99,6 @@ class Twins(nn.Module):
 
     The smaller of two estimates counters overestimation (Fujimoto et al., 2018), and normalized
     layers keep values bounded where no data is (Ball et al., 2023).
-
-    Args:
-        inputs: features of an observation, and actions.
-        hidden: hidden layers of each.
-        num_objectives: m.
-        generator: draws the initial parameters.
     """
 
     def __init__(
@@ -118,7 +110,7 @@ class Twins(nn.Module):
     ):
         super().__init__()
         self.networks = nn.ModuleList(
-            _normalized(mlp(inputs, hidden, num_objectives, generator)) for _ in range(2)
+            mlp(inputs, hidden, num_objectives, generator, normalized=True) for _ in range(2)
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -127,25 +119,10 @@ class Twins(nn.Module):
 
 
 def smaller(values: Tensor, weights: Tensor) -> Tensor:
-    """Return the values (..., m) of the twin whose weighted sum is the smaller one.
-
-    Args:
-        values: of the twins (..., 2m), first by twin.
-        weights: (..., m)
-    """
+    """Return the values (..., m) of the twin, of two (..., 2m), with the smaller weighted sum."""
     one, other = values.chunk(2, -1)
     less = (one * weights).sum(-1, True) < (other * weights).sum(-1, True)
     return torch.where(less, one, other)
-
-
-def _normalized(network: nn.Sequential) -> nn.Sequential:
-    """Return the network with a normalization before each activation."""
-    layers: list[nn.Module] = []
-    for layer in network:
-        layers.append(layer)
-        if isinstance(layer, nn.Linear) and layer is not network[-1]:
-            layers.append(nn.LayerNorm(layer.out_features, dtype=torch.float32))
-    return nn.Sequential(*layers)
 
 
 def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> None:
@@ -162,7 +139,7 @@ def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> N
     before = [(id(buffer), buffer._version) for buffer in network.buffers()]
     try:
         with torch.no_grad():
-            found = vmap(network, randomness="different")(rows)  # as a family runs it
+            output = vmap(network, randomness="different")(rows)  # as a family runs it
     except RuntimeError as error:
         reason = str(error).splitlines()[0]
         raise MorlaxError(f"the {name} cannot take observations (2, {inputs}): {reason}") from None
@@ -176,7 +153,7 @@ def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> N
             f"the {name} keeps tensors from call to call: let its forward change no buffer or "
             "attribute."
         )
-    shape = tuple(found.shape[1:]) if isinstance(found, Tensor) else type(found).__name__
+    shape = tuple(output.shape[1:]) if isinstance(output, Tensor) else type(output).__name__
     if shape != (2, outputs):
         raise MorlaxError(
             f"the {name} maps observations (2, {inputs}) to {shape}, but it should return "

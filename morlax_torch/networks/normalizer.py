@@ -15,11 +15,8 @@ LIMIT = 10.0  # standard deviations; values further out are clipped
 class Normalizer(nn.Module):
     """Standardizes features by the running mean and variance of all updates.
 
-    Accepts a prefix of the features, so policies can omit privileged ones.
-
-    Args:
-        size: number of features.
-        reflection: of the features, where statistics are to be those of mirror images too.
+    Accepts a prefix of the features, so policies can omit privileged ones. With a reflection of the
+    features, statistics are those of mirror images too.
     """
 
     mean: Tensor  # (size,)

@@ -34,11 +34,7 @@ class Policy(nn.Module):
         self.agent, self.config, self.objectives = agent, config, tuple(objectives)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
-        """Move all tensors, as `.to` and `.cuda` do.
-
-        Raises:
-            MorlaxError: `fn` changes the dtype.
-        """
+        # `.to`, `.cuda` and their like move all tensors so
         dtype = fn(torch.zeros((), dtype=torch.float32)).dtype
         if dtype != torch.float32:
             raise MorlaxError(
@@ -94,12 +90,12 @@ class Policy(nn.Module):
                 "fixed weights."
             )
         weights = one_tradeoff(tradeoff, self.objectives, torch.device("cpu")).double()
-        task, found = self.config.task, dict[str, float]()
+        task, total = self.config.task, dict[str, float]()
         parts = zip((weights / weights.sum()).tolist(), task.objectives.values(), strict=True)
         for share, terms in [(1.0, task.shared), (1.0, task.guide), *parts]:
             for name, weight in terms.items():
-                found[name] = found.get(name, 0.0) + share * weight
-        return found
+                total[name] = total.get(name, 0.0) + share * weight
+        return total
 
     def _checked(self, observation: Tensor | ArrayLike) -> Tensor:
         """Convert observations (B, O) or (O,) to float32; arrays move to the policy's device."""
@@ -110,8 +106,9 @@ class Policy(nn.Module):
                     array = np.array(array, np.float32, order="C")
                 observation = torch.as_tensor(array, device=self._device)
             except (TypeError, ValueError):
-                given = shortened(observation)
-                raise MorlaxError(f"observations consist of numbers, not {given}.") from None
+                raise MorlaxError(
+                    f"observations consist of numbers, not {shortened(observation)}."
+                ) from None
         size = self.agent.observation_size
         if observation.ndim not in (1, 2) or observation.shape[-1] != size:
             raise MorlaxError(

@@ -5,13 +5,12 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import smooth_l1_loss
+from torch.nn.functional import cosine_similarity, normalize, smooth_l1_loss
 
-from ...algorithms.off_policy.learner import OffPolicy
-from ...algorithms.off_policy.replay import Transitions
+from ...algorithms.off_policy import OffPolicy, Transitions
 from ...algorithms.rollout import Explore
 from ...configuration.config import Config
-from ...configuration.tradeoffs import even_tradeoffs, sample_cells
+from ...configuration.tradeoffs import even_tradeoffs, sample_cells, typical_tradeoffs
 from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator
 from ...evaluation.making import evaluation_worlds
@@ -19,25 +18,71 @@ from ...gpu.optimizer import ClippedAdam
 from ...networks.family import Family
 from ...networks.gaussian import TanhNormal
 from ...networks.mlp import smaller
-from .interpolator import Interpolator, angle
 from .options import PDMORLOptions
 
 MAX_NORM = 100.0  # of gradients
 KEY_NOISE = 0.05  # standard deviation and limit, on the weights of key trade-offs
 LIMIT = 1 - 1e-6  # of actions, whose atanh must be finite
 MEASURING = 1  # seed of the episodes of key trade-offs; 0 is that of evaluations
+PARALLEL = 0.9999  # cosine of vectors that count as parallel: the slope of acos has no limit
+
+
+class Interpolator:
+    """Interpolates between the returns of the key trade-offs: the corners and the balanced one.
+
+    A sum of distances to the key trade-offs and a constant (radial basis functions of degree 1;
+    Wright, 2003) goes through their returns, which are divided by their sum of absolute values.
+    Until returns are known, the direction of a trade-off is the trade-off itself.
+    """
+
+    def __init__(self, num_objectives: int, device: torch.device):
+        self.keys = typical_tradeoffs(num_objectives)
+        points = self.keys.double()
+        system = torch.ones(2 * [len(points) + 1], dtype=torch.float64)
+        system[-1, -1] = 0.0
+        system[:-1, :-1] = torch.cdist(points, points)
+        self._inverse = system.inverse()
+        self._points = self.keys.to(device)
+        self._solutions = points.clone()  # (m + 1, m) the best returns
+        self._known = torch.zeros((), dtype=torch.bool)
+        self._coefficients = self._points.new_zeros(len(system), num_objectives)
+        self._fit()
+
+    def state(self) -> list[Tensor]:
+        return [self._solutions, self._known, self._coefficients]
+
+    def observe(self, returns: Tensor) -> None:
+        """Keep the returns (m + 1, m) of key trade-offs whose weighted sum is the largest yet."""
+        more = ((returns - self._solutions) * self.keys).sum(-1, keepdim=True) > 0
+        self._solutions.copy_(torch.where(more | ~self._known, returns, self._solutions))
+        self._known.fill_(True)
+        self._fit()
+
+    def _fit(self) -> None:
+        values = normalize(self._solutions, p=1.0)
+        self._coefficients.copy_(self._inverse @ torch.cat([values, torch.zeros_like(values[:1])]))
+
+    def __call__(self, tradeoffs: Tensor) -> Tensor:
+        """Map trade-offs (S, m) to directions (S, m) of any length."""
+        distances = (tradeoffs[:, None] - self._points).norm(dim=-1, keepdim=True)
+        # no matrix product, which would round to TF32
+        return (distances * self._coefficients[:-1]).sum(1) + self._coefficients[-1]
+
+
+def angle(one: Tensor, other: Tensor) -> Tensor:
+    """Return the angle (...) between vectors (..., m) in degrees, from 0.8 to 90.
+
+    Smaller and larger ones have no gradient, as in the authors' code of PD-MORL.
+    """
+    return cosine_similarity(one, other, -1).clamp(0.0, PARALLEL).acos().rad2deg()
 
 
 class PDMORL(OffPolicy):
     """Trains one actor and one pair of twin critics that take the trade-off as an input.
 
     (Basaklar, Gumussoy and Ogras, 2023, "PD-MORL: Preference-Driven Multi-Objective Reinforcement
-    Learning Algorithm".) TD3 (Fujimoto et al., 2018) for vector rewards. Each of the K clusters
-    explores a part of the simplex. Transitions are learned from with the trade-off that acted and
-    with others, and losses include the angle between values and the direction that an interpolator
-    gives for the trade-off. docs/algorithms.md says what differs.
-
-    It needs `network.type: conditioned`, and takes the arguments of `OffPolicy`.
+    Learning Algorithm".) TD3 (Fujimoto et al., 2018) for vector rewards. docs/algorithms.md
+    explains it. It needs `network.type: conditioned`, and takes the arguments of `OffPolicy`.
     """
 
     losses = ("policy_loss", "value_loss", "angle")
@@ -50,7 +95,7 @@ class PDMORL(OffPolicy):
         families = self.agent.actor, self.agent.critic
         rate, group = self.options.learning_rate, self.group
         self.optimizers = tuple(
-            ClippedAdam([*own.parameters()], rate, MAX_NORM, group=group) for own in families
+            ClippedAdam([*x.parameters()], rate, MAX_NORM, group=group) for x in families
         )
         K, m = self.tradeoffs.shape
         self._centers = even_tradeoffs(K, m).to(env.device)
@@ -145,11 +190,11 @@ class PDMORL(OffPolicy):
             action = self._act(actor, following, tradeoffs)
             noise = options.smoothing * torch.empty_like(action).normal_(generator=self.generator)
             action = (action + noise.clamp(-options.clip, options.clip)).clamp(-1.0, 1.0)
-            found = self._value(critic, following, action, tradeoffs)
-            future = smaller(found, tradeoffs[:, None]).squeeze(1)
+            values = self._value(critic, following, action, tradeoffs)
+            future = smaller(values, tradeoffs[:, None]).squeeze(1)
             wanted = (rows.reward + rows.discount * future)[:, None, None]
-        found = self._value(self.agent.critic, seen, rows.action[:, None], tradeoffs)
-        twins = found.unflatten(-1, (2, -1))
+        values = self._value(self.agent.critic, seen, rows.action[:, None], tradeoffs)
+        twins = values.unflatten(-1, (2, -1))
         error = smooth_l1_loss(twins, wanted.expand_as(twins))
         return 2 * (error + self._guided(options.critic_angle) * self._angle(twins, tradeoffs))
 
@@ -163,10 +208,7 @@ class PDMORL(OffPolicy):
         return self._guided(self.options.actor_angle) * degrees - utility, degrees
 
     def _tensors(self) -> dict[str, list[Tensor]]:
-        return {
-            "interpolator": self.interpolator.state(),
-            **super()._tensors(),
-        }
+        return {"interpolator": self.interpolator.state(), **super()._tensors()}
 
 
 LEARNER = PDMORL

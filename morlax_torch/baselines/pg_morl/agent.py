@@ -22,13 +22,7 @@ class InOrder(Independent):
 
 
 class Normalizers(Normalizer):
-    """Statistics of R policies, each of its own inputs: (..., R, B, size) in all.
-
-    Args:
-        size: number of features.
-        rows: R.
-        reflection: of the features, where statistics are to be those of mirror images too.
-    """
+    """Statistics of R policies, the `rows`, each of its own inputs: (..., R, B, size) in all."""
 
     def __init__(self, size: int, rows: int, reflection: Reflection | None = None):
         super().__init__(size, reflection)
@@ -53,23 +47,14 @@ class Normalizers(Normalizer):
 class PopulationAgent(Agent):
     """An archive of policies, of which a trade-off gets the one with the best weighted return.
 
-    Arguments and errors are those of `Agent`, but for:
-
-    Args:
-        in_order: have so many policies, and give the k-th of as many trade-offs the k-th one.
+    With `in_order`, there are so many policies instead, and the k-th of as many trade-offs gets the
+    k-th one. Other arguments and errors are those of `Agent`.
     """
 
     def __init__(
-        self,
-        config: Config,
-        sizes: Sizes,
-        generator: torch.Generator | None = None,
-        *,
-        mirror: Mirror | None = None,
-        in_order: int = 0,
-        **networks: Any,
+        self, config: Config, sizes: Sizes, *others: Any, in_order: int = 0, **networks: Any
     ):
-        super().__init__(config, sizes, generator, mirror=mirror, **networks)
+        super().__init__(config, sizes, *others, **networks)
         if in_order:
             self.num_networks = in_order
             keys = torch.zeros(in_order, sizes.objectives, dtype=torch.float32)  # unused
@@ -78,6 +63,7 @@ class PopulationAgent(Agent):
                 for family in (self.actor, self.critic)
                 if isinstance(family, Independent)
             )
+        mirror: Mirror | None = networks.get("mirror")
         reflection = mirror.observation if mirror else None
         size = self.observation_normalizer.size
         self.observation_normalizer = Normalizers(size, self.num_networks, reflection)

@@ -39,14 +39,9 @@ class PGMORL(Trainer):
     """Trains K policies at a time, and every generation chooses which, and with what trade-offs.
 
     (Xu et al., 2020, "Prediction-Guided Multi-Objective Reinforcement Learning for Continuous
-    Robot Control".) After a generation of training, snapshots of the K policies are measured. They
-    join the external Pareto archive, which keeps all that none dominates, and the population, which
-    keeps the best in each direction of the objective space. A model predicts how the returns of
-    each member of the population would change under several trade-offs, and the K pairs of member
-    and trade-off are trained next that together promise the best front. A trade-off gets the policy
-    of the archive with the largest weighted return. docs/algorithms.md says what differs.
-
-    Every policy has its own normalizers, which go with it, so that it stays what was measured.
+    Robot Control".) docs/algorithms.md explains it. The agent is the archive, `trained` the K
+    policies. Every policy has its own normalizers, which go with it, so that it stays what was
+    measured.
 
     It needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
     """
@@ -96,58 +91,54 @@ class PGMORL(Trainer):
         if left == 0:
             self._end_generation()
 
-    def _keep_snapshot(self, place: int) -> None:
-        """Copy the policies in training to a place counted from the last one, which is 0."""
+    def _keep_snapshot(self, later: int) -> None:
+        """Copy the policies in training; so many snapshots follow in this generation."""
         K = len(self.tradeoffs)
-        last = len(self._snapshots[0]) - place * K
-        for snapshots, own in zip(self._snapshots, self._belongings(), strict=True):
-            snapshots[last - K : last] = own
+        end = len(self._snapshots[0]) - later * K
+        for snapshots, values in zip(self._snapshots, self._belongings(), strict=True):
+            snapshots[end - K : end] = values
 
     def _measure(self) -> Tensor:
         """Return the returns (S, m) of the snapshots, the same in every process."""
         return self.group.first(torch.from_numpy(self._evaluator.evaluate().returns))
 
     def _end_generation(self) -> None:
-        returns, weights = self._measure(), self.tradeoffs.double().cpu()
-        last = returns[-len(weights) :]
-        self._remember(last, weights)
+        state, weights = self._state, self.tradeoffs.double().cpu()
+        returns, K = self._measure(), len(weights)
+        last = returns[-K:]
+        rows = (self._stretches + torch.arange(K)) % REMEMBERED
+        state["history"][rows] = torch.stack([state["start"], weights, last - state["start"]], 1)
+        self._stretches += K
         self._join_archive(returns)
-        self._join_population(returns, weights.repeat(len(returns) // len(weights), 1))
-        self._state["start"].copy_(last)
+        self._join_population(returns, weights.repeat(len(returns) // K, 1))
+        state["start"].copy_(last)
         if self.iteration >= self.options.warmup and self._size:
             self._choose()
 
-    def _remember(self, returns: Tensor, weights: Tensor) -> None:
-        history, start = self._state["history"], self._state["start"]
-        places = (self._stretches + torch.arange(len(returns))) % REMEMBERED
-        history[places] = torch.stack([start, weights, returns - start], 1)
-        self._stretches += len(returns)
-
     def _join_archive(self, returns: Tensor) -> None:
         """Let the snapshots join the archive, which is the agent that is evaluated."""
-        state, before = self._state, self._archived
-        joined = torch.cat([state["archived"][:before], returns])
-        kept = pareto_archive(joined.numpy(), len(state["archived"]))
-        archive = [*belongings(self.agent), state["archived"]]
-        own = self._snapshots[: len(archive) - 1]
-        _keep(archive, before, [*own, returns], kept)
+        archived, before = self._state["archived"], self._archived
+        joined = torch.cat([archived[:before], returns])
+        kept = pareto_archive(joined.numpy(), len(archived))
+        archive = belongings(self.agent)
+        _keep(archive, before, self._snapshots[: len(archive)], kept)
+        _keep([archived], before, [returns], kept)
         self._archived = size = len(kept)
         for family in (self.agent.actor, self.agent.critic):
             assert isinstance(family, Independent)
-            family.keys[:size] = state["archived"][:size].to(family.keys)
+            family.keys[:size] = archived[:size].to(family.keys)
             family.offsets.fill_(-torch.finfo(torch.float32).max)
             family.offsets[:size] = 0.0
 
     def _join_population(self, returns: Tensor, weights: Tensor) -> None:
         """Let the snapshots join the population, and keep the best of it."""
-        state, before = self._state, self._size
-        joined = torch.cat([state["returns"][:before], returns])
+        stores = [self._state[name] for name in ("returns", "weights", "tried")]
+        joined = torch.cat([stores[0][: self._size], returns])
         point = self._evaluator.reference_point
         kept = performance_buffer(joined.numpy(), point, self._directions, self.options.bin_size)
-        stores = [state[name] for name in ("returns", "weights", "tried")]
         untried = torch.zeros(len(returns), self.options.candidates, dtype=torch.bool)
         added = [returns, weights, untried, *self._snapshots]
-        _keep([*stores, *self._members], before, added, kept)
+        _keep([*stores, *self._members], self._size, added, kept)
         self._size = len(kept)
 
     def _choose(self) -> None:
@@ -176,8 +167,8 @@ class PGMORL(Trainer):
         picked = torch.from_numpy(members)
         self.tradeoffs.copy_(torch.from_numpy(around[members, candidates]))
         state["start"].copy_(state["returns"][picked])
-        for own, stored in zip(self._belongings(), self._members, strict=True):
-            own.copy_(stored[picked.to(stored.device)])
+        for values, stored in zip(self._belongings(), self._members, strict=True):
+            values.copy_(stored[picked.to(stored.device)])
 
     def _belongings(self) -> list[Tensor]:
         """Return views (K, ...) of all that belongs to each policy in training."""
@@ -218,9 +209,8 @@ class PGMORL(Trainer):
 def intervals(config: Config, episode_length: int, device_type: str) -> tuple[int, int]:
     """Return the iterations of a generation, and those between two snapshots of a policy.
 
-    Both are as few as SPACING and the SHARE of time for measuring allow, in time counted as steps
-    of one world: the same in every process, and whenever a run is repeated. A generation that the
-    config gives is kept.
+    Both are as few as SPACING and the SHARE of time for measuring allow. Time counts as steps of
+    one world, so that all processes and repeated runs agree.
     """
     assert isinstance(config.method, PGMORLOptions)
     allowed = SHARE / (1 - SHARE) * config.worlds * config.horizon  # steps of each iteration

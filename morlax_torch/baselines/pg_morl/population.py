@@ -1,7 +1,7 @@
 """Population and archive of PG-MORL: which policies stay, and what each may be trained with next.
 
-Xu et al., 2020, section 3.3. Every objective is maximized and may have its own unit: where the
-authors' code has constants in units of their rewards, objectives are scaled by the returns.
+Xu et al., 2020, section 3.3. Objectives are maximized and may differ in unit: where the authors'
+code has constants in units of their rewards, objectives are scaled by the returns.
 """
 
 import numpy as np
@@ -22,8 +22,7 @@ def directions(number: int, num_objectives: int) -> Array:
 
     With two objectives they are the centers of equal angles, from the second axis to the first.
     With more, they are the centers of clusters of uniform directions (Lloyd's algorithm, with a
-    fixed random seed). The authors' code uses a grid of trade-offs instead, which is less even in
-    angle and exists for few numbers only.
+    fixed random seed).
     """
     if num_objectives == 2:
         angles = (np.arange(number) + 0.5) * (np.pi / 2 / number)
@@ -48,18 +47,10 @@ def performance_buffer(
 ) -> Indices:
     """Return the indices (k,) of the policies that stay in the population.
 
-    Each policy falls into the bin whose direction is nearest in angle, seen from the reference
-    point. Each bin keeps the `size` policies farthest from the reference point. Policies that do
-    not exceed it in every objective are dropped. Indices are sorted by bin, then from far to near.
-
-    Unlike in the authors' code, each objective is divided by its largest excess over the reference
-    point first, so that units do not change the bins.
-
-    Args:
-        returns: (n, m) of all policies.
-        reference: point (m,).
-        directions: unit vectors (B, m), one per bin.
-        size: most policies per bin.
+    Each policy, with returns (n, m), falls into the bin whose direction (B, m) is nearest in angle,
+    seen from the reference point (m,). Each bin keeps the `size` policies farthest from that point.
+    Policies that do not exceed it in every objective are dropped. Indices are sorted by bin, then
+    from far to near. Each objective is divided by its largest excess over the reference point.
     """
     excess = np.asarray(returns, np.float64) - np.asarray(reference, np.float64)
     kept = np.flatnonzero(exceeding(excess))
@@ -76,9 +67,9 @@ def pareto_archive(returns: ArrayLike, most: int) -> Indices:
     """Return the indices (k,) of the policies that stay in the external Pareto archive, sorted.
 
     Those are all with returns (n, m) that none dominates. Of more than `most`, the most crowded are
-    dropped, one by one: each time, the one with the smallest distance to another, of equal ones the
-    one with the smaller second distance, and so on (as SPEA2 truncates its archive; Zitzler et al.,
-    2001). So the ends of the front stay. Distances are relative to the range of each objective.
+    dropped one by one: those with the smallest distance to another, of equal ones the smaller
+    second distance, and so on (as SPEA2 truncates its archive; Zitzler et al., 2001). Distances are
+    relative to the range of each objective.
     """
     points = np.asarray(returns, np.float64)
     kept = np.flatnonzero(non_dominated(points))
@@ -104,12 +95,9 @@ def candidate_weights(current: ArrayLike, number: int) -> tuple[Array, Mask]:
     """Return trade-offs (p, number, m) near the current ones (p, m), and a mask (p, number).
 
     Candidates lie within 45 degrees of the trade-off that a policy was last trained with, and sum
-    to 1. The mask is False for candidates to ignore.
-
-    With two objectives candidates are evenly spaced in angle, as in the authors' code. Those that
-    would have a negative weight are masked. With more objectives the first candidate is the current
-    trade-off, and the others are even directions turned towards it (see `turned_towards`); none is
-    masked. The authors' code draws these others at random from a grid.
+    to 1. The mask is False for candidates to ignore. With two objectives candidates are evenly
+    spaced in angle, and those with a negative weight are masked. With more, the first candidate is
+    the current trade-off, and the others are even directions turned towards it.
     """
     current = unit(np.asarray(current, np.float64))
     if current.shape[1] == 2:
@@ -129,8 +117,8 @@ def candidate_weights(current: ArrayLike, number: int) -> tuple[Array, Mask]:
 def turned_towards(centers: Array, others: Array) -> Array:
     """Turn unit vectors (k, m) towards each of the centers (p, m), and return them (p, k, m).
 
-    All angles from a center shrink by one factor, at which the corner of the simplex farthest from
-    that center would be 45 degrees away. So different vectors stay different.
+    All angles from a center shrink by one factor, so that different vectors stay different: the
+    corner of the simplex farthest from that center would be 45 degrees away.
     """
     farthest = np.arccos(centers.min(1).clip(0, 1))
     share = (CANDIDATE_ANGLE / farthest)[:, None]

@@ -1,7 +1,6 @@
 """The prediction of PG-MORL: how the returns of a policy would change under a trade-off.
 
-Xu et al., 2020, section 3.4. Every objective is maximized and may have its own unit: where the
-authors' code has constants in units of their rewards, objectives are scaled by the returns.
+Xu et al., 2020, section 3.4. `population` says how objectives are scaled.
 """
 
 import numpy as np
@@ -26,33 +25,21 @@ SOFT = 0.1  # scaled residual at which the loss turns from quadratic to linear
 
 
 def predict(
-    before: ArrayLike,
-    weights: ArrayLike,
-    change: ArrayLike,
-    points: ArrayLike,
-    candidates: ArrayLike,
+    before: ArrayLike,  # returns (h, m) at the start of each stretch of training so far
+    weights: ArrayLike,  # trade-offs (h, m) of the stretches
+    change: ArrayLike,  # changes (h, m) of the returns in the stretches
+    points: ArrayLike,  # current returns (p, m) of the policies
+    candidates: ArrayLike,  # trade-offs (p, c, m)
 ) -> Array:
     """Predict the returns (p, c, m) of p policies after training with c candidate trade-offs each.
-
-    Args:
-        before: returns (h, m) at the start of each stretch of training so far.
-        weights: trade-offs (h, m) of the stretches.
-        change: changes (h, m) of the returns in the stretches.
-        points: current returns (p, m) of the policies.
-        candidates: trade-offs (p, c, m).
 
     Each policy and objective has its own model of the change over the weight x of that objective,
 
         f(x) = A (e^{a(x-b)} - 1) / (e^{a(x-b)} + 1) + c = A tanh(a(x-b) / 2) + c,
 
-    fitted to the stretches that started near the policy (see `neighborhood`). The model only
-    rises: more weight never means less improvement. Stretches that are not finite are ignored.
-    Without history, no change is predicted.
-
-    The authors' bounds of A and c, and the residual at which their soft-L1 loss turns linear, are
-    in units of their rewards. Here they follow the range of the changes in the neighborhood,
-    without outliers: A is at most that range, c at most one range above or below it, and the loss
-    turns linear at a tenth of it.
+    fitted to the stretches that started near the policy (see `neighborhood`), in units of the range
+    of their changes without outliers. The model only rises: more weight never means less
+    improvement. Stretches that are not finite are ignored. Without history, no change is predicted.
     """
     before, weights, change, points, candidates = (
         np.asarray(array, np.float64) for array in (before, weights, change, points, candidates)
@@ -79,10 +66,9 @@ def predict(
 def neighborhood(away: Array, kinds: Indices) -> tuple[Indices, Array]:
     """Return the stretches (n,) that started near a policy, and their closeness (n,).
 
-    They are `away` (h, m) from the policy, relative to the range of each objective over the starts
-    and ends of all stretches. (The authors' code divides by the returns of the policy, which may be
-    near zero.) A neighborhood reaches 0.1 in every objective and doubles until it holds four
-    `kinds` (h,) of trade-offs, or all stretches if there are fewer. At most 128 of them count.
+    They are `away` (h, m) from the policy, relative to the range of each objective. A neighborhood
+    reaches 0.1 in every objective and doubles until it holds four `kinds` (h,) of trade-offs, or
+    all stretches if there are fewer. The nearest 128 of them count.
 
     Closeness is a Gaussian of the distance, with a standard deviation of 0.3 of the reach, divided
     by its value for the nearest stretch. Without the division, residuals of distant stretches would
@@ -103,13 +89,10 @@ def neighborhood(away: Array, kinds: Indices) -> tuple[Indices, Array]:
 
 
 def trimmed_range(values: Array) -> tuple[float, float]:
-    """Return the least of the values (n,) and their range.
-
-    About a tenth of the values is left out at either end as outliers, unless all others are equal.
-    """
+    """Return the least of the values (n,) and their range, without a tenth at either end."""
     ordered, trim = np.sort(values), (len(values) - 1) // TRIMMED
     low, high = ordered[trim], ordered[-1 - trim]
-    if low == high:
+    if low == high:  # then those are no outliers
         low, high = ordered[0], ordered[-1]
     return float(low), float(high - low)
 
@@ -121,10 +104,7 @@ def hyperbolic(parameters: Array, x: Array) -> Array:
 
 
 def fitted(x: Array, y: Array, closeness: Array) -> Array:
-    """Return the parameters (4,) of the model that minimize sum_i L(closeness_i (f(x_i) - y_i)).
-
-    L is the soft-L1 loss. All arguments are (n,).
-    """
+    """Fit the model (4,) to y at x, (n,) each; soft-L1 losses of residuals times closeness (n,)."""
     return least_squares(
         lambda parameters: closeness * (hyperbolic(parameters, x) - y),
         START,

@@ -15,27 +15,16 @@ def select(
 ) -> Indices:
     """Return the indices (number,) of the candidates to train, in the order of their selection.
 
-    The greedy task selection: each time, select the candidate whose predicted returns, added to the
-    front of the archive, give the largest
-
-        hypervolume - alpha * sparsity
-
-    and add its prediction to the archive. Sparsity is the mean squared gap between neighbors on the
-    front, summed over objectives. Only returns that exceed the reference point in every objective
-    are on the front. They are measured from the reference point, and each objective is divided by
-    the largest excess of the archive (of the predictions, if the archive has none), so that alpha
-    has no unit.
+    The greedy task selection: each time, select the candidate whose predicted returns (c, m), added
+    to the front of the archive (n, m), give the largest hypervolume - alpha * sparsity, and add its
+    prediction to the archive. Only returns that exceed the reference point (m,) in every objective
+    are on the front. They are measured from that point, and each objective is divided by the
+    largest excess of the archive (of the predictions, if the archive has none), so that alpha has
+    no unit.
 
     Predictions that add nothing tie. Of these, the ones that would need the least improvement to
-    add hypervolume come first (in the authors' code, the first in the list). Predictions that are
-    not finite are not selected. If there are fewer than `number` others, all are returned.
-
-    Args:
-        archive: returns (n, m) of the policies so far, maximized.
-        predicted: returns (c, m) of the candidates.
-        number: of candidates to select.
-        reference: point (m,) of the hypervolume.
-        alpha: weight of the sparsity.
+    add hypervolume come first. Predictions that are not finite are not selected. If there are fewer
+    than `number` others, all are returned.
     """
     reference = np.asarray(reference, np.float64)
     front = np.asarray(archive, np.float64) - reference
@@ -84,8 +73,7 @@ def greedy(front: Array, points: Array, number: int, alpha: float) -> list[int]:
 def shortfalls(points: Array, front: Array) -> Array:
     """Return the improvement (c,) in all objectives that points (c, m) need to add hypervolume.
 
-    It is negative for points that add to the front (n, m) already. All are relative to the
-    reference point.
+    It is negative for points that add to the front (n, m) already.
     """
     least = (front - points[:, None]).min(-1)  # (c, n)
     return np.maximum(least.max(1, initial=-np.inf), -points.min(1))
@@ -102,10 +90,7 @@ def sparsities(points: Array, front: Array) -> Array:
 
 
 def gained(points: Array, front: Array) -> Array:
-    """Compute the hypervolume (c,) that each of the points (c, m) adds to a front (n, m).
-
-    All are relative to the reference point. The points must add hypervolume.
-    """
+    """Compute the hypervolume (c,) that points (c, m) add to a front; each must add some."""
     zero = np.zeros(points.shape[1])
     covered = (pareto.hypervolume(np.minimum(front, point), zero) for point in points)
     return points.prod(1) - np.fromiter(covered, np.float64, len(points))

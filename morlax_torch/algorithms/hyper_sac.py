@@ -6,15 +6,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ...configuration.config import Config
-from ...configuration.sections import HyperSACOptions
-from ...envs import Worlds
-from ...gpu.optimizer import ClippedAdam
-from ...networks.gaussian import TanhNormal
-from ...networks.mlp import smaller
-from ..rollout import Explore, Rollout
-from .learner import OffPolicy
-from .replay import Transitions
+from ..configuration.config import Config
+from ..configuration.sections import HyperSACOptions
+from ..envs import Worlds
+from ..gpu.optimizer import ClippedAdam
+from ..networks.gaussian import TanhNormal
+from ..networks.mlp import smaller
+from .off_policy import OffPolicy, Transitions
+from .rollout import Explore, Rollout
 
 TYPICAL = 50.0  # root mean square of scaled returns
 MAX_NORM = 10.0  # of gradients
@@ -30,9 +29,8 @@ class HyperSAC(OffPolicy):
     so every transition teaches every trade-off. Critics predict one soft value per objective, and
     each sample's target is that of the twin with the smaller weighted value. In short control
     steps, exploration holds its noise for a random number of them, `method.hold` seconds on average
-    (after FlashSAC, Kim et al., 2026).
-
-    It needs `network.type: dual`, and takes the arguments of `OffPolicy`.
+    (after FlashSAC, Kim et al., 2026). It needs `network.type: dual`, and takes the arguments of
+    `OffPolicy`.
     """
 
     losses = ("policy_loss", "value_loss", "entropy", "action_std")
@@ -48,7 +46,7 @@ class HyperSAC(OffPolicy):
         rate, group = self.options.learning_rate, self.group
         families = self.agent.actor, self.agent.critic
         self.optimizers = (
-            *(ClippedAdam([*own.parameters()], rate, MAX_NORM, group=group) for own in families),
+            *(ClippedAdam([*x.parameters()], rate, MAX_NORM, group=group) for x in families),
             ClippedAdam([self.log_temperature], TEMPERATURE_RATE, math.inf, group=group),
         )
         self._drawn = self.tradeoffs.clone()  # to learn
@@ -56,12 +54,9 @@ class HyperSAC(OffPolicy):
         hold = self.options.hold
         self._repeat = max(0.0, 1 - env.dt / hold) if hold else 0.0  # probability per step
         self._gains = start.new_zeros(env.num_worlds, m)  # discounted, of episodes
+        self._process_state |= {"gains": self._gains, "noise": self._noise}
         self._squares = start.new_zeros(m)  # their mean square
         self._seen = start.new_zeros(())  # steps that it is a mean of
-
-    @property
-    def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, "gains", "noise"
 
     def _start_here(self) -> None:
         super()._start_here()
@@ -95,9 +90,9 @@ class HyperSAC(OffPolicy):
 
     def _learn(self, rounds: int | None = None) -> None:
         if self.config.decay_fraction:
-            left = ((1 - self._done) / self.config.decay_fraction).clamp(max=1.0)
+            decay = self._decay()
             for optimizer in self.optimizers[:2]:
-                optimizer.rate.copy_(self.options.learning_rate * left)
+                optimizer.rate.copy_(self.options.learning_rate * decay)
         super()._learn(rounds)
 
     def _improve(self) -> None:
@@ -121,8 +116,8 @@ class HyperSAC(OffPolicy):
 
         with torch.no_grad():
             action, log_prob = acted(actors(following).output)
-            found = target.run(target(self._drawn), torch.cat([following, action], -1))
-            future = smaller(found, weights) - temperature * log_prob
+            twins = target.run(target(self._drawn), torch.cat([following, action], -1))
+            future = smaller(twins, weights) - temperature * log_prob
             wanted = rows.reward / scale + rows.discount * future
         valued = agent.critic.run(critics, torch.cat([seen, rows.action], -1))
         value_loss = (valued - wanted.repeat(1, 1, 2)).square().mean() * valued.shape[-1]
@@ -131,8 +126,8 @@ class HyperSAC(OffPolicy):
         policy = actors(seen)
         action, log_prob = acted(policy.output)
         critics = agent.critic(self._drawn)
-        found = agent.critic.run(critics, torch.cat([seen, action], -1))
-        value = torch.minimum(*((part * weights).sum(-1, True) for part in found.chunk(2, -1)))
+        twins = agent.critic.run(critics, torch.cat([seen, action], -1))
+        value = torch.minimum(*((part * weights).sum(-1, True) for part in twins.chunk(2, -1)))
         policy_loss = (temperature * log_prob - value).mean()
         actor.step(policy_loss)
 
@@ -144,14 +139,12 @@ class HyperSAC(OffPolicy):
         self._follow(options.target_rate)
         tempering.step(self.log_temperature.exp() * surplus)
 
-    def _other_metrics(self) -> dict[str, Tensor]:
-        return {"temperature": self.log_temperature.detach().exp()}
+    def _means(self) -> dict[str, Tensor]:
+        return {**super()._means(), "temperature": self.log_temperature.detach().exp()}
 
     def _tensors(self) -> dict[str, list[Tensor]]:
         return {
             "temperature": [self.log_temperature.detach()],
             "scale": [self._squares, self._seen],
-            "gains": [self._gains],
-            "noise": [self._noise],
             **super()._tensors(),
         }

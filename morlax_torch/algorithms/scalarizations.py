@@ -1,12 +1,16 @@
 """Scalarizations: how a trade-off turns the returns of several objectives into one utility."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from ...gpu.group import ALONE, Group
+from ..configuration.config import CONSTRAINED
+from ..envs import MorlaxError, trust
+from ..envs.errors import located, unknown
+from ..envs.external import import_file
+from ..gpu.group import ALONE, Group
 
 FORGETTING = 0.01  # share by which the range shrinks towards today's returns, per iteration
 SMOOTHNESS = 0.05  # mu, in units of the range between nadir and ideal
@@ -17,22 +21,18 @@ MOST = 100.0  # of a multiplier
 
 
 class Scalarization(Protocol):
-    """A utility u(w, r) of the returns r of m objectives under a trade-off w.
+    """A utility u(w, r) of the returns r of m objectives under a trade-off w, by its gradient.
 
-    Learners follow its gradient: with the expected returns of a policy, the derivative of u by the
-    policy is that of every objective's return, weighed by du/dr (the chain rule). All methods run
-    inside a recorded graph: fixed shapes, updates in place, no GPU sync.
+    Learners follow it: with the expected returns of a policy, the derivative of u by the policy is
+    that of every objective's return, weighed by du/dr (the chain rule). All methods run inside a
+    recorded graph: fixed shapes, updates in place, no GPU sync.
     """
 
     uses_returns: bool = True
     """Whether the weights depend on the returns."""
 
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        """Return u (K,) of trade-offs (K, m) and expected returns (K, m)."""
-        ...
-
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        """Return du/dr (K, m)."""
+        """Return du/dr (K, m) at trade-offs (K, m) and expected returns (K, m)."""
         ...
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
@@ -51,9 +51,6 @@ class WeightedSum(Scalarization):
     """The weighted sum u(w, r) = w . r, whose best policies lie on the convex part of a front."""
 
     uses_returns = False
-
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        return (tradeoffs * returns).sum(-1)
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         return tradeoffs
@@ -109,10 +106,6 @@ class AugmentedChebyshev(Ranged):
     that lies furthest behind, and a little of all.
     """
 
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.distances(returns)
-        return -behind.amax(-1) - AUGMENTATION * behind.sum(-1)
-
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         behind = tradeoffs * self.distances(returns)
         furthest = torch.zeros_like(behind).scatter_(-1, behind.argmax(-1, keepdim=True), 1.0)
@@ -126,10 +119,6 @@ class SmoothChebyshev(Ranged):
     for maximization. `Ranged` defines the distance.) All objectives count, the more the further
     they lie behind.
     """
-
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.distances(returns)
-        return -SMOOTHNESS * (behind / SMOOTHNESS).logsumexp(-1)
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         behind = tradeoffs * self.distances(returns)
@@ -158,19 +147,20 @@ class Constrained(Ranged):
         self._others[constrained] = 0.0
         self._levels = torch.linspace(0, 1, LEVELS, dtype=torch.float32, device=device)
 
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        spare = self._reached(returns) - tradeoffs[:, self._c]
-        others = (self._weights_of_others(tradeoffs) * returns).sum(-1)
-        return others + self._multiplier(tradeoffs) * spare
-
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        constrained = self._multiplier(tradeoffs)[:, None] * (1 - self._others) / self.scale()
-        return self._weights_of_others(tradeoffs) + constrained
+        multiplier = self._near(tradeoffs) @ self.multipliers.to(tradeoffs)
+        constrained = multiplier[:, None] * (1 - self._others) / self.scale()
+        weights = tradeoffs * self._others
+        total = weights.sum(-1, keepdim=True)
+        even = self._others / self._others.sum()
+        others = torch.where(total > 1e-6, weights / total.clamp(min=1e-6), even)
+        return others / self.scale() + constrained
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         super().observe(tradeoffs, returns, group)
-        missing = tradeoffs[:, self._c] - self._reached(returns)
-        near = self._near(tradeoffs)  # (K, LEVELS)
+        reached = (1 - self.distances(returns))[:, self._c]  # as a level
+        missing = tradeoffs[:, self._c] - reached
+        near = self._near(tradeoffs)
         sums = group.mean_(torch.stack([(near * missing[:, None]).sum(0), near.sum(0)]))
         mean = sums[0] / sums[1].clamp(min=1e-6)
         self.multipliers.add_(RATE * mean).clamp_(0.0, MOST)
@@ -183,20 +173,82 @@ class Constrained(Ranged):
         multipliers = {f"multiplier/{i / (LEVELS - 1):g}": self.multipliers[i] for i in quarters}
         return {**super().metrics(objectives), **multipliers}
 
-    def _reached(self, returns: Tensor) -> Tensor:
-        """Return the constrained objective's returns as levels (K,)."""
-        return (1 - self.distances(returns))[:, self._c]
-
-    def _weights_of_others(self, tradeoffs: Tensor) -> Tensor:
-        weights = tradeoffs * self._others
-        total = weights.sum(-1, keepdim=True)
-        even = self._others / self._others.sum()
-        return torch.where(total > 1e-6, weights / total.clamp(min=1e-6), even) / self.scale()
-
     def _near(self, tradeoffs: Tensor) -> Tensor:
         """Return the shares (K, LEVELS) of the levels next to each required one."""
         distance = (tradeoffs[:, self._c, None] - self._levels).abs()
         return (1 - distance * (LEVELS - 1)).clamp(min=0.0)
 
-    def _multiplier(self, tradeoffs: Tensor) -> Tensor:
-        return self._near(tradeoffs) @ self.multipliers.to(tradeoffs)
+
+class OwnUtility(Scalarization):
+    """A differentiable function u(w, r) of trade-offs (K, m) and returns (K, m), to (K,).
+
+    A recorded graph holds it: it consists of torch operations of fixed shape. MorlaxError, also
+    from `weights`, says what is wrong with it.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[Tensor, Tensor], Tensor],
+        name: str,
+        num_objectives: int,
+        device: torch.device,
+    ):
+        self._function, self._name = function, name
+        corners = torch.eye(num_objectives, dtype=torch.float32, device=device)
+        if not self.weights(corners, corners + 1.0).isfinite().all():
+            raise MorlaxError(f"the derivative of the utility {name} is not finite.")
+
+    @torch.enable_grad()
+    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        returns = returns.detach().requires_grad_()
+        try:
+            utility = self._function(tradeoffs, returns)
+        except (MemoryError, torch.OutOfMemoryError):
+            raise
+        except (Exception, SystemExit) as error:  # any error of the user's own code
+            reason = located(error, self._name.rpartition(":")[0])
+            raise MorlaxError(f"the utility {self._name} fails: {reason}") from error
+        if not isinstance(utility, Tensor) or utility.shape != returns.shape[:1]:
+            K, m = returns.shape
+            shape = tuple(utility.shape) if isinstance(utility, Tensor) else type(utility).__name__
+            raise MorlaxError(
+                f"{self._name} must return one utility per row, ({K},) of trade-offs and returns "
+                f"({K}, {m}), but returned {shape}."
+            )
+        try:
+            return torch.autograd.grad(utility.sum(), returns)[0]
+        except torch.OutOfMemoryError:
+            raise
+        except RuntimeError:
+            raise MorlaxError(
+                f"the utility {self._name} is not differentiable by the returns: use torch "
+                "operations, without detach(), item() or comparisons alone."
+            ) from None
+
+
+def make_scalarization(name: str, objectives: Sequence[str], device: torch.device) -> Scalarization:
+    """Make the scalarization that a config names, for returns of these objectives.
+
+    It is linear, chebyshev, augmented-chebyshev, constrained:OBJECTIVE, or FILE.py:FUNCTION. The
+    code of FILE.py runs, and files may name it from now on (see `envs.trust`).
+
+    Raises:
+        MorlaxError: the file has no such function, or the function cannot be used.
+    """
+    num_objectives = len(objectives)
+    if name == "linear":
+        return WeightedSum()
+    if name == "chebyshev":
+        return SmoothChebyshev(num_objectives, device)
+    if name == "augmented-chebyshev":
+        return AugmentedChebyshev(num_objectives, device)
+    if name.startswith(CONSTRAINED):
+        constrained = objectives.index(name.removeprefix(CONSTRAINED))
+        return Constrained(constrained, num_objectives, device)
+    trust(name)
+    file, _, member = name.rpartition(":")
+    module = import_file(file, f"the utility {member}")
+    functions = {key: value for key, value in vars(module).items() if callable(value)}
+    if member not in functions:
+        raise unknown(f"function of {file}", member, functions)
+    return OwnUtility(functions[member], name, num_objectives, device)

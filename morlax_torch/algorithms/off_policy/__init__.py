@@ -1,1 +1,0 @@
-"""Off-policy learning of a whole front."""

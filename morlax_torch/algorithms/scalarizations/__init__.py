@@ -1,1 +1,0 @@
-"""How a trade-off turns several objectives into one: weighted sums, Chebyshev, or a user's own."""
