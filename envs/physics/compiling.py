@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
+from unittest.mock import patch
 
 import warp as wp
-
-from ..replacing import replaced
 
 MOST_THREADS = 8  # a compiler takes up to 1 GB of memory
 # They work on what kernels have written, which is garbage while no kernel runs.
@@ -84,5 +83,5 @@ def _no_launches(needed: set[Variant]) -> Iterator[None]:
             (wp, "get_suggested_block_size", block_size),
             *((wp.utils, name, lambda *_, **__: None) for name in _SORTS),
         ):
-            stack.enter_context(replaced(owner, name, here(getattr(owner, name), substitute)))
+            stack.enter_context(patch.object(owner, name, here(getattr(owner, name), substitute)))
         yield

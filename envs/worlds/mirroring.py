@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import torch
 from mujoco import mjtGeom, mjtJoint
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import MorlaxError
@@ -69,14 +69,8 @@ def _cannot(reason: str) -> MorlaxError:
 def check(model: mujoco.MjModel, tolerance: float = 0.0, *, scene: bool = True) -> Motion:
     """Return the reflections of a model's state and control, if its left and right are alike.
 
-    Args:
-        model: the robot.
-        tolerance: largest difference to accept, as a share of the largest such number of the robot;
-            0 accepts only those from rounding.
-        scene: whether to compare geoms that cannot move, too.
-
-    Raises:
-        MorlaxError: a joint or motor has no mirrored partner, or numbers of left and right differ.
+    Numbers may differ by `tolerance`, a share of the largest such number of the robot; 0 accepts
+    only rounding. `scene`: whether to compare geoms that cannot move, too.
     """
     motion = _motion(model)
     shares = _Comparison(model, motion, scene).shares
@@ -106,13 +100,7 @@ def posed(model: mujoco.MjModel) -> mujoco.MjData:
 def partners(positions: Array, names: Sequence[str], barred: NDArray | float = 0.0) -> list[int]:
     """Return the partner of each of n things: what is at its mirrored place, itself if need be.
 
-    Args:
-        positions: (n, 3) in m, as `posed`.
-        names: for the error.
-        barred: (n, n) bool, which two cannot be partners.
-
-    Raises:
-        MorlaxError: one has no partner that has it as a partner, too.
+    `positions` (n, 3) in m, as `posed`; `barred` (n, n) bool: which two cannot be partners.
     """
     apart = np.linalg.norm(positions[:, None] * FLIP - positions, axis=-1) + NEAR * barred
     order = (apart + NEAR / 1000 * np.eye(len(positions))).argmin(1)
@@ -124,14 +112,9 @@ def partners(positions: Array, names: Sequence[str], barred: NDArray | float = 0
     return order.tolist()
 
 
-def _single(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Return (njnt,) bool: which joints have one degree of freedom."""
-    return model.jnt_type >= int(mjtJoint.mjJNT_SLIDE)
-
-
 def _motion(model: mujoco.MjModel) -> Motion:
     data = posed(model)
-    joints = np.flatnonzero(_single(model))
+    joints = np.flatnonzero(model.jnt_type >= int(mjtJoint.mjJNT_SLIDE))
     slides = model.jnt_type[joints, None] == mjtJoint.mjJNT_SLIDE
     axes = data.xaxis[joints]
     alike = axes * np.where(slides, FLIP, -FLIP) @ axes.T  # cosines, by which axes are mirrored
@@ -195,7 +178,7 @@ class _Comparison:
         pairs: Pairs,
         values: Array,
         mirrored: Array,
-        scale: ArrayLike | None = None,
+        scale: Array | float | None = None,
     ) -> None:
         """Compare values (all, c) of things with the mirrored ones of their partners, (all, c).
 
@@ -207,10 +190,10 @@ class _Comparison:
         here, image = (x.reshape(len(x), -1).astype(float) for x in (values, mirrored))
         here, image = here[pairs.rows], image[pairs.partners]
         apart, sizes = abs(here - image), np.maximum(abs(here), abs(image))
+        if isinstance(scale, np.ndarray):
+            scale = scale[pairs.rows]
         largest = sizes.max(0) if scale is None else np.max(scale)
-        least = SMALLEST * largest if scale is None else scale
-        least = least[pairs.rows] if np.ndim(least) == 2 else least
-        far = apart > ROUNDING * np.maximum(sizes, least)
+        far = apart > ROUNDING * np.maximum(sizes, SMALLEST * largest if scale is None else scale)
         shares = np.where(far, apart / np.maximum(largest, 1e-300), 0.0)
         for i in np.flatnonzero(far.any(1)).tolist():
             k, row, partner = int(shares[i].argmax()), pairs.rows[i], pairs.partners[i]
@@ -296,7 +279,8 @@ class _Comparison:
         """Compare joints of one degree of freedom; hinges by the lines that they turn around."""
         model, data = self._model, self._data
         dofs, slides = model.jnt_dofadr, model.jnt_type[:, None] == mjtJoint.mjJNT_SLIDE
-        joints = np.flatnonzero(_single(model) & (np.arange(model.njnt) <= partner))
+        single = model.jnt_type >= int(mjtJoint.mjJNT_SLIDE)
+        joints = np.flatnonzero(single & (np.arange(model.njnt) <= partner))
         pairs, axes = Pairs("joint", joints, partner[joints]), data.xaxis
         signs = velocities.sign.double().numpy()[dofs, None]
         arms = data.xanchor - data.subtree_com[model.body_rootid[model.jnt_bodyid]]
@@ -324,14 +308,7 @@ class _Comparison:
 def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
     """Return the mirror of a robot, which `network.symmetric` needs.
 
-    Args:
-        worlds: 2 * PAIRS worlds of an `Environment` in C MuJoCo, all alike, without automatic
-            resets.
-        tolerance: largest difference between numbers of left and right, see `check`.
-
-    Raises:
-        MorlaxError: left and right of the robot or of its objectives differ, it has none, or an
-            action is not the control of a motor.
+    `worlds`: 2 * PAIRS worlds of an `Environment` in C MuJoCo, all alike, without automatic resets.
     """
     physics, generator = worlds.physics, torch.Generator().manual_seed(0)
     motion = check(physics.model, tolerance)
