@@ -70,7 +70,7 @@ class Worlds(ABC):
 
             @wraps(step)
             @torch.no_grad()  # worlds would keep the graph of the actions for ever
-            def stepped(self: Self, action: Tensor) -> TimeStep:
+            def stepped(self: Any, action: Tensor) -> TimeStep:
                 tracked = isinstance(action, Tensor) and action.requires_grad
                 return step(self, action.detach() if tracked else action)
 

@@ -31,7 +31,9 @@ def base_of(model: mujoco.MjModel, name: str | None = None) -> int:
     if not model.ntree:
         return min(1, model.nbody - 1)
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    stages = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission
+    for compute in stages:
+        compute(model, data)
     counts = np.zeros(model.ntree, int)  # of the actuators that act on each tree
     for start, number in zip(data.moment_rowadr, data.moment_rownnz, strict=True):
         dofs = data.moment_colind[start : start + number]
