@@ -217,14 +217,18 @@ class _Comparison:
             self._compare(field, pairs, values, mirrored)
 
     def _masses(self, links: dict[int, int]) -> None:
-        """Compare links: bodies that move together. Inertia is about the robot's center of mass."""
+        """Compare links: bodies that move together."""
         model, data = self._model, self._data
         rows = np.array([pair for pair in links.items() if pair[0] <= pair[1]], int).reshape(-1, 2)
         pairs = Pairs("body", *rows.T)
         inertias = np.zeros((model.nbody, 10))
         np.add.at(inertias, model.body_weldid, data.cinert)  # xx, yy, zz, xy, xz, yz; m r; m
         inertia, moment, mass = np.split(inertias, [6, 9], 1)
-        center = data.subtree_com[model.body_rootid] + moment / np.maximum(mass, 1e-300)
+        arms = moment / np.maximum(mass, 1e-300)  # from the center of mass of the robot
+        center = data.subtree_com[model.body_rootid] + arms
+        outer = arms[:, :, None] * moment[:, None]
+        shift = outer.trace(axis1=1, axis2=2)[:, None, None] * np.eye(3) - outer
+        inertia = inertia - shift[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]  # about its own center
         norms = abs(inertia).max(1, keepdims=True)
         self._compare("mass", pairs, mass, mass)
         self._compare("center of mass", pairs, center, center * FLIP, self._size)
