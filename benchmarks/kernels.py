@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import torch
 import tyro
@@ -16,7 +17,6 @@ from throughput import milliseconds
 from morlax_torch import MORLAX, config_for
 from morlax_torch.algorithms import ppo
 from morlax_torch.commands.terminal.cli import console
-from morlax_torch.envs.replacing import replaced
 from morlax_torch.gpu import fused, optimizer
 from morlax_torch.networks import gaussian
 
@@ -62,11 +62,11 @@ def main(
         kernels = fused.kernels(worlds.device)
         assert kernels is not None
         for way, made in (("definition", lambda run: run), ("compiled", torch.compile)):
-            with replaced(fused, "mlps", made(run_mlps)):
+            with patch.object(fused, "mlps", made(run_mlps)):
                 measure("mlps", way)
             for name, definition in DEFINITIONS.items():
                 others = kernels._replace(**{name: made(definition)})
-                with replaced(fused, "kernels", lambda _, others=others: others):
+                with patch.object(fused, "kernels", lambda _, others=others: others):
                     measure(name, way)
         measure("all", "")
     if output:

@@ -12,11 +12,7 @@ from .errors import MorlaxError
 
 
 def resolve_device(device: str | torch.device | None) -> torch.device:
-    """Return the requested device; None selects CUDA if there is a GPU, else the CPU.
-
-    Raises:
-        MorlaxError: the name is not a CPU or CUDA device, or there is no such GPU.
-    """
+    """Return the requested device; None selects CUDA if there is a GPU, else the CPU."""
     if device is None:
         device = "cuda" if torch.cuda.is_available() else "cpu"
     try:
@@ -78,11 +74,9 @@ def seed_of(seed: int, rank: int) -> int:
 
 
 def restore_generator(generator: torch.Generator, state: Tensor) -> None:
-    """Continue `generator` from a saved state.
-
-    CPU and CUDA generators have states of different sizes. A state of the other kind becomes the
-    seed, so that a run that moves between devices is still reproducible.
-    """
+    """Continue `generator` from a saved state."""
+    # CPU and CUDA generators have states of different sizes. A state of the other kind becomes the
+    # seed, so that a run that moves between devices is still reproducible.
     state = state.cpu()
     if state.numel() == generator.get_state().numel():
         generator.set_state(state)

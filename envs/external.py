@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
-from functools import cache
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
@@ -25,11 +24,7 @@ MODELS = (".xml", ".mjcf", ".urdf")  # endings of files that MuJoCo loads
 
 
 def from_file(name: str) -> type[Worlds]:
-    """Import FILE.py once and return its CLASS.
-
-    Raises:
-        MorlaxError: the file or class is missing, the import fails, or the class is not a task.
-    """
+    """Import FILE.py once and return its CLASS."""
     file, _, member = absolute(name).rpartition(":")
     if name.endswith(".py"):
         raise MorlaxError(f"{name} is a file: name a class in it, such as {name}:MyRobot.")
@@ -41,11 +36,7 @@ def from_file(name: str) -> type[Worlds]:
 
 
 def from_entry_point(name: str) -> type[Worlds]:
-    """Load the task that an installed package offers as `name`.
-
-    Raises:
-        MorlaxError: two packages offer it, the import fails, or the object is not a task.
-    """
+    """Load the task that an installed package offers as `name`."""
     points = metadata.entry_points(group=GROUP, name=name)
     values = sorted({point.value for point in points})
     if len(values) > 1:
@@ -84,41 +75,11 @@ def checked(task: type[Worlds]) -> type[Worlds]:
 
 
 def import_file(file: str, what: str) -> ModuleType:
-    """Import a Python file once, which should define `what` (for messages).
-
-    Raises:
-        MorlaxError: the file does not exist, or its import fails.
-    """
+    """Import a Python file once, which should define `what` (for messages)."""
+    if file in sys.modules:
+        return sys.modules[file]
     if not os.path.isfile(file):  # unlike Path.is_file, it never fails
         raise MorlaxError(f"there is no file {file}, which should define {what}.")
-    return _run(file)
-
-
-def parts_of(file: Path, *more: str) -> list[Path]:
-    """Return a Python file and the existing files that its strings name, beside or below it.
-
-    Of a model, also the files that it includes, its meshes and textures. `more`: other names.
-    """
-    try:
-        nodes = list(ast.walk(ast.parse(file.read_bytes())))
-    except (OSError, SyntaxError, ValueError):
-        nodes = []
-    names = [*more, *(node.value for node in nodes if isinstance(node, ast.Constant))]
-    paths = [os.path.join(file.parent, x) for x in names if isinstance(x, str) and x[:1] != os.sep]
-    parts = {file: None}  # ordered
-    for path in paths:
-        assets: Iterable[str] = ()
-        if os.path.isfile(path) and path.lower().endswith(MODELS):
-            with suppress(Exception):  # not a model; MuJoCo says so when it is loaded
-                assets = mujoco.mju_getXMLDependencies(path)
-        for part in (path, *(os.path.join(os.path.dirname(path), name) for name in assets)):
-            if os.path.isfile(part):  # unlike Path.is_file, it never fails
-                parts[Path(os.path.normpath(part))] = None
-    return list(parts)
-
-
-@cache
-def _run(file: str) -> ModuleType:
     # Registered under its path, a name that no other module has; pydantic looks it up there.
     spec = importlib.util.spec_from_file_location(file, file)
     assert spec is not None and spec.loader is not None
@@ -132,6 +93,31 @@ def _run(file: str) -> ModuleType:
         where = f"{file}, line {line}," if line else file
         raise MorlaxError(f"{where} cannot be imported: {words(error)}") from None
     return module
+
+
+def parts_of(file: Path, *more: str) -> list[Path]:
+    """Return a Python file and the existing files that its strings name, beside or below it.
+
+    Of a model, also the files that it includes, its meshes and textures. `more`: other names.
+    """
+    try:
+        nodes = list(ast.walk(ast.parse(file.read_bytes())))
+    except (OSError, SyntaxError, ValueError):
+        nodes = []
+    names = [*more, *(node.value for node in nodes if isinstance(node, ast.Constant))]
+    parts = {file: None}  # ordered
+    for name in names:
+        if not isinstance(name, str) or name.startswith(os.sep):
+            continue
+        path = os.path.join(file.parent, name)
+        assets: Iterable[str] = ()
+        if path.lower().endswith(MODELS) and os.path.isfile(path):
+            with suppress(Exception):  # not a model; MuJoCo says so when it is loaded
+                assets = mujoco.mju_getXMLDependencies(path)
+        for part in (path, *(os.path.join(os.path.dirname(path), asset) for asset in assets)):
+            if os.path.isfile(part):  # unlike Path.is_file, it never fails
+                parts[Path(os.path.normpath(part))] = None
+    return list(parts)
 
 
 def _is_task(value: object) -> bool:

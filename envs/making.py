@@ -76,11 +76,7 @@ def has_robot(name: str) -> bool:
 
 
 def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
-    """Make one world of a MuJoCo robot on the CPU, without automatic reset, to look at.
-
-    Raises:
-        MorlaxError: as `make`, or the task has no MuJoCo robot.
-    """
+    """Make one world of a MuJoCo robot on the CPU, without automatic reset, to look at."""
     check_name(name)
     if name.startswith(MJLAB):
         from .bridges.mjlab.robot import robot_of

@@ -26,11 +26,7 @@ def is_file(name: str) -> bool:
 
 
 def absolute(name: str) -> str:
-    """Return FILE.py:CLASS with an absolute path, so that it works from any folder.
-
-    Raises:
-        MorlaxError: FILE.py is not a path: it names an unknown user, or links in a circle.
-    """
+    """Return FILE.py:CLASS with an absolute path, so that it works from any folder."""
     file, colon, member = name.rpartition(":")
     if not colon or not is_file(name):
         return name
@@ -73,9 +69,6 @@ def check_trusted(name: str, source: object) -> None:
 
     Those that run code that the source's author chose (`runs_code`) may once the user has named
     them to `envs.get` or `envs.make`, or trusts the source.
-
-    Raises:
-        MorlaxError: the user has not allowed this code.
     """
     if runs_code(name) and absolute(name) not in _TRUSTED:
         raise MorlaxError(

@@ -24,8 +24,7 @@ def register(name: str, task: "type[Worlds]") -> None:
     """Register `task` as `name` for `make`, every command and Gymnasium.
 
     Raises:
-        MorlaxError: the name or its Gymnasium id belongs to another class, or the class is
-            incomplete.
+        MorlaxError: the name belongs to another class, or the class is incomplete.
     """
     from .external import checked
 
@@ -70,13 +69,13 @@ def get(name: str) -> "type[Worlds]":
 
         return from_file(name)
     task = _registered(name)
-    if task is None:
-        if name not in offered():
-            raise unknown("environment", name, names())
+    if task is None and name in offered():
         from .external import from_entry_point
 
         task = from_entry_point(name)
         register(name, task)
+    if task is None:
+        raise unknown("environment", name, names())
     return task
 
 

@@ -12,10 +12,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import warp as wp
 
-from ..replacing import replaced
 
 MOST_PROCESSES = 8  # a compiler takes up to 1 GB of memory
 MOST_SECONDS = 300.0  # BRUCE's largest module takes 30 s
@@ -127,5 +127,5 @@ def _no_launches(needed: set[Variant]) -> Iterator[None]:
             (wp, "get_suggested_block_size", block_size),
             *((wp.utils, name, lambda *_, **__: None) for name in _SORTS),
         ):
-            stack.enter_context(replaced(owner, name, here(getattr(owner, name), substitute)))
+            stack.enter_context(patch.object(owner, name, here(getattr(owner, name), substitute)))
         yield

@@ -90,18 +90,11 @@ class Physics(ABC):
         """Give each world its own model, which differs in `fields` (N, ...), by name.
 
         Derived constants of the model are updated. Worlds keep their state.
-
-        Raises:
-            MorlaxError: the simulator cannot vary such a field between worlds.
         """
 
     @abstractmethod
     def keep(self, models: list[mujoco.MjModel]) -> None:
-        """Keep models that differ from `model` in numbers only, for `choose`.
-
-        Raises:
-            MorlaxError: the simulator cannot vary a field in which they differ between worlds.
-        """
+        """Keep models that differ from `model` in numbers only, for `choose`."""
 
     @abstractmethod
     def choose(self, rows: Tensor) -> None:
@@ -116,11 +109,7 @@ class Physics(ABC):
         """Say how to avoid the overflow with the union `bits` of `overflow`."""
 
     def sensor(self, name: str) -> Tensor:
-        """Return a view (N, dim) of one sensor's readings.
-
-        Raises:
-            MorlaxError: the model has no such sensor.
-        """
+        """Return a view (N, dim) of one sensor's readings."""
         if name not in self._readings_of:
             raise unknown("sensor", name, self._readings_of)
         return self._readings_of[name]
@@ -129,9 +118,6 @@ class Physics(ABC):
         """Return a view (N, ...) of another part of MuJoCo's state, such as "mocap_pos".
 
         An episode starts with its value in new MjData.
-
-        Raises:
-            MorlaxError: the model has no such part.
         """
         if name not in self.parts:
             raise unknown("part of the state", name, self.parts)

@@ -30,13 +30,12 @@ class PythonBatch:
 
     def bind(self, name: str) -> NDArray[Any]:
         """Return the array `name` of MjData for all worlds, (N, ...), kept up to date."""
-        now = np.stack([getattr(data, name) for data in self._datas])
+        values = np.stack([getattr(data, name) for data in self._datas])
         if name not in STATE:
-            self._bound[name] = now
-            return now
+            return self._bound.setdefault(name, values)
         size = mujoco.mj_stateSize(self._model, STATE[name])
         start = mujoco.mj_stateSize(self._model, int(STATE[name]) - 1)  # of the parts before it
-        return self.state[:, start : start + size].reshape(now.shape)
+        return self.state[:, start : start + size].reshape(values.shape)
 
     def step(self, ids: NDArray[np.int64] | None, nstep: int) -> None:
         """Advance the worlds of these indices (None: all) by `nstep` time steps."""
@@ -52,16 +51,12 @@ class PythonBatch:
         """Return the array `name` of MjModel for all worlds, (N, ...), to write to."""
         if self._models[0] is self._model:
             self._models = [copy.copy(self._model) for _ in range(self._size)]
-        self._expanded[name] = np.stack([getattr(model, name) for model in self._models])
+        self._expanded[name] = self.expanded(name)
         return self._expanded[name]
 
     def expanded(self, name: str) -> NDArray[Any]:
         """Return the array `name` of MjModel of all worlds, (N, ...)."""
         return np.stack([getattr(model, name) for model in self._models])
-
-    def get_model(self, world: int) -> mujoco.MjModel:
-        """Return a copy of the model of a world."""
-        return copy.copy(self._models[world])
 
     def set_models(self, models: list[mujoco.MjModel]) -> None:
         """Run each world on a model of its own."""
@@ -156,10 +151,6 @@ class MujocoPhysics(Physics):
 
     def vary(self, fields: dict[str, np.ndarray]) -> None:
         vary(self._batch, fields)
-
-    def model_of(self, world: int) -> mujoco.MjModel:
-        """Return a copy of the model of a world, after `vary`."""
-        return self._batch.get_model(world)
 
     def keep(self, models: list[mujoco.MjModel]) -> None:
         for model in models:

@@ -25,7 +25,6 @@ _CONSTRAINTS = OverflowType.NEFC | OverflowType.NJMAX_NNZ
 _ANCHORED = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 _FIELDS = dataclasses.fields(mjw.Model)
 _VARIABLE = {field.name for field in _FIELDS if getattr(field.type, "shape", ())[:1] == ("*",)}
-_SLEEP = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0)  # since MuJoCo 3.4
 
 
 class WarpPhysics(Physics):
@@ -128,8 +127,8 @@ class WarpPhysics(Physics):
         self._kept = []
         for name in (field.name for field in _FIELDS if field.name in MODEL_FIELDS):
             values = np.stack([getattr(model, name) for model in models])
-            unused = name == "dof_length" and not self.model.opt.enableflags & _SLEEP
-            if unused or (values == getattr(self.model, name)).all():
+            # nothing may sleep, so dof_length is unused
+            if name == "dof_length" or (values == getattr(self.model, name)).all():
                 continue
             if name not in _VARIABLE:
                 raise MorlaxError(

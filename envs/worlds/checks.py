@@ -18,15 +18,11 @@ from .trees import base_of
 
 def model(task: Any, compiled: mujoco.MjModel) -> None:
     """Refuse models with state that a reset does not restore."""
-    if compiled.npluginstate:
+    if compiled.npluginstate or compiled.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+        cause = "has plugins with a state" if compiled.npluginstate else "lets bodies sleep"
         raise MorlaxError(
-            f"{task.__name__}: its model has plugins with a state, which morlax_torch cannot "
-            "reset: remove them from the MJCF."
-        )
-    if compiled.opt.enableflags & getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0):  # since 3.4
-        raise MorlaxError(
-            f"{task.__name__}: its model lets bodies sleep, which morlax_torch cannot reset: "
-            'remove <flag sleep="enable"/> from the MJCF.'
+            f"{task.__name__}: its model {cause}, which morlax_torch cannot reset: remove this "
+            "from the MJCF."
         )
     base_of(compiled, task.base_body)  # raises where there is no such body
 
@@ -40,24 +36,19 @@ def start(env: Any) -> np.ndarray:
 
 
 def state(env: Any) -> dict[str, Tensor]:
-    """Return the command and `initial_state()`, if these are tensors (N, ...) on the device."""
+    """Return the command and `initial_state()`, if these are tensors (N, ...)."""
     command, N = getattr(env, "command", None), env.num_worlds
-    tensors: dict[str, Any] = {"command": command} if _shape(command)[:1] == (N,) else {}
-    device = env.device.type
-    for name, value in {**tensors, **env.initial_state()}.items():
-        if not isinstance(value, Tensor) or value.shape[:1] != (N,) or value.device.type != device:
-            kind = f"{_shape(value)} on {getattr(value, 'device', 'no device')}"
-            expected = f"({N}, ...) on {device}, one row per world"
-            raise _wrong(env, f"initial_state()[{name!r}]", kind, expected)
-        tensors[name] = value
+    tensors = {"command": command} if _shape(command)[:1] == (N,) else {}
+    tensors |= env.initial_state()
+    for name, value in tensors.items():
+        if not isinstance(value, Tensor) or value.shape[:1] != (N,):
+            expected = f"({N}, ...), one row per world"
+            raise _wrong(env, f"initial_state()[{name!r}]", _shape(value), expected)
     return tensors
 
 
 class Unsaved:
-    """Notices tensors of a task that change, although no checkpoint has them.
-
-    Tensors are attributes with one row per world, as they are now and whenever worlds are saved.
-    """
+    """Notices attributes with one row per world that change, although no checkpoint has them."""
 
     def __init__(self, env: Any):
         self._env, self._warned = env, set[str]()
@@ -66,13 +57,13 @@ class Unsaved:
     def warn(self, saved: Iterable[Tensor]) -> None:
         """Warn, once of each, of tensors that have changed and share no memory with those saved."""
         memory = {value.untyped_storage().data_ptr() for value in saved}
-        changed = []
+        new = []
         for name, value in _attributes(self._env):
             former = self._former.setdefault(name, value.clone())
             same = value.shape == former.shape and torch.equal(value, former)
-            if not same and value.untyped_storage().data_ptr() not in memory:
-                changed.append(name)
-        new = [name for name in changed if name not in self._warned]
+            kept = value.untyped_storage().data_ptr() in memory
+            if not (same or kept or name in self._warned):
+                new.append(name)
         self._warned.update(new)
         if new:
             warnings.warn(
@@ -87,13 +78,16 @@ class Unsaved:
 def _attributes(env: Any) -> Iterator[tuple[str, Tensor]]:
     """Return the attributes (N, ...), also of dictionaries and lists, with their names."""
     for name, value in vars(env).items():
-        several = enumerate(value) if isinstance(value, list | tuple) else ()
-        several = value.items() if isinstance(value, dict) else several
-        for label, each in ((name, value), *((f"{name}[{key!r}]", each) for key, each in several)):
-            if isinstance(each, np.ndarray) and each.dtype.kind in "biuf":
-                each = torch.from_numpy(each)
-            if isinstance(each, Tensor) and each.ndim and len(each) == env.num_worlds:
-                yield label, each.detach()
+        parts = {name: value}
+        if isinstance(value, list | tuple):
+            value = dict(enumerate(value))
+        if isinstance(value, dict):
+            parts = {f"{name}[{key!r}]": part for key, part in value.items()}
+        for label, part in parts.items():
+            if isinstance(part, np.ndarray) and part.dtype.kind in "biuf":
+                part = torch.from_numpy(part)
+            if isinstance(part, Tensor) and part.ndim and len(part) == env.num_worlds:
+                yield label, part.detach()
 
 
 def rows(env: Any, method: str, letter: str) -> int:
@@ -114,9 +108,8 @@ def sizes(env: Any) -> None:
             f"the model of {task} has no actuators, as from a URDF: add an <actuator> section to "
             "the MJCF, or motors with spec.add_actuator of mujoco.MjSpec in load_model."
         )
-    for what, size in (("count_actions()", env.action_size), ("observe()", env.observation_size)):
-        if size < 1:
-            raise MorlaxError(f"{task}.{what} gives {size} numbers: it must be at least one.")
+    if min(env.action_size, env.observation_size) < 1:
+        raise MorlaxError(f"{task} needs at least one action and one observed number.")
     named = sum(part.size for part in env.layout())
     if named != env.observation_size:
         raise MorlaxError(
@@ -127,19 +120,19 @@ def sizes(env: Any) -> None:
 
 def control(env: Any) -> None:
     """Check that `apply()` writes actions (N, A) into `physics.ctrl`, then restore it."""
-    ctrl, N, A = env.physics.ctrl, env.num_worlds, env.action_size
+    ctrl, shape, task = env.physics.ctrl, (env.num_worlds, env.action_size), type(env).__name__
     before = ctrl.clone()
     try:
-        env.apply(torch.zeros(N, A, dtype=torch.float32, device=env.device))
+        env.apply(torch.zeros(shape, dtype=torch.float32, device=env.device))
     except RuntimeError as error:
         raise MorlaxError(
-            f"{type(env).__name__}.apply() cannot turn actions of shape {(N, A)} into "
-            f"physics.ctrl of shape {tuple(ctrl.shape)}: {' '.join(str(error).split())}"
+            f"{task}.apply() cannot turn actions of shape {shape} into physics.ctrl of shape "
+            f"{tuple(ctrl.shape)}: {' '.join(str(error).split())}"
         ) from None
     if env.physics.ctrl is not ctrl:
         raise MorlaxError(
-            f"{type(env).__name__}.apply() rebinds physics.ctrl, which detaches it from the "
-            "simulator: write into it, physics.ctrl.copy_(...)."
+            f"{task}.apply() rebinds physics.ctrl, which detaches it from the simulator: write "
+            "into it, physics.ctrl.copy_(...)."
         )
     ctrl.copy_(before)
 
@@ -152,12 +145,12 @@ def rewards(env: Any) -> None:
             raise _wrong(env, f"terms()[{name!r}]", _shape(term), f"({N},), one number per world")
     failed = env.failed()
     if _shape(failed) != (N,) or failed.dtype != torch.bool:
-        kind = f"{_shape(failed)} of {getattr(failed, 'dtype', type(failed).__name__)}"
-        raise _wrong(env, "failed()", kind, f"({N},) of torch.bool, one answer per world")
+        expected = f"({N},) of torch.bool, one answer per world"
+        raise _wrong(env, "failed()", f"{_shape(failed)} of {_kind(failed)}", expected)
 
 
 def action(worlds: Any, values: Any) -> None:
-    """Raise MorlaxError unless `values` is (N, A), of floating point, on the device of `worlds`."""
+    """Refuse `values` that are not actions (N, A) on the device of `worlds`."""
     if not isinstance(values, Tensor):
         raise MorlaxError(f"step needs actions as a torch.Tensor, not {type(values).__name__}.")
     shape, device = (worlds.num_worlds, worlds.action_size), worlds.device.type
@@ -169,17 +162,21 @@ def action(worlds: Any, values: Any) -> None:
 
 
 def mask(worlds: Any, which: Any) -> None:
-    """Raise MorlaxError unless `which` is (N,) bool, one answer for each world."""
-    kind = getattr(which, "dtype", type(which).__name__)
-    if kind != torch.bool or which.shape != (worlds.num_worlds,):
+    """Refuse masks that are not (N,) bool, one answer for each world."""
+    shape = (worlds.num_worlds,)
+    if not isinstance(which, Tensor) or which.dtype != torch.bool or which.shape != shape:
         raise MorlaxError(
-            f"restart needs a mask of shape ({worlds.num_worlds},) and torch.bool, one answer for "
-            f"each world, not {_shape(which)} of {kind}."
+            f"restart needs a mask of shape {shape} and torch.bool, one answer for each world, not "
+            f"{_shape(which)} of {_kind(which)}."
         )
 
 
 def _shape(value: object) -> tuple[int, ...]:
     return tuple(getattr(value, "shape", ()))
+
+
+def _kind(value: object) -> object:
+    return getattr(value, "dtype", type(value).__name__)
 
 
 def _wrong(env: Any, what: str, shape: object, expected: str) -> MorlaxError:

@@ -24,11 +24,7 @@ class DesignParameter(NamedTuple):
 
 
 class DesignSpace:
-    """The designs (d,) that a robot's parameters span, by name, each from `low` to `high`.
-
-    Raises:
-        MorlaxError: a parameter has no finite bounds around its default.
-    """
+    """The designs (d,) that a robot's parameters span, by name, each from `low` to `high`."""
 
     def __init__(self, parameters: Mapping[str, DesignParameter]):
         self.parameters = {name: DesignParameter(*each) for name, each in parameters.items()}
@@ -45,15 +41,10 @@ class DesignSpace:
         return len(self.parameters)
 
     def vector(self, values: Mapping[str, float]) -> np.ndarray:
-        """Return the design (d,) with these values by name, and defaults for the others.
-
-        Raises:
-            MorlaxError: a name is unknown, a value is out of its range, or these are no numbers by
-                name.
-        """
+        """Return the design (d,) with these values by name, and defaults for the others."""
         design, names = self.default.copy(), list(self.parameters)
         if not isinstance(values, Mapping):
-            example = {name: each.default for name, each in list(self.parameters.items())[:1]}
+            example = dict(zip(names[:1], design.tolist(), strict=False))
             raise MorlaxError(
                 f"a design is numbers by name, such as {example}, not {shortened(values)}."
             )
@@ -98,16 +89,12 @@ class Bank(NamedTuple):
 
 
 def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
-    """Return the model of a robot, an `Environment`, with these values of its design parameters.
-
-    Raises:
-        MorlaxError: a parameter is unknown or out of its range, or they make no body.
-    """
+    """Return the model of a robot, an `Environment`, with these values of its design parameters."""
     return _compiled(task, values)[1]
 
 
 def mjcf(task: Any, values: Mapping[str, float]) -> str:
-    """Return the MJCF of a robot with these design parameters; raises as `compiled`."""
+    """Return the MJCF of a robot with these design parameters."""
     return _compiled(task, values)[0].to_xml()
 
 
@@ -115,14 +102,10 @@ def _compiled(task: Any, values: Mapping[str, float]) -> tuple[MjSpec, MjModel]:
     space, spec = DesignSpace(task.designs), task.load_spec()
     design = space.named(space.vector(values))
     try:
-        return spec, _shaped(task, spec, design)
+        task.shape(spec, design)
+        return spec, spec.compile()
     except ValueError as error:
         raise MorlaxError(f"{task.__name__}: {design} makes no body: {_line(error)}") from None
-
-
-def _shaped(task: Any, spec: MjSpec, design: dict[str, float]) -> MjModel:
-    task.shape(spec, design)
-    return spec.compile()
 
 
 def compile_bank(env: Any, designs: np.ndarray) -> Bank:
@@ -144,7 +127,9 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
     kept = np.zeros(len(designs), dtype=bool)
     for row, design in enumerate(designs):
         try:
-            model = task.prepared(_shaped(task, spec.copy(), space.named(design)), env.options)
+            shaped = spec.copy()
+            task.shape(shaped, space.named(design))
+            model = task.prepared(shaped.compile(), env.options)
         except ValueError as error:
             reason = _line(error)
             continue
@@ -160,8 +145,8 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
             models.append(model)
             starts.append(qpos)
     if not models:
-        number = len(designs)
-        raise MorlaxError(f"{task.__name__}: none of {number} designs makes a body: {reason}.")
+        words = f"none of {len(designs)} designs makes a body"
+        raise MorlaxError(f"{task.__name__}: {words}: {reason}.")
     return Bank(designs[kept], models, starts, kept)
 
 

@@ -15,10 +15,12 @@ from torch import Tensor
 from ..devices import Draws, restore_generator
 from ..errors import MorlaxError, MorlaxWarning
 from ..physics.interface import Physics, explained
+from ..physics.mujoco import MujocoPhysics
 from . import checks, episodes, randomization
 from .design_space import Bank, compiled
 from .episodes import Starts, around
 from .interface import TimeStep
+from .learned import LearnedTerm
 from .mirror import Mirror
 from .mirroring import PAIRS, find_mirror
 from .mujoco_robot import Part, Robot
@@ -54,6 +56,11 @@ class Environment(Robot):
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
     ):
         self.physics, self.options, self.auto_reset = physics, options, auto_reset
+        self._end, self._put = episodes.end, episodes.restart
+        if physics.device.type == "cuda":
+            from . import episode_kernels  # one launch each, where torch takes a dozen
+
+            self._end, self._put = episode_kernels.end, episode_kernels.restart
         self.num_worlds, self.device = physics.num_worlds, physics.device
         self.simulator = physics.name
         self.episode_length = options.episode_length
@@ -84,7 +91,7 @@ class Environment(Robot):
             self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
         checks.control(self)
         checks.rewards(self)
-        self._judge = options.judge(self)
+        self._judge = LearnedTerm(options.learned, self) if options.learned else None
         self.reset()
         self.reward_terms = (*self.terms(), *(self._judge.terms if self._judge else ()))
         self.define_objectives(physics.qpos.dtype)
@@ -96,11 +103,9 @@ class Environment(Robot):
             raise MorlaxError(f"C MuJoCo runs on the CPU: on {device}, use backend 'warp'.")
         model = cls.compile_model(options)
         if backend == "mujoco":
-            from ..physics.mujoco import MujocoPhysics  # each simulator is imported only when used
-
             physics = MujocoPhysics(model, num_worlds, cls.substeps)
         else:
-            from ..physics.warp import WarpPhysics
+            from ..physics.warp import WarpPhysics  # Warp takes seconds to import
 
             buffers = options.nconmax, options.njmax
             physics = WarpPhysics(model, num_worlds, device, cls.substeps, *buffers, deterministic)
@@ -109,40 +114,25 @@ class Environment(Robot):
 
     @classmethod
     def compile_model(cls, options: Any) -> mujoco.MjModel:
-        """Return the model to simulate under `options`, of the class `Options`.
-
-        Raises:
-            MorlaxError: a reset could not restore the model's state.
-        """
+        """Return the model to simulate under `options`, of the class `Options`."""
         return cls.prepared(cls.model_for(options), options)
 
     @classmethod
     def prepared(cls, model: mujoco.MjModel, options: Any) -> mujoco.MjModel:
-        """Return a compiled model with the solver's options, or raise as `compile_model`."""
+        """Return a compiled model with the solver's options, if a reset can restore its state."""
         if options.solver_iterations is not None:
             model.opt.iterations = options.solver_iterations
         checks.model(cls, model)
         return model
 
-    def _vary(self) -> None:
-        drawn = self.vary_model(self._seed)
-        drawn = {name: self.draws.of_worlds(values) for name, values in drawn.items()}
-        self._model = {name: torch.from_numpy(values) for name, values in drawn.items()}
-        if drawn:
-            self.physics.vary(drawn)
-
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
-        """Compile this robot's MJCF.
-
-        Raises:
-            MorlaxError: no MJCF is named, or MuJoCo cannot load it.
-        """
+        """Compile this robot's MJCF."""
         return cls._loaded(mujoco.MjModel.from_xml_path)
 
     @classmethod
     def load_spec(cls) -> mujoco.MjSpec:
-        """Read this robot's MJCF, for `shape`; raises as `load_model`."""
+        """Read this robot's MJCF, for `shape`."""
         return cls._loaded(mujoco.MjSpec.from_file)
 
     @classmethod
@@ -161,14 +151,12 @@ class Environment(Robot):
     @classmethod
     def model_for(cls, options: Any) -> mujoco.MjModel:
         """Return the model of this robot under `options`, of the class `Options`."""
-        if cls.designs:
-            return compiled(cls, options.design)
-        if options.design:
+        if options.design and not cls.designs:
             raise MorlaxError(
                 f"{cls.__name__} declares no design parameters, so leave out task.design "
                 f"({', '.join(options.design)})."
             )
-        return cls.load_model()
+        return compiled(cls, options.design) if cls.designs else cls.load_model()
 
     @classmethod
     def shape(cls, spec: mujoco.MjSpec, design: dict[str, float]) -> None:
@@ -234,8 +222,7 @@ class Environment(Robot):
     def begin(self, fresh: Tensor) -> None:
         """Start episodes where `fresh` (N,) bool: draw goals, set activations and so on, in place.
 
-        Everything in `state` has been reset before, and the physics to rows `starts.rows` of the
-        starts.
+        `state` has been reset before, and the physics to rows `starts.rows` of the starts.
         """
 
     def advance(self) -> None:
@@ -256,13 +243,15 @@ class Environment(Robot):
         self.draws.share(episodes, number)
         self._vary()
 
-    def adopt(self, bank: Bank) -> None:
-        """Have the bodies of a bank, of which all worlds get the first; see `embody`.
+    def _vary(self) -> None:
+        drawn = self.vary_model(self._seed)
+        drawn = {name: self.draws.of_worlds(values) for name, values in drawn.items()}
+        self._model = {name: torch.from_numpy(values) for name, values in drawn.items()}
+        if drawn:
+            self.physics.vary(drawn)
 
-        Raises:
-            MorlaxError: `task.randomization` already varies the models, or the simulator cannot
-                vary what the bodies differ in.
-        """
+    def adopt(self, bank: Bank) -> None:
+        """Have the bodies of a bank, of which all worlds get the first; see `embody`."""
         if self._model:
             raise MorlaxError(
                 "task.randomization cannot change friction, mass, strength or other fields of "
@@ -323,7 +312,7 @@ class Environment(Robot):
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
         failed, length = self.failed(), self.episode_length
-        terminated, truncated, over, blown_up = episodes.end(
+        terminated, truncated, over, blown_up = self._end(
             self.physics, action, final_seen, failed, length, self.age, reward, terms, self.blowups
         )
         final_seen = torch.where(blown_up[:, None], self._zero, final_seen)
@@ -348,7 +337,7 @@ class Environment(Robot):
 
     def _restart(self, over: Tensor) -> None:
         starts = self.starts.draw(self.draws)
-        episodes.restart(self.physics, over, starts, self.age)
+        self._put(self.physics, over, starts, self.age)
         for values, initial in self.physics.parts.values():
             episodes.refill(over, initial, values)
         for name, values in self.state.items():
@@ -375,15 +364,9 @@ class Environment(Robot):
         return {**tensors, "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state of the same number of worlds, in place.
-
-        The state may come from the other simulator: what it lacks of the physics or of the task's
-        own tensors is reset.
-
-        Raises:
-            MorlaxError: the state was saved under other task options.
-        """
-        saved, parts = self._state(), self.physics.parts
+        # The state may come from the other simulator: what it lacks of the physics or of the task's
+        # own tensors is reset.
+        saved = self._state()
         initial = {f"state.{name}": value for name, value in self._initial.items()}
         if new := [name for name in self.state if f"state.{name}" not in state]:
             warnings.warn(
@@ -392,7 +375,7 @@ class Environment(Robot):
                 stacklevel=2,
             )
         initial |= {"act": self._zero, "ctrl": self._zero}
-        initial |= {name: start for name, (_, start) in parts.items()}
+        initial |= {name: start for name, (_, start) in self.physics.parts.items()}
         missing = [name for name in saved if name not in state and name not in initial]
         if missing:
             raise MorlaxError(
@@ -409,21 +392,15 @@ class Environment(Robot):
 
     def _state(self) -> dict[str, Tensor]:
         names = "qpos", "qvel", "act", "ctrl", "warmstart", "sensors"
-        return {
-            **{name: getattr(self.physics, name) for name in names},
-            **{name: values for name, (values, _) in self.physics.parts.items()},
-            "age": self.age,
-            "blowups": self.blowups,
-            **{f"memory.{name}": value for name, value in self.memory.items()},
-            **{f"model.{name}": value for name, value in self._model.items()},
-            **({} if self.embodied is None else {"embodied": self.embodied}),
-            **{
-                name: value
-                for part in (self._noise, self._delay, self._judge)
-                for name, value in (part.state if part else {}).items()
-            },
-            **{f"state.{name}": value for name, value in self.state.items()},
-        }
+        saved = {name: getattr(self.physics, name) for name in names}
+        saved |= {name: values for name, (values, _) in self.physics.parts.items()}
+        saved |= {"age": self.age, "blowups": self.blowups}
+        groups = {"memory": self.memory, "model": self._model, "state": self.state}
+        for group, tensors in groups.items():
+            saved |= {f"{group}.{name}": value for name, value in tensors.items()}
+        for part in filter(None, (self._noise, self._delay, self._judge)):
+            saved |= part.state
+        return saved if self.embodied is None else saved | {"embodied": self.embodied}
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         """Return how observations and actions are mirrored, found by an experiment.
@@ -431,12 +408,12 @@ class Environment(Robot):
         Raises:
             MorlaxError: left and right of the robot or of its objectives differ.
         """
-        changes = {"randomization": Randomization(), "stagger": False}
-        options, cpu = self.options.model_copy(update=changes), torch.device("cpu")
-        kind = {"auto_reset": False, "deterministic": False}
         # A few of the models that a task may draw decide nothing: compare the nominal one.
         nominal = type(type(self).__name__, (type(self),), {"vary_model": lambda env, seed: {}})
-        return find_mirror(nominal.build(options, 2 * PAIRS, cpu, "mujoco", 0, **kind), tolerance)
+        changes = {"randomization": Randomization(), "stagger": False}
+        options = self.options.model_copy(update=changes)
+        physics = MujocoPhysics(self.compile_model(options), 2 * PAIRS, self.substeps)
+        return find_mirror(nominal(physics, options, auto_reset=False), tolerance)
 
     def overflow(self) -> Tensor:
         return self.physics.overflow()

@@ -12,7 +12,6 @@ from torch import Tensor
 
 from ..devices import Draws
 from ..physics.interface import Physics
-from ..replacing import kernel
 
 NOISY_STARTS = 1024
 _EQ = mujoco.mjtEq
@@ -34,13 +33,8 @@ class Start(NamedTuple):
 class Starts:
     """B initial states with their sensor readings; B = 1 if every episode starts alike.
 
-    One forward pass here computes the sensor readings, so that no reset needs one.
-
-    Args:
-        starts: the states; if worlds differ in their bodies, as many of one body after the other.
-        physics: of the N worlds.
-        bodies: (N,) int64, the body of each world.
-        number: of bodies.
+    One forward pass here computes the sensor readings, so that no reset needs one. If worlds
+    differ in their `number` of bodies, (N,) int64, `starts` has as many of one after the other.
     """
 
     def __init__(
@@ -136,11 +130,6 @@ class Ends(NamedTuple):
     blown_up: Tensor  # (N,) bool: no longer within sane bounds
 
 
-def on_cuda(physics: Physics, *_: object) -> bool:
-    return physics.device.type == "cuda"
-
-
-@kernel(f"{__package__}.episode_kernels.end", on_cuda)
 def end(
     physics: Physics,
     action: Tensor,
@@ -182,7 +171,6 @@ def end(
     return Ends(terminated, timed_out & ~terminated, terminated | timed_out, blown_up)
 
 
-@kernel(f"{__package__}.episode_kernels.restart", on_cuda)
 def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
     """Put the worlds that are `over` (N,) bool into the states of `Starts.draw`, at age zero."""
     done = over.nonzero().squeeze(-1)

@@ -2,7 +2,6 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from functools import wraps
 from typing import Any, ClassVar, NamedTuple, NoReturn, Self
 
@@ -28,19 +27,6 @@ class TimeStep(NamedTuple):
     critic_observation: Tensor  # (N, O + P) the observation, then the privileged features
     final_critic_observation: Tensor  # (N, O + P) the same before any reset
     blown_up: Tensor | None = None  # (N,) bool: terminated outside sane bounds; None: unknown
-
-
-def _without_gradients(step: Callable[..., TimeStep]) -> Callable[..., TimeStep]:
-    # worlds would keep the graph of the actions for ever
-
-    @wraps(step)
-    def stepped(self: "Worlds", action: Tensor) -> TimeStep:
-        if isinstance(action, Tensor) and action.requires_grad:
-            action = action.detach()
-        with torch.no_grad():
-            return step(self, action)
-
-    return stepped
 
 
 class Worlds(ABC):
@@ -80,7 +66,15 @@ class Worlds(ABC):
     def __init_subclass__(cls, **named: Any) -> None:
         super().__init_subclass__(**named)
         if "step" in vars(cls):
-            cls.step = _without_gradients(cls.step)
+            step = cls.step
+
+            @wraps(step)
+            @torch.no_grad()  # worlds would keep the graph of the actions for ever
+            def stepped(self: Any, action: Tensor) -> TimeStep:
+                tracked = isinstance(action, Tensor) and action.requires_grad
+                return step(self, action.detach() if tracked else action)
+
+            cls.step = stepped
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise MorlaxError(
@@ -113,11 +107,7 @@ class Worlds(ABC):
 
     @abstractmethod
     def restart(self, which: Tensor) -> Tensor:
-        """Start a new episode in the worlds of a mask (N,) bool; returns the observation (N, O).
-
-        Raises:
-            MorlaxError: the mask has another shape or type.
-        """
+        """Start a new episode in the worlds of a mask (N,) bool; returns the observation (N, O)."""
 
     @abstractmethod
     def step(self, action: Tensor) -> TimeStep:
@@ -158,9 +148,6 @@ class Worlds(ABC):
         """Return how observations and actions change if left and right are exchanged.
 
         Left and right may differ by a tolerance, see `network.symmetry_tolerance`.
-
-        Raises:
-            MorlaxError: that is not known.
         """
         raise MorlaxError(
             "network.symmetric needs worlds that know left from right, and these do not: set it to "
@@ -188,14 +175,11 @@ class Worlds(ABC):
         self.generator.manual_seed(seed)
 
     def share_draws(self, episodes: Tensor, number: int) -> None:
-        """Let worlds of the same episode draw the same numbers, in future steps and resets.
+        """Let worlds of the same episode, of an index (N,), draw the same numbers from now on.
 
         An evaluation compares trade-offs under the same starts, models, commands and noise. Worlds
-        whose library draws for all of them at once ignore it.
-
-        Args:
-            episodes: (N,) index of each world's episode.
-            number: of episodes to draw for, of which these worlds may run a part.
+        whose library draws for all of them at once ignore it. `number`: of episodes to draw for, of
+        which these worlds may run a part.
         """
         assert episodes.shape == (self.num_worlds,)
 
@@ -212,10 +196,6 @@ class Worlds(ABC):
 
         Args:
             dtype: of the reward terms.
-
-        Raises:
-            MorlaxError: an objective names an unknown reward term, or the reference point has
-                another number of objectives.
         """
         objectives, common = self.options.objectives, (self.options.shared, self.options.guide)
         for name in (name for group in (*common, *objectives.values()) for name in group):

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import leaky_relu
 
-from ..errors import MorlaxError, shortened
+from ..errors import MorlaxError
 
 TERM = "learned"  # name of the reward term
 FORMAT = 1
@@ -19,13 +19,10 @@ LIMITS = (-0.25, 1.25)  # of a step; more would make a short jump worth an early
 
 
 class LearnedReward(nn.Module):
-    """An ensemble of small networks that rate control steps; the reward is their mean.
+    """An ensemble of E small networks that rate control steps; the reward is their mean.
 
     A step is the observation before it, its action, and the observation after it.
-    `morlax_torch.viewers.preferences.reward.fit` trains one from comparisons (Christiano et al.,
-    2017).
-
-    There are E = `members` networks with layers of `hidden` sizes.
+    `viewers.preferences.reward.fit` trains one from comparisons (Christiano et al., 2017).
     """
 
     mean: Tensor
@@ -43,7 +40,7 @@ class LearnedReward(nn.Module):
     ):
         super().__init__()
         self.observation_size, self.action_size = observation_size, action_size
-        self.members, self.hidden = members, tuple(hidden)
+        self.members, self.hidden = members, list(hidden)
         inputs = 2 * observation_size + action_size
         sizes = (inputs, *hidden, 1)
         self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
@@ -74,22 +71,13 @@ class LearnedReward(nn.Module):
 
     def contents(self) -> dict[str, Any]:
         """Return plain values and tensors that `load` restores."""
-        return {
-            "format": FORMAT,
-            "observation_size": self.observation_size,
-            "action_size": self.action_size,
-            "members": self.members,
-            "hidden": list(self.hidden),
-            "state": self.state_dict(),
-        }
+        names = "observation_size", "action_size", "members", "hidden"
+        sizes = {name: getattr(self, name) for name in names}
+        return {"format": FORMAT, **sizes, "state": self.state_dict()}
 
     @classmethod
     def load(cls, path: Path, observation_size: int, action_size: int) -> Self:
-        """Read a learned reward of a task with O observations and A actions.
-
-        Raises:
-            MorlaxError: there is no such file, it is damaged, or it is of another task.
-        """
+        """Read a learned reward of a task with O observations and A actions."""
         try:
             data = path.read_bytes()
         except (OSError, ValueError) as error:  # ValueError: the path has a NUL
@@ -99,36 +87,30 @@ class LearnedReward(nn.Module):
             if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
                 raise ValueError("a checksum is wrong")
             values = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-            if values["format"] != FORMAT:
-                raise MorlaxError(
-                    f"the learned reward {path} has format {shortened(values['format'])}, but this "
-                    f"version of morlax_torch reads format {FORMAT}."
-                )
-            O, A = values["observation_size"], values["action_size"]
-            if (observation_size, action_size) != (O, A):
-                raise MorlaxError(
-                    f"the learned reward {path} is for {O} observations and {A} actions, but this "
-                    f"task has {observation_size} and {action_size}."
-                )
-            reward = cls(O, A, values["members"], values["hidden"])
-            reward.load_state_dict(values["state"])
-            if not all(value.isfinite().all() for value in reward.state_dict().values()):
+            if values.pop("format") != FORMAT:
+                raise ValueError("the format is that of another version")
+            state = values.pop("state")
+            reward = cls(**values)
+            reward.load_state_dict(state)
+            if not all(value.isfinite().all() for value in state.values()):
                 raise ValueError("a parameter is not finite")
-        except (MemoryError, MorlaxError):
+        except MemoryError:
             raise
         except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
             raise MorlaxError(
                 f"the learned reward {path} is damaged or not one: fit it again with morlax teach."
             ) from None
+        sizes = reward.observation_size, reward.action_size
+        if sizes != (observation_size, action_size):
+            raise MorlaxError(
+                f"the learned reward {path} is for {sizes[0]} observations and {sizes[1]} actions, "
+                f"but this task has {observation_size} and {action_size}."
+            )
         return reward.requires_grad_(False)
 
 
 class LearnedTerm:
-    """Rates the control steps of an `Environment` by a learned reward, as the term `learned`.
-
-    Raises:
-        MorlaxError: the task has a term of that name, or as `LearnedReward.load`.
-    """
+    """Rates the control steps of an `Environment` by a learned reward, as the term `learned`."""
 
     terms = (TERM,)
 

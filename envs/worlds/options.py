@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_args
+from typing import Annotated, Self, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -16,9 +16,6 @@ from pydantic import (
 )
 
 from ..errors import shortened
-
-if TYPE_CHECKING:
-    from .learned import LearnedTerm  # which imports torch
 
 LARGEST = 1e9  # of any number, in size: squares of it are still finite in float32
 
@@ -107,8 +104,7 @@ class ObjectiveOptions(Section):
     """Control steps after which an episode is truncated."""
 
     def for_evaluation(self) -> Self:
-        """Return the options to evaluate and show policies under, as far as they are not only for
-        training."""
+        """Return the options to evaluate and show policies under, without those for training."""
         return self.model_copy(update={"guide": {}})
 
     @field_validator("objectives")
@@ -179,14 +175,6 @@ class TaskOptions(ObjectiveOptions):
 
     def for_evaluation(self) -> Self:
         return super().for_evaluation().model_copy(update={"stagger": False})
-
-    def judge(self, env: Any) -> "LearnedTerm | None":
-        """Return what adds reward terms to those of an `Environment`, if anything does."""
-        if self.learned is None:
-            return None
-        from .learned import LearnedTerm
-
-        return LearnedTerm(self.learned, env)
 
     @property
     def varies(self) -> bool:

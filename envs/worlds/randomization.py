@@ -21,11 +21,7 @@ LINEAR_BIAS = [int(kind) for kind in (mjtBias.mjBIAS_NONE, mjtBias.mjBIAS_AFFINE
 def draw(
     model: mujoco.MjModel, options: Randomization, num_worlds: int, seed: int
 ) -> dict[str, np.ndarray]:
-    """Draw the model fields (N, ...) that differ between worlds, by name.
-
-    Raises:
-        MorlaxError: worlds cannot differ in a requested field.
-    """
+    """Draw the model fields (N, ...) that differ between worlds, by name."""
     random, factors = np.random.default_rng(seed), {}
 
     def drawn(limits: tuple[float, float], *shape: int) -> np.ndarray:
@@ -60,22 +56,12 @@ def draw(
 class Noise:
     """Gaussian observation noise, drawn once per control step.
 
-    Args:
-        deviations: standard deviations in the units of the observation, by the name of a part
-            ("position.knee") or a prefix of several ("position"). The longest match applies.
-        parts: the parts of the observation, O numbers in total.
-        physics, draws: of the N worlds.
-
-    Raises:
-        MorlaxError: the observation has no part of a given name.
+    `deviations`: standard deviations in the units of the observation, by the name of a part
+    ("position.knee") or a prefix of several ("position"). The longest match applies.
     """
 
     def __init__(
-        self,
-        deviations: dict[str, float],
-        parts: list[Part],
-        physics: Physics,
-        draws: Draws,
+        self, deviations: dict[str, float], parts: list[Part], physics: Physics, draws: Draws
     ):
         words = [part.name.split(".") for part in parts]
         names = {".".join(some[: n + 1]) for some in words for n in range(len(some))}
@@ -126,16 +112,9 @@ class Delay:
 
 
 class Pushes:
-    """Sudden changes of the robot's horizontal velocity, each in a random direction.
+    """Sudden changes of the robot's horizontal velocity by `speed` m/s, in random directions.
 
-    Args:
-        speed: size of the change in m/s.
-        every: mean number of control steps between pushes; every step has the same probability.
-        base: body of the robot that pushes move.
-        physics, draws: of the N worlds.
-
-    Raises:
-        MorlaxError: the robot cannot move along the floor.
+    Every control step has the same probability, 1 / `every`.
     """
 
     def __init__(self, speed: float, every: int, base: int, physics: Physics, draws: Draws):

@@ -2,7 +2,7 @@
 
 import mujoco
 import numpy as np
-from mujoco import mjtJoint, mjtTrn, mjtWrap
+from mujoco import mjtJoint
 
 from ..errors import unknown
 
@@ -30,36 +30,17 @@ def base_of(model: mujoco.MjModel, name: str | None = None) -> int:
         return int(np.flatnonzero(trees == trees[body])[0]) if trees[body] >= 0 else body
     if not model.ntree:
         return min(1, model.nbody - 1)
-    actuators = [np.unique(trees[_bodies(model, i)]) for i in range(len(model.actuator_trntype))]
-    counts = np.bincount([tree for each in actuators for tree in each if tree >= 0], minlength=1)
-    counts = np.pad(counts, (0, model.ntree))[: model.ntree]
+    data = mujoco.MjData(model)
+    stages = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission
+    for compute in stages:
+        compute(model, data)
+    counts = np.zeros(model.ntree, int)  # of the actuators that act on each tree
+    for start, number in zip(data.moment_rowadr, data.moment_rownnz, strict=True):
+        dofs = data.moment_colind[start : start + number]
+        counts[np.unique(model.dof_treeid[dofs])] += 1
     freedoms = np.bincount(model.dof_treeid, minlength=model.ntree)
     robot = max(range(model.ntree), key=lambda tree: (counts[tree], freedoms[tree], -tree))
     return int(np.flatnonzero(trees == robot)[0])
-
-
-def _bodies(model: mujoco.MjModel, actuator: int) -> list[int]:
-    """Return the bodies that an actuator acts on."""
-    kind, (first, second) = model.actuator_trntype[actuator], model.actuator_trnid[actuator]
-    match kind:
-        case mjtTrn.mjTRN_JOINT | mjtTrn.mjTRN_JOINTINPARENT:
-            return [model.jnt_bodyid[first]]
-        case mjtTrn.mjTRN_SITE | mjtTrn.mjTRN_SLIDERCRANK:
-            return [model.site_bodyid[site] for site in (first, second) if site >= 0]
-        case mjtTrn.mjTRN_BODY:
-            return [first]
-        case mjtTrn.mjTRN_TENDON:
-            start, number = model.tendon_adr[first], model.tendon_num[first]
-            homes = {
-                mjtWrap.mjWRAP_JOINT: model.jnt_bodyid,
-                mjtWrap.mjWRAP_SITE: model.site_bodyid,
-                mjtWrap.mjWRAP_SPHERE: model.geom_bodyid,
-                mjtWrap.mjWRAP_CYLINDER: model.geom_bodyid,
-            }
-            wraps = range(start, start + number)
-            each = [(homes.get(model.wrap_type[i]), model.wrap_objid[i]) for i in wraps]
-            return [bodies[i] for bodies, i in each if bodies is not None]
-    return []
 
 
 def horizontal(model: mujoco.MjModel, base: int) -> list[int]:

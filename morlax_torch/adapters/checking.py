@@ -2,12 +2,14 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from importlib import metadata
 from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 from torch import Size, Tensor
 
@@ -15,7 +17,6 @@ from .. import envs
 from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import installation, shortened, unknown
-from ..envs.gymnasium_ids import WithSpec
 from ..gpu.graph import Graph
 from ..host.resources import one_thread
 
@@ -128,12 +129,24 @@ def box(size: int, limit: float = np.inf) -> gymnasium.spaces.Box:
     return gymnasium.spaces.Box(-limit, limit, (size,), np.float32)
 
 
-class OneTask(WithSpec):
+class OneTask:
     """Rewards and resets, which one world and N worlds as Gymnasium environments share."""
 
+    worlds: Worlds
+    _spec: EnvSpec | None = None
     np_random: np.random.Generator  # Gymnasium's, which draws the seed of the worlds
     _weights: Tensor | None = None  # (m,)
     _was_reset = False
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How to make this environment again; None if Gymnasium did not make it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        # The registered spec has no time limit, or Gymnasium would wrap this in a second one.
+        self._spec = spec and replace(spec, max_episode_steps=self.worlds.episode_length)
 
     def _show(self, worlds: Worlds, tradeoff: Sequence[float] | None) -> None:
         self.objectives, self.reward_space = worlds.objectives, box(len(worlds.objectives))

@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import mujoco
 import numpy as np
 
 from ...envs import Environment, MorlaxError
-from ...envs.replacing import replaced
 from ...envs.worlds.options import TaskOptions
 
 # Arrays of mjModel that the physics depends on, and the names that their versions share.
@@ -83,7 +83,7 @@ def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
             made.append((model, spec_of(source, **({"assets": assets[0]} if assets else named))))
             return model
 
-        return replaced(owner, name, substitute)
+        return patch.object(owner, name, substitute)
 
     with (
         noting(mujoco.MjSpec, "compile", mujoco.MjSpec.copy),

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import mujoco
 import numpy as np
@@ -13,7 +14,6 @@ from torch import Tensor
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
 from ...envs.physics.mujoco import MujocoPhysics
-from ...envs.replacing import replaced
 from ...exports.formats import onnx_model, onnxruntime, quiet
 from ...host.phases import phase
 from .recording import Draws, Recorder, Writes, flat, storage
@@ -125,7 +125,7 @@ def _traced(env: Environment) -> Traced:
         simulate()
         recording.enter_context(after)
 
-    with ExitStack() as recording, torch.no_grad(), replaced(env.physics, "step", switch):
+    with ExitStack() as recording, torch.no_grad(), patch.object(env.physics, "step", switch):
         recording.enter_context(before)
         step = env.step(action)
         terms = torch.stack(list(step.terms.values()), -1)
@@ -195,7 +195,7 @@ class Replica:
             simulate()
             self._copy(ARRAYS)
 
-        with Draws() as draws, torch.no_grad(), replaced(env.physics, "step", switch):
+        with Draws() as draws, torch.no_grad(), patch.object(env.physics, "step", switch):
             step = env.step(action)
         results = {name: getattr(step, name) for name in RESULTS}
         self._run(after, draws.values, results | {"terms": torch.stack([*step.terms.values()], -1)})
