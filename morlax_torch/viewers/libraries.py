@@ -71,18 +71,14 @@ LIBRARIES = (
 def page_files() -> dict[str, bytes]:
     """Return the contents of the page's own files by path, such as "stage/stage.js"."""
     page = HERE / "page"
-    return {
-        file.relative_to(page).as_posix(): file.read_bytes()
-        for file in page.rglob("*")
-        if file.is_file()
-    }
+    paths = [path for path in page.rglob("*") if path.is_file()]
+    return {path.relative_to(page).as_posix(): path.read_bytes() for path in paths}
 
 
 def files(*packages: str) -> dict[str, bytes]:
     """Return the files of libraries, or of all, by name, and their licenses.
 
-    Raises:
-        MorlaxError: a library is neither in the cache nor can it be downloaded.
+    Raises MorlaxError if a library is neither in the cache nor can it be downloaded.
     """
     contents: dict[str, bytes] = {}
     for library in LIBRARIES:

@@ -1,8 +1,7 @@
-"""What a page is sent of robots: their model once, and their poses in each frame."""
+"""Descriptions of robots for a page: their model once, and their poses in each frame."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import mujoco
@@ -43,7 +42,7 @@ def told(behavior: Behavior) -> dict[str, Any]:
         "tradeoff": behavior.tradeoff,
         "returns": _finite(behavior.player.returns.tolist()),
         "counted": behavior.steps,
-        "ended": last and {**asdict(last), "returns": _finite(last.returns)},
+        "ended": last and {**last._asdict(), "returns": _finite(last.returns)},
         "velocity": _finite(behavior.velocity()),
         "power": _finite([behavior.power()])[0],
     }

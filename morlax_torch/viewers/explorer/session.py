@@ -3,8 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -28,13 +27,8 @@ class Behavior(ABC):
     """The states of one MuJoCo robot over time, as a page shows them.
 
     Callers may set `paused` and `pace` (1 is real time) at any time. `steps` are those since the
-    beginning. Use a behavior from one thread only.
-
-    Args:
-        robot: the same object for behaviors that look alike and can stand side by side.
-        model: the robot's model.
-        data: its current state; `step` updates positions of bodies in place.
-        dt: seconds of a step.
+    beginning. `robot` is the same object for behaviors that look alike and can stand side by side;
+    `data` is the current state, in which `step` updates positions of bodies; a step takes `dt` s.
     """
 
     def __init__(self, robot: object, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
@@ -71,20 +65,17 @@ class Behavior(ABC):
 
 
 class Clip(Behavior):
-    """A robot that repeats recorded positions (T, nq), which are finite.
-
-    Raises:
-        MorlaxError: the positions do not fit the model, or one is not finite.
-    """
+    """A robot that repeats recorded positions (T, nq), which are finite, or raises MorlaxError."""
 
     def __init__(self, model: mujoco.MjModel, qpos: ArrayLike, dt: float):
         super().__init__(model, model, mujoco.MjData(model), dt)
         self._qpos = np.asarray(qpos, dtype=np.float64)
         shape = self._qpos.shape
-        if len(shape) != 2 or not shape[0] or shape[1] != model.nq:
-            raise MorlaxError(f"a clip needs positions of shape (T, {model.nq}), not {shape}.")
-        if not np.isfinite(self._qpos).all():
-            raise MorlaxError("a clip needs finite positions.")
+        fits = len(shape) == 2 and shape[0] > 0 and shape[1] == model.nq
+        if not fits or not np.isfinite(self._qpos).all():
+            raise MorlaxError(
+                f"a clip needs finite positions of shape (T, {model.nq}); this has {shape}."
+            )
         self.reset()
 
     def step(self) -> None:
@@ -99,9 +90,8 @@ class Clip(Behavior):
         mujoco.mj_kinematics(self.model, self.data)
 
 
-@dataclass
-class Episode:
-    """How an episode ended."""
+class Episode(NamedTuple):
+    """The end of an episode."""
 
     returns: list[float]  # (m,)
     seconds: float
@@ -135,12 +125,10 @@ class Session(Behavior):
         Raises:
             MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
         """
-        policy = load(choice.file)
+        policy, front = load(choice.file), None
         with suppress(MorlaxError):
             front = load_front(choice.file)
-            if np.isfinite(front.returns).all():
-                return cls(policy, front)
-        return cls(policy, None)
+        return cls(policy, front if front and np.isfinite(front.returns).all() else None)
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off, command and pace."""
@@ -165,17 +153,14 @@ class Session(Behavior):
         return None if policy.config.task == self._opened.config.task else policy
 
     def reshape(self, policy: Policy) -> None:
-        """Go on with the body of another policy of this family, in a new episode.
-
-        Its front is unknown until `measured`.
-        """
+        """Go on with another body of this family, whose front is unknown until `measured`."""
         player = Player(policy, self.tradeoff, self._seed)
         player.command = self.player.command
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0
 
     def measured(self, front: Front) -> None:
-        """Show the front of the body from now on."""
+        """Show the front of the body."""
         self.front, self.robot = front, self.player.policy
 
     @property
@@ -201,11 +186,10 @@ class Session(Behavior):
 
     def push(self) -> None:
         """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
-        if self.axes:
-            kick = self._directions.normal(size=len(self.axes))
-            velocity = self.player.env.physics.qvel[0]
-            for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
-                velocity[dof] += part
+        kick = self._directions.normal(size=len(self.axes))
+        velocity = self.player.env.physics.qvel[0]
+        for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
+            velocity[dof] += part
 
     def tell(self, index: int, value: float) -> None:
         """Set one number of the command, by its index; it is clamped to the task's limits."""

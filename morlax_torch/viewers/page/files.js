@@ -1,4 +1,6 @@
-// The page's files.
+// The page's files, and the arrays in them.
+
+const TYPES = { float32: Float32Array, int32: Int32Array };
 
 /** Raised for what a visitor should read as it is. */
 export class Problem extends Error {}
@@ -15,6 +17,16 @@ export async function fetched(address) {
   return response;
 }
 
+/** Return a function that starts something once for all callers, and again only if it fails. */
+export function once(start) {
+  let result = null;
+  return () =>
+    (result ??= start().catch((error) => {
+      result = null;
+      throw error;
+    }));
+}
+
 export const traffic = { come: 0, due: 0, follow: () => {} }; // bytes of compressed files
 
 /** Fetch a file that `pack` compressed, and count its bytes. */
@@ -28,4 +40,15 @@ export async function unpacked(address) {
     },
   });
   return new Response(body.pipeThrough(count).pipeThrough(new DecompressionStream("gzip")));
+}
+
+/** Return the numbers and arrays of Python's `array_bytes`, by name, from a byte of the buffer on. */
+export function arraysOf(buffer, begin = 0) {
+  const [length] = new Int32Array(buffer, begin, 1);
+  const first = begin + 4 + length;
+  const { arrays, ...contents } = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, begin + 4, length)));
+  for (const [name, [type, at, size]] of Object.entries(arrays)) {
+    contents[name] = new TYPES[type](buffer, first + at, size);
+  }
+  return contents;
 }

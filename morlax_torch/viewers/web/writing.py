@@ -84,11 +84,9 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
 
 
 def _compress(file: Path) -> int:
-    """Compress a file in place; returns its new size.
-
-    The page decompresses it, because many web servers send files as they are. Servers that know
-    the usual endings of compressed files would decompress them a second time.
-    """
+    """Compress a file in place; return its new size."""
+    # for the page to decompress, since many web servers send files as they are; those that know
+    # the usual endings of compressed files would decompress them a second time
     packed = file.with_name(f"{file.name}.packed")
     packed.write_bytes(gzip.compress(file.read_bytes()))
     file.unlink()
@@ -96,10 +94,7 @@ def _compress(file: Path) -> int:
 
 
 def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, Any]:
-    """Write the files that the page needs of one run into a new folder, see `write_page`.
-
-    Returns the run's title and objectives, for a list of runs.
-    """
+    """Write the page's files of one run into a new folder; return its title and objectives."""
     policy = load(run)
     env, model = build(policy)
     phase("tracing the task")
@@ -187,17 +182,15 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
         "state": {name: str(values.dtype)[6:] for name, values in traced.state.items()},
         "before": _graph(traced.before),
         "after": _graph(traced.after),
-        "starts": [_start(env, traced) for _ in range(many)],
+        # observation and state after resets
+        "starts": [
+            {"observation": _numbers(env.reset())}
+            | {name: _numbers(values) for name, values in traced.state.items()}
+            for _ in range(many)
+        ],
         "command": command,
         "push": PUSH,
     }
-
-
-def _start(env: Environment, traced: Traced) -> dict[str, list[float]]:
-    """Return the whole state after a reset, and the first observation."""
-    observation = env.reset()
-    state = {name: _numbers(values) for name, values in traced.state.items()}
-    return {"observation": _numbers(observation), **state}
 
 
 def _graph(graph: OnnxGraph) -> dict[str, Any]:
