@@ -84,13 +84,17 @@ def files(*packages: str) -> dict[str, bytes]:
     for library in LIBRARIES:
         if packages and library.package not in packages:
             continue
+        text, wanted = HERE / "licenses" / library.license, dict(library.files)
+        name = f"{library.package.split('/')[-1]}.LICENSE.txt"
+        if text.exists():
+            contents[name] = text.read_bytes()
+        else:
+            wanted[library.license] = name
         with tarfile.open(fileobj=io.BytesIO(_archive(library)), mode="r:gz") as archive:
-            for path, name in library.files.items():
-                contents[name] = _member(archive, path)
-            inside = f"package/{library.license}" in archive.getnames()
-            ours = HERE / "licenses" / library.license
-            text = _member(archive, library.license) if inside else ours.read_bytes()
-        contents[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
+            for path, name in wanted.items():
+                file = archive.extractfile(f"package/{path}")
+                assert file is not None, path
+                contents[name] = file.read()
     return contents
 
 
@@ -125,9 +129,3 @@ def _archive(library: Library) -> bytes:
 
 def _is_intact(data: bytes, library: Library) -> bool:
     return base64.b64encode(hashlib.sha512(data).digest()).decode() == library.sha512
-
-
-def _member(archive: tarfile.TarFile, path: str) -> bytes:
-    file = archive.extractfile(f"package/{path}")
-    assert file is not None, path
-    return file.read()

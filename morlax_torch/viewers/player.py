@@ -18,9 +18,6 @@ class Player:
     Set `tradeoff` and `command` (C,), numbers for the task's `command_limits`, between steps.
     `data` holds the current state for a renderer, and the motor forces; write to `env.physics` to
     move the robot. `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
-
-    Raises:
-        MorlaxError: the trade-off is invalid, or the task has no MuJoCo robot.
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):

@@ -71,9 +71,6 @@ class PolicyComparisons:
     """Compare policies of a front to find the one that the user likes best.
 
     The two robots have the policies of that front; their trade-offs are set.
-
-    Raises:
-        MorlaxError: the front has fewer than two non-dominated policies.
     """
 
     def __init__(self, front: Front, sessions: tuple[Session, Session], seed: int = 0):

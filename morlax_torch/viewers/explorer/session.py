@@ -103,9 +103,6 @@ class Session(Behavior):
 
     Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
     that of the policies, if it was evaluated; `seed` that of the world and of the pushes.
-
-    Raises:
-        MorlaxError: the task has no MuJoCo robot.
     """
 
     def __init__(self, policy: Policy, front: Front | None, seed: int = 0):
@@ -120,11 +117,7 @@ class Session(Behavior):
 
     @classmethod
     def open(cls, choice: Choice) -> Self:
-        """Show a checkpoint, with its front if it has one with finite returns.
-
-        Raises:
-            MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
-        """
+        """Show a checkpoint, with its front if it has one with finite returns."""
         policy, front = load(choice.file), None
         with suppress(MorlaxError):
             front = load_front(choice.file)

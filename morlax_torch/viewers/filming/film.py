@@ -32,9 +32,6 @@ class Film:
     With `bodies`, by design parameters, there is a panel for each trade-off of each body. A robot
     that fails is frozen and dimmed, with the returns of its episode. A film ends a second after the
     last robot has failed, whatever the episode length. `record` describes the arguments.
-
-    Raises:
-        MorlaxError: a trade-off or the size is invalid, or the task has no MuJoCo robot.
     """
 
     def __init__(
@@ -193,10 +190,9 @@ class Take:
         ]
 
     def _table(self) -> list[panels.Row]:
-        return [
-            (*weight, f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}")
-            for weight, value in zip(self._weights(), self.player.returns.tolist(), strict=True)
-        ]
+        sums = self.player.returns.tolist()
+        returns = [f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}" for x in sums]
+        return [(*weight, text) for weight, text in zip(self._weights(), returns, strict=True)]
 
     def label(self) -> str:
         """Return a line for each weight, or "only NAME" if there is one."""

@@ -109,11 +109,7 @@ def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
 
 
 def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    """Write frames (H, W, 3) RGB of one size as a video; the suffix selects .mp4 or .gif.
-
-    Raises:
-        MorlaxError: ffmpeg is missing or fails, or `path` cannot be written.
-    """
+    """Write frames (H, W, 3) RGB of one size as a video; the suffix selects .mp4 or .gif."""
     ffmpeg, ending = find_ffmpeg(), path.suffix.lower()
     rate = str(Fraction(fps).limit_denominator(1000))
     if ending == ".gif":

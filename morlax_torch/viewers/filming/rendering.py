@@ -4,9 +4,10 @@ import importlib
 import os
 import subprocess
 import sys
+from contextlib import AbstractContextManager
 from copy import copy
 from functools import cache
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -28,7 +29,7 @@ TRIAL = (
 LINES, FAR = 24, 10.0  # lines of an added grid to each side; sizes of the robot to an added sky
 
 
-class Scene:
+class Scene(AbstractContextManager["Scene"]):
     """Renders a copy of a robot's model, which gets a sky, a light or a floor if it has none.
 
     It holds an OpenGL context: close it, or use it as a context manager. Raises MorlaxError if the
@@ -102,9 +103,6 @@ class Scene:
 
     def close(self) -> None:
         self._renderer.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

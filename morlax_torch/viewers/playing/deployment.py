@@ -131,11 +131,7 @@ class Export:
 
 
 def open_export(path: Path) -> Export:
-    """Open an export by its folder or the file of its policy.
-
-    Raises:
-        MorlaxError: a file is missing or damaged, or gains or the command are not known.
-    """
+    """Open an export by its folder or the file of its policy."""
     folder = path if path.is_dir() else path.parent
     if not path.exists():
         raise MorlaxError(f"there is no export {path}: morlax export writes one.")

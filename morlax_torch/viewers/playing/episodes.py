@@ -44,11 +44,7 @@ def run(
     seconds: float = 30.0,
     seed: int = 0,
 ) -> list[Episode]:
-    """Run episodes under random commands and trade-offs, which end with a fall.
-
-    Raises:
-        MorlaxError: there is no episode, or it has no control step.
-    """
+    """Run episodes under random commands and trade-offs, which end with a fall."""
     steps = _steps(deployment, seconds)
     if episodes < 1:
         raise MorlaxError(f"--episodes must be at least 1, not {episodes}.")
@@ -109,12 +105,7 @@ def show(
 
     A robot that falls starts again. `seconds` is None for no limit; `gamepad` is a device that
     steers beside the keys.
-
-    Returns:
-        The number of falls.
-
-    Raises:
-        MorlaxError: the gamepad or the window cannot be opened.
+    Returns the number of falls.
     """
     from mujoco import viewer  # loads a library of windows
 
@@ -159,9 +150,6 @@ def film(
     """Write a film (.mp4, .gif) of the robot under random commands and trade-offs.
 
     Returns the number of falls.
-
-    Raises:
-        MorlaxError: no OpenGL, no ffmpeg, or `output` cannot be written.
     """
     from ..camera import FollowingCamera
     from ..filming.recording import ENDINGS, write_video

@@ -28,11 +28,7 @@ BROKEN = (  # of which MuJoCo warns before it resets the state
 
 @dataclass
 class Disturbances:
-    """Strengths of disturbances; delay and friction are drawn anew for each episode.
-
-    Raises:
-        MorlaxError: a strength is not usable.
-    """
+    """Strengths of disturbances; delay and friction are drawn anew for each episode."""
 
     delay: tuple[float, float] = (0.0, 20.0)
     """Milliseconds from an observation to the action that it causes."""
@@ -67,9 +63,6 @@ class Robot:
     """A robot whose base moves freely, with the gains, targets and observation of deploy.yaml.
 
     Without disturbances, its friction is the model's, and a step equals one of mjlab.
-
-    Raises:
-        MorlaxError: an observation is not known, or model and settings do not fit together.
     """
 
     def __init__(

@@ -38,9 +38,6 @@ class Policy:
     """An ONNX policy; `tradeoff` (m,) slides towards the `target` (m,) by at most `slew` per s.
 
     It stays as it is where the export has a fixed trade-off (`slides` is false).
-
-    Raises:
-        MorlaxError: onnxruntime is missing, or it cannot load the file.
     """
 
     def __init__(self, deployment: Export):

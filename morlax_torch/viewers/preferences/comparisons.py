@@ -35,9 +35,6 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
 
     Every second clip has exploration noise, to show what training may try. Some of the `number`
     episodes may end too early for a clip. Returns the clips, and the names of their reward terms.
-
-    Raises:
-        MorlaxError: the task has no MuJoCo robot, or no episode is as long as a clip.
     """
     config, m = policy.config, len(policy.objectives)
     if not issubclass(envs.get(config.env), Environment):

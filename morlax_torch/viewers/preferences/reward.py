@@ -37,9 +37,6 @@ def fit(comparisons: Comparisons, seed: int = 0) -> Fit:
     network sees its own bootstrap sample of the answers. Afterwards, rewards are shifted and scaled
     so that the clip with the lowest mean reward per step earns 0 and the one with the highest 1.
     `seed` draws parameters, samples and the answers that are held out.
-
-    Raises:
-        MorlaxError: there are too few answers, or they do not depend on the clips.
     """
     answers = np.array(comparisons.answers).reshape(-1, 2)
     if len(answers) < FEWEST:

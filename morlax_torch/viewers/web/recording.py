@@ -52,7 +52,7 @@ class Writes(TorchDispatchMode):
     def __init__(self) -> None:
         super().__init__()
         self._new: dict[int, Tensor] = {}
-        self.found: dict[int, Tensor] = {}  # storage -> the whole of it
+        self.storages: dict[int, Tensor] = {}
 
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         result = func(*args, **(kwargs or {}))
@@ -62,7 +62,7 @@ class Writes(TorchDispatchMode):
                 self._new[storage(tensor)] = tensor  # kept, so that no other gets its identity
         for tensor in written(func, args, kwargs or {}):
             if storage(tensor) not in self._new:
-                self.found.setdefault(storage(tensor), flat(tensor))
+                self.storages.setdefault(storage(tensor), flat(tensor))
         return result
 
 
@@ -83,12 +83,8 @@ class Draws(TorchDispatchMode):
 class Recorder(TorchDispatchMode):
     """Records operations into a graph of the persisting tensors, which it reads and changes.
 
-    Views that were made before are views here too, because inputs are whole storages. Tensors
-    that no one changes become constants.
-
-    Args:
-        state: (size,) all tensors that persist, by name.
-        former: the recorder of the operations before, whose results may be needed here.
+    The `state` are the storages (size,) of these tensors by name, so that views stay views. Tensors
+    that no one changes become constants. Results of a `former` recorder may be needed here.
     """
 
     def __init__(self, state: dict[str, Tensor], former: "Recorder | None" = None):
@@ -99,8 +95,8 @@ class Recorder(TorchDispatchMode):
         self.carried: dict[str, Tensor] = {}  # results of `former` that are inputs here
         self.draws: dict[str, Draw] = {}
         self._nodes: dict[int, tuple[fx.Node, Tensor]] = {}  # id -> node, and the tensor itself
-        self._state = {storage(values): name for name, values in state.items()}
-        self._whole = state
+        self._names = {storage(values): name for name, values in state.items()}
+        self._state = state
         self._bases: dict[str, fx.Node] = {}
         self._changed: dict[str, None] = {}
         self._dynamic: set[fx.Node] = set()
@@ -185,7 +181,7 @@ class Recorder(TorchDispatchMode):
     def _node(self, tensor: Tensor) -> fx.Node:
         if id(tensor) in self._nodes:
             return self._nodes[id(tensor)][0]
-        name, former = self._state.get(storage(tensor)), self.former
+        name, former = self._names.get(storage(tensor)), self.former
         if name is not None:
             node = self._view(name, tensor)
         elif former is not None and id(tensor) in former._nodes:
@@ -201,11 +197,11 @@ class Recorder(TorchDispatchMode):
 
     def _view(self, name: str, tensor: Tensor) -> fx.Node:
         if name not in self._bases:
-            whole = self._placeholder(name, self._whole[name])
+            base = self._placeholder(name, self._state[name])
             with self.graph.inserting_before(self._end_of_views):
-                self._bases[name] = self._call(aten.clone.default, (whole,), {})
+                self._bases[name] = self._call(aten.clone.default, (base,), {})
         begin, size = tensor.storage_offset(), list(tensor.shape)
-        if tensor.dtype != self._whole[name].dtype or not tensor.is_contiguous():
+        if tensor.dtype != self._state[name].dtype or not tensor.is_contiguous():
             raise MorlaxError("it keeps a strided view of a tensor that changes")
         with self.graph.inserting_before(self._end_of_views):
             end = begin + tensor.numel()
@@ -221,6 +217,6 @@ class Recorder(TorchDispatchMode):
 
     def _note_writes(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> None:
         for tensor in written(func, args, kwargs):
-            name = self._state.get(storage(tensor))
+            name = self._names.get(storage(tensor))
             if name is not None:
                 self._changed[name] = None

@@ -104,7 +104,7 @@ def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
     for act in (lambda: env.step(action), env.reset):
         with Writes() as writes, torch.no_grad():
             act()
-        for memory, values in writes.found.items():
+        for memory, values in writes.storages.items():
             if memory not in named:
                 named.add(memory)
                 state[f"state_{len(state)}"] = values

@@ -28,8 +28,11 @@ export class Panel {
     const sections = ["robots", "tradeoff", "front", "episode"].map((name) => $(`${name}-section`));
     for (const section of sections) section.hidden = this.names.length === 0;
     $("choosing-section").hidden = !this.front || this.names.length === 0;
-    this.#showCommand(about.command);
-    this.#showDesign(about.design);
+    const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
+    const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
+    const measure = () => engine.press("measure");
+    this.command = this.#showNumbers("command", about.command?.limits, rounded, tell);
+    this.design = this.#showNumbers("design", about.design, precise, reshape, measure);
     this.#showKinds(about);
     if (!this.names.length) return;
     const choose = (weights) => {
@@ -89,25 +92,15 @@ export class Panel {
     $("weights").replaceChildren(...this.weights.elements);
   }
 
-  #showCommand(command) {
-    $("command-section").hidden = !command;
-    if (!command) return;
-    const rows = Object.entries(command.limits).map(([unit, limits]) => {
-      return { name: unit, limits, color: "var(--ink)", format: (value) => value.toFixed(2) };
-    });
-    this.command = new Sliders(rows, (index, value) => this.engine.tell(index, value));
-    $("command").replaceChildren(...this.command.elements);
-  }
-
-  #showDesign(parameters) {
-    $("design-section").hidden = !parameters;
-    if (!parameters) return;
-    const { engine } = this;
-    const rows = Object.entries(parameters).map(([name, limits]) => {
-      return { name, limits, color: "var(--ink)", format: (value) => value.toPrecision(3) };
-    });
-    this.design = new Sliders(rows, (...change) => engine.reshape(...change), () => engine.press("measure"));
-    $("design").replaceChildren(...this.design.elements);
+  /** Show sliders for numbers with ranges in their section, or hide it; returns them. */
+  #showNumbers(id, ranges, format, move, done) {
+    $(`${id}-section`).hidden = !ranges;
+    if (!ranges) return undefined;
+    const look = { color: "var(--ink)", format };
+    const rows = Object.entries(ranges).map(([name, limits]) => ({ name, limits, ...look }));
+    const sliders = new Sliders(rows, move, done);
+    $(id).replaceChildren(...sliders.elements);
+    return sliders;
   }
 
   #showKinds(about) {
