@@ -19,10 +19,16 @@ from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, explain, front_map
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer import lineup as lineup_module
-from morlax_torch.viewers.explorer.describing import WEIGHT, contact_arrows, described, frame_bytes
 from morlax_torch.viewers.explorer.lineup import Lineup, Thresholds
 from morlax_torch.viewers.explorer.saving import Saving
-from morlax_torch.viewers.explorer.session import PUSH, Clip, Session
+from morlax_torch.viewers.explorer.session import (
+    PUSH,
+    WEIGHT,
+    Clip,
+    Session,
+    contact_arrows,
+    frame_bytes,
+)
 
 
 @pytest.fixture
@@ -107,7 +113,7 @@ def test_the_page_pushes_and_follows_the_robot_or_the_named_body(task, body, mak
     start = model.body_dofadr[model.body(body).id]
     assert float(speed[start : start + 2].norm()) == pytest.approx(PUSH)
     assert float(speed.norm()) == pytest.approx(PUSH)
-    about = described(session)
+    about = session.about()
     assert about["followed"] == model.body(body).id
     assert about["pushed"] == [start, start + 1]
 

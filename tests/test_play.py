@@ -254,11 +254,11 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     assert "hopper does not have" in refused(export, hopper, "--slew", "1")
     assert "leave --tradeoff out" in refused(export, hopper, "--slew", "1", "--tradeoff", "1,1")
     changes = {
-        "actions: Field required": lambda content: content.pop("actions"),
+        "actions.JointPositionAction.clip: Field required": lambda content: content.pop("actions"),
         "offset has 1 entries instead of 2": lambda content: content["actions"][
             "JointPositionAction"
         ]["offset"].pop(),
-        "commands.base_velocity: Field required": lambda content: content["commands"].clear(),
+        "ranges.lin_vel_x: Field required": lambda content: content["commands"].clear(),
         "no joint knee": lambda content: content["morlax_torch"]["joints"].__setitem__(0, "knee"),
         "does not know the observation height": lambda content: content["observations"].update(
             {"height": content["observations"].pop("last_action")}

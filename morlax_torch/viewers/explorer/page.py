@@ -14,10 +14,9 @@ from pydantic import ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationE
 
 from ...envs import MorlaxError
 from .. import libraries
-from .describing import described, frame_bytes, model_bytes, told
 from .exhibits import Exhibit
 from .server import Heard, Server, ServerConnection
-from .session import MAX_LAG, Put
+from .session import MAX_LAG, Put, frame_bytes, model_bytes
 
 FRAME = 1 / 40  # s between frames
 TELL = 1 / 10  # s between messages about anything but poses
@@ -124,7 +123,7 @@ class Page:
         first = self._exhibit.behaviors[0]
         if self._robot is not first.robot:
             self._robot, self._drawn = first.robot, None
-            self._about = json.dumps({"type": "run", "about": described(first)})
+            self._about = json.dumps({"type": "run", "about": first.about()})
             self._server.send(self._about)
         if self._drawn is not first.model:
             self._drawn, self._model = first.model, model_bytes(first.model)
@@ -134,7 +133,7 @@ class Page:
             "pace": self._pace,
             "failure": self._failure,
             **self._exhibit.state(),
-            "robots": [told(behavior) for behavior in self._exhibit.behaviors],
+            "robots": [behavior.told() for behavior in self._exhibit.behaviors],
         }
         if to is not None:
             for message in (self._about, self._model, json.dumps({"type": "state", **state})):

@@ -1,26 +1,31 @@
-"""One robot in real time, live or recorded, with the actions that the page offers."""
+"""One robot in real time, live or recorded, with the actions of the page, and what it is sent."""
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...envs import MorlaxError
+from ...envs.naming import title
 from ...envs.worlds.design_space import DesignSpace
-from ...envs.worlds.trees import horizontal
+from ...envs.worlds.trees import base_of, horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.loading import load, load_front
+from ..describing import array_bytes, described_task, drawn_arrays, front_map
 from ..player import PUSH, Player
 from .library import Choice
 
 Weights = tuple[float, ...]  # a trade-off: not negative, and sums to one
 Put = Callable[[Callable[[], None]], None]  # queues a call for the thread that moves the robots
 MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
+MODEL, FRAME = 0, 1  # first byte of a message to the page that is not JSON
+WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of the robot
 
 
 class Behavior(ABC):
@@ -44,6 +49,15 @@ class Behavior(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Go back to the beginning."""
+
+    def about(self) -> dict[str, Any]:
+        """Describe the robot for a page, apart from its model and poses."""
+        robot = {"dt": self.dt, "followed": base_of(self.model)}
+        return {"title": "A or B?", "objectives": [], "pushed": [], "command": None, **robot}
+
+    def told(self) -> dict[str, Any]:
+        """Describe its trade-off and its episode."""
+        return {}
 
     def advance(self, now: float) -> int:
         """Take the steps that are due at clock time `now` in seconds; returns how many."""
@@ -189,6 +203,28 @@ class Session(Behavior):
         low, high = list(self.player.env.command_limits.values())[index]
         self.player.command[index] = min(max(value, low), high)
 
+    def about(self) -> dict[str, Any]:
+        env, front, policy = self.player.env, self.front, self.player.policy
+        parameters = policy.agent.designs if self.design else {}
+        return {
+            "title": title(policy.config.env),
+            "command": {"limits": env.command_limits} if env.command_limits else None,
+            "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
+            "front": None if front is None else front_map(front, env.dt, env.lower_is_better),
+            **described_task(env),
+        }
+
+    def told(self) -> dict[str, Any]:
+        last = self.last_episode
+        return {
+            "tradeoff": self.tradeoff,
+            "returns": _finite(self.player.returns.tolist()),
+            "counted": self.steps,
+            "ended": last and {**last._asdict(), "returns": _finite(last.returns)},
+            "velocity": _finite(self.velocity()),
+            "power": _finite([self.power()])[0],
+        }
+
     def velocity(self) -> list[float]:
         """Return the velocity in m/s along x and, if the robot can move there, y."""
         return [float(self.data.qvel[dof]) for dof in self.axes]
@@ -196,3 +232,45 @@ class Session(Behavior):
     def power(self) -> float:
         """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
         return float(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum())
+
+
+def _finite(values: list[float]) -> list[float]:
+    """Return numbers that JSON has."""
+    return [value if math.isfinite(value) else 0.0 for value in values]
+
+
+def model_bytes(model: mujoco.MjModel) -> bytes:
+    """Return the arrays that the page draws a model from."""
+    arrays = array_bytes(drawn_arrays(model), nbody=model.nbody, ngeom=model.ngeom)
+    return np.int32(MODEL).tobytes() + arrays
+
+
+def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
+    """Return steps, poses of bodies and forces at contacts, as 32-bit floats; None: not finite."""
+    parts = [np.array([FRAME], np.int32).tobytes()]
+    for behavior in behaviors:
+        model, data = behavior.model, behavior.data
+        if not np.isfinite(data.xpos).all():
+            return None
+        arrows = contact_arrows(model, data)
+        numbers = ([behavior.steps, len(arrows)], data.xpos, data.xquat, arrows)
+        parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
+    return b"".join(parts)
+
+
+def contact_arrows(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+    """Return arrows (n, 2, 3) of the forces at each contact, as the ground pushes the robot.
+
+    They are at most as long as the robot, because impacts are many times a weight.
+    """
+    size = float(model.stat.extent)
+    newtons = float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
+    arrows, force = np.zeros((data.ncon, 2, 3)), np.zeros(6)
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, force)
+        contact = data.contact[i]
+        push = contact.frame.reshape(3, 3).T @ force[:3]
+        push *= np.copysign(WEIGHT * size / max(newtons, 1e-9), push[2])
+        push *= min(1.0, size / max(float(np.linalg.norm(push)), 1e-12))
+        arrows[i] = contact.pos, contact.pos + push
+    return arrows

@@ -43,7 +43,8 @@ export async function unpacked(address) {
 export function arraysOf(buffer, begin = 0) {
   const [length] = new Int32Array(buffer, begin, 1);
   const first = begin + 4 + length;
-  const { arrays, ...contents } = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, begin + 4, length)));
+  const header = new TextDecoder().decode(new Uint8Array(buffer, begin + 4, length));
+  const { arrays, ...contents } = JSON.parse(header);
   for (const [name, [type, at, size]] of Object.entries(arrays)) {
     contents[name] = new TYPES[type](buffer, first + at, size);
   }

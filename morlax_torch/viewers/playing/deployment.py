@@ -8,7 +8,7 @@ from typing import Any
 
 import mujoco
 import yaml
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import AliasPath, BaseModel, Field, ValidationError, model_validator
 
 from ...envs import MorlaxError
 from ...envs.errors import explained
@@ -17,32 +17,6 @@ from ...host.files import read
 
 Values = list[float]
 Range = tuple[float, float]
-
-
-# The entries of deploy.yaml that are used here; docs/export.md explains all of them.
-class Ranges(BaseModel):
-    lin_vel_x: Range
-    lin_vel_y: Range
-    ang_vel_z: Range
-
-
-class BaseVelocity(BaseModel):
-    ranges: Ranges
-
-
-class Commands(BaseModel):
-    base_velocity: BaseVelocity
-
-
-class JointPositionAction(BaseModel):
-    clip: list[Range] | None
-    scale: Values
-    offset: Values
-    joint_ids: list[int] | None
-
-
-class Actions(BaseModel):
-    JointPositionAction: JointPositionAction
 
 
 class Term(BaseModel):
@@ -54,64 +28,62 @@ class Term(BaseModel):
     history_length: int = Field(ge=1)
 
 
-class Additions(BaseModel):
-    """The entries that unitree_rl_lab does not have."""
+def _in(*path: str, **constraints: Any) -> Any:
+    """Return a field that lies deeper in deploy.yaml."""
+    return Field(validation_alias=AliasPath(*path), **constraints)
 
-    policy: str
-    model: str | None
-    objectives: list[str]
-    slew: float | None = Field(gt=0)
-    joints: list[str]
-    default_joint_vel: Values
-    observation_noise: Values
+
+RANGES = "commands", "base_velocity", "ranges"
+ACTION = "actions", "JointPositionAction"
+OURS = "morlax_torch"  # the entries that unitree_rl_lab does not have
 
 
 class Settings(BaseModel):
+    """The entries of deploy.yaml that are used here; docs/export.md explains all of them."""
+
     step_dt: float = Field(gt=0)
     stiffness: list[float | None]
     damping: list[float | None]
     default_joint_pos: Values
-    commands: Commands
-    actions: Actions
     observations: dict[str, Term]
-    morlax_torch: Additions
-
-    @property
-    def action(self) -> JointPositionAction:
-        return self.actions.JointPositionAction
+    lin_vel_x: Range = _in(*RANGES, "lin_vel_x")
+    lin_vel_y: Range = _in(*RANGES, "lin_vel_y")
+    ang_vel_z: Range = _in(*RANGES, "ang_vel_z")
+    clip: list[Range] | None = _in(*ACTION, "clip")
+    scale: Values = _in(*ACTION, "scale")
+    offset: Values = _in(*ACTION, "offset")
+    joint_ids: list[int] | None = _in(*ACTION, "joint_ids")
+    policy: str = _in(OURS, "policy")
+    model: str | None = _in(OURS, "model")
+    objectives: list[str] = _in(OURS, "objectives")
+    slew: float | None = _in(OURS, "slew", gt=0)
+    joints: list[str] = _in(OURS, "joints")
+    default_joint_vel: Values = _in(OURS, "default_joint_vel")
+    observation_noise: Values = _in(OURS, "observation_noise")
 
     @property
     def driven(self) -> list[int]:
         """The joint of each action."""
-        ids = self.action.joint_ids
-        return list(range(len(self.morlax_torch.joints))) if ids is None else ids
+        return list(range(len(self.joints))) if self.joint_ids is None else self.joint_ids
 
     @property
     def limits(self) -> list[Range]:
         """The range of each number of the command: m/s, m/s, rad/s."""
-        ranges = self.commands.base_velocity.ranges
-        return [ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z]
+        return [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z]
 
     @model_validator(mode="after")
     def _check(self) -> "Settings":
-        additions, action, driven = self.morlax_torch, self.action, self.driven
-        joints, terms = len(additions.joints), len(self.observations)
-        lists = {
-            "stiffness": (self.stiffness, joints),
-            "damping": (self.damping, joints),
-            "default_joint_pos": (self.default_joint_pos, joints),
-            "default_joint_vel": (additions.default_joint_vel, joints),
-            "scale": (action.scale, len(driven)),
-            "offset": (action.offset, len(driven)),
-            "clip": (action.clip, len(driven)),
-            "observation_noise": (additions.observation_noise, terms),
-        }
-        for name, (values, count) in lists.items():
+        driven, joints = self.driven, len(self.joints)
+        counts = dict.fromkeys(("scale", "offset", "clip"), len(driven))
+        names = ("stiffness", "damping", "default_joint_pos", "default_joint_vel")
+        counts |= dict.fromkeys(names, joints) | {"observation_noise": len(self.observations)}
+        for name, count in counts.items():
+            values = getattr(self, name)
             if values is not None and len(values) != count:
                 raise ValueError(f"{name} has {len(values)} entries instead of {count}.")
         if not set(driven) <= set(range(joints)):
             raise ValueError("joint_ids names a joint that does not exist.")
-        gains = zip(additions.joints, self.stiffness, self.damping, strict=True)
+        gains = zip(self.joints, self.stiffness, self.damping, strict=True)
         passive = [name for i, (name, *pair) in enumerate(gains) if i in driven and None in pair]
         if passive:
             raise ValueError(
@@ -148,10 +120,9 @@ def open_export(path: Path) -> Export:
     except (ValueError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"{file} is not valid YAML: {reason}.") from None
-    additions = settings.morlax_torch
-    if additions.model is None:
+    if settings.model is None:
         raise MorlaxError(f"{file} names no model, since its scene cannot be written.")
-    archive = folder / additions.model
+    archive = folder / settings.model
     try:  # a zip of an XML file and the files that it names
         with zipfile.ZipFile(io.BytesIO(read(archive, "model"))) as files:
             contents = {name: files.read(name) for name in files.namelist()}
@@ -161,4 +132,4 @@ def open_export(path: Path) -> Export:
     except (ValueError, zipfile.BadZipFile) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"cannot load the model {archive}: {reason}.") from None
-    return Export(settings, model, folder / additions.policy if path == folder else path)
+    return Export(settings, model, folder / settings.policy if path == folder else path)

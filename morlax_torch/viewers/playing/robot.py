@@ -72,7 +72,7 @@ class Robot:
         seed: int | np.random.SeedSequence = 0,
     ):
         settings = deployment.settings
-        additions, action, driven = settings.morlax_torch, settings.action, settings.driven
+        driven = settings.driven
         self.model = model = copy(deployment.model)
         self.data, self.dt = mujoco.MjData(model), settings.step_dt
         self.base = base_of(model)
@@ -83,15 +83,15 @@ class Robot:
         self._rng = np.random.default_rng(seed)
         self._substeps = round(self.dt / model.opt.timestep)
         self._terms = list(settings.observations.items())
-        self._noise = np.array(additions.observation_noise) * self._disturbances.noise
-        joints = [self._joint(name) for name in additions.joints]
+        self._noise = np.array(settings.observation_noise) * self._disturbances.noise
+        joints = [self._joint(name) for name in settings.joints]
         free = model.body_jntadr[self.base]
         self._height, self._speed = model.jnt_qposadr[free] + 2, model.jnt_dofadr[free]
         self._qpos, self._qvel = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-        self._rest = np.array(settings.default_joint_pos), np.array(additions.default_joint_vel)
+        self._rest = np.array(settings.default_joint_pos), np.array(settings.default_joint_vel)
         self._motors = np.array([self._motor(joints[index]) for index in driven])
-        self._scale, self._offset = np.array(action.scale), np.array(action.offset)
-        self._clip = np.array(action.clip or [(-np.inf, np.inf)]).T  # (2, A) or (2, 1)
+        self._scale, self._offset = np.array(settings.scale), np.array(settings.offset)
+        self._clip = np.array(settings.clip or [(-np.inf, np.inf)]).T  # (2, A) or (2, 1)
         # the gains of deploy.yaml, which may have been edited
         gains = settings.stiffness, settings.damping
         stiffness, damping = (np.array(values, float)[driven] for values in gains)

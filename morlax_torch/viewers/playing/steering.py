@@ -56,9 +56,9 @@ class Policy:
         except Exception as error:  # its own classes, which have no common base but this
             reason = " ".join(str(error).split())
             raise MorlaxError(f"onnxruntime cannot load {file}: {reason}.") from None
-        self.objectives = tuple(deployment.settings.morlax_torch.objectives)
+        self.objectives = tuple(deployment.settings.objectives)
         self.slides = "tradeoff" in {value.name for value in self._session.get_inputs()}
-        slew = deployment.settings.morlax_torch.slew or np.inf
+        slew = deployment.settings.slew or np.inf
         self._most = slew * deployment.settings.step_dt  # per control step
         self.tradeoff = self.target = np.full(len(self.objectives), 1 / len(self.objectives))
 

@@ -52,7 +52,8 @@ export class Episode {
     this.counted = this.former = undefined;
     const titles = number === 1 ? ["return", "per second"] : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
     const head = titles.map((textContent, i) => {
-      return html("th", { textContent, className: number > 1 ? "dot" : "", style: `--color: ${robotColor(i)}` });
+      const className = number > 1 ? "dot" : "";
+      return html("th", { textContent, className, style: `--color: ${robotColor(i)}` });
     });
     this.cells = names.map(() => titles.map(() => html("td")));
     const rows = names.map((textContent, i) => {

@@ -13,7 +13,8 @@ export class LineupPanel {
   show() {
     const { robots, selected, asking } = this.engine;
     $("robots-section").hidden = Boolean(asking);
-    if (isNews(this, robots.length, selected)) $("robots").replaceChildren(...this.#buttons(robots.length, selected));
+    if (!isNews(this, robots.length, selected)) return;
+    $("robots").replaceChildren(...this.#buttons(robots.length, selected));
   }
 
   #buttons(number, selected) {

@@ -10,7 +10,7 @@ const ALONG = new THREE.Vector3(0, 1, 0); // the direction of three.js's cylinde
 const SHORTEST = 3; // times the width; shorter arrows are left out
 
 export class Robot {
-  /** Build a robot of a size in meters from MuJoCo's arrays; `index` is that of its color, or null without a ring. */
+  /** The size is in meters; `index` is that of its color, or null without a ring. */
   constructor(model, size, index) {
     this.size = size;
     this.group = new THREE.Group(); // moves by what the robot has moved
