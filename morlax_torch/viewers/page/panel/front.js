@@ -86,7 +86,8 @@ export class FrontPlot {
     event.preventDefault();
     const here = lowest(this.along, (i) => distance(this.places[i], this.places[this.nearest]));
     const next = Math.min(Math.max(here + way, 0), this.along.length - 1);
-    this.pick(this.front.tradeoffs[this.along[next]]);
+    this.nearest = this.along[next]; // further keys may come before the next frame
+    this.pick(this.front.tradeoffs[this.nearest]);
   }
 
   #at([x, y]) {
