@@ -532,7 +532,7 @@ def test_weights_sum_to_one_after_any_slider_moves(visit):
             value = random.choice([0.0, 1.0, 1e-12, 1 - 1e-12, random.random()])
             moves.append([m, int(random.integers(m)), float(value)])
     script = """
-        const { even, moved } = await load('panel/weights.js');
+        const { even, moved } = await load('tradeoffs.js');
         let weights = [];
         return given[0].map(([m, index, value]) => {
           if (weights.length !== m) weights = even(m);

@@ -18,12 +18,17 @@ from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, explain, front_map
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer import thresholds as thresholds_module
-from morlax_torch.viewers.explorer.describing import WEIGHT, contact_arrows, described, frame_bytes
-from morlax_torch.viewers.explorer.lineup import Lineup
+from morlax_torch.viewers.explorer import lineup as lineup_module
+from morlax_torch.viewers.explorer.lineup import Lineup, Thresholds
 from morlax_torch.viewers.explorer.saving import Saving
-from morlax_torch.viewers.explorer.session import PUSH, Clip, Session
-from morlax_torch.viewers.explorer.thresholds import Thresholds
+from morlax_torch.viewers.explorer.session import (
+    PUSH,
+    WEIGHT,
+    Clip,
+    Session,
+    contact_arrows,
+    frame_bytes,
+)
 
 
 @pytest.fixture
@@ -108,7 +113,7 @@ def test_the_page_pushes_and_follows_the_robot_or_the_named_body(task, body, mak
     start = model.body_dofadr[model.body(body).id]
     assert float(speed[start : start + 2].norm()) == pytest.approx(PUSH)
     assert float(speed.norm()) == pytest.approx(PUSH)
-    about = described(session)
+    about = session.about()
     assert about["followed"] == model.body(body).id
     assert about["pushed"] == [start, start + 1]
 
@@ -233,7 +238,7 @@ def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypat
         other = front._replace(quantities=more, quantity_names=names)
         return choosing.Chooser(None, other)
 
-    monkeypatch.setattr(thresholds_module, "Chooser", evaluated)
+    monkeypatch.setattr(lineup_module, "Chooser", evaluated)
     requests, found = Queue(), []
     thresholds = Thresholds(None, front, requests.put, found.append, ["power (W)"])
     thresholds.maximize(2)

@@ -12,9 +12,9 @@ from morlax_torch import load
 from morlax_torch.commands import export
 from morlax_torch.viewers.filming.recording import record
 from morlax_torch.viewers.playing.deployment import open_export
-from morlax_torch.viewers.playing.disturbances import Disturbances
-from morlax_torch.viewers.playing.episodes import policy_of, run, summary
-from morlax_torch.viewers.playing.robot import Robot
+from morlax_torch.viewers.playing.episodes import run, summary
+from morlax_torch.viewers.playing.robot import Disturbances, Robot
+from morlax_torch.viewers.playing.steering import Policy
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
@@ -36,7 +36,7 @@ def test_every_step_equals_one_of_mjlab(exported, name):
     env, robot = calm(config.env, 1), Robot(deployment)
     env.command_manager.get_term("twist").command.copy_(torch.tensor(command)[None])
     seen = env.observation_manager.compute_group("actor")
-    ours, theirs = policy_of(deployment), policy_of(deployment)
+    ours, theirs = Policy(deployment), Policy(deployment)
     for _ in range(50):
         observation = robot.observe(command)
         np.testing.assert_allclose(observation, seen[0].numpy(), rtol=0, atol=1e-3)

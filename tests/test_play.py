@@ -19,16 +19,15 @@ from morlax_torch.envs.bridges.mjlab.robot import motor
 from morlax_torch.envs.worlds.mujoco_robot import Deployment
 from morlax_torch.exports.deployment import deploy
 from morlax_torch.viewers.playing.deployment import Export, open_export
-from morlax_torch.viewers.playing.disturbances import Disturbances
-from morlax_torch.viewers.playing.episodes import policy_of, run
-from morlax_torch.viewers.playing.robot import Robot
-from morlax_torch.viewers.playing.showing import show
+from morlax_torch.viewers.playing.episodes import run, show
+from morlax_torch.viewers.playing.robot import Disturbances, Robot
 from morlax_torch.viewers.playing.steering import (
     ENTER,
     EVENT,
     LEFT,
     UP,
     Gamepad,
+    Policy,
     Steering,
 )
 
@@ -140,7 +139,7 @@ def test_gains_that_a_user_edits_are_those_of_the_motors(cart):
 
 
 def test_a_trade_off_changes_no_faster_than_its_limit(cart):
-    policy = policy_of(cart)
+    policy = Policy(cart)
     policy.choose([1.0, 0.0], at_once=True)
     policy.choose([0.0, 1.0])
     found = np.array([policy.act(np.zeros(12)) for _ in range(120)])
@@ -191,7 +190,7 @@ def test_episodes_are_the_same_for_the_same_seed(cart):
 
 
 def test_keys_and_sticks_steer_within_the_ranges(cart, tmp_path):
-    policy = policy_of(cart)
+    policy = Policy(cart)
     steering = Steering(cart, policy)
     for key in (*[UP] * 20, LEFT, ord("9")):
         steering.press(key)
@@ -222,7 +221,7 @@ def test_a_window_shows_the_robot_in_real_time(cart, monkeypatch):
 @pytest.mark.usefixtures("opengl")
 def test_without_a_display_a_film_is_written(cart, tmp_path, monkeypatch, capsys):
     pytest.importorskip("imageio_ffmpeg", reason="needs the extra video")
-    monkeypatch.setattr("morlax_torch.viewers.playing.showing.has_display", lambda: False)
+    monkeypatch.setattr("morlax_torch.viewers.playing.episodes.has_display", lambda: False)
     monkeypatch.chdir(tmp_path)
     play.command([str(cart.policy.parent), "--seconds", "0.2"])
     assert "written: film.mp4" in capsys.readouterr().out
@@ -255,11 +254,11 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     assert "hopper does not have" in refused(export, hopper, "--slew", "1")
     assert "leave --tradeoff out" in refused(export, hopper, "--slew", "1", "--tradeoff", "1,1")
     changes = {
-        "actions: Field required": lambda content: content.pop("actions"),
+        "actions.JointPositionAction.clip: Field required": lambda content: content.pop("actions"),
         "offset has 1 entries instead of 2": lambda content: content["actions"][
             "JointPositionAction"
         ]["offset"].pop(),
-        "commands.base_velocity: Field required": lambda content: content["commands"].clear(),
+        "ranges.lin_vel_x: Field required": lambda content: content["commands"].clear(),
         "no joint knee": lambda content: content["morlax_torch"]["joints"].__setitem__(0, "knee"),
         "does not know the observation height": lambda content: content["observations"].update(
             {"height": content["observations"].pop("last_action")}

@@ -47,7 +47,7 @@ def command(arguments: Sequence[str]) -> None:
         if web:
             from ..viewers.web.writing import write_page
 
-            size = sum(write_page(runs, web, options.device).values()) / 1e6
+            size = write_page(runs, web, options.device) / 1e6
             cli.console.print(f"written: {web} ({size:.1f} MB)")
             cli.print_command("see it", f"python -m http.server -d {shlex.quote(str(web))}")
             return

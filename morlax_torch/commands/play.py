@@ -50,9 +50,8 @@ class Play(Section):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Play, arguments)
     from ..viewers.playing.deployment import open_export  # imports MuJoCo
-    from ..viewers.playing.disturbances import Disturbances
-    from ..viewers.playing.episodes import run
-    from ..viewers.playing.showing import film, has_display, show
+    from ..viewers.playing.episodes import film, has_display, run, show
+    from ..viewers.playing.robot import Disturbances
     from ..viewers.playing.steering import HELP
 
     seconds, seed = options.seconds, options.seed

@@ -32,8 +32,8 @@ WHOLE = Area(0.0, 0.0, 1.0, 1.0)
 class FollowingCamera:
     """A camera that moves with a robot's center of mass, and back when the robot stretches.
 
-    `camera` is its current pose. The aspect is the picture's width by its height. Of the free areas
-    of the picture, the robot is placed where it is largest. `base` is a body of the robot.
+    `camera` is its current pose, `aspect` the picture's width by its height, `base` a body of the
+    robot. Of the free areas of the picture, the robot is placed where it is largest.
     """
 
     def __init__(
@@ -63,10 +63,7 @@ class FollowingCamera:
         self.stand_back(0.0)
 
     def follow(self, data: mujoco.MjData, seconds: float) -> None:
-        """Move on with the robot, which took `seconds` to get to the pose in `data`.
-
-        A state that is not finite is skipped.
-        """
+        """Move on with the robot for `seconds` to the pose in `data`, if it is finite."""
         center = data.subtree_com[self.base].copy()
         if np.isfinite(center).all():
             # slower than the robot's height, so that jumps show

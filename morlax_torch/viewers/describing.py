@@ -1,4 +1,4 @@
-"""What pages are told of a task, its model and its front."""
+"""Descriptions of a task, its model and its front for the page."""
 
 import json
 from collections.abc import Sequence
@@ -46,27 +46,26 @@ def described_task(env: Robot) -> dict[str, Any]:
 
 
 def explain(env: Robot, objective: str) -> str:
-    """Return an objective's weighted reward terms, and their docstrings.
+    """Return an objective's weighted reward terms, and the docstrings of the task's methods.
 
-    A term's docstring is that of the task's method of the same name, such as `energy`. Objectives
-    that come from no such options, as in foreign tasks, have only their name.
+    Objectives of foreign tasks have only their name.
     """
     options = getattr(env, "options", None)
     terms = getattr(options, "objectives", {}).get(objective)
     if not terms:
         return f"Weight of {objective}."
-    parts = [f"{objective} = {_weighted(terms)}"]
+
+    def weighted(terms: dict[str, float]) -> str:
+        return " + ".join(f"{w:g} * {term}" for term, w in terms.items()).replace("+ -", "- ")
+
+    parts = [f"{objective} = {weighted(terms)}"]
     if shared := getattr(options, "shared", {}):
-        parts.append(f"Every objective also gets {_weighted(shared)}")
+        parts.append(f"Every objective also gets {weighted(shared)}")
     for term in terms:
         method = getattr(type(env), term.replace(" ", "_"), None)
         if callable(method) and method.__doc__ and not hasattr(Robot, term):
             parts.append(f"{term}: {cleandoc(method.__doc__).splitlines()[0].rstrip('.')}")
     return ". ".join(parts) + "."
-
-
-def _weighted(terms: dict[str, float]) -> str:
-    return " + ".join(f"{w:g} * {term}" for term, w in terms.items()).replace("+ -", "- ")
 
 
 def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> dict[str, Any]:

@@ -71,30 +71,30 @@ LIBRARIES = (
 def page_files() -> dict[str, bytes]:
     """Return the contents of the page's own files by path, such as "stage/stage.js"."""
     page = HERE / "page"
-    return {
-        file.relative_to(page).as_posix(): file.read_bytes()
-        for file in page.rglob("*")
-        if file.is_file()
-    }
+    paths = [path for path in page.rglob("*") if path.is_file()]
+    return {path.relative_to(page).as_posix(): path.read_bytes() for path in paths}
 
 
 def files(*packages: str) -> dict[str, bytes]:
     """Return the files of libraries, or of all, by name, and their licenses.
 
-    Raises:
-        MorlaxError: a library is neither in the cache nor can it be downloaded.
+    Raises MorlaxError if a library is neither in the cache nor can it be downloaded.
     """
     contents: dict[str, bytes] = {}
     for library in LIBRARIES:
         if packages and library.package not in packages:
             continue
+        text, wanted = HERE / "licenses" / library.license, dict(library.files)
+        name = f"{library.package.split('/')[-1]}.LICENSE.txt"
+        if text.exists():
+            contents[name] = text.read_bytes()
+        else:
+            wanted[library.license] = name
         with tarfile.open(fileobj=io.BytesIO(_archive(library)), mode="r:gz") as archive:
-            for path, name in library.files.items():
-                contents[name] = _member(archive, path)
-            inside = f"package/{library.license}" in archive.getnames()
-            ours = HERE / "licenses" / library.license
-            text = _member(archive, library.license) if inside else ours.read_bytes()
-        contents[f"{library.package.split('/')[-1]}.LICENSE.txt"] = text
+            for path, name in wanted.items():
+                file = archive.extractfile(f"package/{path}")
+                assert file is not None, path
+                contents[name] = file.read()
     return contents
 
 
@@ -129,9 +129,3 @@ def _archive(library: Library) -> bytes:
 
 def _is_intact(data: bytes, library: Library) -> bool:
     return base64.b64encode(hashlib.sha512(data).digest()).decode() == library.sha512
-
-
-def _member(archive: tarfile.TarFile, path: str) -> bytes:
-    file = archive.extractfile(f"package/{path}")
-    assert file is not None, path
-    return file.read()

@@ -15,14 +15,9 @@ PUSH = 1.5  # m/s added to the robot's velocity by a push
 class Player:
     """One world of the policy's task on C MuJoCo, driven by the deterministic policy.
 
-    Set `tradeoff` and `command` (C,) between steps; both last until set again. `command` has one
-    number for each of the task's `command_limits`. `data` holds the current state of every body
-    and geom for a renderer, and the motor forces; write to `env.physics` to move the robot.
-    `returns` (m,) and `steps` count from the last reset. The caller resets when the episode is
-    `over`.
-
-    Raises:
-        MorlaxError: the trade-off is invalid, or the task has no MuJoCo robot.
+    Set `tradeoff` and `command` (C,), numbers for the task's `command_limits`, between steps.
+    `data` holds the current state for a renderer, and the motor forces; write to `env.physics` to
+    move the robot. `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):

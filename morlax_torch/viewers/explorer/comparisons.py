@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import mujoco
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ... import envs
 from ...evaluation.front import Front
@@ -48,18 +47,20 @@ class Asking:
     def behaviors(self) -> tuple[Behavior, ...]:
         return self._question.behaviors if self._question else ()
 
-    def answer(self, preferred: int) -> None:
-        """Learn that the user prefers A (0) or B (1), and ask the next question."""
-        if self._question is not None:
-            self._told = {"preferred": preferred, "policies": self._question.policies}
-            self._source.answer(preferred)
-            self.answers += 1
-            self._question = self._source.ask()
-
-    def skip(self) -> None:
-        """Ask another question."""
-        if self._question is not None:
-            self._told, self._question = None, self._source.ask()
+    def react(self, request: dict[str, Any]) -> None:
+        """Learn from an answer, or skip the question, and ask the next one."""
+        if self._question is None:
+            return
+        match request:
+            case {"act": "answer", "preferred": preferred}:
+                self._told = {"preferred": preferred, "policies": self._question.policies}
+                self._source.answer(preferred)
+                self.answers += 1
+            case {"act": "press", "name": "skip"}:
+                self._told = None
+            case _:
+                return
+        self._question = self._source.ask()
 
     def state(self) -> dict[str, Any]:
         """Describe the question for a page."""
@@ -70,9 +71,6 @@ class PolicyComparisons:
     """Compare policies of a front to find the one that the user likes best.
 
     The two robots have the policies of that front; their trade-offs are set.
-
-    Raises:
-        MorlaxError: the front has fewer than two non-dominated policies.
     """
 
     def __init__(self, front: Front, sessions: tuple[Session, Session], seed: int = 0):
@@ -92,7 +90,7 @@ class PolicyComparisons:
             "left": preference.questions_left(),
         }
         for session, policy in zip(self._sessions, self._pair, strict=True):
-            session.tradeoff = self._tradeoff(policy)
+            session.tradeoff = tuple(self._front.tradeoffs[policy].tolist())
             session.reset()
         return Question(self._sessions, self._pair)
 
@@ -102,14 +100,11 @@ class PolicyComparisons:
     def best(self) -> tuple[int, Weights]:
         """Return the index on the front of the policy liked best so far, and its trade-off."""
         index = self._preference.best()
-        return index, self._tradeoff(index)
+        return index, tuple(self._front.tradeoffs[index].tolist())
 
     def state(self) -> dict[str, Any]:
-        """Describe what the answers have told, for a page; policies are indices on the front."""
+        """Describe the evidence of the answers, for a page; policies are indices on the front."""
         return self._evidence
-
-    def _tradeoff(self, index: int) -> Weights:
-        return tuple(self._front.tradeoffs[index].tolist())
 
 
 class ClipComparisons:
@@ -151,11 +146,10 @@ def questions(lesson: Lesson, most: int) -> ClipComparisons:
     robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
     asked: list[tuple[int, int]] = []
 
-    def pairs() -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    def pairs() -> Iterator[list[ArrayLike]]:
         for _ in range(most):
-            first, second = lesson.pair()
-            asked.append((first, second))
-            yield comparisons.clips.qpos[first], comparisons.clips.qpos[second]
+            asked.append(lesson.pair())
+            yield [comparisons.clips.qpos[clip] for clip in asked[-1]]
 
     def answered(number: int, preferred: int) -> None:
         pair = asked[number]

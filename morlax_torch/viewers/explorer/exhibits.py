@@ -1,4 +1,4 @@
-"""What a page can show: the robots of a run, or two behaviors to compare."""
+"""The exhibits of a page: the robots of a run, or two behaviors to compare."""
 
 import time
 from collections.abc import Sequence
@@ -9,22 +9,20 @@ from ...evaluation.front import Front
 from ...runs.loading import bookmark, bookmarks, own_folder
 from . import library
 from .comparisons import Asking, Comparisons, PolicyComparisons
-from .lineup import Lineup
-from .messages import Request
+from .lineup import Lineup, Thresholds
 from .saving import Saving
 from .session import Behavior, Put, Session, Weights
-from .thresholds import Thresholds
 
 SCAN = 3.0  # s between searches for new runs
-NO_FRONT = "This checkpoint has no front. To write one: morlax evaluate RUN"
+Request = dict[str, Any]  # "act", and the fields of that act
 
 
 class Exhibit(Protocol):
     """Robots, and what users may do with them.
 
-    `behaviors` are the robots to move and show, at least one; of equal models. `state` describes
-    everything that can change, apart from poses, as JSON. `react` does what a user asks for, or
-    raises MorlaxError, and then everything is as before.
+    `behaviors` are at least one, of equal models. `state` describes everything that can change,
+    apart from poses, as JSON. `react` fulfills a user's request, or raises MorlaxError and changes
+    nothing.
     """
 
     @property
@@ -46,7 +44,7 @@ class ComparisonExhibit:
         return {"asking": self._asking.state()}
 
     def react(self, request: Request) -> None:
-        _answer(self._asking, request)
+        self._asking.react(request)
         if request.get("name") == "reset":
             for behavior in self.behaviors:
                 behavior.reset()
@@ -56,7 +54,7 @@ class ComparisonExhibit:
 class RunExhibit:
     """A run's robots: one, several to compare, or the two of "A or B?".
 
-    `put` queues what other threads do with the robots. For errors see `Session.open`.
+    `put` queues calls of other threads that use the robots. For errors see `Session.open`.
     """
 
     def __init__(self, choice: library.Choice, put: Put):
@@ -90,14 +88,18 @@ class RunExhibit:
     def react(self, request: Request) -> None:
         lineup, thresholds = self._lineup, self._thresholds()
         steered, command = lineup.steered, lineup.steered.player.command
+        shown = [each for each in self.behaviors if isinstance(each, Session)]
+        sessions = {*lineup.sessions, *shown}
         match request:
             case {"act": "steer", "weights": weights} if len(weights) == len(steered.objectives):
-                self._steer(normalized(weights) or steered.tradeoff)
+                total = sum(weights)
+                if min(weights) >= 0 and 0 < total < float("inf"):
+                    self._steer(tuple(weight / total for weight in weights))
             case {"act": "tell", "index": i, "value": value} if i < len(command):
-                for session in self._sessions():
+                for session in sessions:
                     session.tell(i, value)
             case {"act": "nudge", "index": i, "change": change} if i < len(command):
-                for session in self._sessions():
+                for session in sessions:
                     session.tell(i, session.player.command[i] + change)
             case {"act": "reshape", "index": i, "value": value} if i < len(steered.design):
                 self._asking = self._source = None
@@ -121,10 +123,39 @@ class RunExhibit:
             case {"act": "bookmark", "name": name}:
                 bookmark(self._choice.run, name, steered.tradeoff)
                 self._bookmarks = bookmarks(self._choice.run)
-            case {"act": "press", "name": name}:
-                self._press(name)
+            case {"name": "reset"}:
+                for behavior in self.behaviors:
+                    behavior.reset()
+            case {"name": "push"}:
+                for session in sessions:
+                    session.push()
+            case {"name": "add"}:
+                lineup.add()
+            case {"name": "remove"}:
+                lineup.remove()
+            case {"name": "free"} if thresholds is not None:
+                thresholds.stop()
+            case {"name": "measure"} if lineup.stale:
+                lineup.measure()
+            case {"name": "export"}:
+                self._saving.export(steered.tradeoff, steered.reshaped)
+            case {"name": "card"} if thresholds is not None and thresholds.choice is not None:
+                self._saving.card(thresholds.choice)
+            case {"name": "find" | "again"}:
+                if steered.front is None:
+                    raise MorlaxError(
+                        "This checkpoint has no front. To write one: morlax evaluate RUN"
+                    )
+                robots = steered.twin(), steered.twin()
+                self._source = PolicyComparisons(steered.front, robots, seed=self._rounds)
+                self._asking = Asking(self._source)
+                self._rounds += 1
+            case {"name": "use" | "leave" as name}:
+                if name == "use" and self._source is not None:
+                    self._steer(self._source.best()[1])
+                self._asking = self._source = None
         if self._asking is not None:
-            _answer(self._asking, request)
+            self._asking.react(request)
 
     def _open(self, choice: library.Choice, session: Session) -> None:
         self._choice, self._lineup = choice, Lineup(session, self._put)
@@ -148,68 +179,10 @@ class RunExhibit:
         return self._chosen
 
     def _runs(self) -> dict[str, str]:
-        """Return the runs to choose from: how each is called in a list, by its name."""
+        """Return the labels of the runs to choose from, by name."""
         if time.monotonic() > self._scanned + SCAN:
             self._scanned, self._labels = time.monotonic(), library.labels()
         return {self._choice.run: self._choice.run, **self._labels}
 
     def _steer(self, tradeoff: Weights) -> None:
         self._lineup.steered.tradeoff = tradeoff
-
-    def _press(self, name: str) -> None:
-        lineup, thresholds = self._lineup, self._thresholds()
-        match name:
-            case "reset":
-                for behavior in self.behaviors:
-                    behavior.reset()
-            case "push":
-                for session in self._sessions():
-                    session.push()
-            case "add":
-                lineup.add()
-            case "remove":
-                lineup.remove()
-            case "free" if thresholds is not None:
-                thresholds.stop()
-            case "measure" if lineup.stale:
-                lineup.measure()
-            case "export":
-                self._saving.export(lineup.steered.tradeoff, lineup.steered.reshaped)
-            case "card" if thresholds is not None and thresholds.choice is not None:
-                self._saving.card(thresholds.choice)
-            case "find" | "again":
-                self._find()
-            case "use" | "leave":
-                if name == "use" and self._source is not None:
-                    self._steer(self._source.best()[1])
-                self._asking = self._source = None
-
-    def _find(self) -> None:
-        """Begin with "A or B?", or begin anew."""
-        steered = self._lineup.steered
-        if steered.front is None:
-            raise MorlaxError(NO_FRONT)
-        robots = steered.twin(), steered.twin()
-        self._source = PolicyComparisons(steered.front, robots, seed=self._rounds)
-        self._asking = Asking(self._source)
-        self._rounds += 1
-
-    def _sessions(self) -> list[Session]:
-        shown = [b for b in self.behaviors if isinstance(b, Session)]
-        return list({*self._lineup.sessions, *shown})
-
-
-def _answer(asking: Asking, request: Request) -> None:
-    match request:
-        case {"act": "answer", "preferred": preferred}:
-            asking.answer(preferred)
-        case {"act": "press", "name": "skip"}:
-            asking.skip()
-
-
-def normalized(weights: Sequence[float]) -> Weights | None:
-    """Scale a trade-off to sum to one; None if it is invalid: negative, or all zero."""
-    total = sum(weights)
-    if min(weights) < 0 or not 0 < total < float("inf"):
-        return None
-    return tuple(weight / total for weight in weights)

@@ -10,24 +10,23 @@ from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND
 from ...runs.loading import RUNS, SHIPPED, find_checkpoint, find_run, named_run, newest_runs
 
 
-def shipped() -> list[str]:
-    """Return the names of the shipped policies."""
-    return sorted(folder.parent.name for folder in SHIPPED.glob("*/checkpoints"))
-
-
 def trained() -> list[str]:
     """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
     return [str(run) for run in newest_runs(RUNS)]
 
 
+def _folders() -> dict[str, Path]:
+    """Return the folders of the shipped policies, then those of the runs, by name."""
+    shipped = sorted(folder.parent for folder in SHIPPED.glob("*/checkpoints"))
+    return {folder.name: folder for folder in shipped} | {run: Path(run) for run in trained()}
+
+
 def labels() -> dict[str, str]:
-    """Return how a list calls the shipped policies, then the runs, by name.
+    """Return the labels of the shipped policies, then of the runs, by name.
 
     A label other than the name ends with the reason why that run cannot be shown.
     """
-    folders = {name: SHIPPED / name for name in shipped()}
-    folders |= {name: Path(name) for name in trained()}
-    return {name: name + _reason(folder) for name, folder in folders.items()}
+    return {name: name + _reason(folder) for name, folder in _folders().items()}
 
 
 def _reason(run: Path) -> str:
@@ -44,8 +43,8 @@ def _reason(run: Path) -> str:
 
 def first() -> str:
     """Return the default choice: the first shipped policy, or else the latest run."""
-    for run in [*shipped(), *trained()]:
-        return run
+    if folders := _folders():
+        return next(iter(folders))
     raise MorlaxError(
         "there is nothing to explore yet: name the folder of a run, or train one "
         "(morlax train --env cheetah --max-seconds 60)."
@@ -65,10 +64,9 @@ class Choice(NamedTuple):
 
 
 def choose(run: str, checkpoint: str | None = None) -> Choice:
-    """Find a checkpoint of a run's folder or of a shipped policy, or a checkpoint file.
+    """Find a checkpoint of a run, or raise MorlaxError.
 
-    `checkpoint` is its name, such as "latest" (None: the best one, or the file). Raises MorlaxError
-    if there is no such run or checkpoint.
+    `checkpoint` is its name, such as "latest" (None: the best one, or the checkpoint file `run`).
     """
     run = str(named_run(run))
     file = find_checkpoint(run)

@@ -5,32 +5,65 @@ import logging
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import partial, reduce
+from operator import or_
 from queue import Empty, Queue
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError, create_model
 
 from ...envs import MorlaxError
 from .. import libraries
-from . import messages
-from .describing import described, frame_bytes, model_bytes, told
 from .exhibits import Exhibit
 from .server import Heard, Server, ServerConnection
-from .session import MAX_LAG, Put
+from .session import MAX_LAG, Put, frame_bytes, model_bytes
 
 FRAME = 1 / 40  # s between frames
 TELL = 1 / 10  # s between messages about anything but poses
 SLOWEST = 0.05  # playback speed
 _log = logging.getLogger(__name__)
 
+LONGEST = 400  # characters of a name, and numbers in a trade-off
+Name: Any = Annotated[str, Field(max_length=LONGEST)]
+Button = Literal[
+    *("reset", "push", "add", "remove", "free", "export", "card", "measure"),
+    *("find", "skip", "use", "again", "leave"),
+]
+ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else is ignored
+    # the selected robot's trade-off, which is scaled to sum to one
+    "steer": {"weights": Annotated[list[float], Field(max_length=LONGEST)]},
+    # numbers of all robots' command and design parameters of their body, clamped to their limits
+    "tell": {"index": NonNegativeInt, "value": float},
+    "nudge": {"index": NonNegativeInt, "change": float},
+    "reshape": {"index": NonNegativeInt, "value": float},
+    "pause": {"on": bool},
+    "pace": {"value": float},  # playback speed; 1 is real time
+    "press": {"name": Button},
+    "select": {"robot": NonNegativeInt},  # steer another robot
+    "open": {"run": Name, "checkpoint": Name | None},  # no checkpoint means the best
+    # returns of objectives, then quantities; the level is clamped to the front's range
+    "require": {"index": NonNegativeInt, "level": float | None},
+    "maximize": {"index": NonNegativeInt},
+    "answer": {"preferred": Literal[0, 1]},  # A or B
+    "bookmark": {"name": Name},  # of the selected robot's trade-off
+}
+_STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+_model: Any = create_model  # a type checker cannot follow fields that a table has
+_MODELS = [
+    _model(act, __config__=_STRICT, act=(Literal[act], ...), **fields)
+    for act, fields in ACTS.items()
+]
+_READER: TypeAdapter[Any] = TypeAdapter(reduce(or_, _MODELS))
+
 
 class Page:
     """A server and the robots that it shows; `serve` runs both.
 
-    Only the thread of `serve` uses the robots: what browsers and other threads ask for is queued,
+    Only the thread of `serve` uses the robots: requests of browsers and other threads are queued,
     so that nothing interrupts a step. A step that fails also pauses the robots, and browsers that
     connect later are told why. `address`, which a browser must open, contains a secret token.
 
-    `make` makes what is shown, given a way to queue calls. The port may be the next free one.
+    `make` makes the exhibit, given a way to queue calls. The port may be the next free one.
 
     Raises:
         MorlaxError: `make` failed, three.js cannot be downloaded, or the address cannot be
@@ -55,8 +88,7 @@ class Page:
         frame = shown = 0.0
         while not ended():
             now = time.perf_counter()
-            failure = self._attempt(partial(self._advance, now))
-            if failure is not None:
+            if failure := self._attempt(partial(self._advance, now)):
                 self._paused, self._failure = True, failure
             if now >= shown:
                 shown = now + TELL
@@ -69,7 +101,7 @@ class Page:
             self._work(drained(self._queue, max(wait, 0.0)))
 
     def stop(self) -> None:
-        """Stop the server and disconnect the browsers."""
+        """Disconnect the browsers."""
         self._server.stop()
 
     def _advance(self, now: float) -> None:
@@ -91,7 +123,7 @@ class Page:
         first = self._exhibit.behaviors[0]
         if self._robot is not first.robot:
             self._robot, self._drawn = first.robot, None
-            self._about = json.dumps({"type": "run", "about": described(first)})
+            self._about = json.dumps({"type": "run", "about": first.about()})
             self._server.send(self._about)
         if self._drawn is not first.model:
             self._drawn, self._model = first.model, model_bytes(first.model)
@@ -101,7 +133,7 @@ class Page:
             "pace": self._pace,
             "failure": self._failure,
             **self._exhibit.state(),
-            "robots": [told(behavior) for behavior in self._exhibit.behaviors],
+            "robots": [behavior.told() for behavior in self._exhibit.behaviors],
         }
         if to is not None:
             for message in (self._about, self._model, json.dumps({"type": "state", **state})):
@@ -115,7 +147,7 @@ class Page:
     def _work(self, queued: list[Heard | Callable[[], None]]) -> None:
         """Do what browsers and other threads have asked for."""
         texts = [item.message if isinstance(item, Heard) else None for item in queued]
-        asked = [None if text is None else messages.accepted(text) for text in texts]
+        asked = [None if text is None else accepted(text) for text in texts]
         opening = next((each for each in reversed(asked) if each and each["act"] == "open"), None)
         for item, request in zip(queued, asked, strict=True):
             if not isinstance(item, Heard):
@@ -126,7 +158,7 @@ class Page:
             elif request is not None and (request is opening or request["act"] != "open"):
                 self._attempt(partial(self._react, request))
 
-    def _react(self, request: messages.Request) -> None:
+    def _react(self, request: dict[str, Any]) -> None:
         match request:
             case {"act": "pause", "on": on}:
                 self._paused, self._failure = on, None
@@ -153,6 +185,14 @@ class Page:
         return text
 
 
+def accepted(message: str | bytes) -> dict[str, Any] | None:
+    """Return the request in a browser's message; None if the message is not one of the page's."""
+    try:
+        return _READER.validate_json(message).model_dump()
+    except (ValidationError, RecursionError):
+        return None
+
+
 def drained(queue: Queue, seconds: float) -> list:
     """Wait up to `seconds` until something is queued, and return everything that is by then."""
     with suppress(Empty):
@@ -162,7 +202,7 @@ def drained(queue: Queue, seconds: float) -> list:
 
 
 def files() -> dict[str, bytes]:
-    """Return what the server serves, by path."""
+    """Return the files of the server, by path."""
     ours = libraries.page_files()
     ours[""] = ours.pop("index.html").replace(b'lang="en"', b'lang="en" data-engine="remote"')
     return ours | {f"libraries/{name}": data for name, data in libraries.files("three").items()}

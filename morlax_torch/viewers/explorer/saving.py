@@ -28,9 +28,9 @@ BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
 class Saving:
-    """Writes files of a checkpoint, one at a time.
+    """Writes files of a checkpoint, one at a time, into the run's folder.
 
-    They lie in the run's folder, or in the working directory for a shipped policy.
+    Those of a shipped policy lie in the working directory.
     """
 
     def __init__(self, choice: Choice, put: Put):
@@ -41,11 +41,11 @@ class Saving:
         self._busy, self._text = False, ""
 
     def state(self) -> dict[str, Any]:
-        """Describe for a page what is written, or how it ended."""
+        """Describe the work for a page."""
         return {"busy": self._busy, "text": self._text}
 
     def export(self, tradeoff: Weights, body: Policy | None = None) -> None:
-        """Write a trade-off's policy as ONNX; first, policies of a body that has no checkpoint."""
+        """Write a trade-off's policy as ONNX; first, the policies of a body without checkpoint."""
         run = self._run
         if body is not None:
             run = str(self._folder / BODY)
@@ -53,7 +53,6 @@ class Saving:
         self._start("Exporting the policy…", write_policy, run, self._folder / POLICY, tradeoff)
 
     def card(self, choice: Chosen) -> None:
-        """Write the decision card of a choice."""
         doing, file = "Trying the policy under other conditions…", self._folder / CARD
         self._start(doing, write_card, self._run, file, choice)
 
@@ -80,8 +79,7 @@ class Saving:
 def write_policy(task: str | None, run: str, output: Path, tradeoff: Weights) -> list[Path]:
     """Write a policy as `morlax export` does; return the files.
 
-    The run's code is trusted, because its robots move already. `task` is FILE.py:CLASS, if it has
-    moved.
+    The run's code is trusted, because its robots move already. `task` is a moved FILE.py:CLASS.
     """
     from ...exports.deployment import SETTINGS, deploy  # takes a while to import
     from ...exports.exporting import export, provenance, robot_of
@@ -97,20 +95,14 @@ def write_card(task: str | None, run: str, output: Path, choice: Chosen) -> list
     """Write the card of a choice as `morlax choose --card` does; return the file."""
     policy = load(run, resolve_device(None), trust=True, env=task)
     quoted = shlex.quote(run) + (" --trust" if runs_code(policy.config.env) else "")
-    commands = [
-        f"morlax export {quoted} --tradeoff {shown(choice.tradeoff)}",
-        f"morlax explore {quoted}",
-    ]
-    write_file(output, decision_card(run, policy, choice, commands).encode())
+    export = f"morlax export {quoted} --tradeoff {shown(choice.tradeoff)}"
+    commands = [export, f"morlax explore {quoted}"]
+    write_file(output, decision_card(run, policy, choice, commands))
     return [output]
 
 
 def decision_card(
-    run: str,
-    policy: Policy,
-    choice: Chosen,
-    commands: Sequence[str],
-    seed: int = 0,
+    run: str, policy: Policy, choice: Chosen, commands: Sequence[str], seed: int = 0
 ) -> str:
     """Simulate a choice under other conditions, and describe it; returns HTML.
 

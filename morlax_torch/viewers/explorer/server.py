@@ -1,8 +1,7 @@
 """A web server for one page: its files, a websocket for each tab, and who may use them.
 
-A browser must be at the address that the command prints. Its path begins with a secret token, and
-no other web page may send a request. The token is in the path, because browsers would send a cookie
-to every port of the host.
+A browser must be at the address that the command prints, whose path begins with a secret token: a
+cookie would go to every port of the host. No other web page may send a request.
 """
 
 import asyncio
@@ -45,33 +44,6 @@ LOCALHOST = ("localhost", "127.0.0.1", "::1")
 EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # and how this machine's browser gets there
 
 
-class Door:
-    """The checks of each request to a server that listens on `host`."""
-
-    def __init__(self, host: str):
-        self.token = secrets.token_urlsafe(24)
-        self._host = EVERYWHERE.get(host, host)
-        # a page whose name resolves to this machine (DNS rebinding) names itself as the host
-        self._hosts = {_in_address(name) for name in LOCALHOST} if host in LOCALHOST else None
-
-    def address(self, port: int) -> str:
-        """Return what a browser must open."""
-        return f"http://{_in_address(self._host)}:{port}/{self.token}/"
-
-    def admits(self, path: str, headers: Headers) -> str | None:
-        """Return the path below the token; None if the request may not come in."""
-        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
-        if len(hosts) != 1:
-            return None
-        if self._hosts is not None and re.sub(r":\d+$", "", hosts[0]) not in self._hosts:
-            return None
-        if origins not in ([], [f"http://{hosts[0]}"], [f"https://{hosts[0]}"]):
-            return None
-        token, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
-        right = hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
-        return rest if right else None
-
-
 def _in_address(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
@@ -84,13 +56,11 @@ class Heard(NamedTuple):
 
 
 class Server:
-    """Serves files and websockets, from a thread of its own. `address` is what browsers open.
+    """Serves files and websockets, from a thread of its own; browsers open `address`.
 
     The files are given by path; "" is the page. The port may be the next free one; 0 selects any.
-    `put` is called with what is heard, in the server's thread.
-
-    Raises:
-        MorlaxError: the address cannot be listened on.
+    `put` is called with each message, in the server's thread. Raises MorlaxError if the address
+    cannot be listened on.
     """
 
     def __init__(
@@ -98,11 +68,14 @@ class Server:
     ):
         self._socket = listening(host, port)
         self._files, self._put = files, put
-        self._door, self._tabs = Door(host), set[ServerConnection]()
+        self._token, self._tabs = secrets.token_urlsafe(24), set[ServerConnection]()
+        # a page whose name resolves to this machine (DNS rebinding) names itself as the host
+        self._hosts = {_in_address(name) for name in LOCALHOST} if host in LOCALHOST else None
         self._packed = cache(lambda path: gzip.compress(files[path]))
         self._loop, self._over = asyncio.new_event_loop(), asyncio.Event()
         logging.getLogger("websockets.server").addFilter(_one_line)
-        self.address = self._door.address(self._socket.getsockname()[1])
+        name, port = _in_address(EVERYWHERE.get(host, host)), self._socket.getsockname()[1]
+        self.address = f"http://{name}:{port}/{self._token}/"
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -122,7 +95,7 @@ class Server:
         self._loop.call_soon_threadsafe(self._send, message, to)
 
     def join(self, tab: ServerConnection) -> None:
-        """Send a tab what all get, from now on."""
+        """Send a tab the messages to all, from now on."""
         self._loop.call_soon_threadsafe(self._join, tab)
 
     def stop(self) -> None:
@@ -152,9 +125,22 @@ class Server:
         finally:
             self._tabs.discard(tab)
 
+    def _admitted(self, path: str, headers: Headers) -> str | None:
+        """Return the path below the token; None if the request may not come in."""
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1:
+            return None
+        if self._hosts is not None and re.sub(r":\d+$", "", hosts[0]) not in self._hosts:
+            return None
+        if origins not in ([], [f"http://{hosts[0]}"], [f"https://{hosts[0]}"]):
+            return None
+        token, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
+        right = hmac.compare_digest(token.encode(errors="replace"), self._token.encode())
+        return rest if right else None
+
     def _answer(self, tab: ServerConnection, request: Request) -> Response | None:
         """Return a file; None lets a websocket connect."""
-        path = self._door.admits(request.path, request.headers)
+        path = self._admitted(request.path, request.headers)
         if path is None:
             return tab.respond(HTTPStatus.FORBIDDEN, FORBIDDEN)
         if path == SOCKET:
@@ -163,7 +149,7 @@ class Server:
             return tab.respond(HTTPStatus.NOT_FOUND, "There is no such file.\n")
         if path == "" and not request.path.partition("?")[0].endswith("/"):
             moved = tab.respond(HTTPStatus.PERMANENT_REDIRECT, "")
-            moved.headers["Location"] = f"/{self._door.token}/"
+            moved.headers["Location"] = f"/{self._token}/"
             return moved
         ending = path[path.rfind(".") :] if path else ".html"
         kind = TYPES.get(ending) or mimetypes.guess_type(path)[0] or "application/octet-stream"

@@ -1,40 +1,39 @@
-"""One robot in real time, live or recorded, with the actions that the page offers."""
+"""One robot in real time, live or recorded, with the actions of the page, and what it is sent."""
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Self
+from typing import Any, NamedTuple, Self
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...envs import MorlaxError
+from ...envs.naming import title
 from ...envs.worlds.design_space import DesignSpace
-from ...envs.worlds.trees import horizontal
+from ...envs.worlds.trees import base_of, horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.loading import load, load_front
+from ..describing import array_bytes, described_task, drawn_arrays, front_map
 from ..player import PUSH, Player
 from .library import Choice
 
 Weights = tuple[float, ...]  # a trade-off: not negative, and sums to one
 Put = Callable[[Callable[[], None]], None]  # queues a call for the thread that moves the robots
 MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
+MODEL, FRAME = 0, 1  # first byte of a message to the page that is not JSON
+WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of the robot
 
 
 class Behavior(ABC):
     """The states of one MuJoCo robot over time, as a page shows them.
 
     Callers may set `paused` and `pace` (1 is real time) at any time. `steps` are those since the
-    beginning. Use a behavior from one thread only.
-
-    Args:
-        robot: the same object for behaviors that look alike and can stand side by side.
-        model: the robot's model.
-        data: its current state; `step` updates positions of bodies in place.
-        dt: seconds of a step.
+    beginning. `robot` is the same object for behaviors that look alike and can stand side by side;
+    `data` is the current state, in which `step` updates positions of bodies; a step takes `dt` s.
     """
 
     def __init__(self, robot: object, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
@@ -50,6 +49,15 @@ class Behavior(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Go back to the beginning."""
+
+    def about(self) -> dict[str, Any]:
+        """Describe the robot for a page, apart from its model and poses."""
+        robot = {"dt": self.dt, "followed": base_of(self.model)}
+        return {"title": "A or B?", "objectives": [], "pushed": [], "command": None, **robot}
+
+    def told(self) -> dict[str, Any]:
+        """Describe its trade-off and its episode."""
+        return {}
 
     def advance(self, now: float) -> int:
         """Take the steps that are due at clock time `now` in seconds; returns how many."""
@@ -71,20 +79,17 @@ class Behavior(ABC):
 
 
 class Clip(Behavior):
-    """A robot that repeats recorded positions (T, nq), which are finite.
-
-    Raises:
-        MorlaxError: the positions do not fit the model, or one is not finite.
-    """
+    """A robot that repeats recorded positions (T, nq), which are finite, or raises MorlaxError."""
 
     def __init__(self, model: mujoco.MjModel, qpos: ArrayLike, dt: float):
         super().__init__(model, model, mujoco.MjData(model), dt)
         self._qpos = np.asarray(qpos, dtype=np.float64)
         shape = self._qpos.shape
-        if len(shape) != 2 or not shape[0] or shape[1] != model.nq:
-            raise MorlaxError(f"a clip needs positions of shape (T, {model.nq}), not {shape}.")
-        if not np.isfinite(self._qpos).all():
-            raise MorlaxError("a clip needs finite positions.")
+        fits = len(shape) == 2 and shape[0] > 0 and shape[1] == model.nq
+        if not fits or not np.isfinite(self._qpos).all():
+            raise MorlaxError(
+                f"a clip needs finite positions of shape (T, {model.nq}); this has {shape}."
+            )
         self.reset()
 
     def step(self) -> None:
@@ -99,9 +104,8 @@ class Clip(Behavior):
         mujoco.mj_kinematics(self.model, self.data)
 
 
-@dataclass
-class Episode:
-    """How an episode ended."""
+class Episode(NamedTuple):
+    """The end of an episode."""
 
     returns: list[float]  # (m,)
     seconds: float
@@ -113,9 +117,6 @@ class Session(Behavior):
 
     Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
     that of the policies, if it was evaluated; `seed` that of the world and of the pushes.
-
-    Raises:
-        MorlaxError: the task has no MuJoCo robot.
     """
 
     def __init__(self, policy: Policy, front: Front | None, seed: int = 0):
@@ -130,17 +131,11 @@ class Session(Behavior):
 
     @classmethod
     def open(cls, choice: Choice) -> Self:
-        """Show a checkpoint, with its front if it has one with finite returns.
-
-        Raises:
-            MorlaxError: the checkpoint is missing or damaged, or the task has no MuJoCo robot.
-        """
-        policy = load(choice.file)
+        """Show a checkpoint, with its front if it has one with finite returns."""
+        policy, front = load(choice.file), None
         with suppress(MorlaxError):
             front = load_front(choice.file)
-            if np.isfinite(front.returns).all():
-                return cls(policy, front)
-        return cls(policy, None)
+        return cls(policy, front if front and np.isfinite(front.returns).all() else None)
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off, command and pace."""
@@ -165,17 +160,14 @@ class Session(Behavior):
         return None if policy.config.task == self._opened.config.task else policy
 
     def reshape(self, policy: Policy) -> None:
-        """Go on with the body of another policy of this family, in a new episode.
-
-        Its front is unknown until `measured`.
-        """
+        """Go on with another body of this family, whose front is unknown until `measured`."""
         player = Player(policy, self.tradeoff, self._seed)
         player.command = self.player.command
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0
 
     def measured(self, front: Front) -> None:
-        """Show the front of the body from now on."""
+        """Show the front of the body."""
         self.front, self.robot = front, self.player.policy
 
     @property
@@ -201,16 +193,37 @@ class Session(Behavior):
 
     def push(self) -> None:
         """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
-        if self.axes:
-            kick = self._directions.normal(size=len(self.axes))
-            velocity = self.player.env.physics.qvel[0]
-            for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
-                velocity[dof] += part
+        kick = self._directions.normal(size=len(self.axes))
+        velocity = self.player.env.physics.qvel[0]
+        for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
+            velocity[dof] += part
 
     def tell(self, index: int, value: float) -> None:
         """Set one number of the command, by its index; it is clamped to the task's limits."""
         low, high = list(self.player.env.command_limits.values())[index]
         self.player.command[index] = min(max(value, low), high)
+
+    def about(self) -> dict[str, Any]:
+        env, front, policy = self.player.env, self.front, self.player.policy
+        parameters = policy.agent.designs if self.design else {}
+        return {
+            "title": title(policy.config.env),
+            "command": {"limits": env.command_limits} if env.command_limits else None,
+            "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
+            "front": None if front is None else front_map(front, env.dt, env.lower_is_better),
+            **described_task(env),
+        }
+
+    def told(self) -> dict[str, Any]:
+        last = self.last_episode
+        return {
+            "tradeoff": self.tradeoff,
+            "returns": _finite(self.player.returns.tolist()),
+            "counted": self.steps,
+            "ended": last and {**last._asdict(), "returns": _finite(last.returns)},
+            "velocity": _finite(self.velocity()),
+            "power": _finite([self.power()])[0],
+        }
 
     def velocity(self) -> list[float]:
         """Return the velocity in m/s along x and, if the robot can move there, y."""
@@ -219,3 +232,45 @@ class Session(Behavior):
     def power(self) -> float:
         """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
         return float(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum())
+
+
+def _finite(values: list[float]) -> list[float]:
+    """Return numbers that JSON has."""
+    return [value if math.isfinite(value) else 0.0 for value in values]
+
+
+def model_bytes(model: mujoco.MjModel) -> bytes:
+    """Return the arrays that the page draws a model from."""
+    arrays = array_bytes(drawn_arrays(model), nbody=model.nbody, ngeom=model.ngeom)
+    return np.int32(MODEL).tobytes() + arrays
+
+
+def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
+    """Return steps, poses of bodies and forces at contacts, as 32-bit floats; None: not finite."""
+    parts = [np.array([FRAME], np.int32).tobytes()]
+    for behavior in behaviors:
+        model, data = behavior.model, behavior.data
+        if not np.isfinite(data.xpos).all():
+            return None
+        arrows = contact_arrows(model, data)
+        numbers = ([behavior.steps, len(arrows)], data.xpos, data.xquat, arrows)
+        parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
+    return b"".join(parts)
+
+
+def contact_arrows(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+    """Return arrows (n, 2, 3) of the forces at each contact, as the ground pushes the robot.
+
+    They are at most as long as the robot, because impacts are many times a weight.
+    """
+    size = float(model.stat.extent)
+    newtons = float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
+    arrows, force = np.zeros((data.ncon, 2, 3)), np.zeros(6)
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, force)
+        contact = data.contact[i]
+        push = contact.frame.reshape(3, 3).T @ force[:3]
+        push *= np.copysign(WEIGHT * size / max(newtons, 1e-9), push[2])
+        push *= min(1.0, size / max(float(np.linalg.norm(push)), 1e-12))
+        arrows[i] = contact.pos, contact.pos + push
+    return arrows

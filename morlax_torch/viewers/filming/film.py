@@ -29,14 +29,9 @@ MARK = 9  # pixels from the middle of a sweep's mark to its edge, on a panel of 
 class Film:
     """One robot under each of P trade-offs, all from the same start and seen from one distance.
 
-    With `bodies`, by design parameters, there is a panel for each trade-off of each body.
-
-    A robot that fails is frozen and dimmed, with the returns of its episode. A film ends a second
-    after the last robot has failed. The episode length is ignored: robots continue for the whole
-    film. `record` describes the arguments.
-
-    Raises:
-        MorlaxError: a trade-off or the size is invalid, or the task has no MuJoCo robot.
+    With `bodies`, by design parameters, there is a panel for each trade-off of each body. A robot
+    that fails is frozen and dimmed, with the returns of its episode. A film ends a second after the
+    last robot has failed, whatever the episode length. `record` describes the arguments.
     """
 
     def __init__(
@@ -65,10 +60,7 @@ class Film:
         return round(seconds / self.dt)
 
     def pace(self, speed: float = 1.0, fastest: float = 30.0) -> tuple[int, float]:
-        """Return the control steps per frame, and the frames per second, at most `fastest`.
-
-        The playback speed is in (0, 100]; 1 is real time.
-        """
+        """Return the control steps per frame, and the frames per second, at most `fastest`."""
         if not 0 < speed <= 100:
             raise MorlaxError(f"the speed must be above 0 and at most 100, not {speed:g}.")
         rate = speed / self.dt
@@ -80,26 +72,23 @@ class Film:
 
         The first frame shows the start, and `stride` control steps lie between two frames.
         """
-        for take in self._takes:
+        takes = self._takes
+        for take in takes:
             take.reset()
         with self._scenes() as scenes:
             for step in range(0, self.steps(seconds) + 1, stride):
-                for take in self._takes:
-                    take.move_to(step)
-                farthest = max(take.distance for take in self._takes)
-                pairs = zip(self._takes, scenes, strict=True)
+                for take in takes:
+                    while take.player.steps < step and not take.failed:
+                        take.step()
+                farthest = max(take.distance for take in takes)
+                pairs = zip(takes, scenes, strict=True)
                 yield panels.side_by_side([take.panel(scene, farthest) for take, scene in pairs])
-                last = max(take.player.steps for take in self._takes)
-                over = all(take.failed for take in self._takes)
-                if over and (step - last) * self.dt >= LINGER:
+                last = max(take.player.steps for take in takes)
+                if all(take.failed for take in takes) and (step - last) * self.dt >= LINGER:
                     return
 
     def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
-        """Render a film strip (H, W, 3) RGB: a row of pictures for each trade-off.
-
-        A row shows the last gait cycle of the simulated time, or the last two if the cycle has
-        fewer control steps than pictures.
-        """
+        """Render a film strip (H, W, 3) RGB: a row of each trade-off's last gait cycle or two."""
         if not 2 <= pictures <= MOST_PICTURES:
             raise MorlaxError(
                 f"a film strip needs 2 to {MOST_PICTURES} pictures in a row, not {pictures}."
@@ -159,11 +148,6 @@ class Take:
         """Of the camera; 0 once the robot has failed."""
         return 0.0 if self.failed else self._camera.camera.distance
 
-    def move_to(self, step: int) -> None:
-        """Take the control steps up to number `step`, unless the robot fails before."""
-        while self.player.steps < step and not self.failed:
-            self.step()
-
     def panel(self, scene: Scene, distance: float) -> Image.Image:
         """Draw the robot with its captions, from at least `distance`; once if it has failed."""
         if self._frozen is not None:
@@ -174,15 +158,11 @@ class Take:
         if self.failed:
             picture, clock = panels.dimmed(picture), f"failed after {clock}"
         picture = panels.captioned(picture, self._table(), ", ".join([*self._body(), clock]))
-        if self.failed:
-            self._frozen = picture
+        self._frozen = picture if self.failed else None
         return picture
 
     def moments(self, steps: int, pictures: int) -> list[tuple[mujoco.MjData, float, bool]]:
-        """Return poses in the last gait cycle of an episode of at most `steps`.
-
-        Each comes with its seconds, and whether the robot fails there.
-        """
+        """Return poses in the last gait cycle of an episode, with seconds and whether it fails."""
         self.reset()
         states = [self.player.data.qpos.copy()]
         while self.player.steps < steps and not self.failed:
@@ -190,7 +170,8 @@ class Take:
             states.append(self.player.data.qpos.copy())
         qpos = np.stack([state for state in states if np.isfinite(state).all()])
         model, dt, moments = self.player.model, self.player.env.dt, []
-        for step in panels.moments(panels.joint_positions(model, qpos), dt, pictures):
+        hinges = model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
+        for step in panels.moments(qpos[:, hinges], dt, pictures):
             data = mujoco.MjData(model)
             data.qpos[:] = qpos[step]
             mujoco.mj_forward(model, data)
@@ -209,10 +190,9 @@ class Take:
         ]
 
     def _table(self) -> list[panels.Row]:
-        return [
-            (*weight, f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}")
-            for weight, value in zip(self._weights(), self.player.returns.tolist(), strict=True)
-        ]
+        sums = self.player.returns.tolist()
+        returns = [f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}" for x in sums]
+        return [(*weight, text) for weight, text in zip(self._weights(), returns, strict=True)]
 
     def label(self) -> str:
         """Return a line for each weight, or "only NAME" if there is one."""
@@ -229,8 +209,7 @@ class Take:
 class Sweep(Film):
     """One robot that goes from each objective alone to the next, beside a plot of the front.
 
-    It starts anew if it fails. A ring marks the evaluated trade-off that is nearest to its own. For
-    the arguments and errors see `Film`.
+    It starts anew if it fails. A ring marks the nearest evaluated trade-off.
     """
 
     def __init__(

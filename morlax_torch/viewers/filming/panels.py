@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from functools import cache
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -95,12 +94,6 @@ def timed(picture: Image.Image, seconds: float) -> Image.Image:
     corner = picture.width - size / 3, picture.height - size / 3
     ImageDraw.Draw(picture).text(corner, f"{seconds:.2f} s", INK, _font(size), anchor="rs")
     return picture
-
-
-def joint_positions(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the positions (T, J) of the hinges, from states (T, nq), in radians."""
-    hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
-    return qpos[:, model.jnt_qposadr[hinges]]
 
 
 def cycle(positions: NDArray[np.float64], dt: float) -> int | None:

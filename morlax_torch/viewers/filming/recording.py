@@ -88,7 +88,13 @@ def record(
     else:
         stride, fps = film.pace(speed, FASTEST[ending])
         total = film.steps(seconds) // stride + 1
-        write_video(output, _counted(film.frames(seconds, stride), total), fps)
+
+        def frames() -> Iterator[NDArray[np.uint8]]:
+            for number, frame in enumerate(film.frames(seconds, stride)):
+                phase("filming", number / total)
+                yield frame
+
+        write_video(output, frames(), fps)
 
 
 def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
@@ -102,19 +108,8 @@ def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
     return file.getvalue()
 
 
-def _counted(frames: Iterator[NDArray[np.uint8]], total: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield frames, at most `total` of them, and tell how many there have been."""
-    for number, frame in enumerate(frames):
-        phase("filming", number / total)
-        yield frame
-
-
 def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    """Write frames (H, W, 3) RGB of one size as a video; the suffix selects .mp4 or .gif.
-
-    Raises:
-        MorlaxError: ffmpeg is missing or fails, or `path` cannot be written.
-    """
+    """Write frames (H, W, 3) RGB of one size as a video; the suffix selects .mp4 or .gif."""
     ffmpeg, ending = find_ffmpeg(), path.suffix.lower()
     rate = str(Fraction(fps).limit_denominator(1000))
     if ending == ".gif":
@@ -162,6 +157,6 @@ def find_ffmpeg() -> str:
         ) from None
     # which() is None if IMAGEIO_FFMPEG_EXE is wrong; RuntimeError if the wheel has no ffmpeg
     with suppress(RuntimeError):
-        if found := which(imageio_ffmpeg.get_ffmpeg_exe()):
-            return found
+        if program := which(imageio_ffmpeg.get_ffmpeg_exe()):
+            return program
     raise MorlaxError("ffmpeg is missing: install it, or set IMAGEIO_FFMPEG_EXE to its path.")

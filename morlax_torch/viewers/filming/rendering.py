@@ -4,9 +4,10 @@ import importlib
 import os
 import subprocess
 import sys
+from contextlib import AbstractContextManager
 from copy import copy
 from functools import cache
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,17 +22,18 @@ SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
 DIM = 0.8  # ambient plus diffuse; headlights dimmer than this do not light a scene
 AMBIENT, SUN = 0.4, np.array([0.25, 0.35, -1.0])  # of an added light; the direction of its rays
 SKY, FLOOR, LINE = (0.62, 0.72, 0.84, 1.0), (0.87, 0.90, 0.94, 1.0), (0.6, 0.64, 0.7, 1.0)
+TRIAL = (
+    "import mujoco; model = mujoco.MjModel.from_xml_string('<mujoco/>'); "
+    "mujoco.Renderer(model, 8, 8).close()"
+)
 LINES, FAR = 24, 10.0  # lines of an added grid to each side; sizes of the robot to an added sky
 
 
-class Scene:
-    """Renders a robot; a model without a sky, a light or a floor gets one.
+class Scene(AbstractContextManager["Scene"]):
+    """Renders a copy of a robot's model, which gets a sky, a light or a floor if it has none.
 
-    It renders a copy of the model, so that neither model nor physics change. It holds an OpenGL
-    context: close it, or use it as a context manager. Width and height are in pixels.
-
-    Raises:
-        MorlaxError: the size is out of range, or OpenGL is not available.
+    It holds an OpenGL context: close it, or use it as a context manager. Raises MorlaxError if the
+    size in pixels is out of range, or OpenGL is not available.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int = 480, height: int = 360):
@@ -102,9 +104,6 @@ class Scene:
     def close(self) -> None:
         self._renderer.close()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -120,20 +119,19 @@ def check_size(width: int, height: int) -> None:
 
 @cache
 def choose_opengl() -> None:
-    """Select the first OpenGL backend that works on this machine, and set MUJOCO_GL to it.
+    """Set MUJOCO_GL to the first OpenGL backend that works on this machine, or raise MorlaxError.
 
-    It tries a hidden window (GLFW) if there is a display, then EGL, then OSMesa. If MUJOCO_GL is
-    already set, it tries only that one.
-
-    Raises:
-        MorlaxError: no backend works.
+    They are a hidden window (GLFW) if there is a display, EGL, and OSMesa, or MUJOCO_GL if set.
     """
     backends = [os.environ.get("MUJOCO_GL", "")]
     if not backends[0] and sys.platform == "linux":
         screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         backends = ["glfw", "egl", "osmesa"] if screen else ["egl", "osmesa"]
     for backend in backends:
-        if _works(backend):
+        # in a separate process, because PyOpenGL keeps the first platform it loads
+        environment = {**os.environ, "MUJOCO_GL": backend}
+        done = subprocess.run([sys.executable, "-c", TRIAL], env=environment, capture_output=True)
+        if done.returncode == 0:
             os.environ["MUJOCO_GL"] = backend
             importlib.reload(gl_context)  # MuJoCo read MUJOCO_GL when it was imported
             return
@@ -142,14 +140,3 @@ def choose_opengl() -> None:
         "(Debian: libegl1 and libopengl0) or OSMesa (libosmesa6), or set MUJOCO_GL to an installed "
         "one of glfw, egl and osmesa."
     )
-
-
-def _works(backend: str) -> bool:
-    # in a separate process, because PyOpenGL keeps the first platform it loads
-    draw = (
-        "import mujoco; model = mujoco.MjModel.from_xml_string('<mujoco/>'); "
-        "mujoco.Renderer(model, 8, 8).close()"
-    )
-    environment = {**os.environ, "MUJOCO_GL": backend}
-    done = subprocess.run([sys.executable, "-c", draw], env=environment, capture_output=True)
-    return done.returncode == 0

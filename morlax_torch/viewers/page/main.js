@@ -4,13 +4,12 @@ import { Recorded } from "./engines/recorded.js";
 import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
 import { Panel } from "./panel/panel.js";
-import { html, icon } from "./pictures.js";
+import { $, html, icon } from "./pictures.js";
 import { Talk } from "./panel/talk.js";
-import { even, parsed, shown } from "./panel/weights.js";
 import { Capture } from "./stage/capture.js";
+import { even, parsed, shown } from "./tradeoffs.js";
 
 const PACES = [1, 0.5, 0.25];
-const $ = (id) => document.getElementById(id);
 const query = new URLSearchParams(location.search);
 const remote = document.documentElement.dataset.engine === "remote";
 const state = {
@@ -71,24 +70,27 @@ async function openPacked() {
 /** Return the run that the address asks for by title or number. */
 function asked(runs) {
   const name = query.get("run");
-  const found = runs.find((run, i) => run.title === name || String(i) === name);
-  if (found || name === null) return found ?? runs[0];
+  const match = runs.find((run, i) => run.title === name || String(i) === name);
+  if (match || name === null) return match ?? runs[0];
   throw new Problem(`There is no robot ${name} here, but ${runs.map((run) => run.title).join(", ")}.`);
 }
 
 /** Show one of the runs, unless the visitor chooses another one before it is loaded. */
 async function open(run) {
   const ask = ++asks;
-  const engine = await load(run).catch((error) => {
-    if (ask < asks) return null;
+  let engine;
+  try {
+    engine = await load(run);
+  } catch (error) {
+    if (ask < asks) return;
     if (!state.engine) throw error;
     $("run").value = state.folder; // the robot on the stage goes on
     $("loading").hidden = true;
     announce(sentence(error));
-    return null;
-  });
-  if (!engine || ask < asks) {
-    if (engine) former.push(engine);
+    return;
+  }
+  if (ask < asks) {
+    former.push(engine);
     return;
   }
   if (state.engine) former.push(state.engine);
@@ -219,12 +221,12 @@ function showPlayback(engine, stage) {
 
 /** Show a sentence above the robots, for as long as it takes to read, or until the next one. */
 function announce(text, stays = false) {
-  const place = $("event");
-  place.textContent = text;
-  place.style.animationDuration = `${Math.max(2.4, 0.07 * text.length)}s`;
-  place.classList.remove("fading", "staying");
-  void place.offsetWidth; // restarts the animation
-  place.classList.add(stays ? "staying" : "fading");
+  const line = $("event");
+  line.textContent = text;
+  line.style.animationDuration = `${Math.max(2.4, 0.07 * text.length)}s`;
+  line.className = "";
+  void line.offsetWidth; // restarts the animation
+  line.className = stays ? "staying" : "fading";
 }
 
 function wireControls() {
@@ -238,13 +240,19 @@ function wireControls() {
     push: () => state.engine.press("push"),
     reset: () => state.engine.press("reset"),
     camera: () => state.stage.lookHome(),
-    photo: () => photograph().catch((error) => announce(sentence(error))),
-    clip: () => film().catch((error) => announce(sentence(error))),
+    photo: async () => download(await state.stage.picture(), "png"),
+    clip: film,
     talk: () => state.talk.start(),
     pace: () => state.engine.setPace(PACES[(PACES.indexOf(state.engine.pace) + 1) % PACES.length]),
   };
   for (const [button, act] of Object.entries(actions)) {
-    $(button).addEventListener("click", act);
+    $(button).addEventListener("click", async () => {
+      try {
+        await act();
+      } catch (error) {
+        announce(sentence(error));
+      }
+    });
     if (button !== "pace") label(button, $(button).title);
   }
   $("clip").hidden = !Capture.canRecord;
@@ -271,11 +279,6 @@ function isOwn({ target, key, defaultPrevented }) {
   return /^( |Enter)$/.test(key) && target.matches("button, summary, input");
 }
 
-/** Save what the stage shows as a PNG file. */
-async function photograph() {
-  download(await state.stage.picture(), "png");
-}
-
 /** Begin a clip, or end it and save it as a video. */
 async function film() {
   const { capture } = state.stage;
@@ -299,9 +302,7 @@ function download(data, ending) {
 
 /** Give a button a title and an icon. */
 function label(button, title, picture = button) {
-  $(button).title = title;
-  $(button).setAttribute("aria-label", title);
-  $(button).replaceChildren(icon(picture));
+  Object.assign($(button), { title, ariaLabel: title }).replaceChildren(icon(picture));
 }
 
 /** Follow the system's light or dark theme, until the visitor switches. */
@@ -315,7 +316,7 @@ function followTheme() {
     $("theme").replaceChildren(icon(theme === "dark" ? "sun" : "moon"));
   };
   system.addEventListener("change", dress);
-  $("theme").setAttribute("aria-label", $("theme").title);
+  $("theme").ariaLabel = $("theme").title;
   $("theme").addEventListener("click", () => {
     chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
     dress();

@@ -1,6 +1,8 @@
-// SVG elements, the icons of buttons, and axes.
+// Elements of the page, the icons of buttons, and axes.
 
 const SVG = "http://www.w3.org/2000/svg";
+
+export const $ = (id) => document.getElementById(id);
 
 /** Make an SVG element with attributes and children. */
 export function svg(name, attributes = {}, ...children) {
@@ -17,11 +19,17 @@ export function html(name, properties = {}, ...children) {
   return element;
 }
 
+/** Return whether facts differ from those of the last call for this part of the page. */
+export function isNews(part, ...facts) {
+  const former = part.facts;
+  part.facts = JSON.stringify(facts);
+  return part.facts !== former;
+}
+
 /** Make a round button with a text, and a dot of a color if there is one. */
 export function chip(text, title, act, color = null) {
-  const button = html("button", { type: "button", className: "chip", textContent: text, title });
-  button.classList.toggle("dot", color !== null);
-  if (color) button.style.setProperty("--color", color);
+  const look = color === null ? { className: "chip" } : { className: "chip dot", style: `--color: ${color}` };
+  const button = html("button", { type: "button", textContent: text, title, ...look });
   button.addEventListener("click", act);
   return button;
 }
@@ -67,9 +75,9 @@ export function ticks(low, high, count = 4) {
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 2.5, 5, 10].find((factor) => factor * power >= rough);
   const first = Math.ceil(low / step);
-  const found = [];
-  for (let i = first; i * step <= high; i++) found.push(i * step);
-  return found;
+  const marks = [];
+  for (let i = first; i * step <= high; i++) marks.push(i * step);
+  return marks;
 }
 
 /** Format a number for a tick: 2500 is 2.5k. */

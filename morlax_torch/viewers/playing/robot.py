@@ -1,7 +1,10 @@
-"""One robot in C MuJoCo that is driven as deploy.yaml says."""
+"""One robot in C MuJoCo that is driven as deploy.yaml says, with disturbances."""
 
+import math
 from collections import deque
+from collections.abc import Callable
 from copy import copy
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
@@ -11,12 +14,11 @@ from numpy.typing import NDArray
 from ...envs import MorlaxError
 from ...envs.worlds.trees import base_of
 from .deployment import Export
-from .disturbances import Disturbances, Disturber
-from .settings import Term
 
 Array = NDArray[np.float64]
 FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
 RISE = 0.02  # m of the base above its default pose at the start
+PAUSES = 1.0, 3.0  # s between two pushes, as in mjlab's training
 BROKEN = (  # of which MuJoCo warns before it resets the state
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
@@ -24,8 +26,33 @@ BROKEN = (  # of which MuJoCo warns before it resets the state
 )
 
 
+@dataclass
+class Disturbances:
+    """Strengths of disturbances; delay and friction are drawn anew for each episode."""
+
+    delay: tuple[float, float] = (0.0, 20.0)
+    """Milliseconds from an observation to the action that it causes."""
+    noise: float = 1.0
+    """Factor on the observation noise of the training."""
+    push: float = 0.5
+    """Largest change of the base's horizontal velocity, in m/s along each axis."""
+    friction: tuple[float, float] = (0.3, 1.2)
+    """Sliding friction of all contacts that have friction."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("delay", self.delay), ("friction", self.friction)):
+            if not 0 <= low <= high < math.inf:
+                raise MorlaxError(
+                    f"--{name} needs two numbers, the lower one first and not negative, not "
+                    f"{low:g} {high:g}."
+                )
+        for name in ("noise", "push"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise MorlaxError(f"--{name} must not be negative, nor {getattr(self, name):g}.")
+
+
 class Step(NamedTuple):
-    """What a control step came to."""
+    """The outcome of a control step."""
 
     fallen: bool
     velocity: Array  # (3,): m/s ahead, m/s to the left, rad/s to the left, of the base
@@ -36,9 +63,6 @@ class Robot:
     """A robot whose base moves freely, with the gains, targets and observation of deploy.yaml.
 
     Without disturbances, its friction is the model's, and a step equals one of mjlab.
-
-    Raises:
-        MorlaxError: an observation is not known, or model and settings do not fit together.
     """
 
     def __init__(
@@ -48,30 +72,45 @@ class Robot:
         seed: int | np.random.SeedSequence = 0,
     ):
         settings = deployment.settings
-        own, action = settings.morlax_torch, settings.action
-        self.model, self.dt = copy(deployment.model), settings.step_dt
-        self.data = mujoco.MjData(self.model)
-        rng = np.random.default_rng(seed)
-        self.base = base_of(self.model)
-        self._disturber = Disturber(disturbances, self.model, rng)
-        self._substeps = round(self.dt / self.model.opt.timestep)
-        self._terms = list(zip(settings.observations.items(), own.observation_noise, strict=True))
-        joints = [self._joint(name) for name in own.joints]
-        free = self.model.body_jntadr[self.base]
-        self._height, self._speed = self.model.jnt_qposadr[free] + 2, self.model.jnt_dofadr[free]
-        self._qpos = np.array([self.model.jnt_qposadr[joint] for joint in joints])
-        self._qvel = np.array([self.model.jnt_dofadr[joint] for joint in joints])
-        self._rest = np.array(settings.default_joint_pos), np.array(own.default_joint_vel)
         driven = settings.driven
+        self.model = model = copy(deployment.model)
+        self.data, self.dt = mujoco.MjData(model), settings.step_dt
+        self.base = base_of(model)
+        self._disturbances = disturbances or Disturbances((0.0, 0.0), 0.0, 0.0)
+        self._changes_friction = disturbances is not None
+        collides = (model.geom_contype | model.geom_conaffinity) > 0
+        self._sliding = collides & (model.geom_condim > 1)
+        self._rng = np.random.default_rng(seed)
+        self._substeps = round(self.dt / model.opt.timestep)
+        self._terms = list(settings.observations.items())
+        self._noise = np.array(settings.observation_noise) * self._disturbances.noise
+        joints = [self._joint(name) for name in settings.joints]
+        free = model.body_jntadr[self.base]
+        self._height, self._speed = model.jnt_qposadr[free] + 2, model.jnt_dofadr[free]
+        self._qpos, self._qvel = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+        self._rest = np.array(settings.default_joint_pos), np.array(settings.default_joint_vel)
         self._motors = np.array([self._motor(joints[index]) for index in driven])
-        self._scale, self._offset = np.array(action.scale), np.array(action.offset)
-        self._clip = np.array(action.clip or [(-np.inf, np.inf)]).T  # (2, A) or (2, 1)
-        self._start = self._rest[0][driven]
+        self._scale, self._offset = np.array(settings.scale), np.array(settings.offset)
+        self._clip = np.array(settings.clip or [(-np.inf, np.inf)]).T  # (2, A) or (2, 1)
+        # the gains of deploy.yaml, which may have been edited
         gains = settings.stiffness, settings.damping
-        self._set_gains(*(np.array(values, float)[driven] for values in gains))
+        stiffness, damping = (np.array(values, float)[driven] for values in gains)
+        model.actuator_gainprm[self._motors, 0] = stiffness
+        model.actuator_biasprm[self._motors, 1] = -stiffness
+        model.actuator_biasprm[self._motors, 2] = -damping
+        self._start = self._rest[0][driven]
         self.reset()
-        for (name, term), _ in self._terms:
-            self._check(name, term)
+        for name, term in self._terms:
+            if name not in OBSERVATIONS:
+                raise MorlaxError(
+                    f"play does not know the observation {name}: it knows "
+                    f"{', '.join(OBSERVATIONS)}."
+                )
+            size = len(self._read(name, term.params))
+            if size != len(term.scale):
+                raise MorlaxError(
+                    f"the observation {name} has {size} numbers, but its scale {len(term.scale)}."
+                )
 
     def reset(self) -> None:
         """Start an episode just above the default pose."""
@@ -88,23 +127,29 @@ class Robot:
         self._pending: deque[tuple[int, Array]] = deque()
         self._histories: list[deque[Array]] = []
         self._count = 0  # physics steps
-        self._disturber.restart()
+        delay = self._rng.uniform(*self._disturbances.delay)
+        self._delay = round(delay / 1000 / self.model.opt.timestep)  # physics steps
+        if self._changes_friction:
+            friction = self._rng.uniform(*self._disturbances.friction)
+            self.model.geom_friction[self._sliding, 0] = friction
+        self._next_push = self._rng.uniform(*PAUSES)
         mujoco.mj_forward(self.model, self.data)
 
     def observe(self, command: Array) -> Array:
         """Return the observation (O,) under a command (3,). Call it once per control step."""
         self.command = command
         parts = []
-        for (name, term), noise in self._terms:
-            value = self._disturber.noisy(READERS[name](self, term.params), noise)
+        for (name, term), noise in zip(self._terms, self._noise, strict=True):
+            value = self._read(name, term.params)
+            if noise:
+                value = value + self._rng.uniform(-noise, noise, value.shape)
             if term.clip:
                 value = value.clip(*term.clip)
             parts.append(value * np.array(term.scale))
         if not self._histories:
-            lengths = [term.history_length for (_, term), _ in self._terms]
-            self._histories = [
-                deque([part] * length, length) for part, length in zip(parts, lengths, strict=True)
-            ]
+            pairs = zip(parts, self._terms, strict=True)
+            lengths = [(part, term.history_length) for part, (_, term) in pairs]
+            self._histories = [deque([part] * length, length) for part, length in lengths]
         for history, part in zip(self._histories, parts, strict=True):
             history.append(part)
         return np.concatenate([part for history in self._histories for part in history])
@@ -113,7 +158,7 @@ class Robot:
         """Move on by a control step with an action (A,) of the policy."""
         self.action = action
         target = (self._offset + self._scale * action).clip(*self._clip)
-        self._pending.append((self._count + self._disturber.delay, target))
+        self._pending.append((self._count + self._delay, target))
         power = 0.0
         for _ in range(self._substeps):
             while self._pending and self._pending[0][0] <= self._count:
@@ -122,9 +167,13 @@ class Robot:
             self._count += 1
             made = self.data.qfrc_actuator[self._qvel] * self.data.qvel[self._qvel]
             power += float(made.clip(min=0).sum()) / self._substeps
-        self._disturber.push(self.data, self._speed)
+        if self.data.time >= self._next_push:
+            self._next_push = self.data.time + self._rng.uniform(*PAUSES)
+            most = self._disturbances.push
+            self._twist()[:2] += self._rng.uniform(-most, most, 2)
         mujoco.mj_forward(self.model, self.data)
-        return Step(self._has_fallen(), self.velocity(), power)
+        broken = any(self.data.warning[kind].number for kind in BROKEN)
+        return Step(broken or not self._turn()[2, 2] > FALLEN, self.velocity(), power)
 
     def velocity(self) -> Array:
         """Return the base's velocity (3,) in the body: m/s, m/s and rad/s of the yaw."""
@@ -135,10 +184,6 @@ class Robot:
         mass = self.model.body_subtreemass[self.base]
         return float(mass * np.linalg.norm(self.model.opt.gravity))
 
-    def _has_fallen(self) -> bool:
-        broken = any(self.data.warning[kind].number for kind in BROKEN)
-        return broken or not self._turn()[2, 2] > FALLEN
-
     def _turn(self) -> Array:
         """Return the rotation (3, 3) of the base."""
         return self.data.xmat[self.base].reshape(3, 3)
@@ -147,23 +192,15 @@ class Robot:
         """Return the velocity (6,) of the base: in the world, and of its turning in the body."""
         return self.data.qvel[self._speed : self._speed + 6]
 
-    def _check(self, name: str, term: Term) -> None:
-        """Raise MorlaxError unless the term can be observed and has the size of its scale."""
-        sensor = term.params.get("sensor_name")
-        if sensor and mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor) < 0:
+    def _read(self, name: str, params: dict) -> Array:
+        """Return the values of a term before noise, clip and scale."""
+        if "sensor_name" not in params:
+            return OBSERVATIONS[name](self)
+        sensor = params["sensor_name"]
+        if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor) < 0:
             raise MorlaxError(f"the model has no sensor {sensor} for the observation {name}.")
-        if name not in READERS:
-            raise MorlaxError(
-                f"play does not know the observation {name}: it knows {', '.join(READERS)}."
-            )
-        size = len(READERS[name](self, term.params))
-        if size != len(term.scale):
-            raise MorlaxError(
-                f"the observation {name} has {size} numbers, but its scale {len(term.scale)}."
-            )
-
-    def _sensor(self, name: str) -> Array:
-        return self.data.sensor(name).data.copy()
+        values = self.data.sensor(sensor).data.copy()
+        return -values if name == "projected_gravity" else values
 
     def _joint(self, name: str) -> int:
         joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
@@ -173,42 +210,19 @@ class Robot:
         return joint
 
     def _motor(self, joint: int) -> int:
-        found = np.flatnonzero(self.model.actuator_trnid[:, 0] == joint)
-        if len(found) != 1:
+        motors = np.flatnonzero(self.model.actuator_trnid[:, 0] == joint)
+        if len(motors) != 1:
             name = self.model.joint(joint).name
-            raise MorlaxError(f"the model has {len(found)} actuators for {name} instead of one.")
-        return int(found[0])
-
-    def _set_gains(self, stiffness: Array, damping: Array) -> None:
-        """Let the model's motors have the gains of deploy.yaml, which may have been edited."""
-        self.model.actuator_gainprm[self._motors, 0] = stiffness
-        self.model.actuator_biasprm[self._motors, 1] = -stiffness
-        self.model.actuator_biasprm[self._motors, 2] = -damping
+            raise MorlaxError(f"the model has {len(motors)} actuators for {name} instead of one.")
+        return int(motors[0])
 
 
-def _gravity(robot: Robot, params: dict) -> Array:
-    up = robot._sensor(params["sensor_name"]) if "sensor_name" in params else robot._turn()[2]
-    return -up
-
-
-def _linear(robot: Robot, params: dict) -> Array:
-    if "sensor_name" in params:
-        return robot._sensor(params["sensor_name"])
-    return robot._twist()[:3] @ robot._turn()
-
-
-def _angular(robot: Robot, params: dict) -> Array:
-    if "sensor_name" in params:
-        return robot._sensor(params["sensor_name"])
-    return robot._twist()[3:].copy()
-
-
-READERS = {  # values of each term of unitree_rl_lab before noise, clip and scale
-    "base_lin_vel": _linear,
-    "base_ang_vel": _angular,
-    "projected_gravity": _gravity,
-    "velocity_commands": lambda robot, params: robot.command,
-    "joint_pos_rel": lambda robot, params: robot.data.qpos[robot._qpos] - robot._rest[0],
-    "joint_vel_rel": lambda robot, params: robot.data.qvel[robot._qvel] - robot._rest[1],
-    "last_action": lambda robot, params: robot.action,
+OBSERVATIONS: dict[str, Callable[[Robot], Array]] = {  # the terms of unitree_rl_lab
+    "base_lin_vel": lambda robot: robot._twist()[:3] @ robot._turn(),
+    "base_ang_vel": lambda robot: robot._twist()[3:].copy(),
+    "projected_gravity": lambda robot: -robot._turn()[2],
+    "velocity_commands": lambda robot: robot.command,
+    "joint_pos_rel": lambda robot: robot.data.qpos[robot._qpos] - robot._rest[0],
+    "joint_vel_rel": lambda robot: robot.data.qvel[robot._qvel] - robot._rest[1],
+    "last_action": lambda robot: robot.action,
 }

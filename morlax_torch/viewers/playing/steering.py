@@ -1,4 +1,4 @@
-"""Steer a robot by keys of MuJoCo's viewer and by a gamepad."""
+"""A policy with its trade-off, and who steers it: chance, keys of MuJoCo's viewer, a gamepad."""
 
 import os
 import struct
@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from ...envs import MorlaxError
-from ...host.files import attempting
+from ...envs.errors import installation
+from ...host.files import attempting, read
 from .deployment import Export
-from .policy import Policy
 from .robot import Array
 
+PERIODS = 3.0, 8.0  # s for which a command or a trade-off is wished for
+STANDING = 0.1  # share of the commands that are to stand still
 NOTCH = 0.1  # share of a range that a key changes the command by
 UP, DOWN, LEFT, RIGHT, ENTER = 265, 264, 263, 262, 257  # of GLFW
 MOVES = {  # keys that the viewer itself does not use: entry of the command, direction
@@ -30,6 +32,74 @@ EVENT = struct.Struct("IhBB")  # of a joystick in Linux: ms, value, kind, number
 BUTTON, AXIS = 1, 2
 STICKS = {1: 0, 0: 1, 3: 2}  # axis of a gamepad: entry of the command
 FULL = 32767  # of a stick's value
+
+
+class Policy:
+    """An ONNX policy; `tradeoff` (m,) slides towards the `target` (m,) by at most `slew` per s.
+
+    It stays as it is where the export has a fixed trade-off (`slides` is false).
+    """
+
+    def __init__(self, deployment: Export):
+        try:
+            import onnxruntime
+        except ImportError:
+            raise MorlaxError(
+                f"play needs onnxruntime, which is not installed: {installation('onnx')}."
+            ) from None
+        file, options = deployment.policy, onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1  # the network is small
+        try:
+            self._session = onnxruntime.InferenceSession(read(file, "policy"), options)
+        except MorlaxError:
+            raise
+        except Exception as error:  # its own classes, which have no common base but this
+            reason = " ".join(str(error).split())
+            raise MorlaxError(f"onnxruntime cannot load {file}: {reason}.") from None
+        self.objectives = tuple(deployment.settings.objectives)
+        self.slides = "tradeoff" in {value.name for value in self._session.get_inputs()}
+        slew = deployment.settings.slew or np.inf
+        self._most = slew * deployment.settings.step_dt  # per control step
+        self.tradeoff = self.target = np.full(len(self.objectives), 1 / len(self.objectives))
+
+    def choose(self, target: Array, at_once: bool = False) -> None:
+        """Slide towards a trade-off (m,) of weights that sum to one, or begin with it."""
+        self.target = np.asarray(target, float)
+        if at_once:
+            self.tradeoff = self.target
+
+    def act(self, observation: Array) -> Array:
+        """Return the action (A,) for an observation (O,), one control step later in the slide."""
+        way = self.target - self.tradeoff
+        farthest = np.abs(way).max()
+        self.tradeoff = self.tradeoff + way * min(1.0, self._most / max(farthest, 1e-12))
+        inputs = {"observation": observation[None].astype(np.float32)}
+        if self.slides:
+            inputs["tradeoff"] = self.tradeoff.astype(np.float32)
+        (actions,) = self._session.run(["action"], inputs)
+        return np.asarray(actions, float)[0]
+
+
+class Wishes:
+    """Draws commands within the ranges and trade-offs on the simplex, each for some seconds."""
+
+    def __init__(self, deployment: Export, policy: Policy, rng: np.random.Generator):
+        self._low, self._high = np.array(deployment.settings.limits).T
+        self._policy, self._rng = policy, rng
+        self._until = [0.0, 0.0]  # s: of the command and the trade-off
+        self._command = np.zeros(3)
+
+    def command(self, seconds: float) -> Array:
+        """Return the command (3,) at this time, and tell the policy its trade-off."""
+        if seconds >= self._until[0]:
+            self._until[0] = seconds + self._rng.uniform(*PERIODS)
+            walks = self._rng.random() >= STANDING
+            self._command = walks * self._rng.uniform(self._low, self._high)
+        if seconds >= self._until[1]:
+            self._until[1] = seconds + self._rng.uniform(*PERIODS)
+            target = self._rng.dirichlet(np.ones(len(self._policy.objectives)))
+            self._policy.choose(target, at_once=seconds == 0)
+        return self._command
 
 
 class Steering:
@@ -83,11 +153,7 @@ class Steering:
 
 
 class Gamepad:
-    """A gamepad of Linux, such as /dev/input/js0.
-
-    Raises:
-        MorlaxError: it cannot be opened.
-    """
+    """A gamepad of Linux, such as /dev/input/js0; raises MorlaxError if it cannot be opened."""
 
     def __init__(self, path: Path):
         if not hasattr(os, "O_NONBLOCK"):
@@ -99,8 +165,8 @@ class Gamepad:
         """Return the events since the last call, or raise MorlaxError if it is unplugged."""
         with attempting("read the gamepad"):
             try:
-                found = os.read(self._file, 64 * EVENT.size)
+                data = os.read(self._file, 64 * EVENT.size)
             except BlockingIOError:
                 return []
-        whole = len(found) // EVENT.size * EVENT.size
-        return [found[start : start + EVENT.size] for start in range(0, whole, EVENT.size)]
+        complete = len(data) // EVENT.size * EVENT.size
+        return [data[start : start + EVENT.size] for start in range(0, complete, EVENT.size)]

@@ -1,7 +1,7 @@
 """Clips of a run's policies, and answers to "which clip is better?", in one file."""
 
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -34,13 +34,7 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
     """Record clips of random trade-offs, each at a random time of an episode, on C MuJoCo.
 
     Every second clip has exploration noise, to show what training may try. Some of the `number`
-    episodes may end too early for a clip. The policy is on the CPU.
-
-    Returns:
-        The clips, and the names of their reward terms.
-
-    Raises:
-        MorlaxError: the task has no MuJoCo robot, or no episode is as long as a clip.
+    episodes may end too early for a clip. Returns the clips, and the names of their reward terms.
     """
     config, m = policy.config, len(policy.objectives)
     if not issubclass(envs.get(config.env), Environment):
@@ -109,23 +103,19 @@ class Comparisons:
         """Note that one clip is preferred to another, both by index."""
         self.answers.append((preferred, other))
 
-    def add(self, task: str, terms: list[str], clips: Clips) -> None:
+    def joined(self, other: "Comparisons") -> "Comparisons":
         """Add clips, or raise MorlaxError if they are of another task or of another length."""
-        shapes = [[part.shape[1:] for part in parts] for parts in (self.clips, clips)]
-        if task != self.task or terms != self.terms or shapes[0] != shapes[1]:
+        shapes = [[part.shape[1:] for part in each.clips] for each in (self, other)]
+        if other.task != self.task or other.terms != self.terms or shapes[0] != shapes[1]:
             raise MorlaxError(
-                f"the comparisons are of clips of {self.task}, so no clips of {task} can be added: "
-                "use another folder."
+                f"the comparisons are of clips of {self.task}, so no clips of {other.task} can be "
+                "added: use another folder."
             )
-        joined = zip(self.clips, clips, strict=True)
-        self.clips = Clips(*(np.concatenate(parts) for parts in joined))
+        clips = Clips(*map(np.concatenate, zip(self.clips, other.clips, strict=True)))
+        return replace(self, clips=clips, sources=self.sources + other.sources)
 
     def judge(self, term: str, number: int, random: np.random.Generator) -> None:
-        """Answer `number` comparisons as a simulated user who prefers more of a reward term.
-
-        Raises:
-            MorlaxError: the task has no such reward term.
-        """
+        """Answer `number` comparisons as a simulated user who prefers more of a reward term."""
         if term not in self.terms:
             raise unknown("reward term", term, self.terms)
         ratings = self.clips.terms[:, self.terms.index(term)]
@@ -148,11 +138,7 @@ class Comparisons:
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
-        """Read a file that `save` wrote.
-
-        Raises:
-            MorlaxError: there is no such file, or it is damaged.
-        """
+        """Read a file that `save` wrote, or raise MorlaxError."""
         content = io.BytesIO(read(path, "file of comparisons"))
         try:
             with np.load(content) as arrays:
@@ -174,14 +160,15 @@ class Comparisons:
 
 
 def _fit(clips: Clips, terms: list[str], answers: np.ndarray) -> bool:
-    """Return whether sizes and types agree, and all numbers are finite and in range."""
+    """Return whether sizes agree, and all numbers are finite and in range."""
     n, length = clips.action.shape[:2]
-    sizes = [(3, length + 1), (3, length), (3, length + 1), (2, len(terms))]
-    for part, (dimensions, columns) in zip(clips, sizes, strict=True):
-        if part.ndim != dimensions or part.shape[:2] != (n, columns):
-            return False
-        if part.dtype != np.float32 or not np.isfinite(part).all():
-            return False
-    if answers.shape[1:] != (2,) or answers.dtype != np.int32:
-        return False
-    return bool(((answers >= 0) & (answers < n)).all() and (answers[:, 0] != answers[:, 1]).all())
+    sizes = (n, length + 1), (n, length), (n, length + 1), (n, len(terms))
+    return (
+        [part.ndim for part in clips] == [3, 3, 3, 2]
+        and all(part.shape[:2] == size for part, size in zip(clips, sizes, strict=True))
+        and all(part.dtype == np.float32 and np.isfinite(part).all() for part in clips)
+        and answers.shape[1:] == (2,)
+        and answers.dtype == np.int32
+        and bool(((answers >= 0) & (answers < n)).all())
+        and bool((answers[:, 0] != answers[:, 1]).all())
+    )

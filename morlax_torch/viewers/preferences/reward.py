@@ -36,13 +36,7 @@ def fit(comparisons: Comparisons, seed: int = 0) -> Fit:
     clips' mean ratings, with a share of mistakes (Christiano et al., 2017, section 2.2.3). Each
     network sees its own bootstrap sample of the answers. Afterwards, rewards are shifted and scaled
     so that the clip with the lowest mean reward per step earns 0 and the one with the highest 1.
-
-    Args:
-        comparisons: with at least `FEWEST` answers.
-        seed: random seed of parameters, samples and the answers that are held out.
-
-    Raises:
-        MorlaxError: there are too few answers, or they do not depend on the clips.
+    `seed` draws parameters, samples and the answers that are held out.
     """
     answers = np.array(comparisons.answers).reshape(-1, 2)
     if len(answers) < FEWEST:
@@ -88,9 +82,8 @@ def steps_of(comparisons: Comparisons) -> tuple[Tensor, Tensor, Tensor]:
 def _train(
     reward: LearnedReward, steps: Tensor, answers: Tensor, generator: torch.Generator
 ) -> None:
-    members, number = reward.members, len(answers)
-    drawn = torch.randint(number, (members, number), generator=generator)
-    samples = answers[drawn]  # (E, number, 2)
+    size = reward.members, len(answers)
+    samples = answers[torch.randint(len(answers), size, generator=generator)]  # (E, number, 2)
     optimizer = torch.optim.AdamW(reward.parameters(), RATE, weight_decay=DECAY)
     for _ in range(EPOCHS):
         for part in samples.split(BATCH, 1):

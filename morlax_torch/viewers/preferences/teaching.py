@@ -27,18 +27,8 @@ class Lesson:
     config.yaml       the run's config with the objective, starting from the run's policies
 
     Another run of the same task adds its clips, for example the one that was trained with the
-    objective, whose mistakes further answers can correct.
-
-    Args:
-        run: a run's folder, a checkpoint, or a shipped name; a MuJoCo robot.
-        folder: a new one, or that of an earlier lesson.
-        objective: its name.
-        clips: how many to record of a run that has none in the folder yet.
-        seed: random seed of clips, pairs and the learned reward.
-
-    Raises:
-        MorlaxError: there is no such run, it has no MuJoCo robot, the folder is of another task or
-            another objective, or the name cannot be one of an objective.
+    objective, whose mistakes further answers can correct. A run that has no clips in the folder yet
+    records `clips` of them.
     """
 
     def __init__(self, run: str, folder: Path, objective: str, clips: int = 200, seed: int = 0):
@@ -73,25 +63,19 @@ class Lesson:
 
     def _comparisons(self, number: int) -> Comparisons:
         """Return the folder's comparisons, with clips of the run."""
-        path, comparisons = self.folder / "comparisons.npz", None
-        if path.exists():
-            comparisons = Comparisons.load(path)
-            told = comparisons.objective if comparisons.answers else None
-            if told not in (None, self.objective):
-                raise MorlaxError(
-                    f"{self.folder} has answers about {told}, not about {self.objective}: use "
-                    f"another folder, or --objective {told}."
-                )
+        path = self.folder / "comparisons.npz"
+        former = Comparisons.load(path) if path.exists() else None
+        if former and former.answers and former.objective not in (None, self.objective):
+            raise MorlaxError(
+                f"{self.folder} has answers about {former.objective}, not about {self.objective}: "
+                f"use another folder, or --objective {former.objective}."
+            )
         source = hashlib.sha256(self._checkpoint.read_bytes()).hexdigest()
-        if comparisons is not None and source in comparisons.sources:
-            return comparisons
-        task, (clips, terms) = self.policy.config.env, record(self.policy, number, self._seed)
-        if comparisons is None:
-            comparisons = Comparisons(task, terms, clips)
-        else:
-            comparisons.add(task, terms, clips)
-        comparisons.sources.append(source)
-        return comparisons
+        if former and source in former.sources:
+            return former
+        clips, terms = record(self.policy, number, self._seed)
+        new = Comparisons(self.policy.config.env, terms, clips, sources=[source])
+        return former.joined(new) if former else new
 
     def save(self) -> None:
         """Write the answers given so far."""
@@ -103,16 +87,12 @@ class Lesson:
         return self.comparisons.pair(self._random)
 
     def judge(self, term: str, answers: int) -> None:
-        """Answer as a simulated user who prefers more of a reward term; see `Comparisons`."""
+        """Answer as a simulated user who prefers more of a reward term."""
         self.comparisons.judge(term, answers, self._random)
         self.save()
 
     def finish(self) -> Fit:
-        """Fit a reward to the answers, and write it with a config to train with.
-
-        Raises:
-            MorlaxError: there are too few answers, or a file cannot be written.
-        """
+        """Fit a reward to the answers, and write it with a config to train with."""
         self.save()
         phase("learning the reward")
         fitted = reward.fit(self.comparisons, self._seed)

@@ -41,15 +41,15 @@ def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjMo
             f"{name}: its load_model() must compile the model with MjModel.from_xml_path, "
             "MjModel.from_xml_string or MjSpec.compile."
         )
-    spec = next((spec for own, spec in made if own is model), made[-1][1])
+    spec = next((spec for compiled, spec in made if compiled is model), made[-1][1])
     try:
-        return model, describe(model, spec)
+        return model, _described(model, spec)
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise MorlaxError(f"{name}: {reason}.") from None
 
 
-def describe(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
+def _described(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
     """Describe `model`, which `spec` was compiled to; ValueError or OSError: it cannot be."""
     assets = dict(_flattened(spec))
     spec.compiler.meshdir = spec.compiler.texturedir = ""
@@ -67,7 +67,10 @@ def describe(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
             raise ValueError(f"its {name} has another size after it was saved as XML")
         if PHYSICAL.fullmatch(name) and values.dtype.kind == "f" and values.size:
             fields[name] = values.ravel().tolist()
-    return WebModel(xml, assets, fields, _options(model.opt))
+    options = {k: getattr(model.opt, k) for k in dir(model.opt) if not k.startswith("_")}
+    arrays = {k: x.tolist() for k, x in options.items() if isinstance(x, np.ndarray)}
+    numbers = {k: x for k, x in options.items() if isinstance(x, (int, float))}
+    return WebModel(xml, assets, fields, arrays | numbers)
 
 
 @contextmanager
@@ -109,9 +112,3 @@ def _flattened(spec: mujoco.MjSpec) -> Iterator[tuple[str, bytes]]:
                 names[path] = f"asset-{len(names)}{file.suffix.lower()}"
                 yield names[path], stored[file.name] if file.name in stored else path.read_bytes()
             element.file = names[path]
-
-
-def _options(options: mujoco.MjOption) -> dict[str, Any]:
-    values = {name: getattr(options, name) for name in dir(options) if not name.startswith("_")}
-    arrays = {k: x.tolist() for k, x in values.items() if isinstance(x, np.ndarray)}
-    return arrays | {k: x for k, x in values.items() if isinstance(x, (int, float))}

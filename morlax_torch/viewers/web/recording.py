@@ -39,8 +39,9 @@ def flat(tensor: Tensor) -> Tensor:
 
 
 def written(func: Any, arguments: Iterable[Any], named: dict[str, Any]) -> list[Tensor]:
-    given = zip(func._schema.arguments, arguments, strict=False)
-    pairs = [*given, *((a, named[a.name]) for a in func._schema.arguments if a.name in named)]
+    schema = func._schema.arguments
+    pairs = [*zip(schema, arguments, strict=False)]
+    pairs += [(a, named[a.name]) for a in schema if a.name in named]
     changed = [value for a, value in pairs if a.alias_info and a.alias_info.is_write]
     return [value for value in tree_leaves(changed) if isinstance(value, Tensor)]
 
@@ -51,17 +52,17 @@ class Writes(TorchDispatchMode):
     def __init__(self) -> None:
         super().__init__()
         self._new: dict[int, Tensor] = {}
-        self.found: dict[int, Tensor] = {}  # storage -> the whole of it
+        self.storages: dict[int, Tensor] = {}
 
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         result = func(*args, **(kwargs or {}))
-        given = {storage(x) for x in tree_leaves((args, kwargs)) if isinstance(x, Tensor)}
+        inputs = {storage(x) for x in tree_leaves((args, kwargs)) if isinstance(x, Tensor)}
         for tensor in tree_leaves(result):
-            if isinstance(tensor, Tensor) and storage(tensor) not in given:
+            if isinstance(tensor, Tensor) and storage(tensor) not in inputs:
                 self._new[storage(tensor)] = tensor  # kept, so that no other gets its identity
         for tensor in written(func, args, kwargs or {}):
             if storage(tensor) not in self._new:
-                self.found.setdefault(storage(tensor), flat(tensor))
+                self.storages.setdefault(storage(tensor), flat(tensor))
         return result
 
 
@@ -82,12 +83,8 @@ class Draws(TorchDispatchMode):
 class Recorder(TorchDispatchMode):
     """Records operations into a graph of the persisting tensors, which it reads and changes.
 
-    Views that were made before are views here too, because inputs are whole storages. Tensors
-    that no one changes become constants.
-
-    Args:
-        state: (size,) all tensors that persist, by name.
-        former: the recorder of the operations before, whose results may be needed here.
+    The `state` are the storages (size,) of these tensors by name, so that views stay views. Tensors
+    that no one changes become constants. Results of a `former` recorder may be needed here.
     """
 
     def __init__(self, state: dict[str, Tensor], former: "Recorder | None" = None):
@@ -98,8 +95,8 @@ class Recorder(TorchDispatchMode):
         self.carried: dict[str, Tensor] = {}  # results of `former` that are inputs here
         self.draws: dict[str, Draw] = {}
         self._nodes: dict[int, tuple[fx.Node, Tensor]] = {}  # id -> node, and the tensor itself
-        self._state = {storage(values): name for name, values in state.items()}
-        self._whole = state
+        self._names = {storage(values): name for name, values in state.items()}
+        self._state = state
         self._bases: dict[str, fx.Node] = {}
         self._changed: dict[str, None] = {}
         self._dynamic: set[fx.Node] = set()
@@ -115,7 +112,7 @@ class Recorder(TorchDispatchMode):
             return func(*args)
         if torch.Tag.nondeterministic_seeded in func.tags:
             return self._draw(func, args, kwargs)
-        nodes = tree_map(self._node_or_value, (args, kwargs))
+        nodes = tree_map(self._argument, (args, kwargs))
         result = func(*args, **kwargs)
         node = self._call(func, *nodes)
         self._note_writes(func, args, kwargs)
@@ -140,15 +137,16 @@ class Recorder(TorchDispatchMode):
 
     def _draw(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> Tensor:
         schema = func._schema
-        known = RANDOM.get(f"{schema.name}.{schema.overload_name}".rstrip("."))
-        if known is None:
-            raise MorlaxError(f"it draws random numbers with torch's {func._schema.name[6:]}")
-        kind, parameters = known
+        operation = f"{schema.name}.{schema.overload_name}".rstrip(".")
+        if operation not in RANDOM:
+            raise MorlaxError(f"it draws random numbers with torch's {schema.name[6:]}")
+        kind, parameters = RANDOM[operation]
         result = func(*args, **kwargs)
-        in_place = func._schema.name.endswith("_")
+        in_place = schema.name.endswith("_")
         if in_place:
-            given = [*args[1:], *(kwargs[k] for k in ("from", "to", "mean", "std") if k in kwargs)]
-            parameters = tuple(float(x) for x in given) + parameters[len(given) :]
+            named = (kwargs[k] for k in ("from", "to", "mean", "std") if k in kwargs)
+            chosen = tuple(float(x) for x in (*args[1:], *named))
+            parameters = chosen + parameters[len(chosen) :]
         name = f"random_{len(self.draws)}"
         self.draws[name] = Draw(kind, parameters)
         drawn = self._placeholder(name, result)
@@ -175,16 +173,15 @@ class Recorder(TorchDispatchMode):
                     picked = self._call(operator.getitem, (node, index), {})
                     self._nodes[id(part)] = picked, part
 
-    def _node_or_value(self, value: Any) -> Any:
+    def _argument(self, value: Any) -> Any:
         if isinstance(value, torch.Generator):
             return None
         return self._node(value) if isinstance(value, Tensor) else value
 
     def _node(self, tensor: Tensor) -> fx.Node:
-        known = self._nodes.get(id(tensor))
-        if known is not None:
-            return known[0]
-        name, former = self._state.get(storage(tensor)), self.former
+        if id(tensor) in self._nodes:
+            return self._nodes[id(tensor)][0]
+        name, former = self._names.get(storage(tensor)), self.former
         if name is not None:
             node = self._view(name, tensor)
         elif former is not None and id(tensor) in former._nodes:
@@ -192,27 +189,24 @@ class Recorder(TorchDispatchMode):
             node = self._placeholder(name, tensor)
             self.carried[name] = tensor
         else:
-            node = self._constant(tensor)
+            name = f"constant_{len(list(self.root.buffers()))}"
+            self.root.register_buffer(name, tensor.detach().clone())
+            node = self.graph.get_attr(name)
         self._nodes[id(tensor)] = node, tensor
         return node
 
     def _view(self, name: str, tensor: Tensor) -> fx.Node:
         if name not in self._bases:
-            whole = self._placeholder(name, self._whole[name])
+            base = self._placeholder(name, self._state[name])
             with self.graph.inserting_before(self._end_of_views):
-                self._bases[name] = self._call(aten.clone.default, (whole,), {})
+                self._bases[name] = self._call(aten.clone.default, (base,), {})
         begin, size = tensor.storage_offset(), list(tensor.shape)
-        if tensor.dtype != self._whole[name].dtype or not tensor.is_contiguous():
+        if tensor.dtype != self._state[name].dtype or not tensor.is_contiguous():
             raise MorlaxError("it keeps a strided view of a tensor that changes")
         with self.graph.inserting_before(self._end_of_views):
             end = begin + tensor.numel()
             part = self._call(aten.slice.Tensor, (self._bases[name], 0, begin, end), {})
             return self._call(aten.view.default, (part, size), {})
-
-    def _constant(self, tensor: Tensor) -> fx.Node:
-        name = f"constant_{len(list(self.root.buffers()))}"
-        self.root.register_buffer(name, tensor.detach().clone())
-        return self.graph.get_attr(name)
 
     def _placeholder(self, name: str, tensor: Tensor) -> fx.Node:
         self.inputs[name] = tensor.detach().clone()
@@ -223,6 +217,6 @@ class Recorder(TorchDispatchMode):
 
     def _note_writes(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> None:
         for tensor in written(func, args, kwargs):
-            name = self._state.get(storage(tensor))
+            name = self._names.get(storage(tensor))
             if name is not None:
                 self._changed[name] = None

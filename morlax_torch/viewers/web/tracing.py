@@ -69,18 +69,18 @@ class OnnxGraph(NamedTuple):
 class Traced(NamedTuple):
     """A control step as graphs; both read and change the state by name.
 
-    `before` maps an action to the control of the motors, `after` maps what the physics did to
-    observation, rewards and the end of the episode.
+    `before` maps an action to the control of the motors, `after` maps the state after the physics
+    to observation, rewards and the end of the episode.
     """
 
     before: OnnxGraph
     after: OnnxGraph
-    state: dict[str, Tensor]  # (size,) physics and task state: views of the environment's own
+    state: dict[str, Tensor]  # (size,) physics and task state: views of the environment's
     terms: tuple[str, ...]  # names of the reward terms
 
 
 def trace(env: Environment) -> Traced:
-    """Trace `env.step`; raises MorlaxError if the task does what no graph can express."""
+    """Trace `env.step`; raises MorlaxError if no graph can express the task."""
     try:
         return _traced(env)
     except MorlaxError as error:
@@ -104,7 +104,7 @@ def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
     for act in (lambda: env.step(action), env.reset):
         with Writes() as writes, torch.no_grad():
             act()
-        for memory, values in writes.found.items():
+        for memory, values in writes.storages.items():
             if memory not in named:
                 named.add(memory)
                 state[f"state_{len(state)}"] = values
@@ -159,72 +159,58 @@ def _graph(recorder: Recorder) -> OnnxGraph:
 def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
     """Compare the graphs with `env.step` for some episodes of random actions.
 
-    Returns the largest difference, relative where numbers exceed 1; raises MorlaxError if it is
-    more than TOLERANCE.
+    Both start each step from the task's state and get its draws. Returns the largest difference,
+    relative where numbers exceed 1; raises MorlaxError if it is more than TOLERANCE.
     """
-    replica = Replica(env, traced)
+    start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
+    sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
+    values: dict[str, np.ndarray] = {}  # of all inputs and outputs of the graphs, by name
+    simulate, largest = env.physics.step, 0.0
+
+    def copy(names: Iterable[str]) -> None:
+        values.update({name: traced.state[name].numpy().copy() for name in names})
+
+    def run(graph: OnnxGraph, draws: list[Tensor], results: Mapping[str, Tensor]) -> None:
+        nonlocal largest
+        values.update({name: x.numpy() for name, x in zip(graph.draws, draws, strict=True)})
+        inputs = {name: values[name] for name in graph.inputs}
+        outputs = sessions[id(graph)].run(None, inputs)
+        values.update(zip(graph.outputs, outputs, strict=True))
+        for name, exact in {**traced.state, **results}.items():
+            if name in graph.outputs:
+                largest = max(largest, _gap(env, name, exact.numpy(), values[name]))
+
+    def switch() -> None:
+        run(traced.before, draws.values, {})
+        draws.values.clear()
+        simulate()
+        copy(ARRAYS)
+
     for episode in range(EPISODES):
         env.reset()
-        for step in range(STEPS):
-            phase("checking the traced task", (episode * STEPS + step) / (EPISODES * STEPS))
-            draws = torch.rand(1, env.action_size, generator=generator, dtype=torch.float32)
-            action = 2 * draws - 1
-            replica.step(action if episode else torch.zeros_like(action))
-    return replica.largest
+        for number in range(STEPS):
+            phase("checking the traced task", (episode * STEPS + number) / (EPISODES * STEPS))
+            uniform = torch.rand(1, env.action_size, generator=generator, dtype=torch.float32)
+            action = 2 * uniform - 1 if episode else torch.zeros_like(uniform)
+            copy(traced.state)
+            values["action"] = action.numpy()
+            with Draws() as draws, torch.no_grad(), patch.object(env.physics, "step", switch):
+                step = env.step(action)
+            results = {name: getattr(step, name) for name in RESULTS}
+            results["terms"] = torch.stack([*step.terms.values()], -1)
+            run(traced.after, draws.values, results)
+    return largest
 
 
-class Replica:
-    """The traced step, run from copies of the task's state; `largest` is its largest difference."""
-
-    def __init__(self, env: Environment, traced: Traced):
-        self._env, self._traced, self.largest = env, traced, 0.0
-        self._values: dict[str, np.ndarray] = {}  # of all inputs and outputs, by name
-        start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
-        self._sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
-
-    def step(self, action: Tensor) -> None:
-        """Take one control step twice, and compare."""
-        env, (before, after, *_) = self._env, self._traced
-        simulate = env.physics.step
-        self._copy(self._traced.state)
-        self._values["action"] = action.numpy()
-
-        def switch() -> None:
-            self._run(before, draws.values)
-            draws.values.clear()
-            simulate()
-            self._copy(ARRAYS)
-
-        with Draws() as draws, torch.no_grad(), patch.object(env.physics, "step", switch):
-            step = env.step(action)
-        results = {name: getattr(step, name) for name in RESULTS}
-        self._run(after, draws.values, results | {"terms": torch.stack([*step.terms.values()], -1)})
-
-    def _copy(self, names: Iterable[str]) -> None:
-        for name in names:
-            self._values[name] = self._traced.state[name].numpy().copy()
-
-    def _run(
-        self, graph: OnnxGraph, draws: list[Tensor], results: Mapping[str, Tensor] | None = None
-    ) -> None:
-        """Run a graph on copies, with the task's draws; compare its outputs with the task."""
-        for name, drawn in zip(graph.draws, draws, strict=True):
-            self._values[name] = drawn.numpy()
-        inputs = {name: self._values[name] for name in graph.inputs}
-        outputs = self._sessions[id(graph)].run(None, inputs)
-        self._values |= dict(zip(graph.outputs, outputs, strict=True))
-        for name, exact in {**self._traced.state, **(results or {})}.items():
-            if name in graph.outputs:
-                self._compare(name, exact.numpy())
-
-    def _compare(self, name: str, exact: np.ndarray) -> None:
-        exact, traced = (x.astype(np.float64).ravel() for x in (exact, self._values[name]))
-        gaps = np.abs(exact - traced) / np.maximum(1.0, np.abs(exact))
-        gap = float(np.where(np.isnan(exact) & np.isnan(traced), 0.0, gaps).max(initial=0.0))
-        if not gap <= TOLERANCE:
-            raise cannot(
-                self._env,
-                f"its traced {name} differs by {gap:.1e}; keep all state in tensors that are "
-                "changed in place, and compute with torch only",
-            )
-        self.largest = max(self.largest, gap)
+def _gap(env: Environment, name: str, exact: np.ndarray, traced: np.ndarray) -> float:
+    """Return the largest difference, or raise MorlaxError if it is too large."""
+    exact, traced = (x.astype(np.float64).ravel() for x in (exact, traced))
+    gaps = np.abs(exact - traced) / np.maximum(1.0, np.abs(exact))
+    gap = float(np.where(np.isnan(exact) & np.isnan(traced), 0.0, gaps).max(initial=0.0))
+    if not gap <= TOLERANCE:
+        raise cannot(
+            env,
+            f"its traced {name} differs by {gap:.1e}; keep all state in tensors that are "
+            "changed in place, and compute with torch only",
+        )
+    return gap

@@ -3,6 +3,7 @@
 import gzip
 import json
 import os
+from collections import Counter
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -38,21 +39,16 @@ STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
 
 
-def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> dict[str, int]:
-    """Write a page on which policies act in a browser; return the size of each file, by its path.
+def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> int:
+    """Write a page on which policies act in a browser; return its size in bytes.
 
     The folder must be new or empty, and is complete or not there at all. `device` evaluates the
     front of a run that has none.
-
-    Raises:
-        MorlaxError: a run's task cannot run in a browser, a library cannot be downloaded, the extra
-            onnx is missing, or `folder` is in use or cannot be written.
     """
     folder = Path(os.path.abspath(folder))
     with making(folder) as draft:
         _write(runs, draft, device)
-    files = [path for path in folder.rglob("*") if path.is_file()]
-    return {path.relative_to(folder).as_posix(): path.stat().st_size for path in files}
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
@@ -62,7 +58,7 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
         (folder / "libraries" / name).write_bytes(data)
     shared = sum(_compress(file) for file in (folder / "libraries").glob("*.wasm"))
     listed: list[dict[str, Any]] = []
-    names: list[str] = []
+    titles = Counter[str]()
     for index, run in enumerate(runs):
         part = folder / f"runs/{index}"
         with within(Path(run).name):
@@ -70,25 +66,23 @@ def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
         # the page counts from when it shows the recording
         size = sum(_compress(file) for file in list(part.iterdir()) if file.name != START)
         _compress(part / START)
+        titles[robot["title"]] += 1
+        if (number := titles[robot["title"]]) > 1:  # tell runs of one task apart
+            robot["title"] += f" {number}"
         listed.append({"folder": f"runs/{index}", **robot, "bytes": size, "shared": shared})
-        names.append(robot["title"])
-        if names.count(robot["title"]) > 1:  # tell runs of one task apart
-            listed[-1]["title"] += f" {names.count(robot['title'])}"
     (folder / "runs.json").write_text(json.dumps(listed))
-    titles = ", ".join(robot["title"] for robot in listed)
+    heading = ", ".join(robot["title"] for robot in listed)
     for path, data in libraries.page_files().items():
         if path == "index.html":
-            data = data.replace(TITLE.encode(), escape(titles).encode())
+            data = data.replace(TITLE.encode(), escape(heading).encode())
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes(data)
 
 
 def _compress(file: Path) -> int:
-    """Compress a file in place; returns its new size.
-
-    The page decompresses it, because many web servers send files as they are. Servers that know
-    the usual endings of compressed files would decompress them a second time.
-    """
+    """Compress a file in place; return its new size."""
+    # for the page to decompress, since many web servers send files as they are; those that know
+    # the usual endings of compressed files would decompress them a second time
     packed = file.with_name(f"{file.name}.packed")
     packed.write_bytes(gzip.compress(file.read_bytes()))
     file.unlink()
@@ -96,10 +90,7 @@ def _compress(file: Path) -> int:
 
 
 def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, Any]:
-    """Write the files that the page needs of one run into a new folder, see `write_page`.
-
-    Returns the run's title and objectives, for a list of runs.
-    """
+    """Write the page's files of one run into a new folder; return its title and objectives."""
     policy = load(run)
     env, model = build(policy)
     phase("tracing the task")
@@ -187,17 +178,15 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
         "state": {name: str(values.dtype)[6:] for name, values in traced.state.items()},
         "before": _graph(traced.before),
         "after": _graph(traced.after),
-        "starts": [_start(env, traced) for _ in range(many)],
+        # observation and state after resets
+        "starts": [
+            {"observation": _numbers(env.reset())}
+            | {name: _numbers(values) for name, values in traced.state.items()}
+            for _ in range(many)
+        ],
         "command": command,
         "push": PUSH,
     }
-
-
-def _start(env: Environment, traced: Traced) -> dict[str, list[float]]:
-    """Return the whole state after a reset, and the first observation."""
-    observation = env.reset()
-    state = {name: _numbers(values) for name, values in traced.state.items()}
-    return {"observation": _numbers(observation), **state}
 
 
 def _graph(graph: OnnxGraph) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 // ONNX models with named inputs and outputs.
 
 import * as ort from "../libraries/ort.js";
-import { unpacked } from "../files.js";
+import { once, unpacked } from "../files.js";
 
 ort.env.wasm.numThreads = 1; // more need headers that static hosts do not send
 ort.env.logLevel = "error";
@@ -20,29 +20,15 @@ export function typed(type, numbers) {
   return ARRAYS[type].from(numbers, Number);
 }
 
-let start = null; // ONNX Runtime's own file is loaded once
-
-function started() {
-  start ??= unpacked(new URL("../libraries/ort.wasm", import.meta.url).href)
-    .then((file) => file.arrayBuffer())
-    .then((binary) => (ort.env.wasm.wasmBinary = binary))
-    .catch((error) => {
-      start = null;
-      throw error;
-    });
-  return start;
-}
+const started = once(async () => {
+  const file = await unpacked(new URL("../libraries/ort.wasm", import.meta.url).href);
+  ort.env.wasm.wasmBinary = await file.arrayBuffer();
+});
 
 export class Graph {
-  /**
-   * @param session of ONNX Runtime.
-   * @param inputs shape and type of each input, by name.
-   * @param outputs their names in order, without the prefix that the file gives them.
-   */
+  /** Inputs have a shape and a type, by name; outputs are names in order, without the file's prefix. */
   constructor(session, inputs, outputs) {
-    this.session = session;
-    this.inputs = inputs;
-    this.outputs = outputs;
+    Object.assign(this, { session, inputs, outputs });
   }
 
   static async load(address, inputs, outputs) {
@@ -55,8 +41,8 @@ export class Graph {
   async run(read) {
     const feeds = {};
     for (const [name, { shape, type }] of Object.entries(this.inputs)) {
-      const given = read(name);
-      const data = given instanceof ARRAYS[type] ? given : typed(type, given);
+      const numbers = read(name);
+      const data = numbers instanceof ARRAYS[type] ? numbers : typed(type, numbers);
       feeds[name] = new ort.Tensor(type, data, shape);
     }
     const results = await this.session.run(feeds);

@@ -1,7 +1,6 @@
 // Moves robots in this browser: the page needs no server. See `Remote` for the other engine.
 
-import { MOST } from "../colors.js";
-import { keeping, requirable } from "../requirements.js";
+import { MOST, keeping, requirable } from "../tradeoffs.js";
 import { Simulation } from "./simulation.js";
 
 const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
@@ -91,12 +90,20 @@ export class Local {
     for (const robot of this.left.splice(0)) await robot.release(this.robots.length === 0);
     const { dt } = this.about;
     if (!this.paused) this.due += Math.min(elapsed, MOST_DELAY) * this.pace;
-    if (this.resets) this.#restart();
+    if (this.resets) {
+      this.resets = false;
+      for (const robot of this.robots) robot.reset();
+      this.listener.step();
+    }
     const begin = performance.now();
     while (this.due >= dt && performance.now() - begin < 1000 * MOST_DELAY) {
       this.due -= dt;
       const { robots } = this;
-      for (const robot of robots) await this.#step(robot);
+      for (const robot of robots) {
+        if (robot.over) robot.restart();
+        await robot.step();
+        if (robot.over) this.listener.tell(OVER[robot.over]);
+      }
       if (robots === this.robots) this.listener.step();
     }
     this.due = Math.min(this.due, dt);
@@ -107,18 +114,6 @@ export class Local {
   async release() {
     this.left.push(...this.robots.splice(0));
     await this.advance(0);
-  }
-
-  async #step(robot) {
-    if (robot.over) robot.restart();
-    await robot.step();
-    if (robot.over) this.listener.tell(OVER[robot.over]);
-  }
-
-  #restart() {
-    this.resets = false;
-    for (const robot of this.robots) robot.reset();
-    this.listener.step();
   }
 
   /** Show other robots, which all start anew. */

@@ -1,7 +1,6 @@
 // A recorded robot, which repeats itself while the page loads the robot itself; see `Local`.
 
-import { unpacked } from "../files.js";
-import { arraysOf } from "./arrays.js";
+import { arraysOf, unpacked } from "../files.js";
 
 const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
 

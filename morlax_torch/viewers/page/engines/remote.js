@@ -1,7 +1,6 @@
 // Robots that a server moves: `morlax explore` and `morlax teach`. See `Local` for the other engine.
 
-import { Problem } from "../files.js";
-import { arraysOf } from "./arrays.js";
+import { Problem, arraysOf } from "../files.js";
 
 const [MODEL, FRAME] = [0, 1]; // first number of a message that is not JSON
 const AGAIN = 1000; // ms until a lost connection is tried again
@@ -28,6 +27,7 @@ export class Remote {
       require: ["index", "level"],
       maximize: ["index"],
       answer: ["preferred"],
+      bookmark: ["name"],
     };
     for (const [act, names] of Object.entries(acts)) {
       Remote.prototype[act] = function (...values) {
@@ -100,10 +100,6 @@ export class Remote {
     this.#send({ act: "open", run, checkpoint });
   }
 
-  keep(name) {
-    this.#send({ act: "bookmark", name });
-  }
-
   /** Return the share of the way from the former frame's poses to the latest. */
   async advance() {
     return Math.min((performance.now() - this.arrived) / this.interval, 1);
@@ -141,21 +137,17 @@ export class Remote {
     const [kind] = new Int32Array(buffer, 0, 1);
     if (kind === MODEL && this.next) this.next.model = arraysOf(buffer, 4);
     else if (kind === MODEL) this.changed = arraysOf(buffer, 4); // another body of the same robot
-    const known = this.next ?? this;
-    if (kind !== FRAME || !known.model) return;
+    const target = this.next ?? this;
+    if (kind !== FRAME || !target.model) return;
     const now = performance.now();
     this.interval = Math.min(Math.max(now - this.arrived, 10), 100);
     this.arrived = now;
     if (this.changed && !this.next) Object.assign(this, { model: this.changed, scene: { reshaped: true } });
     this.changed = null;
-    const poses = posesOf(new Float32Array(buffer, 4), known.model.nbody);
-    known.poses = poses;
-    if (this.next) {
-      this.#begin();
-    } else {
-      this.#join();
-      this.listener.step();
-    }
+    target.poses = posesOf(new Float32Array(buffer, 4), target.model.nbody);
+    if (this.next) return this.#begin();
+    this.#join();
+    this.listener.step();
   }
 
   /** Go on with another run, all parts of which have come. */

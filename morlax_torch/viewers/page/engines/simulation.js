@@ -1,25 +1,26 @@
 // One robot: MuJoCo's physics, the task's own step as ONNX graphs, and the family of policies.
 
 import loadMujoco from "../libraries/mujoco.js";
-import { unpacked } from "../files.js";
+import { once, unpacked } from "../files.js";
 import { Graph, typed } from "./graphs.js";
-import { draw, normal } from "./random.js";
 
-let engine = null; // MuJoCo is loaded once for all robots
+// the draws of tasks: "uniform" or "integer" in [low, high), or "normal"
+const DRAWS = {
+  uniform: (low, high) => low + (high - low) * Math.random(),
+  normal: (mean, deviation) => mean + deviation * normal(),
+  integer: (low, high) => Math.floor(low + (high - low) * Math.random()),
+};
 
-async function mujoco() {
-  engine ??= start().catch((error) => {
-    engine = null; // the next robot tries again
-    throw error;
-  });
-  return engine;
+function normal() {
+  const radius = Math.sqrt(-2 * Math.log(1 - Math.random()));
+  return radius * Math.cos(2 * Math.PI * Math.random());
 }
 
-async function start() {
+const mujoco = once(async () => {
   const file = await unpacked(new URL("../libraries/mujoco.wasm", import.meta.url).href);
   const wasmBinary = await file.arrayBuffer();
   return loadMujoco({ wasmBinary, print: () => {}, printErr: () => {} });
-}
+});
 
 export class Simulation {
   /** Load the robot of a folder that `pack --web` wrote. */
@@ -42,10 +43,7 @@ export class Simulation {
   }
 
   constructor(engine, model, about, graphs) {
-    this.engine = engine;
-    this.model = model;
-    this.about = about;
-    this.graphs = graphs;
+    Object.assign(this, { engine, model, about, graphs });
     this.data = new engine.MjData(model);
     this.tradeoff = about.objectives.map(() => 1 / about.objectives.length);
     this.command = about.command?.initial.slice() ?? [];
@@ -114,25 +112,20 @@ export class Simulation {
   /** Take one control step of `about.dt` seconds. */
   async step() {
     const { policy, before, after } = this.graphs;
-    const given = { observation: this.observation, tradeoff: this.tradeoff };
-    const { action } = await policy.run((name) => given[name]);
-    return this.act(action, before, after);
-  }
-
-  /** Take one control step with the given action. */
-  async act(action, before = this.graphs.before, after = this.graphs.after) {
+    const inputs = { observation: this.observation, tradeoff: this.tradeoff };
+    const { action } = await policy.run((name) => inputs[name]);
     this.values.action = action;
-    this.#tell();
+    this.command.forEach((value, i) => (this.values.command[this.about.command.offset + i] = value));
     this.#keep(await before.run((name) => this.#read(name, this.about.before)));
     for (let i = 0; i < this.about.substeps; i++) this.engine.mj_step(this.model, this.data);
-    const found = await after.run((name) => this.#read(name, this.about.after));
-    this.#keep(found);
-    this.observation = Float32Array.from(found.observation);
-    this.returns = this.returns.map((sum, i) => sum + found.reward[i]);
+    const results = await after.run((name) => this.#read(name, this.about.after));
+    this.#keep(results);
+    this.observation = Float32Array.from(results.observation);
+    this.returns = this.returns.map((sum, i) => sum + results.reward[i]);
     this.steps += 1;
-    if (found.terminated[0]) this.over = "fell";
-    else if (found.truncated[0]) this.over = "time";
-    this.last = { action, reward: Array.from(found.reward), terms: Array.from(found.terms) };
+    if (results.terminated[0]) this.over = "fell";
+    else if (results.truncated[0]) this.over = "time";
+    this.last = { action, reward: Array.from(results.reward), terms: Array.from(results.terms) };
     this.#place();
     return this.last;
   }
@@ -157,7 +150,7 @@ export class Simulation {
     if (name in graph.draws) {
       const { kind, parameters } = graph.draws[name];
       const size = graph.inputs[name].shape.reduce((a, b) => a * b, 1);
-      return draw(kind, parameters, size);
+      return Array.from({ length: size }, () => DRAWS[kind](...parameters));
     }
     const field = this.about.physics[name];
     return field ? this.data[field] : this.values[name];
@@ -174,10 +167,6 @@ export class Simulation {
       if (this.about.physics[name]) this.data[this.about.physics[name]].set(numbers);
       else this.values[name] = numbers;
     }
-  }
-
-  #tell() {
-    this.command.forEach((value, i) => (this.values.command[this.about.command.offset + i] = value));
   }
 
   /** Bring the bodies' poses up to date with the positions, for whoever draws them. */

@@ -1,26 +1,23 @@
 // "A or B?": the visitor compares two robots, and sees what the answers tell.
 
-import { robotColor } from "../colors.js";
-import { chip, short } from "../pictures.js";
+import { $, chip, isNews, short } from "../pictures.js";
+import { robotColor } from "../tradeoffs.js";
 
-const $ = (id) => document.getElementById(id);
 const SIDES = ["A", "B"];
+const ENDS = { use: "use this trade-off", again: "start again", leave: "back" };
 
 export class AskingPanel {
   constructor(engine) {
     this.engine = engine;
-    this.key = null;
     const answers = SIDES.map((side, i) => chip(side, "", () => engine.answer(i), robotColor(i)));
     $("answers").replaceChildren(...answers, chip("skip", "", () => engine.press("skip")));
-    const ends = ["use", "again", "leave"].map((name) => chip(ENDS[name], "", () => engine.press(name)));
+    const ends = Object.entries(ENDS).map(([name, text]) => chip(text, "", () => engine.press(name)));
     $("asking-ends").replaceChildren(...(engine.about.objectives.length ? ends : []));
   }
 
   show() {
     const { asking } = this.engine;
-    const key = JSON.stringify(asking);
-    if (key === this.key) return;
-    this.key = key;
+    if (!isNews(this, asking)) return;
     $("asking-section").hidden = !asking;
     document.body.classList.toggle("asking", Boolean(asking));
     if (!asking) return;
@@ -52,5 +49,3 @@ export class AskingPanel {
     return `You seem to like ${parts.join(", ")} (${Math.round(100 * confidence)} % sure; ${rest}).`;
   }
 }
-
-const ENDS = { use: "use this trade-off", again: "start again", leave: "back" };

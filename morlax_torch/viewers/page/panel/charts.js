@@ -1,9 +1,8 @@
 // Lines of the last seconds: returns, velocity and power of the steered robot.
 
-import { colorOf } from "../colors.js";
-import { html, short, svg } from "../pictures.js";
+import { $, html, short, svg } from "../pictures.js";
+import { colorOf } from "../tradeoffs.js";
 
-const $ = (id) => document.getElementById(id);
 const SECONDS = 20;
 const [WIDTH, HEIGHT, LEFT] = [380, 84, 50];
 const INTERVAL = 0.05; // s between samples
@@ -20,8 +19,9 @@ export class Charts {
       { title: "mechanical power (W)", names: ["power"], colors: plain, of: (r) => [r.power] },
     ].filter(({ names }) => names.length);
     const drawn = this.charts.map((chart) => {
-      chart.drawing = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart", role: "img" });
-      chart.drawing.setAttribute("aria-label", `${chart.title} of the last ${SECONDS} s`);
+      const label = `${chart.title} of the last ${SECONDS} s`;
+      const look = { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart", role: "img", "aria-label": label };
+      chart.drawing = svg("svg", look);
       return html("figure", {}, caption(chart), chart.drawing);
     });
     $("charts").replaceChildren(...drawn);
@@ -67,7 +67,7 @@ export class Charts {
     });
     const ends = this.ends.map((end) => svg("line", { x1: x(end), x2: x(end), y1: 0, y2: HEIGHT, class: "end-mark" }));
     const scale = [low, high].map((value) => {
-      return svg("text", { x: LEFT - 6, y: y(value) + 4, class: "tick end" }, short(value));
+      return svg("text", { x: LEFT - 6, y: y(value) + 4, class: "tick", "text-anchor": "end" }, short(value));
     });
     drawing.replaceChildren(...ends, ...lines, ...scale);
   }
@@ -75,10 +75,8 @@ export class Charts {
 
 /** Return the title of a chart, and its lines' names if there are several. */
 function caption({ title, names, colors }) {
-  const lines = names.length < 2 ? [] : names.map((name, k) => {
-    const line = html("span", { className: "dot", textContent: name });
-    line.style.setProperty("--color", colors[k]);
-    return line;
+  const lines = names.length < 2 ? [] : names.map((textContent, k) => {
+    return html("span", { className: "dot", textContent, style: `--color: ${colors[k]}` });
   });
   return html("figcaption", {}, title, ...lines);
 }

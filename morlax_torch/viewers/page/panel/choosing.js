@@ -1,11 +1,8 @@
 // Choose a trade-off by what its policy must reach: returns of an episode, or measured quantities.
 
-import { colorOf } from "../colors.js";
-import { percent, short } from "../pictures.js";
-import { requirable } from "../requirements.js";
+import { $, isNews, percent, short } from "../pictures.js";
+import { colorOf, requirable } from "../tradeoffs.js";
 import { Sliders } from "./sliders.js";
-
-const $ = (id) => document.getElementById(id);
 
 export class ChoosingPanel {
   /** @param settled called when thresholds have changed. */
@@ -32,7 +29,7 @@ export class ChoosingPanel {
         engine.require(this.numbers[i].index, isFree(this.rows[i], value) ? null : value);
       }
       this.asked = {};
-      this.key = null;
+      this.facts = null;
       settled();
     };
     this.sliders = new Sliders(this.rows, move, done);
@@ -45,9 +42,7 @@ export class ChoosingPanel {
 
   show() {
     const { choosing } = this.engine;
-    const key = JSON.stringify(choosing);
-    if (key === this.key || !choosing || Object.keys(this.asked).length) return;
-    this.key = key;
+    if (!choosing || Object.keys(this.asked).length || !isNews(this, choosing)) return;
     this.sliders.show(this.#values());
     $("maximize").value = choosing.maximized;
     $("free").hidden = !Object.keys(choosing.levels).length;

@@ -1,9 +1,8 @@
 // Returns of the running episode, and how the former one ended.
 
-import { colorOf, robotColor } from "../colors.js";
-import { html, short } from "../pictures.js";
+import { $, html, short } from "../pictures.js";
+import { colorOf, robotColor } from "../tradeoffs.js";
 
-const $ = (id) => document.getElementById(id);
 const CALM = 0.05; // share of a new reward in the smoothed one
 
 export class Episode {
@@ -27,7 +26,10 @@ export class Episode {
       cell.textContent = steered.terms ? amount(steered.terms[i]) : "–";
     });
     const { ended } = robots[selected];
-    $("ended").textContent = ended ? this.#described(ended, about.objectives) : "";
+    const sums = about.objectives.map((name, i) => `${name} ${amount(ended?.returns[i] ?? 0)}`).join(", ");
+    $("ended").textContent = ended
+      ? `The last episode ${ended.fell ? "failed" : "ended"} after ${ended.seconds.toFixed(1)} s: ${sums}.`
+      : "";
   }
 
   /** Show smoothed rewards per second. */
@@ -49,24 +51,16 @@ export class Episode {
     this.rates = names.map(() => null);
     this.counted = this.former = undefined;
     const titles = number === 1 ? ["return", "per second"] : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
-    const head = titles.map((text, i) => {
-      const title = html("th", { textContent: text });
-      title.classList.toggle("dot", number > 1);
-      title.style.setProperty("--color", robotColor(i));
-      return title;
+    const head = titles.map((textContent, i) => {
+      const className = number > 1 ? "dot" : "";
+      return html("th", { textContent, className, style: `--color: ${robotColor(i)}` });
     });
     this.cells = names.map(() => titles.map(() => html("td")));
-    const rows = names.map((name, i) => {
-      const title = html("th", { textContent: name, className: "objective" });
-      title.style.setProperty("--color", colorOf(i));
+    const rows = names.map((textContent, i) => {
+      const title = html("th", { textContent, className: "objective", style: `--color: ${colorOf(i)}` });
       return html("tr", {}, title, ...this.cells[i]);
     });
     $("episode").replaceChildren(html("tr", {}, html("td"), ...head), ...rows);
-  }
-
-  #described({ returns, seconds, fell }, names) {
-    const sums = names.map((name, i) => `${name} ${amount(returns[i])}`);
-    return `The last episode ${fell ? "failed" : "ended"} after ${seconds.toFixed(1)} s: ${sums.join(", ")}.`;
   }
 }
 

@@ -1,19 +1,14 @@
 // The map of policies: two objectives against each other, and every point is a trade-off to pick.
 
 import { html, onDrag, percent, short, svg, ticks } from "../pictures.js";
-import { mixed } from "../colors.js";
+import { mixed } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT] = [380, 300];
 const [LEFT, RIGHT, TOP, BOTTOM] = [50, 12, 12, 40]; // margins
 const NEAR = 14; // from the pointer to a point that it asks about
 
 export class FrontPlot {
-  /**
-   * @param front tradeoffs, axes and their values, which are best and which fail.
-   * @param names of all objectives.
-   * @param axes indices of the two axes to show.
-   * @param pick called with a trade-off that a visitor clicks, drags or steps to.
-   */
+  /** Show two axes of a front, by index; `pick` is called with the trade-off that a visitor chooses. */
   constructor(front, names, axes, pick) {
     Object.assign(this, { front, names, axes, pick });
     this.ranges = axes.map((i) => paddedRange(front.values.map((v) => v[i])));
@@ -36,16 +31,11 @@ export class FrontPlot {
     this.drawing.addEventListener("keydown", (event) => this.#step(event));
   }
 
-  /**
-   * Mark where trade-offs lie: at the evaluated ones that are nearest.
-   *
-   * @param marks weights, fill and outline of each; the last one is the visitor's own.
-   */
+  /** Mark the evaluated trade-offs that are nearest to given ones; the last is the visitor's own. */
   show(marks) {
-    const places = marks.map(({ weights }) => lowest(this.front.tradeoffs, (w) => distance(w, weights)));
-    this.nearest = places.at(-1) ?? 0;
-    const circles = marks.map(({ fill, outline }, i) => {
-      const [cx, cy] = this.places[places[i]];
+    const circles = marks.map(({ weights, fill, outline }) => {
+      this.nearest = lowest(this.front.tradeoffs, (w) => distance(w, weights));
+      const [cx, cy] = this.places[this.nearest];
       return svg("circle", { cx, cy, r: 7.5, fill, stroke: outline, class: "mark" });
     });
     this.marks.replaceChildren(...circles);
@@ -96,7 +86,8 @@ export class FrontPlot {
     event.preventDefault();
     const here = lowest(this.along, (i) => distance(this.places[i], this.places[this.nearest]));
     const next = Math.min(Math.max(here + way, 0), this.along.length - 1);
-    this.pick(this.front.tradeoffs[this.along[next]]);
+    this.nearest = this.along[next]; // further keys may come before the next frame
+    this.pick(this.front.tradeoffs[this.nearest]);
   }
 
   #at([x, y]) {
@@ -126,18 +117,18 @@ export class FrontPlot {
     for (const value of ticks(left, right)) {
       const [x] = this.#at([value, bottom]);
       parts.push(svg("line", { x1: x, x2: x, y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
-      parts.push(svg("text", { x, y: HEIGHT - BOTTOM + 15, class: "tick middle" }, short(value)));
+      parts.push(svg("text", { x, y: HEIGHT - BOTTOM + 15, class: "tick", "text-anchor": "middle" }, short(value)));
     }
     for (const value of ticks(bottom, top)) {
       const [, y] = this.#at([left, value]);
       parts.push(svg("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: y, y2: y, class: "grid" }));
-      parts.push(svg("text", { x: LEFT - 6, y: y + 3.5, class: "tick end" }, short(value)));
+      parts.push(svg("text", { x: LEFT - 6, y: y + 3.5, class: "tick", "text-anchor": "end" }, short(value)));
     }
     const [x, y] = [(LEFT + WIDTH - RIGHT) / 2, (TOP + HEIGHT - BOTTOM) / 2];
     const [across, up] = this.axes.map((i) => this.front.axes[i]);
-    parts.push(svg("text", { x, y: HEIGHT - 6, class: "axis middle" }, across));
-    const turned = `translate(11 ${y}) rotate(-90)`;
-    parts.push(svg("text", { transform: turned, class: "axis middle" }, up));
+    const look = { class: "axis", "text-anchor": "middle" };
+    parts.push(svg("text", { x, y: HEIGHT - 6, ...look }, across));
+    parts.push(svg("text", { transform: `translate(11 ${y}) rotate(-90)`, ...look }, up));
     return parts;
   }
 }
@@ -151,17 +142,10 @@ function paddedRange(values) {
 }
 
 /** Return the squared distance of two points. */
-function distance(a, b) {
-  return a.reduce((sum, x, i) => sum + (x - b[i]) ** 2, 0);
-}
+const distance = (a, b) => a.reduce((sum, x, i) => sum + (x - b[i]) ** 2, 0);
 
 /** Return the index of the item with the lowest score. */
 function lowest(items, score) {
-  let best = 0;
-  let least = Infinity;
-  items.forEach((item, i) => {
-    const found = score(item, i);
-    if (found < least) [best, least] = [i, found];
-  });
-  return best;
+  const scores = items.map(score);
+  return scores.indexOf(Math.min(...scores));
 }

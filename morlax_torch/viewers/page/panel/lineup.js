@@ -1,23 +1,19 @@
 // Several robots to compare: which one the sliders steer, and their names.
 
-import { MOST, robotColor } from "../colors.js";
-import { chip } from "../pictures.js";
+import { $, chip, isNews } from "../pictures.js";
+import { MOST, robotColor } from "../tradeoffs.js";
 
-const $ = (id) => document.getElementById(id);
 const FEW = 6; // weights in all names together; more would overlap on a phone
 
 export class LineupPanel {
   constructor(engine) {
     this.engine = engine;
-    this.key = null;
   }
 
   show() {
     const { robots, selected, asking } = this.engine;
     $("robots-section").hidden = Boolean(asking);
-    const key = JSON.stringify([robots.length, selected, Boolean(asking)]);
-    if (key === this.key) return;
-    this.key = key;
+    if (!isNews(this, robots.length, selected)) return;
     $("robots").replaceChildren(...this.#buttons(robots.length, selected));
   }
 
@@ -36,20 +32,14 @@ export class LineupPanel {
   }
 }
 
-/** The names above several robots. */
-export class RobotNames {
-  constructor(engine) {
-    this.engine = engine;
-  }
-
-  show() {
-    const { names, robots, selected } = this.engine;
-    [...$("names").children].forEach((label, i) => {
-      const text = names?.[i] ?? `${i + 1}: ${brief(robots[i], this.engine)}`;
-      if (label.textContent !== text) label.textContent = text;
-      label.classList.toggle("chosen", !names && i === selected);
-    });
-  }
+/** Show the names above several robots. */
+export function showNames(engine) {
+  const { names, robots, selected } = engine;
+  [...$("names").children].forEach((label, i) => {
+    const text = names?.[i] ?? `${i + 1}: ${brief(robots[i], engine)}`;
+    if (label.textContent !== text) label.textContent = text;
+    label.classList.toggle("chosen", !names && i === selected);
+  });
 }
 
 /** Return a robot's trade-off; of many weights, only the greatest. */

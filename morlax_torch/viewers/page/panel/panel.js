@@ -1,43 +1,38 @@
 // The panel beside the robots: everything of one run.
 
-import { colorOf, mixed, robotColor } from "../colors.js";
 import { AskingPanel } from "./asking.js";
 import { Charts } from "./charts.js";
 import { ChoosingPanel } from "./choosing.js";
 import { Episode } from "./episode.js";
 import { FrontPlot } from "./front.js";
-import { LineupPanel, RobotNames } from "./lineup.js";
-import { html, percent } from "../pictures.js";
-import { keeping } from "../requirements.js";
-import { RunLists } from "./runs.js";
-import { SavingPanel } from "./saving.js";
+import { LineupPanel, showNames } from "./lineup.js";
+import { $, html, isNews, percent } from "../pictures.js";
+import { colorOf, keeping, mixed, moved, robotColor } from "../tradeoffs.js";
+import { RunLists, SavingPanel } from "./runs.js";
 import { Sliders } from "./sliders.js";
 import { Triangle } from "./triangle.js";
 import { TypedWeights } from "./typing.js";
-import { moved } from "./weights.js";
 
-const $ = (id) => document.getElementById(id);
 const KINDS = { velocity: "velocity", command: "command", contacts: "contact forces", trail: "trail" };
 
 export class Panel {
-  /**
-   * @param engine that moves the robots.
-   * @param stage that shows them.
-   * @param settled called when a visitor has chosen a trade-off, and lets go of a slider or plot.
-   */
+  /** `settled` is called when a visitor has chosen a trade-off, and lets go of a slider or plot. */
   constructor(engine, stage, settled) {
     Object.assign(this, { engine, stage });
     const { about } = engine;
     this.names = about.objectives;
     this.front = about.front ?? null;
-    this.parts = [new AskingPanel(engine), new RobotNames(engine)];
+    this.parts = [new AskingPanel(engine)];
     if (engine.can.open) this.parts.push(new RunLists(engine));
     this.plots = [];
     const sections = ["robots", "tradeoff", "front", "episode"].map((name) => $(`${name}-section`));
     for (const section of sections) section.hidden = this.names.length === 0;
     $("choosing-section").hidden = !this.front || this.names.length === 0;
-    this.#showCommand(about.command);
-    this.#showDesign(about.design);
+    const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
+    const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
+    const measure = () => engine.press("measure");
+    this.command = this.#showNumbers("command", about.command?.limits, rounded, tell);
+    this.design = this.#showNumbers("design", about.design, precise, reshape, measure);
     this.#showKinds(about);
     if (!this.names.length) return;
     const choose = (weights) => {
@@ -60,22 +55,20 @@ export class Panel {
   show() {
     const { engine } = this;
     for (const part of this.parts) part.show();
+    showNames(engine);
     if (!this.names.length) return;
     const { steered, robots, selected, asking, choosing } = engine;
     this.weights.show(steered.tradeoff);
     this.command?.show(engine.command);
     this.design?.show(engine.state.design);
     $("front-section").classList.toggle("stale", this.design !== undefined && !engine.state.measured);
-    const key = JSON.stringify([robots.map((r) => r.tradeoff), selected, asking, choosing?.levels]);
-    if (key === this.shown || !this.front) return;
-    this.shown = key;
+    const tradeoffs = robots.map(({ tradeoff }) => tradeoff);
+    if (!this.front || !isNews(this, tradeoffs, selected, asking, choosing?.levels)) return;
     const others = robots.map((_, i) => i).filter((i) => i !== selected || asking);
-    const mark = (i, weights) => {
+    const marks = (asking ? others : [...others, selected]).map((i) => {
       const outline = robots.length > 1 ? robotColor(i) : "#fff";
-      return { weights, fill: mixed(weights), outline };
-    };
-    const marks = others.map((i) => mark(i, robots[i].tradeoff));
-    if (!asking) marks.push(mark(selected, steered.tradeoff));
+      return { weights: robots[i].tradeoff, fill: mixed(robots[i].tradeoff), outline };
+    });
     for (const plot of this.plots) plot.show(marks);
     this.map?.limit(this.#standing());
   }
@@ -99,26 +92,15 @@ export class Panel {
     $("weights").replaceChildren(...this.weights.elements);
   }
 
-  #showCommand(command) {
-    $("command-section").hidden = !command;
-    if (!command) return;
-    const rows = Object.entries(command.limits).map(([unit, limits]) => {
-      return { name: unit, limits, color: "var(--ink)", format: (value) => value.toFixed(2) };
-    });
-    this.command = new Sliders(rows, (index, value) => this.engine.tell(index, value));
-    $("command").replaceChildren(...this.command.elements);
-  }
-
-  #showDesign(parameters) {
-    $("design-section").hidden = !parameters;
-    if (!parameters) return;
-    const { engine } = this;
-    const rows = Object.entries(parameters).map(([name, limits]) => {
-      return { name, limits, color: "var(--ink)", format: (value) => value.toPrecision(3) };
-    });
-    const move = (index, value) => engine.reshape(index, value);
-    this.design = new Sliders(rows, move, () => engine.press("measure"));
-    $("design").replaceChildren(...this.design.elements);
+  /** Show sliders for numbers with ranges in their section, or hide it; returns them. */
+  #showNumbers(id, ranges, format, move, done) {
+    $(`${id}-section`).hidden = !ranges;
+    if (!ranges) return undefined;
+    const look = { color: "var(--ink)", format };
+    const rows = Object.entries(ranges).map(([name, limits]) => ({ name, limits, ...look }));
+    const sliders = new Sliders(rows, move, done);
+    $(id).replaceChildren(...sliders.elements);
+    return sliders;
   }
 
   #showKinds(about) {
@@ -150,7 +132,7 @@ export class Panel {
       this.map = new FrontPlot(this.front, this.names, axes, choose);
       $("front").replaceChildren(this.map.element);
       this.plots = [...this.triangle, this.map];
-      this.shown = null;
+      this.facts = null;
     };
     if (this.front.axes.length > 2) $("axes").replaceChildren(...axisChoosers(this.front, draw));
     draw(this.front.pair);
@@ -163,9 +145,7 @@ function axisChoosers(front, draw) {
     const options = front.axes.map((name, i) => {
       return new Option(name.replace(" per second", ""), i, false, i === front.pair[first]);
     });
-    const list = html("select", {}, ...options);
-    list.setAttribute("aria-label", first ? "Vertical axis" : "Horizontal axis");
-    return list;
+    return html("select", { ariaLabel: first ? "Vertical axis" : "Horizontal axis" }, ...options);
   });
   const [across, up] = lists;
   const chosen = () => lists.map((list) => Number(list.value));

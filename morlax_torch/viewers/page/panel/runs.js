@@ -1,12 +1,12 @@
-// The lists of runs and of a run's checkpoints, where a server has them.
+// What a server adds: the lists of runs and of a run's checkpoints, and files that it writes.
 
-const $ = (id) => document.getElementById(id);
+import { $, isNews } from "../pictures.js";
+
 const WIDE = 26; // characters of a run's name that a phone shows
 
 export class RunLists {
   constructor(engine) {
     this.engine = engine;
-    this.key = null;
     $("run").onchange = () => this.#open($("run").value);
     $("checkpoint-list").onchange = () => this.#open(engine.state.run, $("checkpoint-list").value);
   }
@@ -14,14 +14,12 @@ export class RunLists {
   /** Ask for another run; until it has come, the lists say what is shown. */
   #open(run, checkpoint) {
     this.engine.open(run, checkpoint);
-    this.key = null;
+    this.facts = null;
   }
 
   show() {
     const { runs, run, checkpoints, checkpoint } = this.engine.state;
-    const key = JSON.stringify([runs, run, checkpoints, checkpoint]);
-    if (key === this.key || !runs) return;
-    this.key = key;
+    if (!runs || !isNews(this, runs, run, checkpoints, checkpoint)) return;
     $("title").classList.add("spoken");
     $("run").hidden = false;
     const labels = shortened(Object.values(runs));
@@ -45,4 +43,23 @@ function shortened(names) {
     const end = ends.find(({ length }) => length <= WIDE) ?? ends.at(-1);
     return name.length > WIDE && end ? `…/${end}` : name;
   });
+}
+
+export class SavingPanel {
+  constructor(engine) {
+    this.engine = engine;
+    $("export").title = "Write the policy of this trade-off as ONNX, like morlax export";
+    $("export").onclick = () => engine.press("export");
+    $("card").title = "Try the choice under pushes and other conditions, and write a page about it";
+    $("card").onclick = () => engine.press("card");
+  }
+
+  show() {
+    const { saving, choosing } = this.engine;
+    if (!isNews(this, saving, Boolean(choosing?.found))) return;
+    $("export").hidden = !saving;
+    $("card").hidden = !saving || !choosing?.found;
+    $("export").disabled = $("card").disabled = Boolean(saving?.busy);
+    $("saved").textContent = saving?.text ?? "";
+  }
 }

@@ -3,16 +3,11 @@
 import { html } from "../pictures.js";
 
 export class Sliders {
-  /**
-   * @param rows name, limits, color and format of each slider; also its note (title) and spoken label.
-   * @param move called with index and value while a visitor drags.
-   * @param done called when the visitor lets go.
-   */
+  /** `move` is called with index and value while a visitor drags, `done` when he or she lets go. */
   constructor(rows, move, done = () => {}) {
     this.rows = rows;
-    this.inputs = rows.map(({ name, label = name, limits: [min, max] }, index) => {
-      const input = html("input", { type: "range", min, max, step: (max - min) / 200 });
-      input.setAttribute("aria-label", label);
+    this.inputs = rows.map(({ name, limits: [min, max] }, index) => {
+      const input = html("input", { type: "range", min, max, step: (max - min) / 200, ariaLabel: name });
       input.addEventListener("input", () => move(index, Number(input.value)));
       input.addEventListener("change", done);
       return input;

@@ -1,8 +1,7 @@
 // For talks: the robot alone on the whole screen, and bookmarks as stops with captions.
 
-import { html } from "../pictures.js";
+import { $, html } from "../pictures.js";
 
-const $ = (id) => document.getElementById(id);
 const WAYS = { ArrowRight: 1, PageDown: 1, ArrowLeft: -1, PageUp: -1 }; // also of a presenter
 
 export class Talk {

@@ -1,7 +1,7 @@
 // The trade-offs of three objectives as a triangle: each corner is one objective alone.
 
 import { onDrag, svg } from "../pictures.js";
-import { colorOf, mixed } from "../colors.js";
+import { mixed } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT] = [320, 236];
 const CORNERS = [[160, 26], [50, 208], [270, 208]];
@@ -13,8 +13,7 @@ export class Triangle {
     this.pick = pick;
     this.marks = svg("g");
     const [top, left, right] = CORNERS;
-    const label = (text, [x, y], anchor, color) =>
-      svg("text", { x, y, class: `corner ${anchor}`, style: `--color: ${color}` }, text);
+    const label = (i, [x, y]) => svg("text", { x, y, class: "corner", "text-anchor": "middle" }, names[i]);
     this.element = svg(
       "svg",
       {
@@ -25,9 +24,9 @@ export class Triangle {
       },
       ...colors(),
       svg("polygon", { points: CORNERS.map(String).join(" "), class: "edge" }),
-      label(names[0], [top[0], top[1] - 10], "middle", colorOf(0)),
-      label(names[1], [left[0], left[1] + 20], "middle", colorOf(1)),
-      label(names[2], [right[0], right[1] + 20], "middle", colorOf(2)),
+      label(0, [top[0], top[1] - 10]),
+      label(1, [left[0], left[1] + 20]),
+      label(2, [right[0], right[1] + 20]),
       this.marks,
     );
     onDrag(this.element, (place) => this.#choose(place));
@@ -70,7 +69,7 @@ function colors() {
     const middle = [0, 1, 2].map((k) => weights.reduce((sum, w) => sum + w[k] / 3, 0));
     const fill = mixed(middle);
     const points = weights.map((w) => String(at(w))).join(" ");
-    parts.push(svg("polygon", { points, fill, stroke: fill, class: "cell" }));
+    parts.push(svg("polygon", { points, fill, stroke: fill, "stroke-width": 0.6 }));
   };
   for (let i = 0; i < GRAIN; i++) {
     for (let j = 0; i + j < GRAIN; j++) {

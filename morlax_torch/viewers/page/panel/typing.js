@@ -1,15 +1,13 @@
 // A trade-off as text, the corners and the balance as buttons, and bookmarks.
 
-import { colorOf } from "../colors.js";
-import { chip } from "../pictures.js";
-import { even, parsed, shown } from "./weights.js";
+import { $, chip, isNews } from "../pictures.js";
+import { colorOf, even, parsed, shown } from "../tradeoffs.js";
 
-const $ = (id) => document.getElementById(id);
 const TOLD = 1500; // ms that "copied" is shown
 const CALM = 1000; // ms after a key until the field follows others again
 
 export class TypedWeights {
-  /** @param choose called with a trade-off that a visitor types or presses. */
+  /** `choose` is called with a trade-off that a visitor types or presses. */
   constructor(engine, choose) {
     Object.assign(this, { engine, choose });
     const m = engine.about.objectives.length;
@@ -31,7 +29,7 @@ export class TypedWeights {
     $("keep").title = "Keep this trade-off as a bookmark of the run";
     $("keep").onclick = () => {
       const name = prompt("Name of the bookmark (then --tradeoff @NAME in every command)");
-      if (name) engine.keep(name);
+      if (name) engine.bookmark(name);
     };
   }
 
@@ -42,9 +40,7 @@ export class TypedWeights {
       if ($("typed").value !== text) $("typed").value = text;
     }
     $("keep").hidden = !this.engine.keeps;
-    const kept = JSON.stringify(this.engine.bookmarks ?? {});
-    if (kept === this.kept) return;
-    this.kept = kept;
+    if (!isNews(this, this.engine.bookmarks)) return;
     const marks = Object.entries(this.engine.bookmarks ?? {}).map(([name, weights]) => {
       return chip(`@${name}`, "bookmark", () => this.choose(weights));
     });

@@ -5,13 +5,9 @@ const FORMATS = ["video/mp4", "video/webm"]; // the first that the browser can w
 
 /** Copies the stage to a canvas of its own, since the names are not part of the drawing. */
 export class Capture {
-  /**
-   * @param view the canvas that the stage draws to; copied right after it has drawn.
-   * @param labels the element with the names.
-   */
+  /** `view` is the stage's canvas, copied right after it has drawn; `labels` has the names. */
   constructor(view, labels) {
-    Object.assign(this, { view, labels, recorder: null });
-    this.canvas = document.createElement("canvas");
+    Object.assign(this, { view, labels, recorder: null, canvas: document.createElement("canvas") });
   }
 
   static get canRecord() {

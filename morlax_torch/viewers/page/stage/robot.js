@@ -1,19 +1,16 @@
 // One robot as three.js objects: a group per body, and what is drawn beside it.
 
 import * as THREE from "three";
-import { robotColor } from "../colors.js";
-import { Arrows } from "./arrows.js";
+import { robotColor } from "../tradeoffs.js";
 import { colorOf, geometryOf, shownGeoms } from "./shapes.js";
 
 const AHEAD = 0.25; // s that the arrow of a velocity looks ahead
 const POINTS = 80; // of a trail
+const ALONG = new THREE.Vector3(0, 1, 0); // the direction of three.js's cylinders and cones
+const SHORTEST = 3; // times the width; shorter arrows are left out
 
 export class Robot {
-  /**
-   * @param model MuJoCo's arrays.
-   * @param size of the robot in meters.
-   * @param index of its color; null without a ring.
-   */
+  /** The size is in meters; `index` is that of its color, or null without a ring. */
   constructor(model, size, index) {
     this.size = size;
     this.group = new THREE.Group(); // moves by what the robot has moved
@@ -44,12 +41,7 @@ export class Robot {
     }
   }
 
-  /**
-   * Draw arrows and trail.
-   *
-   * @param shown names of what the visitor wants to see.
-   * @param moment see `Stage`: followed place, velocity, heading, command, contacts, former places.
-   */
+  /** Draw the arrows and the trail that are `shown`, by name, at a moment of the stage. */
   decorate(shown, { at, velocity, heading, command, contacts, former }) {
     const above = (share) => at.clone().add(new THREE.Vector3(0, 0, share * this.size));
     const draw = (name, arrows) => this.arrows[name].show(shown.has(name) ? arrows : []);
@@ -113,4 +105,42 @@ function pairs(numbers) {
     return new THREE.Vector3().fromArray(numbers, 3 * i);
   });
   return Array.from({ length: points.length / 2 }, (_, i) => [points[2 * i], points[2 * i + 1]]);
+}
+
+// Arrows in the scene, as many as are needed at the moment; the size is the robot's.
+class Arrows {
+  constructor(parent, color, size) {
+    this.group = new THREE.Group();
+    this.width = 0.008 * size;
+    this.material = new THREE.MeshBasicMaterial({ color });
+    this.shaft = new THREE.CylinderGeometry(this.width, this.width, 1, 12).translate(0, 0.5, 0);
+    this.head = new THREE.ConeGeometry(2.2 * this.width, 4 * this.width, 16);
+    parent.add(this.group);
+  }
+
+  /** Show arrows, each from one point to another. */
+  show(arrows) {
+    const long = arrows.filter(([a, b]) => a.distanceTo(b) > SHORTEST * this.width);
+    while (this.group.children.length < long.length) this.group.add(this.#arrow());
+    this.group.children.forEach((arrow, i) => {
+      arrow.visible = i < long.length;
+      if (arrow.visible) this.#place(arrow, ...long[i]);
+    });
+  }
+
+  #arrow() {
+    const arrow = new THREE.Group();
+    arrow.add(new THREE.Mesh(this.shaft, this.material), new THREE.Mesh(this.head, this.material));
+    return arrow;
+  }
+
+  #place(arrow, from, to) {
+    const reach = to.clone().sub(from);
+    const length = reach.length();
+    const [shaft, head] = arrow.children;
+    arrow.position.copy(from);
+    arrow.quaternion.setFromUnitVectors(ALONG, reach.divideScalar(length));
+    shaft.scale.set(1, length - 2 * this.width, 1);
+    head.position.set(0, length - 2 * this.width, 0);
+  }
 }

@@ -2,11 +2,10 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "../libraries/OrbitControls.js";
-import { robotColor } from "../colors.js";
 import { Problem } from "../files.js";
 import { html } from "../pictures.js";
+import { robotColor } from "../tradeoffs.js";
 import { Capture } from "./capture.js";
-import { Quality, isAccelerated } from "./quality.js";
 import { Robot, quaternionAt } from "./robot.js";
 import { PLANE, shownGeoms } from "./shapes.js";
 import { Surroundings } from "./surroundings.js";
@@ -18,17 +17,20 @@ const GAP = 1.15; // between the middles of neighbors, in sizes of the robot
 const BUTTONS = 50; // pixels that the buttons cover at the bottom
 const KEPT = 10; // s of poses to look back at
 const CALM = 250; // ms that the camera takes to follow most of a change of height
+const LEVELS = [
+  { share: 1, shadow: 2048 }, // of the screen's pixels in each direction, and pixels of the shadow
+  { share: 0.7, shadow: 1024 },
+  { share: 0.5, shadow: 512 },
+];
+const SLOW = 60; // ms of a frame
+const LASTING = 3000; // ms of slow frames in a row until the level falls
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // WebGL without a graphics card
+const LONGEST = 500; // ms that count of one frame, because a hidden page draws none
 
 export class Stage {
-  /**
-   * `shown` are the names of arrows and trail to draw, and can be changed.
-   *
-   * @param canvas to draw on.
-   * @param labels element for the robots' names, whose text is up to others.
-   */
+  /** Draw on a canvas; `labels` is the element of the names, whose text is up to others. */
   constructor(canvas, labels) {
-    this.canvas = canvas;
-    this.labels = labels;
+    Object.assign(this, { canvas, labels });
     this.capture = new Capture(canvas, labels);
     const accelerated = isAccelerated();
     const context = canvas.getContext("webgl2", { antialias: accelerated });
@@ -47,7 +49,7 @@ export class Stage {
     this.controls.enablePan = false;
     this.controls.maxPolarAngle = 0.495 * Math.PI; // never below the floor
     this.theme = "light";
-    this.shown = new Set(["command"]);
+    this.shown = new Set(["command"]); // names of arrows and trail to draw, which can be changed
     this.drawn = performance.now();
     this.center = new THREE.Vector3(); // where the camera looks
   }
@@ -143,7 +145,7 @@ export class Stage {
     this.quality.note(now - this.drawn);
     this.drawn = now;
     this.#fit();
-    this.surroundings.shadow = this.quality.shadow;
+    this.surroundings.shadow = this.quality.chosen.shadow;
     const ways = this.robots.map((robot, i) => {
       const [former, latest] = this.#drawn(i);
       robot.pose(former, latest, share);
@@ -186,10 +188,12 @@ export class Stage {
     const begin = this.past.findLastIndex((pose, k) => {
       return k > 0 && this.past[k - 1][i].steps > pose[i].steps;
     });
+    const turn = quaternionAt(latest.turns, followed, new THREE.Quaternion());
+    const forward = new THREE.Vector3(1, 0, 0).applyQuaternion(turn);
     robot.decorate(this.shown, {
       at,
       velocity,
-      heading: headingOf(quaternionAt(latest.turns, followed, new THREE.Quaternion())),
+      heading: Math.atan2(forward.y, forward.x), // to the left of x
       command: about.velocities && !names ? command.slice(0, 2) : null,
       contacts: latest.contacts,
       former: this.shown.has("trail") ? this.past.slice(Math.max(begin, 0)).map((p) => placeIn(p[i])) : [],
@@ -198,12 +202,8 @@ export class Stage {
 
   #label() {
     const names = this.robots.length < 2 ? [] : this.robots;
-    const made = names.map((_, i) => {
-      const label = html("span", { className: "name-tag" });
-      label.style.setProperty("--color", robotColor(i));
-      return label;
-    });
-    this.labels.replaceChildren(...made);
+    const tag = (_, i) => html("span", { className: "name-tag", style: `--color: ${robotColor(i)}` });
+    this.labels.replaceChildren(...names.map(tag));
   }
 
   /** Keep the robots' names above their lanes, where no robot jumps. */
@@ -217,7 +217,7 @@ export class Stage {
   /** Keep the drawing as large as its place on the page. */
   #fit() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
-    const ratio = Math.min(window.devicePixelRatio, 2) * this.quality.share;
+    const ratio = Math.min(window.devicePixelRatio, 2) * this.quality.chosen.share;
     if (width === this.width && height === this.tall && ratio === this.ratio) return;
     Object.assign(this, { width, tall: height, ratio });
     this.renderer.setPixelRatio(ratio);
@@ -228,12 +228,6 @@ export class Stage {
     this.camera.updateProjectionMatrix();
     if (Math.abs(before - this.camera.aspect) > 0.01) this.lookHome();
   }
-}
-
-/** Return the angle around the vertical axis by which a body looks to the left of x. */
-function headingOf(turn) {
-  const forward = new THREE.Vector3(1, 0, 0).applyQuaternion(turn);
-  return Math.atan2(forward.y, forward.x);
 }
 
 /** Return a box around what moves. */
@@ -254,8 +248,36 @@ function boundsOf(model, { places, turns }) {
 
 /** Return the height of the model's ground plane; 0 if it has none. */
 function floorHeight(model) {
-  const planes = Array.from({ length: model.ngeom }, (_, geom) => geom).filter(
-    (geom) => model.geom_type[geom] === PLANE && model.geom_bodyid[geom] === 0,
-  );
-  return planes.length ? model.geom_pos[3 * planes[0] + 2] : 0;
+  const plane = model.geom_type.findIndex((type, geom) => type === PLANE && model.geom_bodyid[geom] === 0);
+  return plane < 0 ? 0 : model.geom_pos[3 * plane + 2];
+}
+
+/** Return whether a graphics card draws, and not the processor. */
+function isAccelerated() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  if (!context) return false;
+  const details = context.getExtension("WEBGL_debug_renderer_info");
+  const name = context.getParameter(details?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER);
+  context.getExtension("WEBGL_lose_context")?.loseContext(); // browsers allow a few contexts only
+  return !SOFTWARE.test(name);
+}
+
+// How finely to draw: coarser where frames take long, so that the robot moves in real time.
+class Quality {
+  constructor(accelerated) {
+    this.level = accelerated ? 0 : LEVELS.length - 1;
+    this.slow = 0;
+  }
+
+  get chosen() {
+    return LEVELS[this.level];
+  }
+
+  /** Note how many milliseconds a frame took. */
+  note(duration) {
+    this.slow = duration > SLOW ? this.slow + Math.min(duration, LONGEST) : 0;
+    if (this.slow < LASTING || this.level === LEVELS.length - 1) return;
+    this.level += 1;
+    this.slow = 0;
+  }
 }

@@ -10,11 +10,7 @@ const TILES = 200; // along each side of an endless floor
 const SUN = new THREE.Vector3(-0.45, -0.6, 1.15); // from here it shines
 
 export class Surroundings {
-  /**
-   * @param size of the robot in meters, which sets the scale of tiles, shadow and fog.
-   * @param floorHeight in meters.
-   * @param lanes where robots stand along x; several have a floor each, `gap` apart.
-   */
+  /** Scale tiles, shadow and fog to the robot's size in m; several lanes, `gap` apart, have a floor each. */
   constructor(scene, size, floorHeight, lanes, gap) {
     this.scene = scene;
     this.scene.backgroundRotation.x = Math.PI / 2; // three.js's sky is above y, MuJoCo's above z
@@ -66,12 +62,7 @@ export class Surroundings {
     shadow.map = null; // three.js makes another
   }
 
-  /**
-   * Show the ground that each robot has reached.
-   *
-   * @param ways the robots' places in their worlds.
-   * @param center where the camera looks.
-   */
+  /** Show the ground at the robots' places in their worlds; the camera looks at `center`. */
   follow(ways, center) {
     const turn = 2 * this.tile;
     for (const [i, { material }] of this.floors.entries()) {

@@ -1,0 +1,59 @@
+// Trade-offs: m numbers, not negative, that sum to one. Their colors, and the policies of a front.
+
+// Okabe and Ito: distinct to color-blind readers too.
+const PALETTE = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"];
+const ROBOTS = ["#7048e8", "#0b7285", "#c2255c", "#4a7a0a"];
+export const MOST = ROBOTS.length; // robots on one stage
+
+/** Return the color of an objective by its index. */
+export const colorOf = (index) => PALETTE[index % PALETTE.length];
+
+/** Return the color of a robot's ring, name and mark by its index. */
+export const robotColor = (index) => ROBOTS[index];
+
+/** Return the color of a trade-off: the objectives' colors, mixed by weight. */
+export function mixed(weights) {
+  const channel = (from) =>
+    weights.reduce((sum, w, i) => sum + w * parseInt(colorOf(i).slice(from, from + 2), 16), 0);
+  return `rgb(${[1, 3, 5].map((from) => Math.round(channel(from))).join(" ")})`;
+}
+
+/** Return the balanced trade-off of m objectives. */
+export const even = (m) => Array(m).fill(1 / m);
+
+/** Set one weight to `value` in [0, 1] and scale the others, so that all sum to one. */
+export function moved(weights, index, value) {
+  const rest = weights.reduce((sum, w, i) => (i === index ? sum : sum + w), 0);
+  const share = (w) => (rest > 1e-9 ? w / rest : 1 / (weights.length - 1));
+  return weights.map((w, i) => (i === index ? value : (1 - value) * share(w)));
+}
+
+/** Parse "0.7,0.3" as a trade-off of m objectives; null if it is none. */
+export function parsed(text, m) {
+  const parts = (text ?? "").trim().split(/[,;\s]+/);
+  const numbers = parts.map((part) => (/^\.?\d/.test(part) ? Number(part) : NaN));
+  const total = numbers.reduce((sum, x) => sum + x, 0);
+  const valid = numbers.length === m && numbers.every((x) => x >= 0) && total > 0;
+  return valid && Number.isFinite(total) ? numbers.map((x) => x / total) : null;
+}
+
+/** Format a trade-off for `parsed`. */
+export const shown = (weights) => weights.map((w) => Number(w.toFixed(3))).join(",");
+
+/** Return the values that can be required of a front's policies: returns, then measured quantities. */
+export function requirable({ objectives, front }) {
+  const returns = objectives.map((name, index) => {
+    return { index, name, lower: false, values: front.returns.map((row) => row[index]) };
+  });
+  return [...returns, ...front.measured];
+}
+
+/** Return the indices of the front's policies that keep required levels, by index of the value. */
+export function keeping(about, levels) {
+  const limits = requirable(about).filter(({ index }) => index in levels);
+  const keeps = (policy) =>
+    limits.every(({ index, lower, values }) => {
+      return lower ? values[policy] <= levels[index] : values[policy] >= levels[index];
+    });
+  return about.front.returns.map((_, policy) => policy).filter(keeps);
+}
