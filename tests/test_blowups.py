@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tiny import learner as learner_of
+from tiny import tiny
 from torch import Tensor
 
-from morlax_torch import MORLAX, MorlaxError, config_for, envs
+from morlax_torch import MORLAX, MorlaxError, envs
+from morlax_torch.configuration.config import Config
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.train import train
@@ -24,22 +27,13 @@ SLIDER = """
 """
 
 
-SMALL = {
-    "worlds": 8,
-    "horizon": 4,
-    "device": "cpu",
-    "max_env_steps": 320,
-    "sampling.clusters": 4,
-    "ppo.minibatches": 1,
-    "ppo.epochs": 1,
-    "evaluation.tradeoffs": 4,
-    "evaluation.every": 160,
-}
+def small(env: str = "slider", **changes: int) -> Config:
+    changes = {"max_env_steps": 320, "evaluation.every": 160, **changes}
+    return tiny(env, **changes, **{"task.episode_length": 10})
 
 
 @pytest.fixture
 def slider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[envs.Environment]:
-    """A robot whose actuator has an activation: force follows control with a lag of 0.5 s."""
     path = tmp_path / "slider.xml"
     path.write_text(SLIDER)
 
@@ -73,27 +67,6 @@ def slider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[envs.Environ
 
 
 @pytest.mark.parametrize("backend", ["mujoco", "warp"])
-def test_an_episode_starts_without_activation(slider, backend):
-    env = envs.make("slider", 2, "cpu", backend)
-    full = torch.ones(2, 1)
-    first = [env.step(full).reward[:, 0].clone() for _ in range(10)]  # the tenth step truncates
-    second = [env.step(full).reward[:, 0].clone() for _ in range(10)]
-    assert first[-1].min() > 0
-    torch.testing.assert_close(torch.stack(second), torch.stack(first))
-
-
-@pytest.mark.parametrize("backend", ["mujoco", "warp"])
-def test_a_saved_state_holds_the_activation(slider, backend):
-    env, other = (envs.make("slider", 2, "cpu", backend) for _ in range(2))
-    for _ in range(5):
-        env.step(torch.ones(2, 1))
-    other.load_state_dict(env.state_dict())
-    for _ in range(3):
-        step, same = (worlds.step(torch.zeros(2, 1)) for worlds in (env, other))
-        assert torch.equal(step.observation, same.observation)
-
-
-@pytest.mark.parametrize("backend", ["mujoco", "warp"])
 def test_a_nan_action_ends_one_episode_and_no_more(slider, backend):
     env, clean = (envs.make("slider", 2, "cpu", backend) for _ in range(2))
     for t in range(5):
@@ -124,7 +97,7 @@ def test_a_huge_but_finite_velocity_is_a_blowup(backend, velocity):
 
 
 def test_training_survives_a_world_with_a_huge_velocity():
-    config = config_for("ant", **{**SMALL, "worlds": 64})
+    config = small("ant", worlds=64)
     env = envs.make("ant", 64, "cpu", **config.task.model_dump())
     morlax = MORLAX(env, config)
     morlax.iterate()
@@ -156,13 +129,13 @@ def unsound(slider, monkeypatch) -> list[int]:
 def test_a_run_of_which_every_evaluated_episode_blows_up_stops_with_a_reason(unsound, tmp_path):
     unsound[0] = 2
     with pytest.raises(MorlaxError, match=r"every episode blew up .* after iteration 0: .*latest"):
-        train(config_for("slider", **SMALL), output=tmp_path / "run")
+        train(small(), output=tmp_path / "run")
 
 
 def test_a_run_of_which_every_world_blows_up_stops_with_a_reason(unsound, tmp_path):
     unsound[0] = 25  # the second of two intervals of training, each of 20 steps
     with pytest.raises(MorlaxError, match=r"every world blew up in each rollout of iterations"):
-        train(config_for("slider", **SMALL), output=tmp_path / "run")
+        train(small(), output=tmp_path / "run")
     assert (tmp_path / "run" / "checkpoints" / "latest.pt").exists()
 
 
@@ -174,7 +147,7 @@ def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monke
 
     monkeypatch.setattr(slider, "terms", terms)
     found = []
-    train(config_for("slider", **SMALL), output=tmp_path / "run", on_evaluation=found.append)
+    train(small(), output=tmp_path / "run", on_evaluation=found.append)
     assert [evaluation.blowups for evaluation in found] == [0, 20, 40]  # a step blows up one world
     assert found[0].front.blowups.tolist() == [1, 0, 0, 0]
     assert all(evaluation.indicators["blowup_rate"] == 0.25 for evaluation in found)
@@ -182,8 +155,7 @@ def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monke
 
 @pytest.mark.parametrize("kept", [1000, 0])  # by worlds that are resumed, and that start anew
 def test_blow_ups_of_earlier_sessions_count(kept, slider):
-    config = config_for("slider", **SMALL)
-    learner = MORLAX(envs.make("slider", 8, "cpu"), config)
+    learner = learner_of(small())
     learner.env.blowups += kept
     progress = Progress(blowups=1000)
     with closing(Session(learner, make_evaluator(learner), None, progress).training()) as found:

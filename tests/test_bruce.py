@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from morlax_torch.envs.physics.mujoco import MujocoPhysics
 from morlax_torch.envs.physics.warp import WarpPhysics
@@ -37,14 +38,7 @@ class Fact:
 
 
 def rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    w, x, y, z = quat
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Rotation.from_quat(quat, scalar_first=True).as_matrix()
 
 
 def skew(v: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -52,9 +46,7 @@ def skew(v: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def turn(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """Return the rotation matrix of a turn about an axis (Rodrigues' formula)."""
-    K = skew(axis)
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    return Rotation.from_rotvec(angle * axis).as_matrix()
 
 
 @pytest.fixture(scope="module")

@@ -25,9 +25,6 @@ def make(task: str, worlds: int = 2, backend: str = "mujoco", **options) -> envs
     return envs.make(task, worlds, "cpu", backend, auto_reset=False, **options)
 
 
-# MO-Gymnasium, compared with its own environments
-
-
 class Origin(NamedTuple):
     """The original environment of a ported task."""
 
@@ -133,9 +130,6 @@ def test_reference_points_bound_the_control_cost_of_an_episode(task):
     point = dict(zip(env.objectives, env.reference_point, strict=True))
     assert point.pop("control", -most) == pytest.approx(-most)
     assert set(point.values()) == {-100.0}
-
-
-# PG-MORL, compared with its published formulas
 
 
 class Moment(NamedTuple):
@@ -271,9 +265,6 @@ def test_pg_morl_robots_match_the_published_constants(name):
     np.testing.assert_allclose(model.dof_armature, plain.dof_armature)
     limited = np.zeros_like(plain.jnt_limited) if name == "hopper" else plain.jnt_limited
     np.testing.assert_array_equal(model.jnt_limited, limited)
-
-
-# both
 
 
 # others only have other objectives

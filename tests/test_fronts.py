@@ -2,7 +2,6 @@
 
 import csv
 import os
-import re
 import shutil
 from collections.abc import Sequence
 from contextlib import closing
@@ -14,7 +13,6 @@ import torch
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, load
-from morlax_torch.commands.choose import command as choose
 from morlax_torch.commands.evaluate import command as evaluate_command
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
@@ -54,7 +52,6 @@ def returns(run: AnyPath) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> Path:
-    """A run whose best evaluation is not its last."""
     folder = train(tiny(**WORSE), output=tmp_path_factory.mktemp("runs") / "run").folder
     found = [float(row["hypervolume"]) for row in rows(folder)]
     assert found.index(max(found)) < len(found) - 1
@@ -77,14 +74,6 @@ def test_each_checkpoint_has_its_own_front(run):
         np.testing.assert_array_equal(front.returns, returns(path))
         assert front.checkpoint == ("latest.pt" if path.name == "latest.pt" else "best.pt")
     assert load_front(run).hypervolume > load_front(run / "checkpoints/latest.pt").hypervolume
-
-
-def test_choose_uses_the_front_of_the_checkpoint_that_load_loads(run, capfd):
-    front = Front.load(run / "front.npz")
-    choose([str(run), "--maximize", front.objectives[0]])
-    line = rf"(?m)^ *{front.objectives[0]} +([\d.e+-]+)"
-    printed = float(re.search(line, capfd.readouterr().out)[1])
-    assert printed == pytest.approx(returns(run)[:, 0].max(), rel=1e-3)
 
 
 def test_a_front_of_other_policies_is_refused_with_the_command_that_writes_it(run):
@@ -120,8 +109,6 @@ def test_packed_and_shipped_policies_have_the_front_of_their_checkpoint(run, tmp
     shipped = Front.load(find_run("cheetah") / "front.npz")
     np.testing.assert_array_equal(load_front("cheetah").returns, shipped.returns)
 
-
-# What chooses a checkpoint is not what is reported.
 
 NOISY = {"task.reset_noise": 0.1}
 
@@ -181,14 +168,11 @@ def test_a_random_run_reports_what_evaluate_finds_again(tmp_path):
     assert not np.isclose(other.returns, returns(run.folder)).any()
 
 
-# Other protocols than the default one
-
 DISCOUNTED = {"evaluation.protocol": "discounted"}
 
 
 @pytest.fixture(scope="module")
 def trained_discounted(tmp_path_factory) -> Path:
-    """A run by the discounted protocol whose best evaluation is not its last."""
     folder = tmp_path_factory.mktemp("runs") / "discounted"
     return train(tiny(**WORSE, **DISCOUNTED), output=folder).folder
 
@@ -241,9 +225,6 @@ def test_choose_counts_returns_by_the_run_s_own_protocol(discounted):
     assert choice.returns["run"] >= least
     usual = trials(policy, choice.tradeoff)[USUAL]
     np.testing.assert_allclose(usual.values, choice.values, rtol=1e-6)
-
-
-# Resumed runs
 
 
 def resumed(folder: Path, **changes: object) -> Run:

@@ -9,7 +9,6 @@ from torch import nn
 
 from morlax_torch import gpu
 from morlax_torch.gpu import fused
-from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.networks.mlp import mlp, mlp_sizes
 
 
@@ -41,12 +40,3 @@ def test_only_mlps_have_sizes():
         nn.GRUCell(3, 2),
     ):
         assert mlp_sizes(other) is None
-
-
-def test_generated_parameters_are_known_as_the_columns_of_one_tensor():
-    parameters = Hypernetwork(nn.Linear(3, 2), 2)(torch.rand(4, 2))
-    whole = fused._whole(list(parameters.values()))
-    assert whole is not None
-    assert whole.shape == (4, 8)
-    assert fused._whole(list(parameters.values())[::-1]) is None
-    assert fused._whole([value.clone() for value in parameters.values()]) is None
