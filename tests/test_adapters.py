@@ -32,8 +32,11 @@ class Adapter:
     clips = False  # actions outside [-1, 1], or leaves that to the task
     has_privileged = False
 
-    def __init__(self, task: str = "walker", number: int = 4, seed: int = 0, **options: Any):
-        self.env = self.make(task, number, seed, options)
+    def __init__(
+        self, task: str = "walker", number: int = 4, tradeoff: Any = TRADEOFF, **options: Any
+    ):
+        seed = options.pop("seed", 0)
+        self.env = self.make(task, tradeoff, number, seed, options)
         self.observation = self.start(seed)
 
     def models(self) -> dict[str, Any]:
@@ -41,10 +44,10 @@ class Adapter:
 
 
 class GymnasiumAdapter(Adapter):
-    def make(self, task: str, number: int, seed: int, options: dict) -> Any:
+    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
         name = f"morlax_torch/{task.capitalize()}-v0"
-        options = {"tradeoff": TRADEOFF, "model_seed": seed, **options}
-        return gymnasium.make_vec(name, num_envs=number, device="cpu", **options)
+        chosen = {"tradeoff": tradeoff, "model_seed": seed, **options}
+        return gymnasium.make_vec(name, num_envs=number, device="cpu", **chosen)
 
     def start(self, seed: int) -> Tensor:
         return self.env.reset(seed=seed)[0]
@@ -61,11 +64,11 @@ class GymnasiumAdapter(Adapter):
 class RslRlAdapter(Adapter):
     clips = has_privileged = True
 
-    def make(self, task: str, number: int, seed: int, options: dict) -> Any:
+    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
         pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
         from morlax_torch.adapters.rsl_rl import RslRlVecEnv
 
-        return RslRlVecEnv(task, TRADEOFF, number, "cpu", seed=seed, **options)
+        return RslRlVecEnv(task, tradeoff, number, "cpu", seed=seed, **options)
 
     def start(self, seed: int) -> Tensor:
         return self.env.get_observations()["policy"]
@@ -84,11 +87,11 @@ class RslRlAdapter(Adapter):
 class SkrlAdapter(Adapter):
     clips = has_privileged = True
 
-    def make(self, task: str, number: int, seed: int, options: dict) -> Any:
+    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
         pytest.importorskip("skrl", reason="skrl is not installed")
         from morlax_torch.adapters.skrl import SkrlEnv
 
-        return SkrlEnv(task, TRADEOFF, number, "cpu", seed=seed, **options)
+        return SkrlEnv(task, tradeoff, number, "cpu", seed=seed, **options)
 
     def start(self, seed: int) -> Tensor:
         return self.env.reset()[0]
@@ -105,11 +108,11 @@ class SkrlAdapter(Adapter):
 
 
 class StableBaselines3Adapter(Adapter):
-    def make(self, task: str, number: int, seed: int, options: dict) -> Any:
+    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
         pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
         from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
 
-        return StableBaselines3VecEnv(task, TRADEOFF, number, "cpu", model_seed=seed, **options)
+        return StableBaselines3VecEnv(task, tradeoff, number, "cpu", model_seed=seed, **options)
 
     def start(self, seed: int) -> Tensor:
         self.env.seed(seed)
@@ -127,10 +130,12 @@ class StableBaselines3Adapter(Adapter):
 
 
 class TorchRLAdapter(Adapter):
-    def make(self, task: str, number: int, seed: int, options: dict) -> Any:
+    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
         pytest.importorskip("torchrl", reason="TorchRL is not installed")
         from morlax_torch.adapters.torchrl import TorchRLEnv
 
+        if tradeoff is not TRADEOFF:
+            pytest.skip("TorchRL's environment has all objectives")
         return TorchRLEnv(task, number, "cpu", model_seed=seed, **options)
 
     def start(self, seed: int) -> Tensor:
@@ -209,6 +214,7 @@ def test_critics_see_privileged_observations(adapter, blind):
 
 MISTAKES = {
     "option": (lambda adapter: adapter(episode_lenght=3), "did you mean 'episode_length'"),
+    "trade-off": (lambda adapter: adapter("ant", tradeoff=(1.0,)), "needs 2 numbers"),
     "shape": (lambda adapter: adapter().step(torch.zeros(4, 7)), "the shape (4, 6)"),
 }
 

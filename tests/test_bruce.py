@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from morlax_torch.envs.physics.mujoco import MujocoPhysics
 from morlax_torch.envs.physics.warp import WarpPhysics
@@ -38,7 +37,14 @@ class Fact:
 
 
 def rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    return Rotation.from_quat(quat, scalar_first=True).as_matrix()
+    w, x, y, z = quat
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def skew(v: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,7 +52,9 @@ def skew(v: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def turn(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    return Rotation.from_rotvec(angle * axis).as_matrix()
+    """Return the rotation matrix of a turn about an axis (Rodrigues' formula)."""
+    K = skew(axis)
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
 
 @pytest.fixture(scope="module")

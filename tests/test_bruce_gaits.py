@@ -4,11 +4,12 @@ import numpy as np
 import plan_gaits
 import pytest
 from gait_acceptance import LIMITS, MIN_WALKED, STEPS, measure
-from gait_planner import Planner
+from gait_planner import Planner, derivatives
 from gait_walk import Walker
+from numpy.typing import NDArray
 
 from morlax_torch import MorlaxError
-from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Library
+from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Gait, Library
 
 SOME = ((0, 8), (8, 4), (13, 5))  # rows and columns of the library: a corner, standing, walking
 
@@ -21,6 +22,20 @@ def library() -> Library:
 @pytest.fixture(scope="module")
 def planner(library: Library) -> Planner:
     return Planner(library.constants)
+
+
+def de_casteljau(points: NDArray[np.float64], s: float) -> NDArray[np.float64]:
+    while len(points) > 1:
+        points = points[:-1] * (1 - s) + points[1:] * s
+    return points[0]
+
+
+def mirrored(gait: Gait) -> Gait:
+    """Mirror a gait at the x-z plane: legs, arms and steps swap sides."""
+    sides = [*range(5, 10), *range(5), *range(13, 16), *range(10, 13)]
+    signs = np.array([-1, 1, -1, 1, 1] * 2 + [-1] * 6)
+    y = np.array([1, -1, 1, -1, 1, -1])
+    return Gait(gait.joints[::-1, :, sides] * signs, gait.base[::-1] * y)
 
 
 def test_every_gait_respects_the_limits_and_most_walk_in_simulation(library):
@@ -53,6 +68,24 @@ def test_a_shipped_gait_walks_forward(library, planner):
     x, y, _ = walker.data.qpos[:3]
     assert 0.25 < x < 0.6  # m: 10 s at 0.05 m/s, minus some slip
     assert abs(y) < 0.2
+
+
+def test_curves_and_derivatives_match_de_casteljau(library):
+    points = library.gait(13, 5).joints[0]
+    s, h, T = np.array([0.0, 0.3, 0.77, 1.0]), 1e-5, 0.4
+    position, velocity, acceleration = (matrix @ points for matrix in derivatives(s, T))
+    np.testing.assert_allclose(position, [de_casteljau(points, x) for x in s], atol=1e-12)
+    around = [np.array([de_casteljau(points, x + d) for x in s]) for d in (-h, 0, h)]
+    slope, bend = (around[2] - around[0]) / 2, around[2] - 2 * around[1] + around[0]
+    np.testing.assert_allclose(velocity, slope / (h * T), atol=1e-6)
+    np.testing.assert_allclose(acceleration, bend / (h * T) ** 2, atol=1e-3)
+
+
+def test_left_and_right_gaits_mirror_each_other(library):
+    left, right = library.gait(12, 7), mirrored(library.gait(12, 1))
+    # the two sides of the robot differ slightly in mass
+    np.testing.assert_allclose(left.joints, right.joints, atol=3e-3)
+    np.testing.assert_allclose(left.base, right.base, atol=1e-3)
 
 
 def test_the_command_writes_a_library_and_its_table(tmp_path, monkeypatch, capsys):

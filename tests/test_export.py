@@ -61,6 +61,7 @@ RUNNERS = {"onnx": run_onnx, "torchscript": run_torchscript, "torch-export": run
 
 
 def known(format: str, data: bytes) -> dict:
+    """Return the manifest stored in an exported file."""
     if format == "onnx":
         props = onnx.load_from_string(data).metadata_props
         return {prop.key: json.loads(prop.value) for prop in props}
@@ -196,6 +197,9 @@ def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
+# the command
+
+
 @pytest.fixture
 def saved(trained, tmp_path: Path, monkeypatch) -> Path:
     """Save policy.pt and the metrics of its run in the working directory."""
@@ -242,6 +246,11 @@ def test_a_mistake_prints_one_error_and_writes_nothing(typed, saved, refused):
     before = set(saved.iterdir())
     assert MISTAKES[typed] in refused(export, *typed.split())
     assert set(saved.iterdir()) == before
+
+
+def test_an_unknown_format_is_one_sentence(trained, tmp_path):
+    with pytest.raises(MorlaxError, match=r"unknown format 'onxx': did you mean 'onnx'"):
+        export_run(trained(), tmp_path / "policy", "onxx")
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxscript", "onnxruntime"])

@@ -19,6 +19,7 @@ from toppling import falling
 from morlax_torch import MorlaxError, envs
 from morlax_torch.adapters.checking import checked_actions
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
+from morlax_torch.adapters.gymnasium_single import GymnasiumEnv
 from morlax_torch.adapters.gymnasium_vector import GymnasiumVectorEnv
 from morlax_torch.envs.robots.cheetah import Cheetah
 
@@ -217,6 +218,15 @@ def test_on_the_cpu_actions_can_be_arrays(dtype):
     single.step(np.ones(single.action_space.shape, np.float32)[::-1])
 
 
+def test_actions_with_gradients_are_detached():
+    env, envs_ = gymnasium.make(HOPPER), vector()
+    env.reset(), envs_.reset()
+    action = torch.zeros(4, requires_grad=True)
+    assert env.step(action)[1].shape == (2,)
+    for _ in range(2):
+        assert not any(x.requires_grad for x in envs_.step(action.tanh().expand(3, 4))[:4])
+
+
 @pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
 def test_vector_environments_match_gymnasium_s_sync_vector_env(tradeoff):
     found = vector(WALKER, tradeoff=tradeoff, episode_length=100)
@@ -332,20 +342,34 @@ def vector_step(actions):
 
 MISTAKES = {
     "option": (lambda: gymnasium.make(HOPPER, episode_lenght=3), "did you mean 'episode_length'"),
-    "render mode": (lambda: vector(render_mode="human"), "Known: rgb_array"),
+    "render mode": (
+        lambda: GymnasiumEnv("hopper", render_mode="rgb_aray"),
+        "did you mean 'rgb_array'",
+    ),
+    "backend": (lambda: vector(backend="bullet"), "unknown backend 'bullet'"),
     "trade-off": (lambda: vector(tradeoff=(1.0,)), "needs 2 numbers (run, jump)"),
     "trade-offs": (lambda: vector(tradeoff=[(1.0, 0.0)] * 3), "one trade-off is needed"),
+    "single trade-off": (lambda: gymnasium.make(HOPPER, tradeoff=(-1, 2)), "not negative"),
     "no reset": (lambda: gymnasium.make(HOPPER).step(np.zeros(4)), "call reset first"),
     "no vector reset": (lambda: vector().step(torch.zeros(3, 4)), "call reset first"),
     "reset option": (lambda: gymnasium.make(HOPPER).reset(options={"x": 1}), "but got 'x'"),
     "shape": (lambda: single_step(np.zeros((1, 4))), "needs the shape (4,), but has (1, 4)"),
     "NaN": (lambda: single_step([0, 0, np.nan, 0]), "a NaN or an infinity"),
+    "device": (lambda: single_step(torch.zeros(4, device="meta")), "a numpy array of 4 numbers"),
+    "vector shape": (lambda: vector_step(torch.zeros(3, 5)), "the shape (3, 4)"),
     "vector device": (lambda: vector_step(torch.zeros(3, 4, device="meta")), "on meta, but"),
+    "list": (lambda: vector_step([[0.0] * 4] * 3), "not list: use torch.as_tensor"),
     "words in an array": (lambda: vector_step(np.full((3, 4), "left")), "must be numbers, not <U4"),
+    "number of seeds": (lambda: vector().reset(seed=[1, 2]), "for each of the 3 worlds, not 2"),
     "seeds": (lambda: vector().reset(seed=[1, 2, None]), "integers from 0, not [1, 2, None]"),
+    "vector render mode": (lambda: vector(render_mode="human"), "Known: rgb_array"),
     "array on a GPU": (
         lambda: checked_actions(np.zeros((3, 4)), torch.Size((3, 4)), torch.device("meta")),
         "not ndarray: use torch.as_tensor",
+    ),
+    "statistics": (
+        lambda: EpisodeStatistics(EpisodeStatistics(vector())),
+        ", not EpisodeStatistics",
     ),
 }
 

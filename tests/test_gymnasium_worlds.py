@@ -11,7 +11,7 @@ import mo_gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.spaces import Box, Dict, Discrete, Sequence, Space
+from gymnasium.spaces import Box, Dict, Discrete, Graph, Sequence, Space
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
@@ -128,6 +128,15 @@ def test_episodes_are_truncated_at_their_length(point):
     assert truncated == [False, False, False, True] * 2
 
 
+def test_objectives_can_be_regrouped(point):
+    objectives = {"far": {"reward_0": 2.0}, "both": {"reward_0": 1.0, "reward_1": 1.0}}
+    worlds = point(objectives=objectives)
+    worlds.reset()
+    step = worlds.step(torch.zeros(3, 1))
+    assert torch.equal(step.reward[:, 0], 2 * step.terms["reward_0"])
+    assert torch.equal(step.reward[:, 1], step.terms["reward_0"] + step.terms["reward_1"])
+
+
 class Plain(gymnasium.Env):
     """An environment whose answers a test replaces."""
 
@@ -145,27 +154,39 @@ class Plain(gymnasium.Env):
 
 
 def plain(**members) -> envs.Worlds:
+    """Return two worlds of `Plain` with other members."""
     changed = type("Changed", (Plain,), members)
     make = envs.from_gymnasium(changed, "changed")
     return make(make.Options(), 2)
 
 
 ZEROS = np.zeros(3)
-NONE = np.zeros(2)
-WRONG = {
+WRONG_STARTS = {
     "no tuple": ({"start": ZEROS}, "reset() must return a tuple (observation, info)"),
+    "a short tuple": ({"start": (ZEROS,)}, "not a tuple of 1"),
     "one number": ({"start": (0.5, {})}, "observation of shape (), but its observation_space"),
+    "a row": ({"start": (np.zeros((1, 3)), {})}, "of shape (1, 3)"),
     "words": ({"start": ("left", {})}, "does not fit its observation_space Box"),
     "not finite": ({"start": (ZEROS * np.nan, {})}, "not finite in float32"),
     "a missing part": (
         {"observation_space": Dict({"a": Box(-1, 1, (3,))}), "start": ({"b": ZEROS}, {})},
         "reset() returned an observation that does not fit its observation_space Dict",
     ),
-    "the old four": ({"answer": (ZEROS, NONE, False, {})}, "not a tuple of 4"),
-    "one reward": ({"answer": (ZEROS, 1.0, False, False, {})}, "a reward of shape (), but"),
-    "a named reward": ({"answer": (ZEROS, {"a": 1}, False, False, {})}, "a reward of numbers"),
-    "two ends": ({"answer": (ZEROS, NONE, NONE > 0, False, {})}, "as True or False"),
-    "a short observation": ({"answer": (ZEROS[:1], NONE, False, False, {})}, "of shape (1,)"),
+}
+WRONG_STEPS = {
+    "no tuple": (None, "step() must return a tuple (observation, reward, terminated, truncated"),
+    "the old four": ((ZEROS, np.zeros(2), False, {}), "not a tuple of 4"),
+    "one reward": ((ZEROS, 1.0, False, False, {}), "a reward of shape (), but reward_space"),
+    "a long reward": ((ZEROS, np.zeros(3), False, False, {}), "a reward of shape (3,)"),
+    "a named reward": ((ZEROS, {"a": 1}, False, False, {}), "must return a reward of numbers"),
+    "two ends": ((ZEROS, np.zeros(2), np.zeros(2, bool), False, {}), "as True or False"),
+    "a short observation": ((ZEROS[:1], np.zeros(2), False, False, {}), "of shape (1,)"),
+}
+
+
+WRONG = WRONG_STARTS | {
+    f"a step: {name}": ({"answer": answer}, sentence)
+    for name, (answer, sentence) in WRONG_STEPS.items()
 }
 
 
@@ -176,6 +197,14 @@ def test_answers_that_do_not_fit_the_spaces_are_one_sentence(members, sentence):
         worlds.reset()
         worlds.step(torch.zeros(2, 2))
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("shape", [(2,), (1, 2)])
+def test_actions_of_another_shape_are_one_sentence(shape):
+    worlds = plain()
+    worlds.reset()
+    with pytest.raises(MorlaxError, match=r"step needs actions of shape \(2, 2\)"):
+        worlds.step(torch.zeros(shape))
 
 
 @pytest.mark.parametrize(
@@ -196,7 +225,16 @@ def test_numbers_that_float32_cannot_hold_end_the_episode_with_zero_reward(answe
     assert (step.reward == 0).all() and (step.final_observation == 0).all()
 
 
-@pytest.mark.parametrize("space", [Dict({"a": Sequence(Discrete(2))}), Dict({}), None])
+@pytest.mark.parametrize(
+    "space",
+    [
+        Sequence(Box(-1.0, 1.0, (2,))),
+        Graph(Box(-1.0, 1.0, (2,)), None),
+        Dict({"a": Sequence(Discrete(2))}),
+        Dict({}),
+        None,
+    ],
+)
 def test_observations_need_a_fixed_size(space):
     with pytest.raises(MorlaxError, match=r"changed has (empty observations|observations without)"):
         plain(observation_space=space)
@@ -225,7 +263,9 @@ def test_an_environment_that_fails_is_one_sentence_with_its_line(method, error):
     [
         ("gymnasium:deep-sea-treasure-v0", "actions that are not continuous (Discrete(4))"),
         ("gymnasium:Pendulum-v1", "has no vector reward"),
+        ("gymnasium:no-such-thing-v0", "Gymnasium cannot make 'no-such-thing-v0'"),
         ("gymnasium:nowhere:thing-v0", "Gymnasium cannot make 'nowhere:thing-v0'"),
+        ("gymnasium:.here:thing-v0", "Gymnasium cannot make '.here:thing-v0': TypeError"),
     ],
 )
 def test_unsupported_environments_are_rejected(name, sentence):
@@ -244,6 +284,13 @@ def test_unsupported_environments_are_rejected(name, sentence):
 def test_unbounded_actions_and_single_rewards_are_rejected(member, space, sentence):
     with pytest.raises(MorlaxError, match=sentence):
         envs.from_gymnasium(type("Other", (Point,), {member: space}))
+
+
+def test_a_module_that_fails_is_one_sentence(tmp_path, monkeypatch):
+    (tmp_path / "failing_module.py").write_text("1 / 0")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(MorlaxError, match=r"cannot make .*: ZeroDivisionError: division by zero"):
+        envs.get("gymnasium:failing_module:thing-v0")
 
 
 def test_gymnasium_worlds_reject_the_warp_backend():
