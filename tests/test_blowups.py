@@ -1,11 +1,11 @@
 """A world that blows up is terminated, counted and reset, and harms no other world."""
 
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from crowd import Crowd
 from tiny import learner as learner_of
 from tiny import tiny
 from torch import Tensor
@@ -16,59 +16,15 @@ from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.train import train
 
-SLIDER = """
-<mujoco>
-  <option timestep="0.01"/>
-  <worldbody>
-    <body><joint name="x" type="slide" axis="1 0 0" damping="1"/><geom size="0.1"/></body>
-  </worldbody>
-  <actuator><general joint="x" dyntype="filter" dynprm="0.5" gainprm="10"/></actuator>
-</mujoco>
-"""
 
-
-def small(env: str = "slider", **changes: int) -> Config:
+def small(env: str = "crowd", **changes: int) -> Config:
     changes = {"max_env_steps": 320, "evaluation.every": 160, **changes}
     return tiny(env, **changes, **{"task.episode_length": 10})
 
 
-@pytest.fixture
-def slider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[envs.Environment]:
-    path = tmp_path / "slider.xml"
-    path.write_text(SLIDER)
-
-    class Slider(envs.Environment):
-        model_file = str(path)
-
-        class Options(envs.TaskOptions):
-            objectives: dict[str, dict[str, float]] = {"go": {"go": 1.0}, "save": {"save": 1.0}}
-            episode_length: int = 10
-            nconmax: int = 4
-            njmax: int = 8
-
-        def initial_qpos(self) -> np.ndarray:
-            return np.zeros(1)
-
-        def observe(self) -> Tensor:
-            return torch.cat([self.physics.qpos, self.physics.qvel], -1)
-
-        def apply(self, action: Tensor) -> None:
-            self.physics.ctrl.copy_(action)
-
-        def terms(self) -> dict[str, Tensor]:
-            return {"go": self.physics.qvel[:, 0], "save": -self.physics.ctrl.square().sum(-1)}
-
-        def failed(self) -> Tensor:
-            return self.physics.qpos[:, 0] > 100.0
-
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    envs.register("slider", Slider)
-    return Slider
-
-
 @pytest.mark.parametrize("backend", ["mujoco", "warp"])
-def test_a_nan_action_ends_one_episode_and_no_more(slider, backend):
-    env, clean = (envs.make("slider", 2, "cpu", backend) for _ in range(2))
+def test_a_nan_action_ends_one_episode_and_no_more(crowd, backend):
+    env, clean = (envs.make("crowd", 2, "cpu", backend) for _ in range(2))
     for t in range(5):
         action = torch.full((2, 1), 0.5)
         expected = clean.step(action)
@@ -113,16 +69,16 @@ def test_training_survives_a_world_with_a_huge_velocity():
 
 
 @pytest.fixture
-def unsound(slider, monkeypatch) -> list[int]:
-    """Sliders whose reward becomes NaN from a step on; the list holds the first such step."""
-    begin, sound = [10**9], slider.terms
+def unsound(crowd, monkeypatch) -> list[int]:
+    """Worlds whose reward becomes NaN from a step on; the list holds the first such step."""
+    begin, sound = [10**9], Crowd.terms
 
     def terms(self) -> dict[str, Tensor]:
         self.steps = getattr(self, "steps", 0) + 1
         named = sound(self)
-        return {**named, "go": named["go"] * float("nan")} if self.steps > begin[0] else named
+        return {**named, "turn": named["turn"] * float("nan")} if self.steps > begin[0] else named
 
-    monkeypatch.setattr(slider, "terms", terms)
+    monkeypatch.setattr(crowd, "terms", terms)
     return begin
 
 
@@ -139,13 +95,13 @@ def test_a_run_of_which_every_world_blows_up_stops_with_a_reason(unsound, tmp_pa
     assert (tmp_path / "run" / "checkpoints" / "latest.pt").exists()
 
 
-def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monkeypatch):
+def test_blow_ups_are_counted_in_evaluations_and_metrics(crowd, tmp_path, monkeypatch):
     def terms(self) -> dict[str, Tensor]:
         speed = self.physics.qvel[:, 0].clone()
         speed[0] = float("nan")
-        return {"go": speed, "save": -self.physics.ctrl.square().sum(-1)}
+        return {"turn": speed, "effort": self.physics.ctrl.square().sum(-1)}
 
-    monkeypatch.setattr(slider, "terms", terms)
+    monkeypatch.setattr(crowd, "terms", terms)
     found = []
     train(small(), output=tmp_path / "run", on_evaluation=found.append)
     assert [evaluation.blowups for evaluation in found] == [0, 20, 40]  # a step blows up one world
@@ -154,7 +110,7 @@ def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monke
 
 
 @pytest.mark.parametrize("kept", [1000, 0])  # by worlds that are resumed, and that start anew
-def test_blow_ups_of_earlier_sessions_count(kept, slider):
+def test_blow_ups_of_earlier_sessions_count(kept, crowd):
     learner = learner_of(small())
     learner.env.blowups += kept
     progress = Progress(blowups=1000)

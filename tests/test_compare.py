@@ -1,7 +1,9 @@
-"""The comparison of methods: statistics, resumption, shares, crashes, tables and figures."""
+"""Benchmarks: statistics, resumption, shares, crashes, tables and figures; not their speed."""
 
 import csv
 import math
+import subprocess
+import sys
 from collections import Counter
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +17,9 @@ import matched_widths
 import numpy as np
 import pytest
 import search_methods
+import throughput
 import yaml
+from same import csv_rows
 from tiny import tiny
 
 from morlax_torch import MorlaxError, load, pareto
@@ -198,14 +202,9 @@ def start(tmp_path, trainer, monkeypatch):
     return run
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_there_is_a_row_for_each_evaluation(start, trainer):
     trainer.share = 0.5  # what counts is the fresh evaluation of the chosen checkpoint
-    rows = table(start() / "rows.csv")
+    rows = csv_rows(start() / "rows.csv")
     assert tuple(rows[0]) == compare_rows.COLUMNS
     keys = [(row["method"], row["seed"], row["env_steps"]) for row in rows]
     steps = ("0", "100", "200", "")  # the last row is that of the chosen checkpoint
@@ -244,7 +243,7 @@ def test_a_crash_is_recorded_and_the_rest_goes_on(start, trainer):
     trainer.crashes = {0: 2, 1: 0}
     output = start(seeds=(0, 1, 2))
     assert trainer.seeds == [0, 1, 2] * 2
-    rows = table(output / "rows.csv")
+    rows = csv_rows(output / "rows.csv")
     assert Counter(row["seed"] for row in rows) == {"0": 8, "1": 2, "2": 8}
     assert [row["seed"] for row in rows if row["error"]] == ["0", "1"] * 2
     first, second, third = compare_report.read_runs(output / "rows.csv")[:3]
@@ -287,7 +286,7 @@ def test_runs_are_compared_with_the_union_of_the_reference_s_fronts(start):
     two = next(line for line in lines if line.startswith("| two | 5"))
     assert two.startswith("| two | 52.5 (48.25 - 56.75) | ")  # of 44 and 61
     assert two.endswith("| 50 (50 - 50) | 2 | 0 |")
-    assert len([row for row in table(output / "rows.csv") if row["igd_plus"]]) == len(runs)
+    assert len([row for row in csv_rows(output / "rows.csv") if row["igd_plus"]]) == len(runs)
 
 
 def test_two_methods_from_training_to_the_report(tmp_path, capsys):
@@ -297,7 +296,7 @@ def test_two_methods_from_training_to_the_report(tmp_path, capsys):
     compare.main(output, ("hopper",), methods, (1,), seconds=60.0, device="cpu")
     text = (output / "results.md").read_text()
     assert text in capsys.readouterr().out
-    rows = table(output / "rows.csv")
+    rows = csv_rows(output / "rows.csv")
     # 2 runs with an evaluation after 0, 32 and 64 steps, and of the chosen checkpoint
     assert [row["fresh"] for row in rows] == ["0", "0", "0", "1"] * 2
     config = yaml.safe_load((output / "hopper" / "dense" / "1" / "config.yaml").read_text())
@@ -323,3 +322,37 @@ def test_a_search_trains_every_setting_alike_and_writes_the_best(trainer, tmp_pa
     assert settings["one, learning rate 0.002"] == {"ppo.clip": 1.0, "ppo.learning_rate": 2e-3}
     found = yaml.safe_load((tmp_path / "out" / "searched.yaml").read_text())
     assert found["one"]["tasks"]["hopper"]["ppo.learning_rate"] == 2e-3
+
+
+def start_script(script: str, *arguments: str, folder: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, SCRIPT.with_name(f"{script}.py"), *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_table1(tmp_path):
+    options = ("--env", "cheetah", "--limits", "0.2", "--seeds", "3", "--device", "cpu")
+    start_script("table1", *options, folder=tmp_path)
+    (row,) = csv_rows(tmp_path / "table1.csv")
+    assert (row["env"], row["seed"]) == ("cheetah", "3")
+    printed, found = float(row["printed_hypervolume"]), float(row["hypervolume"])
+    assert found == pytest.approx(printed, rel=1e-4) and found > 0
+    assert float(row["command_seconds"]) > float(row["first_row_seconds"]) > 0
+    start_script("table1", *options, folder=tmp_path)
+    assert csv_rows(tmp_path / "table1.csv") == [row]  # which exists, so it is not measured again
+    assert "| cheetah |" not in (tmp_path / "table1.md").read_text()  # it misses the target
+
+
+@pytest.mark.slow
+def test_throughput(tmp_path):
+    output = tmp_path / "rows.csv"
+    throughput.main(("hopper",), (128,), device="cpu", seconds=0.1, output=output)
+    (row,) = csv_rows(output)
+    assert float(row["training/physics"]) > 0

@@ -1,6 +1,5 @@
 """Bodies that differ: each world's is that of its design, and one family of policies knows all."""
 
-import csv
 import re
 from pathlib import Path
 from queue import Queue
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from browsing import PATIENCE, View, chromium, exploring
+from same import csv_rows
 from tiny import scaled
 
 import morlax_torch
@@ -371,8 +371,7 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
     searching.command([*words, "--maximize", "jump", "--at-least", "run=1"])
     text = capsys.readouterr().out
     assert "32 policies were simulated" in text and "most jump: " in text
-    rows = list(csv.DictReader((tmp_path / "found" / "designs.csv").read_text().splitlines()))
-    best = max(rows, key=lambda row: float(row["jump"]))
+    best = max(csv_rows(tmp_path / "found" / "designs.csv"), key=lambda row: float(row["jump"]))
     policy = morlax_torch.load(tmp_path / "found" / "body.pt")
     own = policy.config.task.design
     assert own["thigh"] == pytest.approx(float(best["thigh"]), rel=1e-5)
@@ -412,9 +411,8 @@ def test_a_robot_of_ones_own_declares_designs_in_ten_lines(tmp_path):
 @pytest.mark.slow
 def test_a_family_is_compared_with_specialists(run, tmp_path):
     comparing.main(str(run), bodies=2, seconds=0.5, device="cpu", output=tmp_path / "rows.csv")
-    rows = list(csv.DictReader((tmp_path / "rows.csv").read_text().splitlines()))
     policy = morlax_torch.load(run)
-    for row in rows:
+    for row in csv_rows(tmp_path / "rows.csv"):
         design = {"thigh": float(row["thigh"]), "calf": float(row["calf"])}
         own = morlax_torch.evaluate(policy.for_design(design), device="cpu")
         assert float(row["family"]) == pytest.approx(own.hypervolume)

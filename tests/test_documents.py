@@ -208,7 +208,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "--rdzv-id": "needs Slurm",
     "torchrun ": "test_torchrun.py starts such processes",
     "-m morlax_torch.train --env humanoid --output /shared/humanoid": "test_torchrun.py does",
-    "python benchmarks/": "takes minutes to hours; test_benchmarks.py imports them",
+    "python benchmarks/": "takes minutes to hours; test_compare.py imports some",
     "python docs/examples/": "test_examples.py does",
     "train_hydra.py": "test_documents.py does",
     "morlax export runs/cheetah": "test_documents.py and test_export.py do",

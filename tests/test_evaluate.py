@@ -1,7 +1,6 @@
 """The evaluate command: single runs, comparisons, references, files and the report."""
 
 import base64
-import csv
 import re
 import shutil
 from collections import Counter
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from same import csv_rows
 from tiny import TYPED
 
 from morlax_torch import MorlaxError, load
@@ -63,11 +63,6 @@ def workplace(runs, tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def rows(path: Path | str) -> list[dict[str, str]]:
-    with Path(path).open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.slow
 def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys, rendered):
     evaluate.command(["a/hopper", *FEW])
@@ -75,7 +70,7 @@ def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys, render
     for stem in ("front", "returns", "hypervolume"):
         assert (folder / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
-    (row,) = rows(folder / "indicators.csv")
+    (row,) = csv_rows(folder / "indicators.csv")
     front = Front.load(folder / "front.npz")
     assert (row["run"], row["path"], row["seed"]) == ("hopper", "a/hopper", "0")
     assert float(row["hypervolume"]) == pytest.approx(front.hypervolume)
@@ -86,7 +81,7 @@ def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys, render
     assert "igd_plus" not in row
     assert not (folder / "summary.csv").exists()
     assert "obedience" in capsys.readouterr().out
-    marks = rows(folder / "front.csv")
+    marks = csv_rows(folder / "front.csv")
     assert [row["obeys"] for row in marks] == [str(int(obeys)) for obeys in front.obeys]
     assert {row["falls"] for row in marks} <= {"0", "1"}
 
@@ -102,14 +97,14 @@ def test_a_comparison_changes_neither_runs_nor_earlier_results(workplace, capsys
     fronts = {name: Front.load(folder / name / "front.npz") for name in ("a/hopper", "b/hopper")}
     assert not np.array_equal(*(front.returns for front in fronts.values()))
     union = pareto.front(np.concatenate([front.returns for front in fronts.values()]))
-    found = {row["run"]: row for row in rows(folder / "indicators.csv")}
+    found = {row["run"]: row for row in csv_rows(folder / "indicators.csv")}
     assert {row["seed"] for row in found.values()} == {"0", "1"}
     for name, front in fronts.items():
         expected = pareto.igd_plus(front.returns, union)
         assert float(found[name]["igd_plus"]) == pytest.approx(expected)
     assert "median of 2" in capsys.readouterr().out
     volumes = [front.hypervolume for front in fronts.values()]
-    (summary,) = [row for row in rows(folder / "summary.csv") if row["indicator"] == "hypervolume"]
+    summary = {row["indicator"]: row for row in csv_rows(folder / "summary.csv")}["hypervolume"]
     columns = [float(summary[name]) for name in ("lower_quartile", "median", "upper_quartile")]
     assert columns == pytest.approx(np.percentile(volumes, (25, 50, 75)))
     assert summary["runs"] == "2"
@@ -119,7 +114,8 @@ def test_a_comparison_changes_neither_runs_nor_earlier_results(workplace, capsys
 def test_checkpoints_of_one_run_can_be_compared(workplace):
     checkpoints = [f"a/hopper/checkpoints/{name}.pt" for name in ("best", "latest")]
     evaluate.command([*checkpoints, *FEW, "--output", "out"])
-    assert {row["run"] for row in rows("out/indicators.csv")} == {"hopper-best", "hopper-latest"}
+    runs = [row["run"] for row in csv_rows("out/indicators.csv")]
+    assert sorted(runs) == ["hopper-best", "hopper-latest"]
 
 
 def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
@@ -138,7 +134,7 @@ def test_a_reference_can_be_a_file_or_a_run(workplace):
     found = []
     for reference in ("b/hopper/front.npz", "b/hopper"):
         evaluate.command(["a/hopper", *FEW, "--reference", reference])
-        (row,) = rows("a/hopper/indicators.csv")
+        (row,) = csv_rows("a/hopper/indicators.csv")
         found.append(float(row["igd_plus"]))
     other = Front.load(Path("b/hopper/front.npz"))
     mine = Front.load(Path("a/hopper/front.npz"))
@@ -378,7 +374,7 @@ def test_a_report_without_opengl_has_no_picture_of_the_robot(monkeypatch, render
 def test_names_in_a_report_of_three_objectives_are_escaped(workplace):
     shutil.copytree(workplace / "three", workplace / "<b>&")
     evaluate.command(["<b>&", *FEW])
-    (row,) = rows("<b>&/indicators.csv")
+    (row,) = csv_rows("<b>&/indicators.csv")
     assert {"run_min", "jump_max", "up_max"} <= set(row)
     text = (workplace / "<b>&" / "report.html").read_text()
     assert "<b>" not in text
