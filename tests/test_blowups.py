@@ -78,7 +78,7 @@ def unsound(crowd, monkeypatch) -> list[int]:
         named = sound(self)
         return {**named, "turn": named["turn"] * float("nan")} if self.steps > begin[0] else named
 
-    monkeypatch.setattr(crowd, "terms", terms)
+    monkeypatch.setattr(Crowd, "terms", terms)
     return begin
 
 
@@ -101,7 +101,7 @@ def test_blow_ups_are_counted_in_evaluations_and_metrics(crowd, tmp_path, monkey
         speed[0] = float("nan")
         return {"turn": speed, "effort": self.physics.ctrl.square().sum(-1)}
 
-    monkeypatch.setattr(crowd, "terms", terms)
+    monkeypatch.setattr(Crowd, "terms", terms)
     found = []
     train(small(), output=tmp_path / "run", on_evaluation=found.append)
     assert [evaluation.blowups for evaluation in found] == [0, 20, 40]  # a step blows up one world
