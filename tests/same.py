@@ -1,4 +1,7 @@
-"""Equality of nested states."""
+"""Equality of nested states, and rows of CSV files."""
+
+import csv
+from pathlib import Path
 
 from torch import Tensor, equal
 
@@ -17,3 +20,8 @@ def assert_same(one: object, other: object) -> None:
             assert_same(left, right)
     else:
         assert one == other
+
+
+def csv_rows(path: Path | str) -> list[dict[str, str]]:
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))

@@ -6,11 +6,11 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from tiny import Blind
 from toppling import falling
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.robots.planar import Hopper
 
 TRADEOFF = (0.7, 0.3)
 
@@ -196,19 +196,6 @@ def test_the_seed_determines_initial_states_and_randomized_models(adapter):
     assert not torch.equal(one.observation, other.observation)
     masses = [each.models()["model.body_mass"] for each in (one, same, other)]
     assert torch.equal(masses[0], masses[1]) and not torch.equal(masses[0], masses[2])
-
-
-class Blind(Hopper):
-    """A hopper whose policy sees only positions; its critic also sees velocities."""
-
-    def observe(self) -> Tensor:
-        return self.physics.qpos[:, 1:]
-
-    def privileged(self) -> Tensor:
-        return self.physics.qvel
-
-    def layout(self) -> list[envs.Part]:
-        return [envs.Part("joints", 6, "rad")]
 
 
 @pytest.fixture

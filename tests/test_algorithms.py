@@ -17,12 +17,10 @@ from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.methods import AMOR, HyperMORL
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
-from morlax_torch.baselines.pg_morl.learner import PGMORL
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.sections import ALGORITHMS, PPOConfig
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
-from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.generated import Independent
 from morlax_torch.runs.evaluating import evaluate
@@ -48,20 +46,6 @@ SMALL: dict[str, Any] = {
 SCALAR: dict[str, Any] = {"ppo.critic": "scalar", "ppo.optimizer": "joint"}
 SPARSE: dict[str, Any] = {"sampling.mode": "sparse"}
 LONGER = {"env": TASK.replace(Quadratic.__name__, Sprint.__name__)}  # than one step
-CASES = [
-    *((name, {}) for name in ALGORITHMS),
-    ("morlax", SCALAR),
-    ("amor", SPARSE),
-    ("hyper-sac", LONGER),
-    ("pd-morl", LONGER),
-]
-NAMES = [
-    *ALGORITHMS,
-    "as released",
-    "sparse amor",
-    "hyper-sac in longer episodes",
-    "pd-morl in longer episodes",
-]
 
 
 @pytest.fixture(autouse=True)
@@ -91,7 +75,6 @@ def trained(config: Config, iterations: int) -> Any:
 
 
 def iterate(learner: Any, iterations: int) -> None:
-    """Run iterations as the training loop does."""
     schedule = Schedule(learner, Progress())
     for _ in range(iterations):
         learner.iterate(schedule.done(0.0))
@@ -127,7 +110,15 @@ def test_it_finds_the_front(algorithm, device, constants):
         assert_close(returns, best_returns(tradeoffs), rtol=0, atol=far)
 
 
-@pytest.mark.parametrize(("algorithm", "changes"), CASES, ids=NAMES)
+@pytest.mark.parametrize(
+    ("algorithm", "changes"),
+    [
+        *(pytest.param(name, {}, id=name) for name in ALGORITHMS),
+        pytest.param("morlax", SCALAR, id="as released"),
+        pytest.param("amor", SPARSE, id="sparse amor"),
+        *(pytest.param(name, LONGER, id=f"{name}, longer") for name in ("hyper-sac", "pd-morl")),
+    ],
+)
 def test_resuming_continues_exactly(algorithm, changes):
     config = small(algorithm, 8, **changes)  # HYPER-MORL's warm-up ends after one iteration
     whole, half = trained(config, 10), trained(config, 5)
@@ -183,17 +174,6 @@ def test_alpha_moves_draws_to_the_corners_or_to_the_center(algorithm):
         farthest.append((learner.tradeoffs - 0.5).abs().amax(1))
     assert farthest[0].min() > 0.49 and farthest[2].max() < 0.01
     assert 0.05 < farthest[1].mean() < 0.45
-
-
-@pytest.mark.parametrize("algorithm", ["morlax", "hyper-sac"])
-@pytest.mark.parametrize("corners", [0, 2])
-def test_draws_from_cells_spread_beside_the_corners(algorithm, corners):
-    changes = {"sampling.cells": True, "sampling.corners": corners}
-    learner = trained(small(algorithm, 8, **changes), 2)
-    others, rest = learner.tradeoffs.split([CLUSTERS - corners, corners])
-    cells = torch.cdist(others, even_tradeoffs(len(others), 2)).argmin(1)
-    assert torch.equal(cells, torch.arange(len(others)))
-    assert torch.equal(rest, torch.eye(corners, 2))
 
 
 def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork(constants):
@@ -257,17 +237,6 @@ def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew(co
     assert_close(std, torch.full_like(std, 0.4))
 
 
-def test_hyper_morl_keeps_the_exploration_of_a_user_s_own_actor():
-    config = small("hyper-morl", 20)
-    actor = torch.nn.Sequential(torch.nn.Linear(1, 8), torch.nn.Tanh(), torch.nn.Linear(8, 4))
-    learner = HyperMORL(config.make_worlds(config.worlds, config.seed), config, actor=actor)
-    learner.iterate()
-    seen, w = torch.ones(1, 5, 1), torch.tensor([[0.5, 0.5]])
-    before = learner.agent.actors(w).distribution(seen).output
-    learner._start_hypernetwork()
-    assert_close(learner.agent.actors(w).distribution(seen).output, before)
-
-
 def test_amor_keeps_a_world_s_tradeoff_until_its_episode_ends():
     config = config_for(
         "hopper",
@@ -290,32 +259,6 @@ def test_amor_keeps_a_world_s_tradeoff_until_its_episode_ends():
         assert torch.equal(same, ~ended)
         kept += same.sum().item()
     assert 0 < kept < 6 * 16
-
-
-def test_pg_morl_trains_chosen_pairs_and_keeps_what_belongs_to_a_policy(constants):
-    constants("pg-morl", generation=5, warmup=10)
-    learner = trained(small("pg-morl", 60), 5)
-    assert isinstance(learner, PGMORL)
-    assert torch.equal(learner.tradeoffs, even_tradeoffs(CLUSTERS, 2))
-    for _ in range(5):
-        learner.iterate()
-    state = learner.state_dict()["population"]
-    size = state["size"]
-    assert 0 < size <= 20 and state["stretches"] == 2 * CLUSTERS
-    # every policy in training is a member, with its moments, and its trade-off is near the last
-    own = torch.cat([x.flatten(1) for x in learner._belongings()], 1)
-    stored = torch.cat([x[:size].flatten(1) for x in state["members"]], 1)
-    members = [(stored == row).all(1).nonzero()[0, 0].item() for row in own]
-    last = state["weights"][members]
-    cosine = torch.cosine_similarity(last, learner.tradeoffs.double())
-    assert (cosine > 2**-0.5 - 1e-6).all()
-    assert_close(state["start"], state["returns"][members])
-    assert not torch.equal(learner.tradeoffs, even_tradeoffs(CLUSTERS, 2))
-    # a trade-off gets the policy of the archive with the largest weighted return
-    tradeoffs, archived = torch.rand(30, 2), state["archived"][: state["archive_size"]]
-    best = (tradeoffs.double() @ archived.mT).argmax(1)
-    assert torch.equal(learner.agent.actor.flat(tradeoffs), learner.agent.actor.rows[best])
-    assert pareto.non_dominated(archived).all()
 
 
 @pytest.mark.parametrize(
@@ -413,12 +356,10 @@ def test_even_tradeoffs_cover_the_simplex(number):
     [
         ({"algorithm": "sac"}, "algorithm.*'morlax', 'hyper-sac', 'amor'"),
         ({"algorithm": "amor", "network.type": "dual"}, "amor needs conditioned: leave it out"),
-        ({"algorithm": "hyper-morl", "sampling.mode": "dense"}, "hyper-morl needs sparse"),
         (
             {"algorithm": "hyper-morl", "max_env_steps": None, "decay_fraction": 0.0},
             "needs max_env_steps or max_seconds",
         ),
-        ({"network.type": "independent"}, "needs algorithm independent"),
     ],
 )
 def test_bad_combinations_get_one_sentence(changes, message):

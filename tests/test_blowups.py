@@ -1,101 +1,30 @@
 """A world that blows up is terminated, counted and reset, and harms no other world."""
 
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from crowd import Crowd
+from tiny import learner as learner_of
+from tiny import tiny
 from torch import Tensor
 
-from morlax_torch import MORLAX, MorlaxError, config_for, envs
+from morlax_torch import MORLAX, MorlaxError, envs
+from morlax_torch.configuration.config import Config
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.train import train
 
-SLIDER = """
-<mujoco>
-  <option timestep="0.01"/>
-  <worldbody>
-    <body><joint name="x" type="slide" axis="1 0 0" damping="1"/><geom size="0.1"/></body>
-  </worldbody>
-  <actuator><general joint="x" dyntype="filter" dynprm="0.5" gainprm="10"/></actuator>
-</mujoco>
-"""
 
-
-SMALL = {
-    "worlds": 8,
-    "horizon": 4,
-    "device": "cpu",
-    "max_env_steps": 320,
-    "sampling.clusters": 4,
-    "ppo.minibatches": 1,
-    "ppo.epochs": 1,
-    "evaluation.tradeoffs": 4,
-    "evaluation.every": 160,
-}
-
-
-@pytest.fixture
-def slider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[envs.Environment]:
-    """A robot whose actuator has an activation: force follows control with a lag of 0.5 s."""
-    path = tmp_path / "slider.xml"
-    path.write_text(SLIDER)
-
-    class Slider(envs.Environment):
-        model_file = str(path)
-
-        class Options(envs.TaskOptions):
-            objectives: dict[str, dict[str, float]] = {"go": {"go": 1.0}, "save": {"save": 1.0}}
-            episode_length: int = 10
-            nconmax: int = 4
-            njmax: int = 8
-
-        def initial_qpos(self) -> np.ndarray:
-            return np.zeros(1)
-
-        def observe(self) -> Tensor:
-            return torch.cat([self.physics.qpos, self.physics.qvel], -1)
-
-        def apply(self, action: Tensor) -> None:
-            self.physics.ctrl.copy_(action)
-
-        def terms(self) -> dict[str, Tensor]:
-            return {"go": self.physics.qvel[:, 0], "save": -self.physics.ctrl.square().sum(-1)}
-
-        def failed(self) -> Tensor:
-            return self.physics.qpos[:, 0] > 100.0
-
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    envs.register("slider", Slider)
-    return Slider
+def small(env: str = "crowd", **changes: int) -> Config:
+    changes = {"max_env_steps": 320, "evaluation.every": 160, **changes}
+    return tiny(env, **changes, **{"task.episode_length": 10})
 
 
 @pytest.mark.parametrize("backend", ["mujoco", "warp"])
-def test_an_episode_starts_without_activation(slider, backend):
-    env = envs.make("slider", 2, "cpu", backend)
-    full = torch.ones(2, 1)
-    first = [env.step(full).reward[:, 0].clone() for _ in range(10)]  # the tenth step truncates
-    second = [env.step(full).reward[:, 0].clone() for _ in range(10)]
-    assert first[-1].min() > 0
-    torch.testing.assert_close(torch.stack(second), torch.stack(first))
-
-
-@pytest.mark.parametrize("backend", ["mujoco", "warp"])
-def test_a_saved_state_holds_the_activation(slider, backend):
-    env, other = (envs.make("slider", 2, "cpu", backend) for _ in range(2))
-    for _ in range(5):
-        env.step(torch.ones(2, 1))
-    other.load_state_dict(env.state_dict())
-    for _ in range(3):
-        step, same = (worlds.step(torch.zeros(2, 1)) for worlds in (env, other))
-        assert torch.equal(step.observation, same.observation)
-
-
-@pytest.mark.parametrize("backend", ["mujoco", "warp"])
-def test_a_nan_action_ends_one_episode_and_no_more(slider, backend):
-    env, clean = (envs.make("slider", 2, "cpu", backend) for _ in range(2))
+def test_a_nan_action_ends_one_episode_and_no_more(crowd, backend):
+    env, clean = (envs.make("crowd", 2, "cpu", backend) for _ in range(2))
     for t in range(5):
         action = torch.full((2, 1), 0.5)
         expected = clean.step(action)
@@ -124,7 +53,7 @@ def test_a_huge_but_finite_velocity_is_a_blowup(backend, velocity):
 
 
 def test_training_survives_a_world_with_a_huge_velocity():
-    config = config_for("ant", **{**SMALL, "worlds": 64})
+    config = small("ant", worlds=64)
     env = envs.make("ant", 64, "cpu", **config.task.model_dump())
     morlax = MORLAX(env, config)
     morlax.iterate()
@@ -140,50 +69,49 @@ def test_training_survives_a_world_with_a_huge_velocity():
 
 
 @pytest.fixture
-def unsound(slider, monkeypatch) -> list[int]:
-    """Sliders whose reward becomes NaN from a step on; the list holds the first such step."""
-    begin, sound = [10**9], slider.terms
+def unsound(crowd, monkeypatch) -> list[int]:
+    """Worlds whose reward becomes NaN from a step on; the list holds the first such step."""
+    begin, sound = [10**9], Crowd.terms
 
     def terms(self) -> dict[str, Tensor]:
         self.steps = getattr(self, "steps", 0) + 1
         named = sound(self)
-        return {**named, "go": named["go"] * float("nan")} if self.steps > begin[0] else named
+        return {**named, "turn": named["turn"] * float("nan")} if self.steps > begin[0] else named
 
-    monkeypatch.setattr(slider, "terms", terms)
+    monkeypatch.setattr(Crowd, "terms", terms)
     return begin
 
 
 def test_a_run_of_which_every_evaluated_episode_blows_up_stops_with_a_reason(unsound, tmp_path):
     unsound[0] = 2
     with pytest.raises(MorlaxError, match=r"every episode blew up .* after iteration 0: .*latest"):
-        train(config_for("slider", **SMALL), output=tmp_path / "run")
+        train(small(), output=tmp_path / "run")
 
 
 def test_a_run_of_which_every_world_blows_up_stops_with_a_reason(unsound, tmp_path):
     unsound[0] = 25  # the second of two intervals of training, each of 20 steps
     with pytest.raises(MorlaxError, match=r"every world blew up in each rollout of iterations"):
-        train(config_for("slider", **SMALL), output=tmp_path / "run")
+        train(small(), output=tmp_path / "run")
     assert (tmp_path / "run" / "checkpoints" / "latest.pt").exists()
 
 
-def test_blow_ups_are_counted_in_evaluations_and_metrics(slider, tmp_path, monkeypatch):
+def test_blow_ups_are_counted_in_evaluations_and_metrics(crowd, tmp_path, monkeypatch):
     def terms(self) -> dict[str, Tensor]:
         speed = self.physics.qvel[:, 0].clone()
         speed[0] = float("nan")
-        return {"go": speed, "save": -self.physics.ctrl.square().sum(-1)}
+        return {"turn": speed, "effort": self.physics.ctrl.square().sum(-1)}
 
-    monkeypatch.setattr(slider, "terms", terms)
+    monkeypatch.setattr(Crowd, "terms", terms)
     found = []
-    train(config_for("slider", **SMALL), output=tmp_path / "run", on_evaluation=found.append)
+    train(small(), output=tmp_path / "run", on_evaluation=found.append)
     assert [evaluation.blowups for evaluation in found] == [0, 20, 40]  # a step blows up one world
     assert found[0].front.blowups.tolist() == [1, 0, 0, 0]
     assert all(evaluation.indicators["blowup_rate"] == 0.25 for evaluation in found)
 
 
 @pytest.mark.parametrize("kept", [1000, 0])  # by worlds that are resumed, and that start anew
-def test_blow_ups_of_earlier_sessions_count(kept, slider):
-    config = config_for("slider", **SMALL)
-    learner = MORLAX(envs.make("slider", 8, "cpu"), config)
+def test_blow_ups_of_earlier_sessions_count(kept, crowd):
+    learner = learner_of(small())
     learner.env.blowups += kept
     progress = Progress(blowups=1000)
     with closing(Session(learner, make_evaluator(learner), None, progress).training()) as found:

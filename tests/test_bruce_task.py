@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.robots.bruce import model as bruce
@@ -26,33 +27,16 @@ def library() -> Library:
     return Library.load()
 
 
-def quaternion(axis: int, angle: float) -> Array:
-    q = np.zeros(4)
-    q[0], q[1 + axis] = math.cos(angle / 2), math.sin(angle / 2)
-    return q
+def rotation(quat: Array) -> Rotation:
+    return Rotation.from_quat(quat, scalar_first=True)
 
 
-def times(a: Array, b: Array) -> Array:
-    w, v, u, x = a[0], a[1:], b[0], b[1:]
-    return np.array([w * u - v @ x, *(w * x + u * v + np.cross(v, x))])
-
-
-def inverse(q: Array) -> Array:
-    return q * [1, -1, -1, -1]
-
-
-def heading(q: Array) -> float:
-    w, x, y, z = q
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+def of_angles(roll: float, pitch: float, yaw: float) -> Rotation:
+    return Rotation.from_euler("XYZ", [roll, pitch, yaw])
 
 
 def turned(xy: Array, yaw: float) -> Array:
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([c * xy[0] - s * xy[1], s * xy[0] + c * xy[1]])
-
-
-def of_angles(roll: float, pitch: float, yaw: float) -> Array:
-    return times(times(quaternion(0, roll), quaternion(1, pitch)), quaternion(2, yaw))
+    return Rotation.from_rotvec([0, 0, yaw]).apply([*xy, 0])[:2]
 
 
 def curve(points: Array, s: float) -> Array:
@@ -107,7 +91,7 @@ class World:
         return (curve(points, s + h) - curve(points, s - h)) / (2 * h * self.length)
 
     def anchored(self, asked: Array, qpos: Array) -> Array:
-        yaw = heading(times(inverse(of_angles(*asked[19:22])), qpos[3:7]))
+        yaw = (of_angles(*asked[19:22]).inv() * rotation(qpos[3:7])).as_euler("ZYX")[0]
         return np.array([*(qpos[:2] - turned(asked[16:18], yaw)), yaw])
 
     def joints(self, qpos: Array) -> Array:
@@ -118,8 +102,8 @@ class World:
         return np.array([*legs, *arms])
 
     def seen(self, qpos: Array) -> Array:
-        attitude = times(quaternion(2, -self.anchor[2]), qpos[3:7])
-        upright = attitude if attitude[0] >= 0 else -attitude  # q and -q are the same attitude
+        attitude = of_angles(0, 0, -self.anchor[2]) * rotation(qpos[3:7])
+        upright = attitude.as_quat(canonical=True, scalar_first=True)
         return np.concatenate([upright, self.joints(qpos)])
 
     def control(self, action: Array) -> Array:
@@ -164,7 +148,10 @@ class World:
         return (self.t - self.step_start) / STEP
 
     def observation(self) -> Array:
-        base = [np.array([*a[16:19], *of_angles(*a[19:22])]) for a in self.asked_history]
+        base = [
+            np.array([*a[16:19], *of_angles(*a[19:22]).as_quat(scalar_first=True)])
+            for a in self.asked_history
+        ]
         parts = [*self.gyro, *self.accelerometer, self.rates(), [self.leg, self.phase()]]
         parts += [*self.actions, self.command, *self.seen_history]
         return np.concatenate([*parts, *(a[:16] for a in self.asked_history), *base])
@@ -175,8 +162,8 @@ class World:
         x, y, yaw = self.former_anchor
         position = np.array([x, y, asked[18]])
         position[:2] += turned(asked[16:18], yaw)
-        attitude = times(quaternion(2, yaw), of_angles(*asked[19:22]))
-        angle = 2 * math.acos(min(1.0, abs(attitude @ qpos[3:7])))
+        attitude = of_angles(0, 0, yaw) * of_angles(*asked[19:22])
+        angle = (attitude.inv() * rotation(qpos[3:7])).magnitude()
         q, q1, q2 = self.joint_history
         a, a1, a2 = (action[:16] * REACH for action in self.actions[:3])
         c = math.cos(math.pi * (self.phase() + self.leg))

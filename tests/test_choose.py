@@ -1,16 +1,13 @@
 """A trade-off is chosen by what its policy must reach, and its policy does reach it."""
 
 import shlex
-from io import BytesIO
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
-from browsing import chromium
 from closed_form import PLACES, Quadratic
-from PIL import Image
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
 from morlax_torch.__main__ import COMMANDS
@@ -84,10 +81,6 @@ class Powered(Certain):
     def quantify(self, means):
         (x,) = means.T
         return np.stack([100 * x**2, 1 + x, x], 1)
-
-
-class GustyPowered(Gusty, Powered):
-    Options = Quadratic.Options
 
 
 @pytest.fixture
@@ -187,9 +180,6 @@ def test_a_margin_is_a_share_of_the_range(circle):
     assert choose(circle, {"run": 70.0}, "save", margin=0.05).returns["run"] >= 75
 
 
-# quantities
-
-
 def test_of_a_front_as_much_as_a_quantity_allows(measured):
     found = choose(measured, {}, "run", at_most={"power (W)": 60.0})
     power = measured.quantities[:, 0]
@@ -201,15 +191,6 @@ def test_of_a_front_as_much_as_a_quantity_allows(measured):
     assert list(found.promised) == ["run", "save"]
     tight = choose(measured, {}, "run", at_most={"power (W)": 60.0}, margin=0.1)
     assert tight.quantities["power (W)"] <= 50
-
-
-def test_a_quantity_can_be_maximized_between_two_limits(measured):
-    limits = {"at_most": {"power (kW)": 0.06, "save": 95.0}}
-    found = choose(measured, {"power (kW)": 0.01}, "power (kW)", **limits)
-    power = measured.quantities[:, 1]
-    assert found.quantities["power (kW)"] == power[power <= 0.06].max()
-    near = min(found.quantities["power (kW)"] - 0.01, 0.06 - found.quantities["power (kW)"])
-    assert found.margins == {"power (kW)": near, "save": 95 - found.returns["save"]}
 
 
 def test_a_quantity_that_is_not_finite_keeps_no_requirement(measured):
@@ -241,17 +222,6 @@ def require(quantities, at_least, maximize, at_most) -> Requirements:
     return Requirements.of(("run", "save"), quantities, at_least, maximize, at_most)
 
 
-@pytest.mark.parametrize("broken", [np.nan, np.inf])
-def test_an_ignored_quantity_changes_no_proposal(circle, broken):
-    plain, wide = (require(names, {"run": 50.0}, "save", {}) for names in ((), ("power (W)",)))
-    values = np.hstack([circle.returns, np.full((11, 1), broken)])
-    one = Candidates(circle.tradeoffs, circle.returns, False, plain).propose(8)
-    other = Candidates(circle.tradeoffs, values, False, wide).propose(8)
-    np.testing.assert_array_equal(one[0], other[0])
-    np.testing.assert_array_equal(one[1], other[1][:, :2])
-    assert one[2] == other[2]
-
-
 @pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(("limit", "least"), [(25.0, 49.0), (81.0, 83.2)])
 def test_the_search_meets_a_limit_beside_policies_without_numbers(measured, limit, least, broken):
@@ -270,9 +240,6 @@ def test_the_search_meets_a_limit_beside_policies_without_numbers(measured, limi
         candidates.tell(proposed, promised, simulate(proposed))
     best = candidates.values[candidates.ranked()[0]]
     assert least <= best[0] <= 10 * limit**0.5 and best[2] <= limit
-
-
-# simulation
 
 
 @pytest.mark.parametrize("given", ["run", "policy"])
@@ -313,13 +280,6 @@ def test_a_measured_quantity_is_kept_in_simulation(powered, given):
     message = r"has power \(W\) 1 instead of at most 0.5, 0.5 more\.$"
     with pytest.raises(MorlaxError, match=message):
         choose(run, {}, "right", at_most={"power": 0.5}, device="cpu")
-
-
-def test_a_random_task_keeps_a_measured_quantity_on_other_episodes(tmp_path, monkeypatch):
-    run = separate(tmp_path / "run", "gusty", GustyPowered, monkeypatch)
-    found = choose(run, {"speed (m/s)": 0.8}, "right", at_most={"power": 10.0}, device="cpu")
-    assert found.quantities["power (W)"] == pytest.approx(1, abs=1e-4)
-    assert found.margins == pytest.approx({"speed (m/s)": 0.3, "power (W)": 9.0}, abs=1e-4)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -410,33 +370,10 @@ def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize):
     assert found.cost >= 0
 
 
-# the command
-
-
-@pytest.mark.slow
-def test_the_command_prints_values_that_other_commands_take(typed):
-    lines = typed("cheetah", "--at-least", "run=2000", "--maximize", "energy")
-    _, promised, value, least, margin = next(x for x in lines if x.split()[0] == "run").split()
-    assert float(value) >= 2000 and float(least) == 2000 and float(promised) > 1000
-    assert float(margin) == pytest.approx(float(value) - 2000, abs=0.1)
-    (cost,) = (x for x in lines if x.startswith("cost of the requirements: "))
-    assert "of energy, which reaches 2499" in cost
-    assert f"checkpoint: {find_run('cheetah') / 'checkpoints' / 'best.pt'}" in lines
-    (printed,) = (x for x in lines if x.startswith("trade-off: "))
-    tradeoff = parse_tradeoff(printed.split()[1], ("run", "energy"))
-    again = simulated(load("cheetah"), tradeoff)
-    assert again[0] == pytest.approx(float(value), abs=0.1)
-    export, explore = (shlex.split(x.split(": ")[1]) for x in lines[-2:])
-    assert export[-3:] == ["cheetah", "--tradeoff", printed.split()[1]]
-    assert explore[-1] == "cheetah" and explore[-2].endswith("explore")
-
-
 MISTAKES = {
     "an unknown objective": ({"rum": 1.0}, "save", "unknown objective 'rum': did you mean 'run'"),
-    "nothing to maximize": ({}, "sav", "unknown objective 'sav': did you mean 'save'"),
     "no quantities": ({"power": 1.0}, "save", r"'power'.* No quantities are measured"),
     "not a number": ({"run": float("nan")}, "save", "required value of run is nan"),
-    "too much": ({"run": 120.0}, "save", "has run 100 instead of 120, 20 less"),
     "too much at once": (
         {"run": 90.0, "save": 90.0},
         "run",
@@ -459,21 +396,18 @@ def test_numbers_out_of_range_are_refused(circle):
         choose("cheetah", {}, "run", seeds=2, device="cpu")
 
 
-@pytest.mark.parametrize(
-    "required",
-    ["--at-least left=0.4 --at-least left=0.1", "--at-least left=0.1 --constrain left>=0.4"],
-)
-def test_the_largest_requirement_of_an_objective_counts(required, three, typed):
-    lines = typed(three, *required.split(), "--maximize", "right")
+def test_the_largest_requirement_of_an_objective_counts(three, typed):
+    required = "--at-least", "left=0.1", "--constrain", "left>=0.4"
+    lines = typed(three, *required, "--maximize", "right")
     assert next(x for x in lines if x.split()[0] == "left").split()[3] == "0.4"
 
 
 @pytest.mark.parametrize(
     ("option", "text", "remedy"),
     [
-        *(("--constrain", text, "'run >= 2000'") for text in ("run > 3", "run >= nan", ">= 3")),
+        ("--constrain", "run > 3", "'run >= 2000'"),
         ("--constrain", "run <= nan", "'power <= 60'"),
-        *(("--at-least", text, "run=2000") for text in ("run", "run=nan", "=3")),
+        ("--at-least", "=3", "run=2000"),
         ("--at-most", "power (W)=inf", "power=60"),
     ],
 )
@@ -531,22 +465,6 @@ def test_a_decision_card_counts_quantities(measured):
     assert "<td>at most 60</td>" in page and "power (kW)" not in page
     assert "The requirements are not kept with storm, gale." in page
     assert page.count("<td>yes</td>") == 1 and page.count("<td>no</td>") == 2
-
-
-@pytest.mark.slow
-def test_a_decision_card_fits_on_a_phone(measured, tmp_path):
-    picture, file = BytesIO(), tmp_path / "card.html"
-    Image.new("RGB", (2103, 240)).save(picture, "PNG")
-    choice = choose(measured, {}, "run")
-    tried = {"calm": Trial(choice.values, 0.0, 1)}
-    facts = {"checkpoint": "runs/robot/20261120-054533-0/checkpoints/best.pt"}
-    file.write_text(card("robot", choice, tried, facts, ["morlax " * 40], picture.getvalue()))
-    with chromium() as browser:
-        for width in (390, 1280):
-            page = browser.new_page(viewport={"width": width, "height": 844})
-            page.goto(file.as_uri())
-            assert page.evaluate("document.documentElement.scrollWidth") == width
-            assert page.locator("figure img").bounding_box()["height"] > 60
 
 
 def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):

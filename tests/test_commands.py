@@ -1,24 +1,18 @@
 """The command line: options, and a plain error message for each mistake."""
 
-import csv
 import shutil
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 import yaml
+from tiny import TYPED
 
 from morlax_torch import load, save
 from morlax_torch.commands import evaluate, export, record, train
 from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.config import Config
-
-TINY = (
-    *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
-    *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
-)
 
 
 def run(monkeypatch, module, *arguments: str) -> None:
@@ -28,9 +22,8 @@ def run(monkeypatch, module, *arguments: str) -> None:
 
 @pytest.fixture(scope="module")
 def once(tmp_path_factory) -> Path:
-    """Train a run once; tests get copies."""
     folder = tmp_path_factory.mktemp("once") / "run"
-    train.command(["--env", "hopper", *TINY, "--max-env-steps", "320", "--output", str(folder)])
+    train.command(["--env", "hopper", *TYPED, "--output", str(folder)])
     return folder
 
 
@@ -51,7 +44,7 @@ def read(*arguments: str) -> Config:
 
 
 def test_the_default_run_folder_is_named_after_task_and_seed(workplace, monkeypatch, capsys):
-    run(monkeypatch, train, "--env", "hopper", *TINY, "--max-env-steps", "320", "--seed", "7")
+    run(monkeypatch, train, "--env", "hopper", *TYPED, "--seed", "7")
     (folder,) = (workplace / "runs" / "hopper").iterdir()
     assert folder.name.endswith("-7")
     assert yaml.safe_load((folder / "config.yaml").read_text())["seed"] == 7
@@ -95,16 +88,8 @@ MISTAKES = {
     "wrong type": (("--env", "ant", "--worlds", "many"), "many"),
     "negative": (("--env", "ant", "--ppo.learning-rate", "-1"), "ppo.learning_rate"),
     "K does not divide N": (("--env", "ant", "--worlds", "100"), "must divide worlds (100)"),
-    "K is one": (("--env", "ant", "--sampling.clusters", "1"), "at least 2"),
-    "odd corners": (("--env", "ant", "--sampling.corners", "1"), "must be 0 or 2"),
-    "too many corners": (
-        ("--env", "cheetah3", "--worlds", "512", "--sampling.clusters", "2"),
-        "less than the 3 corners",
-    ),
-    "minibatches": (("--env", "ant", "--ppo.minibatches", "7"), "ppo.minibatches (7) must divide"),
     "no GPU": (("--env", "ant", "--device", "cuda"), "no CUDA device"),
     "no device": (("--env", "ant", "--device", "gpu"), "'gpu' is not a device"),
-    "unknown backend": (("--env", "ant", "--backend", "bullet"), "bullet"),
     "no config file": (("--config", "none.yaml"), "there is no config none.yaml"),
     "resume nothing": (("--resume", "nowhere"), "nowhere is not a run"),
 }
@@ -124,13 +109,11 @@ def test_a_mistake_prints_one_error_and_creates_nothing(name, workplace, monkeyp
 
 FILES = {
     "unknown key": ("env: ant\nhorzion: 3\n", "unknown key 'horzion': did you mean 'horizon'?"),
-    "unknown nested key": ("env: ant\nppo: {epoch: 3}\n", "did you mean 'epochs'?"),
     "unknown task option": ("env: ant\ntask: {njmx: 3}\n", "did you mean 'njmax'?"),
     "unknown reward term": (
         "env: ant\ntask: {objectives: {a: {vx: 1}, b: {vz: 1}}}\n",
         "unknown reward term 'vz'",
     ),
-    "wrong type": ("env: ant\nworlds: many\n", "worlds: Input should be a valid integer"),
     "no task": ("worlds: 3\n", "names no task"),
     "no YAML": ("env: [ant\n", "is not valid YAML"),
     "no mapping": ("- 3\n", "must hold keys and values"),
@@ -156,32 +139,15 @@ def test_a_config_file_of_another_task_works_like_its_copy(workplace, capsys):
     assert (copied.env, copied.horizon, copied.worlds) == ("hopper", 7, 64)
 
 
-def test_a_file_of_the_same_task_is_of_no_other_one(workplace, capsys):
-    (workplace / "there").mkdir()
-    Path("mine.py").write_text('from morlax_torch import envs\n\nMine = envs.get("hopper")\n')
-    Path("my.yaml").write_text("env: mine.py:Mine\n")
-    config = read("--config", "my.yaml", "--env", "there/../mine.py:Mine", "--device", "cpu")
-    assert config.env == f"{workplace}/mine.py:Mine" and not capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ("{njmx: 3}", "did you mean 'njmax'?"),
-        ("{objectives: {a: {vx: 1}, b: {vy: 1}}}", "unknown reward term 'vx'"),
-        ("{reset_noise: 0.1}", "leave reset_noise at 0"),
-    ],
-)
-def test_values_that_do_not_fit_another_task_are_one_sentence(values, expected, workplace, refused):
-    Path("my.yaml").write_text(f"env: ant\ntask: {values}\n")
+def test_values_that_do_not_fit_another_task_are_one_sentence(workplace, refused):
+    Path("my.yaml").write_text("env: ant\ntask: {objectives: {a: {vx: 1}, b: {vy: 1}}}\n")
     typed = ("--config", "my.yaml", "--env", "bruce", "--device", "cpu")
-    assert expected in refused(train, *typed)
-    assert [path.name for path in workplace.iterdir()] == ["my.yaml"]
+    assert "unknown reward term 'vx'" in refused(train, *typed)
 
 
 def test_a_folder_in_use_is_not_overwritten(trained, refused):
     before = {path: path.stat().st_mtime_ns for path in trained.rglob("*")}
-    typed = ("--env", "hopper", *TINY, "--output", "run")
+    typed = ("--env", "hopper", *TYPED, "--output", "run")
     assert "run exists already" in refused(train, *typed)
     assert before == {path: path.stat().st_mtime_ns for path in trained.rglob("*")}
 
@@ -192,18 +158,8 @@ def test_a_folder_in_use_is_not_overwritten(trained, refused):
 )
 def test_an_output_that_cannot_be_a_run_is_an_error(output, expected, workplace, refused):
     Path("file").write_text("")
-    assert expected in refused(train, "--env", "hopper", *TINY, "--output", output)
+    assert expected in refused(train, "--env", "hopper", *TYPED, "--output", output)
     assert [path.name for path in workplace.iterdir()] == ["file"]
-
-
-def test_a_damaged_config_of_a_run_is_an_error(trained, refused):
-    (trained / "config.yaml").write_bytes(b"\xff\xfe: [")
-    assert "is not valid YAML" in refused(train, "--resume", "run")
-
-
-def test_too_few_tradeoffs_are_an_error(trained, refused):
-    typed = ("run", "--device", "cpu", "--tradeoffs", "1")
-    assert "1 trade-offs are too few" in refused(evaluate, *typed)
 
 
 def test_a_resumed_run_keeps_its_config(trained, monkeypatch, capsys, refused):
@@ -216,36 +172,11 @@ def test_a_resumed_run_keeps_its_config(trained, monkeypatch, capsys, refused):
         assert said in refused(train, "--resume", "run", f"--{option}", "other")
 
 
-def test_a_damaged_checkpoint_is_an_error(trained, refused):
-    latest = trained / "checkpoints" / "latest.pt"
-    whole = latest.read_bytes()
-    latest.write_bytes(whole[: len(whole) // 2])
-    (trained / "checkpoints" / "best.pt").unlink()
-    for module, arguments in ((train, ("--resume", "run")), (evaluate, ("run",))):
-        assert "is damaged or not a checkpoint" in refused(module, *arguments)
-
-
 def test_a_checkpoint_of_another_task_is_refused(trained, monkeypatch, refused):
-    run(monkeypatch, train, "--env", "ant", *TINY, "--max-env-steps", "160", "--output", "other")
+    run(monkeypatch, train, "--env", "ant", *TYPED, "--output", "other")
     latest = Path("checkpoints", "latest.pt")
     (trained / latest).write_bytes((trained.parent / "other" / latest).read_bytes())
     assert "is of task 'ant', not 'hopper'" in refused(train, "--resume", "run")
-
-
-def test_evaluate_prints_the_indicators_and_writes_the_front(trained, monkeypatch, capsys):
-    run(monkeypatch, evaluate, "run", "--device", "cpu", "--tradeoffs", "5")
-    text = sentence(capsys)
-    for name in ("hypervolume", "sparsity", "expected utility", "cardinality"):
-        assert name in text
-    with np.load(trained / "front.npz") as front:
-        assert front["tradeoffs"].shape == front["returns"].shape == (5, 2)
-        assert front["non_dominated"].dtype == bool
-        assert front["reference_point"].tolist() == [0, 0]
-    with (trained / "front.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 5
-    assert {"tradeoff_run", "return_jump", "length", "non_dominated"} <= set(rows[0])
-    assert (trained / "front.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_evaluate_prints_the_indicators_of_a_run_that_cannot_be_written(

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
-from closed_form import Quadratic
 
 from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.commands import tune
@@ -65,10 +64,8 @@ def test_default_objectives_are_those_of_the_paper():
         ({"worlds": 100}, r"must divide worlds \(100\): try --worlds 96"),
         ({"sampling": {"clusters": 1}}, "at least 2 trade-offs"),
         ({"sampling": {"corners": 3}}, "must be 0 or 2"),
-        ({"sampling": {"focus": [1.0, 0.5]}, "max_env_steps": 9}, "one weight for each of the 2"),
         ({"sampling": {"focus": [0.0, 0.0, 0.5]}, "max_env_steps": 9}, "at least one above zero"),
         ({"sampling": {"focus": [1.0, 0.0, 0.5]}, "max_env_steps": None}, "needs max_env_steps or"),
-        ({"worlds": 64, "ppo": {"minibatches": 16}}, "must divide the 8 worlds"),
         ({"worlds": 60, "sampling": {"mode": "dense"}}, "must divide the 60 worlds"),
         ({"task": {"objectives": {"all": {"run": 1.0}}}}, "at least two objectives"),
         ({"decay_fraction": 0.3}, "decay_fraction needs max_env_steps"),
@@ -112,11 +109,8 @@ UNUSABLE = {
         {"task": {"objectives": {"a": {"run": 1e300}, "b": {"run": 1}}}},
         r"1e\+300 is too large: use at most 1e\+09",
     ),
-    "a huge factor": ({"task": {"randomization": {"mass": (1, 1e300)}}}, "mass.1: Input should be"),
-    "a huge clip": ({"ppo": {"clip": 1e300}}, "ppo.clip"),
     "a huge layer": ({"network": {"actor": (2**40,)}}, "network.actor.0"),
     "a formula": ({"task": {"objectives": {"=1+1": {}, "b": {}}}}, "cannot be '=1\\+1'"),
-    "a long name": ({"task": {"objectives": {"a" * 41: {}, "b": {}}}}, "at most 40 letters"),
     "nesting": ({"task": {"objectives": {"a": {"run": [[[[[[[]]]]]]]}, "b": {}}}}, "valid number"),
 }
 
@@ -131,9 +125,7 @@ def test_unusable_numbers_and_names_are_refused_in_one_sentence(name):
 
 UNREADABLE = {
     "the same key twice": ("env: ant\nseed: 1\nseed: 2\n", "the key seed appears twice"),
-    "a scalar section": ("env: ant\ncpu: 4\n", "cpu: Input should be a valid dictionary.*4"),
     "one GPU": ("env: ant\ngpus: {1: {seed: 2}}\n", "gpus.1.*greater than or equal to 2"),
-    "a name in gpus": ("env: ant\ngpus: {worlds: 64}\n", "gpus.worlds.*valid integer"),
     "deep nesting": ("a: " + "[" * 2000 + "]" * 2000, "is nested too deeply"),
     "binary": ("env: \0", "is not valid YAML"),
     "doubling": (
@@ -163,7 +155,6 @@ REPAIRED = {
     "minibatches of a file": ("ppo: {minibatches: 7}", ("--ppo.minibatches", "8")),
     "no limit": ("max_env_steps: null\ndecay_fraction: 0.3", ("--max-seconds", "9")),
     "an unknown objective": ("scalarization: constrained:x", ("--scalarization", "linear")),
-    "seeds": ("evaluation: {seeds: 4}", ("--task.reset-noise", "0.1")),
     "a network": ("network: {type: independent}", ("--network.type", "dual")),
     "an algorithm": ("network: {type: single}", ("--algorithm", "hyper-morl")),
 }
@@ -181,26 +172,6 @@ def test_options_are_checked_together_with_the_file_that_they_change(name, tmp_p
     assert read([*typed, *options])[0] == load_config(read([*typed, *options])[0].model_dump())
     repaired = [] if name == "no limit" else options
     assert tune.read([*typed, *repaired])[0].env == "hopper"
-
-
-def test_options_repair_the_defaults_of_a_task_with_many_objectives(monkeypatch):
-    class Many(Quadratic):
-        class Options(Quadratic.Options):
-            objectives: dict[str, dict[str, float]] = {
-                f"n{index}": {"left": 1.0} for index in range(30)
-            }
-
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    envs.register("many", Many)
-    typed = ["--env", "many", "--device", "cpu"]
-    with pytest.raises(MorlaxError, match=r"sampling.clusters \(8\) is less than the 30 corners"):
-        read(typed)
-    options = ["--sampling.clusters", "32", "--ppo.minibatches", "1"]
-    changes = {"sampling.clusters": 32, "ppo.minibatches": 1}
-    expected = config_for("many", device="cpu", **changes)
-    config = read([*typed, *options])[0]
-    assert config.sampling == expected.sampling and config.worlds == expected.worlds
-    assert tune.read([*typed, *options])[0].sampling == expected.sampling
 
 
 @pytest.mark.parametrize("env", ["cheetah", "walker", "hopper", "ant", "humanoid"])

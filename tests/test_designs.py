@@ -1,8 +1,9 @@
 """Bodies that differ: each world's is that of its design, and one family of policies knows all."""
 
-import csv
 import re
 from pathlib import Path
+from queue import Queue
+from typing import Any
 
 import designs as comparing
 import matplotlib.pyplot as plt
@@ -11,6 +12,8 @@ import mujoco_warp as mjw
 import numpy as np
 import pytest
 import torch
+from browsing import PATIENCE, View, chromium, exploring
+from same import csv_rows
 from tiny import scaled
 
 import morlax_torch
@@ -28,10 +31,12 @@ from morlax_torch.envs.worlds.design_space import (
 )
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.evaluation.making import held_out, make_evaluator
-from morlax_torch.networks.hypernetwork import Hypernetwork
+from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.training import Session
 from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer
+from morlax_torch.viewers.explorer.exhibits import RunExhibit
+from morlax_torch.viewers.explorer.library import choose
 from morlax_torch.viewers.filming.film import Film
 
 PAGES = Path(__file__).parent.parent / "docs"
@@ -59,12 +64,8 @@ def bank_of(env, number: int = 12):
 
 
 def fresh(task: str, design: np.ndarray, number: int = 1, **others):
-    """Make worlds that are compiled with a design alone."""
     named = DesignSpace(envs.get(task).designs).named(design)
     return envs.make(task, number, "cpu", design=named, **others)
-
-
-# Bodies
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -128,17 +129,6 @@ def test_a_world_moves_as_one_that_is_compiled_alone(task, backend):
             assert step.terminated[world] == other.terminated[0]
 
 
-def test_a_longer_leg_starts_as_far_above_the_floor():
-    feet = []
-    for length in (0.2, 0.33, 0.5):
-        env = envs.make_robot("design/hopper", design={"thigh": length})
-        data = mujoco.MjData(env.physics.model)
-        data.qpos[:] = env.initial_qpos()
-        mujoco.mj_forward(env.physics.model, data)
-        feet.append(data.geom("foot").xpos[2])
-    assert feet == pytest.approx([feet[1]] * 3, abs=1e-9)
-
-
 class Stump(DesignedHopper):
     """Some of its designs do not compile, some start in the floor."""
 
@@ -164,20 +154,6 @@ def test_designs_without_a_body_are_left_out_and_counted(monkeypatch):
         compile_bank(env, np.array([[2.0]]))
 
 
-class Headless(DesignedHopper):
-    @classmethod
-    def shape(cls, spec, design):
-        if design["thigh"] > 0.33:
-            spec.delete(spec.geom("nose"))
-
-
-def test_a_design_keeps_the_parts_of_the_robot(monkeypatch):
-    env = envs.make("design/hopper", 1, "cpu", "mujoco")
-    monkeypatch.setattr(env, "__class__", Headless)
-    with pytest.raises(MorlaxError, match=r"Headless\.shape changes ngeom .* from 7 to 6"):
-        bank_of(env)
-
-
 def test_a_parameter_needs_bounds_around_its_default():
     for low, high in ((0.1, float("inf")), (0.5, 0.9)):
         with pytest.raises(MorlaxError, match="needs finite bounds, and a default between them"):
@@ -185,30 +161,15 @@ def test_a_parameter_needs_bounds_around_its_default():
 
 
 @pytest.mark.parametrize(
-    ("task", "design", "sentence"),
-    [
-        ("design/hopper", {"thigh": 0.6}, "'thigh' is 0.6 m: it must be from 0.2 to 0.5 m"),
-        ("design/hopper", {"shin": 0.3}, "unknown design parameter 'shin'"),
-        ("hopper", {"thigh": 0.3}, "Hopper declares no design parameters"),
-    ],
-)
-def test_a_wrong_design_is_one_sentence(task, design, sentence):
-    with pytest.raises(MorlaxError, match=sentence):
-        envs.make(task, 1, "cpu", design=design)
-
-
-@pytest.mark.parametrize(
     ("design", "sentence"),
     [
         (None, r"a design is numbers by name, such as \{'thigh': 0\.33\}, not None\."),
-        ({"thigh": "x"}, r"the design parameter 'thigh' must be a number, not 'x'\."),
-        ({"thigh": True}, r"the design parameter 'thigh' must be a number, not True\."),
         ({"thigh": np.zeros(3)}, r"the design parameter 'thigh' must be a number, not array"),
         ({"thigh": float("nan")}, r"'thigh' is nan m: it must be from 0\.2 to 0\.5 m"),
-        ({3: 0.3}, r"unknown design parameter '?3'?"),
+        ({"shin": 0.3}, r"unknown design parameter 'shin'"),
     ],
 )
-def test_a_design_of_other_types_is_one_sentence(design, sentence):
+def test_a_wrong_design_is_one_sentence(design, sentence):
     hopper = envs.get("design/hopper")
     for use in (compiled, mjcf):
         with pytest.raises(MorlaxError, match=sentence):
@@ -242,17 +203,6 @@ def test_noisy_starts_are_those_of_the_own_body():
         assert np.ptp(own) > 0 and np.abs(own - start[2]).max() <= 0.01
 
 
-# Networks
-
-
-def test_a_context_is_an_input_beside_the_trade_off():
-    family = Hypernetwork(torch.nn.Linear(3, 2), 2, context_size=1, scale=0.5)
-    w, c = torch.tensor([[3.0, 1.0]]), torch.tensor([[-0.5]])
-    features = family.features(torch.tensor([[0.75, 0.25, -0.5]]))
-    expected = features @ family.weight.T + family.bias
-    torch.testing.assert_close(family.flat(torch.cat([w, c], -1)), expected)
-
-
 @scaled(0.1)
 @pytest.mark.parametrize("kind", ["dual", "single", "conditioned"])
 def test_policies_of_another_body_are_those_of_its_condition(kind):
@@ -273,9 +223,6 @@ def test_policies_of_another_body_are_those_of_its_condition(kind):
     torch.testing.assert_close(other.specialize([0.7, 0.3])(seen), expected)
     assert (policy(seen, [0.7, 0.3]) - expected).abs().max() > 1e-3
     assert other.config.task.design == design
-
-
-# Training
 
 
 def test_clusters_keep_a_body_for_an_episode_and_then_change():
@@ -379,26 +326,6 @@ def test_what_cannot_have_designs_says_so(changes, sentence):
         MORLAX(config.make_worlds(16, 0), config)
 
 
-def test_policies_of_one_body_know_no_others():
-    policy = morlax_torch.load("hopper")
-    with pytest.raises(MorlaxError, match="were trained with one body"):
-        policy.for_design({"thigh": 0.4})
-
-
-def test_designs_are_scaled_and_named():
-    space = DesignSpace(
-        {"a": DesignParameter(1.0, 0.0, 4.0), "b": DesignParameter(2.0, 1.0, 3.0, "kg")}
-    )
-    assert space.scaled(space.vector({})).tolist() == [-0.5, 0.0]
-    assert space.named(space.vector({"a": 4})) == {"a": 4.0, "b": 2.0}
-    spread = space.spread(256, 0)
-    assert np.allclose(spread.mean(0), [2, 2], atol=0.05)
-    assert (spread.min(0) >= [0, 1]).all() and (spread.max(0) <= [4, 3]).all()
-
-
-# Search
-
-
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     config = small(**{"task.episode_length": 60})
@@ -444,8 +371,7 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
     searching.command([*words, "--maximize", "jump", "--at-least", "run=1"])
     text = capsys.readouterr().out
     assert "32 policies were simulated" in text and "most jump: " in text
-    rows = list(csv.DictReader((tmp_path / "found" / "designs.csv").read_text().splitlines()))
-    best = max(rows, key=lambda row: float(row["jump"]))
+    best = max(csv_rows(tmp_path / "found" / "designs.csv"), key=lambda row: float(row["jump"]))
     policy = morlax_torch.load(tmp_path / "found" / "body.pt")
     own = policy.config.task.design
     assert own["thigh"] == pytest.approx(float(best["thigh"]), rel=1e-5)
@@ -458,16 +384,8 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
     assert "body with the largest hypervolume: thigh" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["--at-least", "run=1"], "name what to maximize"),
-        (["--bodies", "1"], "bodies: Input should be greater than or equal to 2"),
-        (["--rounds", "-1"], "rounds: Input should be greater than or equal to 0"),
-    ],
-)
-def test_a_wrong_search_is_one_sentence(run, words, sentence, refused):
-    assert sentence in refused(searching, str(run), *words)
+def test_a_wrong_search_is_one_sentence(run, refused):
+    assert "name what to maximize" in refused(searching, str(run), "--at-least", "run=1")
     assert "were trained with one body" in refused(searching, "hopper")
 
 
@@ -493,16 +411,12 @@ def test_a_robot_of_ones_own_declares_designs_in_ten_lines(tmp_path):
 @pytest.mark.slow
 def test_a_family_is_compared_with_specialists(run, tmp_path):
     comparing.main(str(run), bodies=2, seconds=0.5, device="cpu", output=tmp_path / "rows.csv")
-    rows = list(csv.DictReader((tmp_path / "rows.csv").read_text().splitlines()))
     policy = morlax_torch.load(run)
-    for row in rows:
+    for row in csv_rows(tmp_path / "rows.csv"):
         design = {"thigh": float(row["thigh"]), "calf": float(row["calf"])}
         own = morlax_torch.evaluate(policy.for_design(design), device="cpu")
         assert float(row["family"]) == pytest.approx(own.hypervolume)
         assert float(row["specialist"]) > 0
-
-
-# Films
 
 
 def test_a_film_shows_bodies_side_by_side(run, tmp_path, opengl):
@@ -523,3 +437,58 @@ def test_a_body_that_is_no_list_of_numbers_is_one_sentence(run, refused):
     for text in ("thigh", "thigh=long"):
         assert f"'{text}' does not name numbers" in refused(record, str(run), "--body", text)
     assert "were trained with one body" in refused(record, "hopper", "--body", "thigh=0.4")
+
+
+def test_a_slider_changes_the_body_and_then_the_front(run):
+    waiting = Queue[Any]()
+    exhibit = RunExhibit(choose(str(run), None), waiting.put)
+    session = exhibit.behaviors[0]
+    robot, model = session.robot, session.model
+    assert exhibit.state()["design"] == [0.33, 0.32] and exhibit.state()["measured"]
+    exhibit.react({"act": "reshape", "index": 1, "value": 9.0})  # clamped
+    design = {"thigh": 0.33, "calf": 0.5}
+    assert session.model is not model and session.robot is robot  # the panel stays
+    assert session.model.geom("calf").size[1] == pytest.approx(0.25)
+    assert exhibit.state()["design"] == [0.33, 0.5] and not exhibit.state()["measured"]
+    assert exhibit.state()["choosing"] is None and session.front is None
+    exhibit.react({"act": "press", "name": "add"})
+    assert len({id(each.player.policy) for each in exhibit.behaviors}) == 1
+    exhibit.react({"act": "press", "name": "measure"})
+    waiting.get(timeout=PATIENCE)()
+    policy = morlax_torch.load(run).for_design(design)
+    expected = evaluate(policy, 33, device="cpu").returns
+    for session in exhibit.behaviors:
+        assert session.front.returns == pytest.approx(expected)
+        assert session.robot is not robot
+    assert exhibit.state()["measured"] and exhibit.state()["choosing"] is not None
+
+
+def test_a_front_of_a_former_body_is_not_shown(run):
+    waiting = Queue[Any]()
+    exhibit = RunExhibit(choose(str(run), None), waiting.put)
+    for value in (0.4, 0.45):
+        exhibit.react({"act": "reshape", "index": 0, "value": value})
+        if value == 0.4:
+            exhibit.react({"act": "press", "name": "measure"})
+    waiting.get(timeout=PATIENCE)()
+    assert exhibit.behaviors[0].front is None and not exhibit.state()["measured"]
+
+
+def test_robots_with_one_body_have_no_sliders_for_it():
+    exhibit = RunExhibit(choose("hopper", None), lambda request: None)
+    model = exhibit.behaviors[0].model
+    exhibit.react({"act": "reshape", "index": 0, "value": 0.4})
+    assert exhibit.behaviors[0].model is model and exhibit.state()["design"] == []
+
+
+@pytest.mark.slow
+def test_a_body_is_changed_in_a_browser(run):
+    with chromium() as browser, exploring(str(run)) as (address, _):
+        view = View(browser, address)
+        view.drag("thigh (m)", 1.0)
+        view.until(lambda: view.value("thigh (m)") == 0.5, "the slider does not stay")
+        view.moves()
+        front = view.tab.locator("#front-section")
+        view.until(lambda: "stale" not in (front.get_attribute("class") or ""), "no front comes")
+        assert view.value("thigh (m)") == pytest.approx(0.5)
+        assert view.errors == []

@@ -1,4 +1,4 @@
-"""The code, configs and links of the README and docs/ work as printed."""
+"""The code, configs, links and commands of the README and docs/ work as printed."""
 
 import inspect
 import re
@@ -14,7 +14,8 @@ import yaml
 
 import morlax_torch
 from morlax_torch import MORLAX, config_for, envs
-from morlax_torch.commands import export
+from morlax_torch.__main__ import COMMANDS, command
+from morlax_torch.commands import export, train, tune
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import file_values, merged, space_values, task_values
 from morlax_torch.runs import checkpoint
@@ -46,29 +47,18 @@ def blocks(language: str) -> list:
 
 
 def only_in_a_fresh_process(block) -> bool:
-    """Say whether a block is slow, or starts processes that import the block itself."""
-    (code,), page = block.values, block.id.rpartition("-")[0]
-    return page in FRESH_ONLY or "tuning.searching" in code
-
-
-def _marked(every: list) -> list:
-    """Mark as long the blocks that `test_python_runs` runs, too, in less time."""
-    long = pytest.mark.long
-    return [
-        block
-        if only_in_a_fresh_process(block)
-        else pytest.param(*block.values, id=block.id, marks=long)
-        for block in every
-    ]
+    return block.id.rpartition("-")[0] in FRESH_ONLY
 
 
 @pytest.fixture
-def workplace(tmp_path, monkeypatch) -> Path:
-    """Return a folder with the files that pages show; each starts with a comment naming it."""
+def workplace(tmp_path, monkeypatch, make_run) -> Path:
+    """Return a folder with a run, and the files that pages show below a comment with their name."""
     file = re.compile(r"```\w+\n((?:# |<!-- )([\w.]+\.\w+)\b.*?)```", re.DOTALL)
     for page in PAGES:
         for text, name in file.findall(page.read_text()):
             (tmp_path / name).write_text(text)
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    make_run(tmp_path / "run", "cheetah", "best")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -103,36 +93,18 @@ def with_short_episodes(task: str, **changes) -> Config:
     return config_for(task, **{**length, **changes})
 
 
-ALONE = """
-import builtins
-usual = builtins.__import__
-def importing(name, *others, **named):
-    module = usual(name, *others, **named)
-    if name.partition(".")[0] == "morlax_torch":
-        builtins.__import__ = usual
-        import morlax_torch
-        given = morlax_torch.config_for
-        morlax_torch.config_for = lambda env, **changes: given(
-            env, **{**({} if ":" in env else {"task.episode_length": 20}), **changes}
-        )
-    return module
-builtins.__import__ = importing
-"""  # with short episodes, as soon as a block imports morlax_torch
+def needs_modules(code: str) -> None:
+    for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
+        pytest.importorskip(module, reason=f"{module} is not installed")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", _marked(blocks("python")))
+@pytest.mark.parametrize("code", [x for x in blocks("python") if only_in_a_fresh_process(x)])
 def test_python_runs_in_a_fresh_process(code, run, workplace, request):
-    """No block uses names, imports or filters of warnings of another one."""
-    for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
-        pytest.importorskip(module, reason=f"{module} is not installed")
-    if "import wandb" in code:
-        pytest.skip("test_hosts.py starts it")
-    if "import record" in code:
-        request.getfixturevalue("opengl")
+    needs_modules(code)
     exports = "export-" in request.node.callspec.id
     folder = request.getfixturevalue("exported") if exports else workplace
-    code = ALONE + A_RUN.sub(str(run), code)
+    code = A_RUN.sub(str(run), code)
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
@@ -141,8 +113,7 @@ def test_python_runs_in_a_fresh_process(code, run, workplace, request):
     "code", [block for block in blocks("python") if not only_in_a_fresh_process(block)]
 )
 def test_python_runs(code, run, workplace, monkeypatch, request):
-    for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
-        pytest.importorskip(module, reason=f"{module} is not installed")
+    needs_modules(code)
     if "import record" in code:
         request.getfixturevalue("opengl")
     # a task that one page registers must not exist on the next
@@ -170,8 +141,7 @@ def commands_of_shown_scripts() -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("script", "line"), commands_of_shown_scripts())
 @pytest.mark.slow
 def test_shown_scripts_run(script, line, workplace, monkeypatch):
-    for module in re.findall(r"^(?:import|from) (\w+)", Path(script).read_text(), re.MULTILINE):
-        pytest.importorskip(module, reason=f"{module} is not installed")
+    needs_modules(Path(script).read_text())
     monkeypatch.setattr(sys, "argv", shlex.split(line))
     runpy.run_path(script, run_name="__main__")
     assert any(workplace.rglob("front.npz"))
@@ -203,7 +173,6 @@ def test_configs_load(text, workplace):
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors of a page's headings, as GitHub makes them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
@@ -217,6 +186,135 @@ def test_links_lead_somewhere(page):
         assert target.exists(), link
         if anchor and target.suffix == ".md":
             assert anchor in anchors(target), f"{link}#{anchor}"
+
+
+OURS = re.compile(rf"(?:python -m morlax_torch\.|morlax )(?:{'|'.join(COMMANDS)}) +(?!\.\.\.)")
+SHORT = (
+    *("--device", "cpu", "--worlds", "16", "--horizon", "4", "--sampling.clusters", "8"),
+    *("--ppo.minibatches", "1", "--evaluation.tradeoffs", "8", "--task.episode-length", "20"),
+    *("--max-env-steps", "64", "--output", "short"),
+)
+NOT_RUN = {  # part of a command line: why no test runs it
+    "pip install": "needs a network; .ci/run installs the package",
+    "pip uninstall": "removes what the tests need",
+    "apt-get": "needs root",
+    "nvidia-smi": "needs a GPU",
+    "torch.cuda.init()": "needs a GPU",
+    "ssh ": "needs another machine",
+    "srun ": "needs Slurm",
+    "scontrol ": "needs Slurm",
+    "#!": "needs Slurm",
+    "#SBATCH": "needs Slurm",
+    "--rdzv-id": "needs Slurm",
+    "torchrun ": "test_torchrun.py starts such processes",
+    "-m morlax_torch.train --env humanoid --output /shared/humanoid": "test_torchrun.py does",
+    "python benchmarks/": "takes minutes to hours; test_compare.py imports some",
+    "python docs/examples/": "test_examples.py does",
+    "train_hydra.py": "test_documents.py does",
+    "morlax export runs/cheetah": "test_documents.py and test_export.py do",
+    "morlax export go1": "needs mjlab; test_mjlab_play.py exports it",
+    "morlax choose g1": "needs mjlab; test_mjlab.py chooses",
+    "morlax play": "needs the export of a task of mjlab; test_mjlab_play.py has one",
+    "python -m pytest": "starts the tests",
+    "morlax design": "needs a run with designs; test_designs.py searches one",
+    "--body thigh": "needs a run with designs; test_designs.py films one",
+    "morlax explore": "a server; .ci/smoke.py starts it",
+    "runs/go1": "needs mjlab; test_mjlab.py trains",
+    "mjlab:": "needs older simulators; test_mjlab.py trains",
+    "playground:": "brings JAX; test_playground.py trains",
+    "gymnasium:mo-": "needs mo-gymnasium; test_mo_gymnasium.py trains",
+    "MUJOCO_GL=osmesa": "needs OSMesa",
+    "--storage ": "needs a shared folder or a database; test_tune.py has one",
+    "best.yaml": "needs the result of a search; test_tune.py trains with it",
+    "morlax teach": "asks a user in a browser; test_explorer.py answers",
+    "lesson/config.yaml": "needs the answers of a user; test_teach.py trains with it",
+    "http.server": "serves until it is stopped; test_web_page.py serves such a page",
+    "morlax pack": "needs a finished run; .ci/smoke.py packs one",
+}
+NAMED = {  # names that stand for a user's own
+    "my_robot.py:MyRobot": "crawler.py:Crawler",
+    r"runs/[\w-]+(?:/\*)?": "run",
+    r"\blatest\b": "run",
+    "docs/examples/": f"{ROOT}/docs/examples/",
+}
+
+
+def printed() -> list:
+    """Return the lines of every shell block, and our commands with options within text."""
+    found = {}
+    for page in [*PAGES, ROOT / "CONTRIBUTING.md"]:
+        text = page.read_text()
+        blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+        lines = "".join(blocks).replace("\\\n", " ").splitlines()
+        lines += [code for code in re.findall(r"`([^`\n]+)`", text) if OURS.match(code)]
+        for line in lines:
+            for part in line.partition("  # ")[0].split(" && "):
+                if part.strip():
+                    found.setdefault(" ".join(part.split()), page.stem)
+    return [pytest.param(line, id=f"{page}: {line}") for line, page in found.items()]
+
+
+def reason_not_to_run(line: str) -> str | None:
+    return next((reason for part, reason in NOT_RUN.items() if part in line), None)
+
+
+RUNNABLE = [case for case in printed() if reason_not_to_run(case.values[0]) is None]
+
+
+def words(line: str) -> list[str]:
+    """Return the command's name and arguments, with names that stand for others replaced."""
+    assert OURS.match(line), "no test knows how to run it: add it to NOT_RUN, with a reason"
+    for name, other in NAMED.items():
+        line = re.sub(name, other, line)
+    name, *arguments = shlex.split(line.removeprefix("python -m morlax_torch."))
+    return arguments if name == "morlax" else [name, *arguments]
+
+
+def on_the_cpu(arguments: list[str]) -> list[str]:
+    """Return the arguments without the device, since tests may have no GPU."""
+    if "--device" in arguments:
+        place = arguments.index("--device")
+        arguments = arguments[:place] + arguments[place + 2 :]
+    return [*arguments, "--device", "cpu"]
+
+
+@pytest.mark.parametrize("line", RUNNABLE)
+def test_a_printed_command_is_valid(line, workplace, request):
+    name, *arguments = words(line)
+    if name == "train":
+        train.read(on_the_cpu(arguments))
+        return
+    if name == "tune":
+        pytest.importorskip("optuna", reason="needs the extra tune")
+        tune.read(on_the_cpu(arguments))
+        return
+    if name == "record":
+        pytest.importorskip("imageio_ffmpeg", reason="needs the extra video")
+        request.getfixturevalue("opengl")
+        arguments += ["--seconds", "0.1", "--width", "64", "--height", "64"]
+    if name == "export":
+        pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+    if name == "evaluate":
+        arguments += ["--device", "cpu", "--tradeoffs", "4"]
+    command([name, *arguments])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", [case for case in RUNNABLE if words(case.values[0])[0] == "train"])
+def test_a_printed_training_runs(line, workplace):
+    name, *arguments = words(line)
+    for option in ("--max-seconds", "--output"):
+        if option in arguments:
+            place = arguments.index(option)
+            arguments = arguments[:place] + arguments[place + 2 :]
+    command([name, *on_the_cpu(arguments), *SHORT])
+    assert (workplace / "short" / "front.npz").is_file()
+
+
+def test_reasons_are_not_out_of_date():
+    lines = [case.values[0] for case in printed()]
+    for part in NOT_RUN:
+        assert any(part in line for line in lines), f"no page prints {part}: delete its reason"
 
 
 def test_the_docs_stay_short():

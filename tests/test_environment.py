@@ -37,14 +37,10 @@ def state(env: envs.Environment) -> dict[str, Tensor]:
 
 
 def forward(model: mujoco.MjModel, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
-    """Return a state as evaluated by C MuJoCo."""
     data = mujoco.MjData(model)
     data.qpos, data.qvel = qpos.double().numpy(), qvel.double().numpy()
     mujoco.mj_forward(model, data)
     return data
-
-
-# Ends of episodes
 
 
 def test_actions_of_another_shape_or_type_are_one_sentence():
@@ -118,28 +114,6 @@ def test_without_auto_reset_an_episode_continues_after_its_end(backend):
     assert env.age.tolist() == [3, 3, 3]
 
 
-# Restarts
-
-
-def test_auto_reset_restores_only_finished_worlds(backend):
-    env, twin = make("humanoid", backend), make("humanoid", backend, auto_reset=False)
-    start = state(make("humanoid", backend))
-    for action in random_actions(env, 9):
-        env.step(action)
-        twin.step(action)
-    for either in (env, twin):
-        either.physics.qpos[1, 2] = 0.3  # meters: on the floor
-        step = either.step(still(either))
-        assert step.terminated.tolist() == [False, True, False]
-
-    restarted, continued = state(env), state(twin)
-    for name, value in restarted.items():
-        assert torch.equal(value[1], start[name][1]), name
-        assert torch.equal(value[[0, 2]], continued[name][[0, 2]]), name
-        if name != "age":
-            assert not torch.equal(continued[name][1], start[name][1]), name
-
-
 @pytest.mark.parametrize("task", BUILT_IN)
 def test_no_state_carries_over_between_episodes(task, backend):
     length = 40  # long enough for some random robots to fail, not all
@@ -180,8 +154,6 @@ def test_reset_restarts_every_world_and_restart_the_selected_ones(backend):
     assert torch.equal(env.reset(), first)
     assert_same(state(env), start)
 
-
-# Every part of MuJoCo's state
 
 MEMBERS = mujoco.mjtState.__members__
 STATES = {  # by its name in MjData
@@ -336,9 +308,6 @@ def test_state_that_no_reset_restores_is_refused(monkeypatch):
     plugins = SimpleNamespace(npluginstate=2)  # no plugin that comes with MuJoCo has a state
     with pytest.raises(MorlaxError, match=r"Everything: its model has plugins .* remove"):
         checks.model(Everything, plugins)
-
-
-# Options
 
 
 def test_staggered_worlds_start_at_different_ages(backend):

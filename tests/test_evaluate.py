@@ -1,18 +1,16 @@
 """The evaluate command: single runs, comparisons, references, files and the report."""
 
 import base64
-import csv
 import re
 import shutil
 from collections import Counter
 from html.parser import HTMLParser
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from rich.console import Console
+from same import csv_rows
 from tiny import TYPED
 
 from morlax_torch import MorlaxError, load
@@ -26,14 +24,10 @@ from morlax_torch.networks.policy import Policy
 from morlax_torch.reports.comparison import (
     Evaluated,
     check_comparable,
-    measures,
     names,
     quartiles,
 )
-from morlax_torch.reports.evaluating import column_heads, table
-from morlax_torch.reports.page import descriptions
 from morlax_torch.reports.printing import latex
-from morlax_torch.reports.results import duration, steps
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.evaluating import evaluate as evaluate_run
@@ -69,11 +63,6 @@ def workplace(runs, tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def rows(path: Path | str) -> list[dict[str, str]]:
-    with Path(path).open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.slow
 def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys, rendered):
     evaluate.command(["a/hopper", *FEW])
@@ -81,7 +70,7 @@ def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys, render
     for stem in ("front", "returns", "hypervolume"):
         assert (folder / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
-    (row,) = rows(folder / "indicators.csv")
+    (row,) = csv_rows(folder / "indicators.csv")
     front = Front.load(folder / "front.npz")
     assert (row["run"], row["path"], row["seed"]) == ("hopper", "a/hopper", "0")
     assert float(row["hypervolume"]) == pytest.approx(front.hypervolume)
@@ -92,7 +81,7 @@ def test_a_single_run_is_evaluated_into_its_own_folder(workplace, capsys, render
     assert "igd_plus" not in row
     assert not (folder / "summary.csv").exists()
     assert "obedience" in capsys.readouterr().out
-    marks = rows(folder / "front.csv")
+    marks = csv_rows(folder / "front.csv")
     assert [row["obeys"] for row in marks] == [str(int(obeys)) for obeys in front.obeys]
     assert {row["falls"] for row in marks} <= {"0", "1"}
 
@@ -108,14 +97,14 @@ def test_a_comparison_changes_neither_runs_nor_earlier_results(workplace, capsys
     fronts = {name: Front.load(folder / name / "front.npz") for name in ("a/hopper", "b/hopper")}
     assert not np.array_equal(*(front.returns for front in fronts.values()))
     union = pareto.front(np.concatenate([front.returns for front in fronts.values()]))
-    found = {row["run"]: row for row in rows(folder / "indicators.csv")}
+    found = {row["run"]: row for row in csv_rows(folder / "indicators.csv")}
     assert {row["seed"] for row in found.values()} == {"0", "1"}
     for name, front in fronts.items():
         expected = pareto.igd_plus(front.returns, union)
         assert float(found[name]["igd_plus"]) == pytest.approx(expected)
     assert "median of 2" in capsys.readouterr().out
     volumes = [front.hypervolume for front in fronts.values()]
-    (summary,) = [row for row in rows(folder / "summary.csv") if row["indicator"] == "hypervolume"]
+    summary = {row["indicator"]: row for row in csv_rows(folder / "summary.csv")}["hypervolume"]
     columns = [float(summary[name]) for name in ("lower_quartile", "median", "upper_quartile")]
     assert columns == pytest.approx(np.percentile(volumes, (25, 50, 75)))
     assert summary["runs"] == "2"
@@ -125,7 +114,8 @@ def test_a_comparison_changes_neither_runs_nor_earlier_results(workplace, capsys
 def test_checkpoints_of_one_run_can_be_compared(workplace):
     checkpoints = [f"a/hopper/checkpoints/{name}.pt" for name in ("best", "latest")]
     evaluate.command([*checkpoints, *FEW, "--output", "out"])
-    assert {row["run"] for row in rows("out/indicators.csv")} == {"hopper-best", "hopper-latest"}
+    runs = [row["run"] for row in csv_rows("out/indicators.csv")]
+    assert sorted(runs) == ["hopper-best", "hopper-latest"]
 
 
 def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
@@ -139,40 +129,12 @@ def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
     assert (folder / "report.html").is_file()
 
 
-POINTS = {"latched": [0, 0], "discounted": [-100, -100]}  # of reference, by protocol
-
-
-@pytest.mark.parametrize(
-    ("run", "own", "other"),
-    [("a/hopper", "latched", "discounted"), ("discounted", "discounted", "latched")],
-)
-def test_returns_under_another_protocol_do_not_replace_the_run_s_front(run, own, other, workplace):
-    before = (workplace / run / "front.npz").read_bytes()
-    evaluate.command([run, *FEW, "--protocol", other])
-    assert (workplace / run / "front.npz").read_bytes() == before
-    (folder,) = (workplace / "evaluations").iterdir()
-    evaluate.command([run, *FEW, "--tradeoffs", "7"])
-    for place, protocol, number in ((folder, other, 6), (workplace / run, own, 7)):
-        front = Front.load(place / "front.npz")
-        assert (front.protocol, len(front.returns)) == (protocol, number)
-        assert front.reference_point.tolist() == POINTS[protocol]
-        assert ("0.99^t" in (place / "report.html").read_text()) == (protocol == "discounted")
-
-
-def test_runs_of_two_protocols_are_compared_by_one_that_is_named(workplace):
-    evaluate.command(["a/hopper", "discounted", *FEW, "--protocol", "discounted"])
-    (folder,) = (workplace / "evaluations").iterdir()
-    for name in ("hopper", "discounted"):
-        assert Front.load(folder / name / "front.npz").protocol == "discounted"
-    assert not (folder / "hypervolume.png").exists()  # the training curves cannot be compared
-
-
 def test_a_reference_can_be_a_file_or_a_run(workplace):
     evaluate.command(["b/hopper", *FEW])
     found = []
     for reference in ("b/hopper/front.npz", "b/hopper"):
         evaluate.command(["a/hopper", *FEW, "--reference", reference])
-        (row,) = rows("a/hopper/indicators.csv")
+        (row,) = csv_rows("a/hopper/indicators.csv")
         found.append(float(row["igd_plus"]))
     other = Front.load(Path("b/hopper/front.npz"))
     mine = Front.load(Path("a/hopper/front.npz"))
@@ -192,8 +154,6 @@ def test_several_seeds_average_episodes_with_different_starts(workplace):
 
 
 class Assets(HTMLParser):
-    """The assets that a page would fetch."""
-
     def __init__(self, text: str):
         super().__init__()
         self.found: list[str] = []
@@ -215,7 +175,6 @@ class Assets(HTMLParser):
 
 
 def check_report(text: str) -> None:
-    """The report of a comparison shows all figures and numbers, and needs no network."""
     page = Assets(text)
     assert not page.open
     drawn = [asset for asset in page.found if asset.startswith("data:image/svg")]
@@ -254,12 +213,6 @@ def test_each_point_of_a_report_tells_its_policy(workplace, rendered, capsys):
     assert said.startswith(verdict)
     for policy in ("best run", "best jump", "best up", "knee", "balanced"):
         assert re.search(rf"<td>[^<]*\b{policy}\b", text), policy
-
-
-def test_a_point_tells_measured_quantities():
-    quantities = {"quantities": np.array([[1.5], [2.5]]), "quantity_names": ("power (W)",)}
-    some = Front(("a", "b"), np.eye(2), np.eye(2), np.ones(2), np.zeros(2), **quantities)
-    assert descriptions(some)[1] == ("weights: a 0.00, b 1.00; returns: a 0, b 1; power (W) 2.5")
 
 
 def front_of(returns, falls: float = 0.0) -> Front:
@@ -338,15 +291,6 @@ def test_a_verdict_tells_that_failing_early_pays():
             assert f"{pays} and some episodes fail, so failing early pays" in said
 
 
-def test_a_protocol_with_a_point_of_its_own_names_no_option():
-    front = front_of([(-120, -150)])._replace(
-        reference_point=np.full(2, -100.0), protocol="discounted"
-    )
-    said = verdict(front, None)
-    assert "(run -100, energy -100)" in said and "--task" not in said
-    assert "--evaluation.protocol latched" in said
-
-
 def test_a_verdict_tells_whether_the_hypervolume_still_rises():
     def curve(*volumes: float) -> History:
         steps = np.arange(len(volumes), dtype=float)
@@ -405,7 +349,6 @@ FIGURE_MISTAKES = {
     "nowhere": "nowhere does not exist",
     "cheetah --width 1": "the width must be from 2 to 20 inches, not 1",
     "a/hopper noisy": "hopper and noisy differ in task.reset_noise",
-    "a/hopper discounted": "hopper and discounted differ in evaluation.protocol (latched and",
     "a/hopper": "has no front beside it: write it with morlax evaluate a/hopper",
 }
 
@@ -428,16 +371,10 @@ def test_a_report_without_opengl_has_no_picture_of_the_robot(monkeypatch, render
     assert evaluate._portrait(load("hopper", "cpu")) is None
 
 
-def test_times_and_steps_are_written_in_few_words():
-    times = [duration(seconds) for seconds in (42.4, 185, 7799.6)]
-    assert times == ["42 s", "3 min 05 s", "2 h 10 min"]
-    assert [steps(8192), steps(12.5e6)] == ["8,192", "12.5 M"]
-
-
 def test_names_in_a_report_of_three_objectives_are_escaped(workplace):
     shutil.copytree(workplace / "three", workplace / "<b>&")
     evaluate.command(["<b>&", *FEW])
-    (row,) = rows("<b>&/indicators.csv")
+    (row,) = csv_rows("<b>&/indicators.csv")
     assert {"run_min", "jump_max", "up_max"} <= set(row)
     text = (workplace / "<b>&" / "report.html").read_text()
     assert "<b>" not in text
@@ -446,7 +383,6 @@ def test_names_in_a_report_of_three_objectives_are_escaped(workplace):
 
 MISTAKES = {
     "": "name at least one run",
-    "nowhere": "nowhere does not exist",
     "a/hopper ./a/hopper": "./a/hopper is given twice: name each run once",
     "a/hopper cheetah": "hopper is a run of 'hopper' and cheetah of 'cheetah': compare runs of one",
     "a/hopper three": "hopper has the objectives run, jump and three has run, jump, up",
@@ -454,14 +390,10 @@ MISTAKES = {
     "a/hopper discounted": "hopper and discounted differ in evaluation.protocol (latched and",
     "a/hopper --reference discounted/front.npz": "counts returns by the protocol discounted, but",
     "a/hopper --seeds 3": "nothing in this task is random (task.reset_noise is 0",
-    "noisy --seeds 0": "seeds is 0: at least one is needed",
     "three --tradeoffs 2 --protocol paper": "2 trade-offs are too few",
-    "a/hopper --reference none.npz": "there is no front none.npz",
     "a/hopper --reference bad.npz": "bad.npz is damaged or not a front",
-    "a/hopper --reference cheetah": "'hopper' and cheetah of 'cheetah'",
     "a/hopper --reference three/front.npz": "three/front.npz has the objectives run, jump, up, but",
     "a/hopper --seed -1": "seed is -1: it must be from 0",
-    "a/hopper --output bad.npz/x": "cannot make bad.npz/x",
 }
 
 
@@ -518,25 +450,3 @@ def test_runs_are_compared_if_their_worlds_agree(tmp_path, make_policy):
         check("even", "varied")
     with pytest.raises(MorlaxError, match=r"a and c differ in task\.learned"):
         check("a", "c")
-
-
-@pytest.mark.parametrize("number", [1, 2, 3, 4])
-@pytest.mark.parametrize(
-    "name", ["{}", "20261120-054533-{}", "a-long-name-of-a-folder/of-a-run-{}"]
-)
-def test_names_and_numbers_of_the_table_are_whole_at_80_columns(make_front, number, name):
-    front = make_front(("run", "energy", "expected_height"))
-    front = front._replace(returns=1e9 * front.returns, falls=np.full(4, 0.003906))
-    measured = measures(front, 1e9 * front.returns)
-    named = [name.format(i) for i in range(number)]
-    found = {each: Evaluated(each, None, front, None, measured) for each in named}
-    output = StringIO()
-    Console(width=80, file=output).print(table(found))
-    printed = output.getvalue().splitlines()
-    assert all(len(line) <= 80 for line in printed)
-    heads, _, *rows = (line.split() for line in printed if line.strip())
-    assert heads[0] == "indicator" and len(rows) == len(measured)
-    for value, row in zip(measured.values(), rows, strict=True):
-        assert row.count(f"{value:,.4g}") >= number if number < 4 else 3
-    for head in column_heads(named) if number < 4 else ():
-        assert head in heads

@@ -1,7 +1,5 @@
 """Evaluations measure the returns of deterministic policies under each protocol."""
 
-import gc
-
 import numpy as np
 import pytest
 import torch
@@ -95,7 +93,6 @@ TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 
 @pytest.fixture
 def agent(make_agent) -> Agent:
-    """An agent that fits the scripted worlds."""
     agent = make_agent()
     agent.observation_normalizer.update(torch.tensor([[0.0, 1.0, 2.0], [3.0, 5.0, 7.0]]))
     return agent
@@ -168,15 +165,7 @@ def test_what_happens_after_an_episode_is_over_does_not_count(agent):
     assert front.falls.tolist() == [0, 1, 1] and front.blowups.tolist() == [0, 0, 0]
 
 
-def test_an_evaluator_rejects_worlds_that_do_not_fit(agent):
-    with pytest.raises(ValueError, match="needs a world per episode"):
-        Evaluator(agent, Scripted(), TRADEOFFS[:2])
-    with pytest.raises(ValueError, match="auto_reset"):
-        Evaluator(agent, Scripted(auto_reset=True), TRADEOFFS)
-
-
 def one_episode(agent: Agent, tradeoff: torch.Tensor, task: str, **options) -> tuple:
-    """Run one episode in a single world and return its returns and length."""
     env = envs.make(task, 1, "cpu", "mujoco", **options)
     actor, observation = agent.actor.specialize(tradeoff), env.reset()
     total, length = torch.zeros(len(env.objectives), dtype=torch.float64), 0
@@ -363,22 +352,6 @@ def test_a_front_can_be_saved_and_loaded(front, tmp_path):
     assert again.falls is not None and again.falls.tolist() == [0, 0.5, 1]
     with pytest.raises(MorlaxError, match="cannot write"):
         front.save(tmp_path / "nowhere" / "front.npz")
-
-
-def test_loading_a_damaged_front_raises_a_clear_error(front, tmp_path):
-    path = tmp_path / "front.npz"
-    with pytest.raises(MorlaxError, match=r"front\.npz"):
-        Front.load(path)
-    front.save(path)
-    whole = path.read_bytes()
-    middle = whole.index(b"returns.npy") + 60
-    flipped = whole[:middle] + bytes([whole[middle] ^ 4]) + whole[middle + 1 :]
-    noise = np.random.default_rng(0).bytes(500)
-    for damaged in (b"", noise, whole[: len(whole) // 2], flipped):
-        path.write_bytes(damaged)
-        with pytest.raises(MorlaxError, match=r"front\.npz"):
-            Front.load(path)
-    gc.collect()  # would report a file left open
 
 
 def test_a_contact_overflow_makes_an_evaluation_fail(make_agent):

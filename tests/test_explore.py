@@ -21,7 +21,6 @@ from matplotlib.colors import to_rgb
 
 from morlax_torch.commands import explore
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import find_run
 from morlax_torch.viewers.explorer import library
 
@@ -86,9 +85,6 @@ def test_the_wait_for_requests_ends_whenever_a_signal_comes():
     subprocess.run([sys.executable, "-c", WAITING], timeout=PATIENCE, check=True)
 
 
-# in a browser
-
-
 LONG = "a-long-name-of-an-experiment"
 
 
@@ -133,7 +129,6 @@ def visit(served, browser) -> Iterator:
 
 
 def show(view: View, run: str, objectives: int) -> None:
-    """Choose a run."""
     view.tab.select_option("#run", run)
     view.until(lambda: view.tab.locator("#weights input").count() == objectives, "not shown")
     view.until(lambda: len(view.tradeoff()) == objectives, "not shown")
@@ -281,54 +276,13 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     phone.until(lambda: phone.value("m/s to the left") == pytest.approx(limit, abs=1e-3), "no")
     shot(third, "command", tmp_path)
 
-    # keys change the command, too, within its limits
     third.tab.evaluate("document.activeElement.blur()")
     third.tab.keyboard.press("x")
     phone.until(lambda: phone.value("m/s forward") == 0, "the robot is not stopped")
-    low, high = (float(third.slider("m/s forward").get_attribute(n)) for n in ("min", "max"))
-    third.tab.keyboard.press("w")
-    notch = min(0.1 * (high - low), high)
-    phone.until(lambda: abs(phone.value("m/s forward") - notch) < 2e-3, "the key has no effect")
-    for _ in range(12):
-        third.tab.keyboard.press("s")
-    phone.until(lambda: phone.value("m/s forward") == pytest.approx(low), "it is not clamped")
     show(third, "runs/cheetah3/a", 3)
     for name in ("latest", "best"):
         third.tab.select_option("#checkpoint-list", name)
         phone.until(lambda n=name: phone.tab.input_value("#checkpoint-list") == n, "the old one")
-
-
-@pytest.mark.slow
-def test_robots_are_added_steered_and_removed_in_a_browser(visit, tmp_path):
-    view = visit(1280, 800)
-    show(view, "runs/hopper/b", 2)
-    view.tab.fill("#typed", "0.9, 0.1")
-    view.until(lambda: view.value("run") == 0.9, "typing has no effect")
-    assert view.names() == []
-    view.press("add a robot")
-    view.until(lambda: view.names() == ["1: 0.90, 0.10", "2: 0.90, 0.10"], "no second robot")
-    heads = view.tab.locator("#episode tr >> nth=0").locator("th")
-    assert heads.all_inner_texts() == ["robot 1", "robot 2"]
-
-    # the sliders steer the new robot only
-    run = view.drag("run", 0.2)
-    assert run == pytest.approx(0.2, abs=0.05)
-    view.until(lambda: view.tradeoff()[0] == pytest.approx(run, abs=1e-3), "it is not steered")
-    second = view.tradeoff()
-    name = f"2: {second[0]:.2f}, {second[1]:.2f}"
-    view.until(lambda: view.names() == ["1: 0.90, 0.10", name], "the names do not follow")
-    assert view.tab.locator("#front .mark").count() == 2
-
-    shot(view, "compare", tmp_path)
-
-    # each robot keeps its own trade-off
-    view.press("robot 1")
-    view.until(lambda: view.tradeoff() == (0.9, 0.1), "the first is not steered")
-    view.until(lambda: view.value("run") == 0.9, "the sliders do not follow")
-    view.press("remove")
-    view.until(lambda: view.names() == [], "it is not removed")
-    view.until(lambda: view.tradeoff() == second, "the other robot is not steered")
-    assert view.tab.get_by_role("button", name="remove").count() == 0
 
 
 @pytest.mark.slow
@@ -407,37 +361,21 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
 
 
 @pytest.mark.slow
-def test_a_run_without_a_front_says_so(visit):
-    view = visit()
-    show(view, "runs/bare", 2)
-    sentence = "This checkpoint has no front. To write one: morlax evaluate RUN"
-    view.until(lambda: view.text("checkpoint") == sentence, "there is no sentence")
-    assert view.tab.is_hidden("#choosing-section")
-    view.press("A or B?")
-    view.until(lambda: view.text("event") == sentence, "there is no sentence")
-    assert view.tab.is_hidden("#asking-section")
-
-
-@pytest.mark.slow
 def test_a_browser_finds_the_preferred_tradeoff(visit, tmp_path):
     view = visit()
     front = Front.load(find_run("cheetah") / "front.npz")
     show(view, "cheetah", 2)
 
-    def ask(number: int, liked: int) -> None:
-        """Prefer the robot that has more of an objective; both are marked on the front."""
-        text = f"Answers so far: {number}"
-        view.until(lambda: view.text("question").endswith(text), "no next question")
-        view.until(lambda: view.tab.locator("#front .mark").count() == 2, "not marked")
-        a, b = view.tab.evaluate(STATED)
-        assert view.tab.is_hidden("#weights")
-        view.press("A" if a[liked] > b[liked] else "B")
-
     view.press("A or B?")
     view.until(lambda: view.names() == ["A", "B"], "A and B have no names")
     shot(view, "asking", tmp_path)
     for number in range(9):
-        ask(number, 0)  # this user likes speed
+        text = f"Answers so far: {number}"
+        view.until(lambda t=text: view.text("question").endswith(t), "no next question")
+        view.until(lambda: view.tab.locator("#front .mark").count() == 2, "not marked")
+        assert view.tab.is_hidden("#weights")
+        a, b = view.tab.evaluate(STATED)
+        view.press("A" if a[0] > b[0] else "B")  # this user likes speed
     view.until(lambda: view.text("question").endswith("so far: 9"), "no effect")
     assert view.text("told").startswith("You preferred ") and "run" in view.text("told")
     assert re.search(r"\d+ % sure", view.text("evidence"))
@@ -448,17 +386,6 @@ def test_a_browser_finds_the_preferred_tradeoff(visit, tmp_path):
     nearest = np.square(front.tradeoffs - view.tradeoff()).sum(1).argmin()
     run = front.returns[front.non_dominated, 0]
     assert front.returns[nearest, 0] > run.max() - 0.02 * np.ptp(run)
-
-    before = view.field()
-    view.press("A or B?")
-    view.until(lambda: view.text("question").endswith("so far: 0"), "no second time")
-    view.press("skip")
-    assert view.text("evidence") == ""
-    ask(0, 1)
-    view.until(lambda: view.text("evidence") != "", "no recommendation")
-    view.press("back")
-    view.until(lambda: view.tab.is_visible("#weights"), "the mode does not end")
-    view.until(lambda: view.field() == before, "the trade-off is another one")
 
 
 # the trade-offs that the server says the robots have
@@ -473,45 +400,6 @@ STATED = """async () => {
 }"""
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_a_threshold_in_a_browser_chooses_and_limits_the_front(visit):
-    view = visit(1280, 800)
-    front = Front.load(find_run("cheetah") / "front.npz")
-    show(view, "cheetah", 2)
-    view.tab.click("#choosing-section summary")
-    view.tab.select_option("#maximize", label="energy")
-    levels = view.tab.locator("#levels input")
-    levels.first.scroll_into_view_if_needed()
-    box = levels.first.bounding_box()
-    view.tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    view.tab.wait_for_selector("#found[data-state=found]")
-    least = float(levels.first.input_value())
-    low, high = front.returns[:, 0].min(), front.returns[:, 0].max()
-    assert least == pytest.approx((low + high) / 2, abs=0.05 * (high - low))
-    expected = choose("cheetah", {"run": least}, "energy", device="cpu")
-    view.until(lambda: view.tradeoff() == pytest.approx(expected.tradeoff, abs=2e-3), "no jump")
-    assert view.text("found").startswith("Simulated returns: run ")
-    assert "This costs" in view.text("found")
-    out = view.tab.locator("#front .out").count()
-    assert out == (front.returns[:, 0] < least).sum()
-
-    # what no policy reaches together with the first: one sentence, and nothing moves
-    kept = view.tradeoff()
-    levels.last.press("End")
-    levels.first.press("End")
-    view.tab.wait_for_selector("#found[data-state=missed]")
-    sentence = view.text("found")
-    assert re.fullmatch(r"No simulated policy keeps [^.]*(\.\d[^.]*)*\.", sentence)
-    assert view.tradeoff()[0] >= kept[0] - 2e-3  # at most the first of both steps moved it
-    view.press("thresholds off")
-    view.until(lambda: view.tab.locator("#front .out").count() == 0, "the front stays limited")
-    assert view.text("found") == ""
-
-
-# parts of the page
-
-
 def run_in(view: View, script: str, *given: Any) -> Any:
     """Run the body of an async function with `load(path)`, for the page's modules, and `given`."""
     return view.tab.evaluate(
@@ -521,28 +409,6 @@ def run_in(view: View, script: str, *given: Any) -> Any:
         " return new Async('load', 'given', body)(load, given); }",
         [list(given), script],
     )
-
-
-@pytest.mark.slow
-def test_weights_sum_to_one_after_any_slider_moves(visit):
-    random = np.random.default_rng(0)
-    moves = []
-    for m in (2, 3, 5):
-        for _ in range(300):
-            value = random.choice([0.0, 1.0, 1e-12, 1 - 1e-12, random.random()])
-            moves.append([m, int(random.integers(m)), float(value)])
-    script = """
-        const { even, moved } = await load('tradeoffs.js');
-        let weights = [];
-        return given[0].map(([m, index, value]) => {
-          if (weights.length !== m) weights = even(m);
-          return (weights = moved(weights, index, value));
-        });"""
-    view = visit()
-    for (m, index, value), weights in zip(moves, run_in(view, script, moves), strict=True):
-        assert len(weights) == m and min(weights) >= 0
-        assert sum(weights) == pytest.approx(1, abs=1e-9)
-        assert weights[index] == value
 
 
 SHAPES = """
@@ -597,50 +463,6 @@ def test_shapes_match_mujoco_volumes_and_bounds(visit):
         bounds = [found[geom]["low"], found[geom]["high"]]
         np.testing.assert_allclose(bounds, [center - half, center + half], atol=5e-3)
     assert found[len(volumes)] is None
-
-
-FIT = """
-  const [width, height, number, turned] = given;
-  const { Stage } = await load('stage/stage.js');
-  const { Remote } = await load('engines/remote.js');
-  const THREE = await import('three');
-  const remote = await Remote.connect({ step() {}, tell() {}, lost() {}, renew() {} });
-  const place = document.body.appendChild(document.createElement('div'));
-  place.style.cssText = `position: fixed; width: ${width}px; height: ${height}px`;
-  const [canvas, names] = [document.createElement('canvas'), document.createElement('div')];
-  const stage = new Stage(place.appendChild(canvas), names);
-  const { about, model, robots: [robot] } = remote;
-  const engine = { about, model, scene: {}, names: null, command: [] };
-  engine.robots = Array.from({ length: number }, () => robot);
-  stage.show({ ...engine, robots: [robot] });
-  stage.draw(1);
-  if (number > 1) stage.camera.position.copy(stage.center).add(new THREE.Vector3(...turned));
-  stage.show(engine);
-  for (let i = 0; i < 3; i++) stage.draw(1);
-  const sight = stage.camera.position.clone().sub(stage.center).normalize().toArray();
-  const { size, lanes, center, camera } = stage;
-  const corners = lanes.flatMap((x) => [-0.5, 0.5].flatMap((half) => [
-    new THREE.Vector3(x + half * size, 0, center.z),
-    new THREE.Vector3(x, 0, center.z + half * size),
-  ])).map((point) => point.project(camera).toArray());
-  remote.socket.onclose = null;
-  remote.socket.close();
-  place.remove();
-  return [corners, sight];"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 4])
-def test_robots_fit_into_the_picture_and_users_keep_their_direction(visit, number):
-    view = visit()
-    turned = np.array([0.1, -2.0, 0.6])
-    for size in ((1012, 900), (390, 388)):
-        corners, sight = map(np.array, run_in(view, FIT, *size, number, turned.tolist()))
-        corners = corners[:, :2]
-        if number > 1:
-            assert sight == pytest.approx(turned / np.linalg.norm(turned), abs=0.02)
-        assert np.abs(corners).max() < 1.0
-        assert np.ptp(corners[:, 0]) > 0.5 or np.ptp(corners[:, 1]) > 0.5  # and are large in it
 
 
 CHOSEN = """

@@ -5,16 +5,14 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from functools import partial
-from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
-from browsing import MOVES, PATIENCE, Client, chromium, exploring
+from browsing import PATIENCE, Client, exploring
 
 from morlax_torch import envs, save
 
@@ -45,7 +43,6 @@ def ended(process: subprocess.Popen) -> str:
 
 
 def request(address: str, **headers: str) -> tuple[int, str]:
-    """Return the status and the text of a page."""
     try:
         with urllib.request.urlopen(urllib.request.Request(address, headers=headers)) as page:
             return page.status, page.read().decode()
@@ -85,63 +82,6 @@ def test_only_the_printed_address_opens_the_page(address):
     ):
         with pytest.raises(InvalidStatus, match="403"):
             Client(wrong, {"Origin": origin})
-
-
-ATTACK = """
-<script>
-const socket = new WebSocket('{address}');
-socket.onopen = () => document.title = 'connected';
-socket.onerror = () => document.title = 'refused';
-</script>
-"""
-
-
-@pytest.fixture
-def foreign() -> Iterator[tuple[str, dict[str, str]]]:
-    """Another web server on this machine: its address, and its pages by path."""
-    pages: dict[str, str] = {}
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.end_headers()
-            self.wfile.write(pages.get(self.path, "").encode())
-
-        def log_message(self, format: str, *args: object) -> None:
-            pass
-
-    with HTTPServer(("127.0.0.1", 0), Handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_port}", pages
-        server.shutdown()
-        thread.join()
-
-
-@pytest.mark.slow
-def test_a_foreign_page_cannot_connect(address, foreign):
-    elsewhere, pages = foreign
-    base = address.rsplit("/", 2)[0]
-    for path, target in (("/blind", f"{base}/"), ("/knowing", address)):
-        pages[path] = ATTACK.format(address=f"ws{target.removeprefix('http')}socket")
-    with chromium() as browser:
-        context = browser.new_context()  # whose user has opened the explorer too
-        context.set_default_timeout(1000 * PATIENCE)
-        page = context.new_page()
-        page.goto(address)
-        page.wait_for_function(MOVES)
-        assert context.cookies() == []  # browsers would send them to the other server
-        for path in pages:
-            tab = context.new_page()
-            tab.goto(elsewhere + path)
-            tab.wait_for_function("document.title")
-            assert tab.title() == "refused"
-        page.reload()
-        page.wait_for_function(MOVES)
-
-        stranger = context.new_page()
-        assert stranger.goto(base).status == 403
-        assert "the command printed" in stranger.inner_text("body")
 
 
 FORWARD = 0  # index of a number of the command

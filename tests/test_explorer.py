@@ -3,22 +3,24 @@
 import hashlib
 import json
 import os
+import signal
 import time
+from pathlib import Path
 from queue import Queue
-from unittest.mock import Mock
 
 import mujoco
 import numpy as np
 import pytest
-from browsing import PATIENCE
+from browsing import PATIENCE, Client, serving
 
 from morlax_torch import MorlaxError, evaluate
-from morlax_torch.configuration.files import RECORD
+from morlax_torch.configuration.config import load_config
+from morlax_torch.configuration.files import read_yaml
 from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
-from morlax_torch.viewers.describing import described_task, explain, front_map
+from morlax_torch.viewers.describing import described_task, front_map
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer import lineup as lineup_module
+from morlax_torch.viewers.explorer.comparisons import PolicyComparisons
 from morlax_torch.viewers.explorer.lineup import Lineup, Thresholds
 from morlax_torch.viewers.explorer.saving import Saving
 from morlax_torch.viewers.explorer.session import (
@@ -29,14 +31,12 @@ from morlax_torch.viewers.explorer.session import (
     contact_arrows,
     frame_bytes,
 )
+from morlax_torch.viewers.preferences.comparisons import Comparisons
 
 
 @pytest.fixture
 def session(tmp_path, make_run) -> Session:
     return Session.open(library.choose(str(make_run(tmp_path / "run", "hopper", "best"))))
-
-
-# simulation in real time
 
 
 def play(session: Session, seconds: float) -> int:
@@ -126,9 +126,6 @@ def test_power_is_force_times_velocity(session):
     assert session.power() == pytest.approx(np.abs(torque * data.qvel[joints]).sum())
 
 
-# runs to explore
-
-
 def test_runs_are_listed_newest_first(workplace, make_run):
     for name, age in (("runs/hopper/old", 20), ("runs/new", 10)):
         file = make_run(workplace / name, "hopper", "best") / "checkpoints/best.pt"
@@ -151,9 +148,6 @@ def test_a_front_with_other_objectives_is_not_shown(tmp_path, make_run, make_fro
     assert Session.open(library.choose(str(folder))).front is None
 
 
-# several robots
-
-
 def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered(session):
     lineup = Lineup(session, pytest.fail)
     session.tradeoff = (0.9, 0.1)
@@ -173,27 +167,6 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered(session)
     assert lineup.steered is lineup.sessions[0]
 
 
-# thresholds
-
-
-@pytest.mark.parametrize(("found", "reason"), [(None, " (needs mjlab)"), (object(), "")])
-def test_the_list_says_which_policies_cannot_be_shown_and_why(
-    found, reason, workplace, make_run, monkeypatch
-):
-    reasons = {"go1": reason, "ant": "", "runs/none": ""}
-    tasks = {"mjlab:X": reason, "playground:X": " (no MuJoCo robot)", "cheetah": ""}
-    tasks["gymnasium:X"] = " (no MuJoCo robot)"
-    for number, (task, told) in enumerate(tasks.items()):
-        folder = make_run(workplace / f"runs/{number} (needs care)", "hopper", "best")
-        (folder / "config.yaml").write_text(f"{RECORD}env: {task}\nseed: 0\n")
-        reasons[f"runs/{number} (needs care)"] = told
-    make_run(workplace / "runs/none", "hopper", "best")
-    monkeypatch.setattr(library, "find_spec", lambda name: found)
-    labels = library.labels()
-    for name, told in reasons.items():
-        assert labels[name] == name + told
-
-
 @pytest.mark.slow
 def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     policy = make_policy("cheetah", task={"episode_length": 100})
@@ -202,7 +175,6 @@ def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     lowest, middle = np.quantile(front.returns[:, 0], [0, 0.5])
 
     def wait() -> None:
-        """Execute what other threads queue, as the page does between two steps."""
         while thresholds.searching:
             requests.get(timeout=PATIENCE)()
 
@@ -224,37 +196,6 @@ def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     thresholds.stop()
     wait()
     assert len(found) == 1 and thresholds.state()["levels"] == {}
-
-
-def test_thresholds_of_quantities_limit_what_should_be_low(make_front, monkeypatch):
-    front = make_front(("run", "energy"))
-    values = np.stack([np.linspace(1, 2, len(front.returns)), np.linspace(0, 60, 4)], 1)
-    front = front._replace(quantities=values, quantity_names=("speed (m/s)", "power (W)"))
-
-    def evaluated(policy, front):
-        """Have a quantity that this front lacks, as a run of another task."""
-        more = np.hstack([values, np.full((4, 1), np.nan)])
-        names = *front.quantity_names, "gap (m)"
-        other = front._replace(quantities=more, quantity_names=names)
-        return choosing.Chooser(None, other)
-
-    monkeypatch.setattr(lineup_module, "Chooser", evaluated)
-    requests, found = Queue(), []
-    thresholds = Thresholds(None, front, requests.put, found.append, ["power (W)"])
-    thresholds.maximize(2)
-    thresholds.require(3, 45.0)
-    thresholds.require(2, -1.0)  # is raised to the front's least
-    while thresholds.searching:
-        requests.get(timeout=PATIENCE)()
-    wanted = {"speed (m/s)": 1.0}, "speed (m/s)", {"power (W)": 45.0}
-    assert thresholds._wanted() == wanted
-    assert found == [tuple(front.tradeoffs[2])]
-    told = thresholds.state()
-    assert told["levels"] == {"3": 45.0, "2": 1.0} and told["maximized"] == 2
-    assert told["found"]["quantities"] == {"speed (m/s)": values[2, 0], "power (W)": 40.0}
-
-
-# files of the run
 
 
 @pytest.mark.slow
@@ -282,9 +223,6 @@ def test_files_are_written_while_the_robots_go_on(tmp_path, make_run):
     saving.card(choosing.choose(str(run), {}, "run", device="cpu"))
     assert wait() == f"written: {run / 'decision.html'}"
     assert "As much run as possible" in (run / "decision.html").read_text()
-
-
-# what is sent
 
 
 def test_the_map_has_returns_per_second_and_physical_quantities(make_front):
@@ -316,47 +254,6 @@ def test_a_state_that_is_not_finite_is_not_sent(session):
     assert frame_bytes([session]) is None
 
 
-def test_an_objective_is_explained_by_its_reward_terms(session):
-    env = session.player.env
-    assert explain(env, "jump") == (
-        "jump = 12 * jump. Every objective also gets 1 * alive - 0.0002 * ctrl_cost."
-    )
-    assert explain(env, "another") == "Weight of another."
-    type(env).jump = lambda self: None
-    try:
-        type(env).jump.__doc__ = "Height of the torso in m.\n\nMore."
-        assert "jump: Height of the torso in m." in explain(env, "jump")
-    finally:
-        del type(env).jump
-
-
-def test_of_several_runs_asked_for_only_the_last_is_opened(monkeypatch):
-    pytest.importorskip("websockets", reason="the extra [explore] is not installed")
-    from morlax_torch.viewers.explorer import page as page_module
-
-    class Shown:
-        def __init__(self, put):
-            self.behaviors = [Clip(mujoco.MjModel.from_xml_string(FALL), np.zeros((1, 7)), 0.1)]
-            self.heard = []
-
-        def state(self):
-            return {}
-
-        def react(self, request):
-            self.heard.append(request)
-
-    monkeypatch.setattr(page_module, "files", dict)  # which may download three.js
-    monkeypatch.setattr(page_module, "Server", Mock())
-    page = page_module.Page(Shown, "127.0.0.1", 0)
-    heard = []
-    for number in range(20):  # while the page is busy
-        asked = {"act": "open", "run": f"runs/{number}", "checkpoint": None}
-        heard += [json.dumps(asked), '{"act": "press", "name": "push"}']
-    page._work([page_module.Heard(Mock(), message) for message in heard])
-    opened = [each["run"] for each in page._exhibit.heard if each["act"] == "open"]
-    assert opened == ["runs/19"] and len(page._exhibit.heard) == 21
-
-
 FALL = """
 <mujoco><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .1"><freejoint/><geom type="box" size=".2 .1 .1" mass="2"/></body>
@@ -378,3 +275,88 @@ def test_arrows_of_contacts_carry_the_weight():
     arrows = contact_arrows(model, data)
     lengths = np.linalg.norm(arrows[:, 1] - arrows[:, 0], axis=1)
     assert lengths.max() == pytest.approx(model.stat.extent)
+
+
+BOXES = """
+<mujoco><worldbody>
+  <body><joint type="slide" axis="1 0 0"/><geom type="box" size=".1 .1 .1"/></body>
+  <body><joint type="slide" axis="0 0 1"/><geom type="box" size=".1 .1 .1"/></body>
+</worldbody></mujoco>
+"""
+
+
+@pytest.fixture
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(BOXES)
+
+
+def test_a_clip_repeats_its_positions_in_real_time(model):
+    clip = Clip(model, [[0.0, 0.0], [0.0, 0.1], [0.0, 0.2]], dt=0.05)
+    seen = []
+    for _ in range(4):
+        seen.append(clip.data.xpos[2, 2])
+        clip.step()
+    assert seen == pytest.approx([0.0, 0.1, 0.2, 0.0])
+    clip.advance(0.0)
+    clip.pace = 0.5
+    assert sum(clip.advance(tick / 100) for tick in range(1, 101)) == 10
+    clip.reset()
+    assert clip.data.xpos[2, 2] == 0.0
+
+
+@pytest.mark.parametrize("qpos", [[[0.0]], [], [0.0, 0.0], [[np.nan, 0.0]]])
+def test_a_clip_that_does_not_fit_the_robot_is_an_error(model, qpos):
+    with pytest.raises(MorlaxError, match="a clip needs"):
+        Clip(model, qpos, dt=0.05)
+
+
+def test_answers_move_the_recommendation_to_the_preferred_end():
+    session = Session.open(library.choose("cheetah"))
+    front = session.front
+    source = PolicyComparisons(front, (session.twin(), session.twin()))
+    evidence = []
+    for _ in range(9):
+        question = source.ask()
+        evidence.append(source.state())
+        a, b = front.tradeoffs[list(question.policies)]
+        source.answer(0 if a[0] > b[0] else 1)
+    question = source.ask()
+    evidence.append(source.state())
+    index, tradeoff = source.best()
+    run = front.returns[front.non_dominated, 0]
+    assert front.returns[index, 0] > run.max() - 0.02 * np.ptp(run)
+    assert tradeoff == pytest.approx(front.tradeoffs[index])
+    # the evidence grows: fewer policies are possible, and fewer questions remain
+    assert evidence[-1]["best"] == index and index in evidence[-1]["possible"]
+    assert len(evidence[-1]["possible"]) < len(evidence[0]["possible"])
+    assert evidence[-1]["confidence"] > evidence[0]["confidence"]
+    assert evidence[-1]["left"] < evidence[0]["left"]
+    # its robots act on the question's trade-offs
+    for robot, asked in zip(question.behaviors, question.policies, strict=True):
+        robot.step()
+        assert robot.player.tradeoff.tolist() == pytest.approx(front.tradeoffs[asked])
+        assert robot.seconds == pytest.approx(robot.dt)
+
+
+@pytest.mark.slow
+def test_an_objective_is_taught_by_answers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ("cheetah", "lesson", "--objective", "tall", "--clips", "12", "--answers", "12")
+    with serving("teach", *words) as (address, process):
+        comparisons = Comparisons.load(Path("lesson/comparisons.npz"))
+        random = np.random.default_rng([0, 0])  # as a new lesson draws its pairs
+        height = comparisons.clips.terms[:, comparisons.terms.index("height")]
+        client = Client(address)
+        for number in range(12):
+            client.until(lambda n=number: client.state["asking"]["answers"] == n, "no effect")
+            a, b = comparisons.pair(random)  # the clips that the page shows
+            comparisons.answer(*((a, b) if height[a] > height[b] else (b, a)))
+            client.send("answer", preferred=0 if height[a] > height[b] else 1)
+        client.until(lambda: client.state["asking"]["over"], "there is no end")
+        client.close()
+        process.send_signal(signal.SIGINT)
+        printed, complaint = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0 and not complaint
+    assert "12 answers" in printed and "--config lesson/config.yaml" in printed
+    assert Comparisons.load(Path("lesson/comparisons.npz")).answers == comparisons.answers
+    assert load_config(read_yaml(Path("lesson/config.yaml"))).task.objectives["tall"]["learned"] > 0

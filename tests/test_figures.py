@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from morlax_torch import MorlaxError
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
@@ -35,7 +34,6 @@ def front(m: int, seed: int = 0) -> Front:
 
 
 def drawn(figure: Figure) -> set[str]:
-    """Draw a figure and return all its text."""
     figure.draw_without_rendering()
     return {text.get_text() for text in figure.findobj(lambda a: hasattr(a, "get_text"))}
 
@@ -60,20 +58,6 @@ def test_a_front_has_a_plot_for_each_pair_of_objectives(m):
     else:
         most = "all" if m == 3 else "most"
         assert {f"{most} weight on {name}" for name in NAMES[:m]} <= drawn(figure)
-
-
-def test_dominated_policies_are_dots_since_a_cross_means_falls_on_the_page():
-    points = [points for axes in figures.front_figure(front(2)).axes for points in axes.collections]
-    (faint,) = (some for some in points if some.get_label() == "dominated")
-    assert len(faint.get_paths()[0].vertices) > 8  # those of a circle; a cross has four
-
-
-def test_the_legend_omits_dominated_if_no_policy_is():
-    whole = front(2)
-    whole = whole._replace(returns=100 * whole.tradeoffs)
-    assert whole.non_dominated.all()
-    assert "dominated" not in drawn(figures.front_figure(whole))
-    assert "dominated" not in drawn(figures.returns_figure(whole))
 
 
 def test_returns_are_plotted_over_weights():
@@ -150,38 +134,7 @@ def test_an_axis_leaves_out_values_far_away_and_says_so():
     assert not any("outside" in text for text in drawn(figures.front_figure(some)))
 
 
-def boxes(figure: Figure) -> list[tuple[str, Bbox]]:
-    """Return where the title, the legend and the labels of axes are drawn."""
-    figure.draw_without_rendering()
-    texts = [text for text in (figure._suptitle,) if text is not None and text.get_text()]
-    for axes in figure.axes:
-        named = [axes.xaxis.label, axes.yaxis.label, axes.title]
-        texts += [text for text in named if text.get_text()]
-    found = [(text.get_text(), text.get_window_extent()) for text in texts]
-    return found + [("legend", legend.get_window_extent()) for legend in figure.legends]
-
-
-@pytest.mark.parametrize("m", (2, 3, 6))
-def test_no_labels_collide(m):
-    some = wide(m)
-    runs = {"runs/cheetah/20261121-175830-0": some, "another family of policies": some}
-    drawings = [
-        figures.front_figure(some, "a title"),
-        figures.returns_figure(some, "a title"),
-        figures.parallel_figure(some, "a title"),
-        figures.fronts_figure(runs, "a title"),
-    ]
-    for figure in drawings:
-        placed = boxes(figure)
-        assert len(placed) > 2
-        for (one, first), (other, second) in combinations(placed, 2):
-            assert not first.overlaps(second), f"{one} and {other}"
-        for name, box in placed:
-            assert box.x0 >= 0 and box.x1 <= figure.bbox.x1, name
-
-
 def apart(figure: Figure) -> None:
-    """Check that no two tick labels of an axis collide."""
     figure.draw_without_rendering()
     for axes in figure.axes:
         for axis in (getattr(axes, f"{x}axis") for x in "xyz" if hasattr(axes, f"{x}axis")):
@@ -219,17 +172,6 @@ def test_a_printed_figure_has_its_width_and_readable_text(m):
         assert {"best run", "knee", "A", "B"} <= drawn(figure)
         texts = figure.findobj(lambda artist: hasattr(artist, "get_fontsize"))
         assert min(text.get_fontsize() for text in texts if text.get_text()) >= 7
-
-
-def test_parallel_coordinates_show_few_lines_of_many_policies():
-    some = wide(4)
-    figure = figures.parallel_figure(some, "a title")
-    best = int(some.non_dominated.sum())
-    assert best > 30 and f"a title: 30 of {best} policies of the front" in drawn(figure)
-    lines = [path for lines in figure.axes[0].collections for path in lines.get_paths()]
-    assert len(lines) == 30
-    heights = np.array([path.vertices[:, 1] for path in lines])
-    assert heights.max(0).tolist() == [1] * 4 and heights.min(0).tolist() == [0] * 4
 
 
 def test_representatives_are_the_extremes_the_knee_and_the_balanced_policy():
@@ -291,18 +233,3 @@ def test_figures_are_saved_as_png_pdf_and_svg(tmp_path: Path):
     assert len(list(tmp_path.iterdir())) == 3
     with pytest.raises(MorlaxError, match="cannot write"):
         figures.save(figure, tmp_path / "nowhere" / "front")
-
-
-def test_a_run_s_history_is_read_from_its_metrics(tmp_path: Path):
-    path = tmp_path / "metrics.csv"
-    with pytest.raises(MorlaxError, match=r"there is no training curve .*metrics\.csv"):
-        History.load(path)
-    path.write_text(
-        "iteration,env_steps,train_seconds,hypervolume_approximate\n0,0,0.0,5.5\n3,90,1.5,7\n"
-    )
-    read = History.load(path)
-    assert [column.tolist() for column in read] == [[0, 90], [0, 1.5], [5.5, 7]]
-    for text in ("", "env_steps\n", "a,b\n1,2\n", "hypervolume\nmany\n"):
-        path.write_text(text)
-        with pytest.raises(MorlaxError, match=r"metrics\.csv is damaged"):
-            History.load(path)

@@ -25,35 +25,26 @@ def make(task: str, worlds: int = 2, backend: str = "mujoco", **options) -> envs
     return envs.make(task, worlds, "cpu", backend, auto_reset=False, **options)
 
 
-# MO-Gymnasium, compared with its own environments
-
-
-class Origin(NamedTuple):
-    """The original environment of a ported task."""
-
-    name: str
-    flags: dict[str, bool]
-
-
 SEEN = "include_{}_in_observation"
 BLIND = {SEEN.format(q): False for q in ("cinert", "cvel", "qfrc_actuator", "cfrc_ext")}
-ORIGINS = {
-    "ant": Origin("mo-ant-v5", {}),
-    "ant without forces": Origin("mo-ant-v5", {SEEN.format("cfrc_ext"): False}),
-    "ant-2obj": Origin("mo-ant-2obj-v5", {}),
-    "halfcheetah": Origin("mo-halfcheetah-v5", {}),
-    "hopper": Origin("mo-hopper-v5", {}),
-    "hopper-2obj": Origin("mo-hopper-2obj-v5", {}),
-    "humanoid": Origin("mo-humanoid-v5", {}),
-    "humanoid without bodies": Origin("mo-humanoid-v5", BLIND),
-    "swimmer": Origin("mo-swimmer-v5", {}),
-    "walker2d": Origin("mo-walker2d-v5", {}),
+ORIGINS = {  # names and flags of the original environments
+    "ant": ("mo-ant-v5", {}),
+    "ant without forces": ("mo-ant-v5", {SEEN.format("cfrc_ext"): False}),
+    "ant-2obj": ("mo-ant-2obj-v5", {}),
+    "halfcheetah": ("mo-halfcheetah-v5", {}),
+    "hopper": ("mo-hopper-v5", {}),
+    "hopper-2obj": ("mo-hopper-2obj-v5", {}),
+    "humanoid": ("mo-humanoid-v5", {}),
+    "humanoid without bodies": ("mo-humanoid-v5", BLIND),
+    "swimmer": ("mo-swimmer-v5", {}),
+    "walker2d": ("mo-walker2d-v5", {}),
 }
 
 
-def open_original(origin: Origin, env: envs.Environment, world: int = 0) -> gymnasium.Env:
+def open_original(name: str, env: envs.Environment, world: int = 0) -> gymnasium.Env:
     """Make MO-Gymnasium's environment and put it into the state of one world."""
-    original = mo_gymnasium.make(origin.name, **origin.flags).unwrapped
+    origin, flags = ORIGINS[name]
+    original = mo_gymnasium.make(origin, **flags).unwrapped
     original.reset()
     original.model.opt.solver = env.physics.model.opt.solver  # its humanoid uses another solver
     original.set_state(env.physics.qpos[world].numpy(), env.physics.qvel[world].numpy())
@@ -85,9 +76,8 @@ def look_as_sensors_do(original: gymnasium.Env) -> None:
 
 @pytest.mark.parametrize("name", ORIGINS)
 def test_mo_gymnasium_tasks_match_the_originals_step_by_step(name):
-    origin = ORIGINS[name]
-    env = make(f"mo-gymnasium/{name.split()[0]}", **origin.flags)
-    originals = [open_original(origin, env, world) for world in range(2)]
+    env = make(f"mo-gymnasium/{name.split()[0]}", **ORIGINS[name][1])
+    originals = [open_original(name, env, world) for world in range(2)]
     seen = env.observe()
     for world, original in enumerate(originals):
         assert original.observation_space.shape == (env.observation_size,)
@@ -113,7 +103,7 @@ def test_mo_gymnasium_tasks_match_the_originals_step_by_step(name):
 @pytest.mark.parametrize("name", ("ant", "hopper", "humanoid", "walker2d"))
 def test_robots_fail_where_mo_gymnasium_is_unhealthy(name):
     env = make(f"mo-gymnasium/{name}", 200, reset_noise=0.2)
-    original = open_original(ORIGINS[name], env)
+    original = open_original(name, env)
     generator = torch.Generator().manual_seed(0)
     height = 2 if name in ("ant", "humanoid") else 1
     env.physics.qpos[:, height] += torch.rand(200, generator=generator) * 2 - 1
@@ -133,9 +123,6 @@ def test_reference_points_bound_the_control_cost_of_an_episode(task):
     point = dict(zip(env.objectives, env.reference_point, strict=True))
     assert point.pop("control", -most) == pytest.approx(-most)
     assert set(point.values()) == {-100.0}
-
-
-# PG-MORL, compared with its published formulas
 
 
 class Moment(NamedTuple):
@@ -271,9 +258,6 @@ def test_pg_morl_robots_match_the_published_constants(name):
     np.testing.assert_allclose(model.dof_armature, plain.dof_armature)
     limited = np.zeros_like(plain.jnt_limited) if name == "hopper" else plain.jnt_limited
     np.testing.assert_array_equal(model.jnt_limited, limited)
-
-
-# both
 
 
 # others only have other objectives

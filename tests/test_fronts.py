@@ -2,7 +2,6 @@
 
 import csv
 import os
-import re
 import shutil
 from collections.abc import Sequence
 from contextlib import closing
@@ -11,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from same import csv_rows
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, load
-from morlax_torch.commands.choose import command as choose
 from morlax_torch.commands.evaluate import command as evaluate_command
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
@@ -36,11 +35,6 @@ from morlax_torch.train import train
 WORSE = {"max_env_steps": 192, "ppo.learning_rate": 0.1}  # the best evaluation is not the last
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "metrics.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def write_rows(folder: Path, table: Sequence[dict[str, str]]) -> None:
     with (folder / "metrics.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, dict.fromkeys(name for row in table for name in row))
@@ -54,9 +48,8 @@ def returns(run: AnyPath) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> Path:
-    """A run whose best evaluation is not its last."""
     folder = train(tiny(**WORSE), output=tmp_path_factory.mktemp("runs") / "run").folder
-    found = [float(row["hypervolume"]) for row in rows(folder)]
+    found = [float(row["hypervolume"]) for row in csv_rows(folder / "metrics.csv")]
     assert found.index(max(found)) < len(found) - 1
     return folder
 
@@ -77,14 +70,6 @@ def test_each_checkpoint_has_its_own_front(run):
         np.testing.assert_array_equal(front.returns, returns(path))
         assert front.checkpoint == ("latest.pt" if path.name == "latest.pt" else "best.pt")
     assert load_front(run).hypervolume > load_front(run / "checkpoints/latest.pt").hypervolume
-
-
-def test_choose_uses_the_front_of_the_checkpoint_that_load_loads(run, capfd):
-    front = Front.load(run / "front.npz")
-    choose([str(run), "--maximize", front.objectives[0]])
-    line = rf"(?m)^ *{front.objectives[0]} +([\d.e+-]+)"
-    printed = float(re.search(line, capfd.readouterr().out)[1])
-    assert printed == pytest.approx(returns(run)[:, 0].max(), rel=1e-3)
 
 
 def test_a_front_of_other_policies_is_refused_with_the_command_that_writes_it(run):
@@ -120,8 +105,6 @@ def test_packed_and_shipped_policies_have_the_front_of_their_checkpoint(run, tmp
     shipped = Front.load(find_run("cheetah") / "front.npz")
     np.testing.assert_array_equal(load_front("cheetah").returns, shipped.returns)
 
-
-# What chooses a checkpoint is not what is reported.
 
 NOISY = {"task.reset_noise": 0.1}
 
@@ -161,8 +144,9 @@ def test_the_best_checkpoint_is_not_the_one_with_the_luckiest_report(tmp_path):
     run = Run.create(learner, tmp_path / "run")
     found = scripted([(1, 2), (9, 3), (4, 5), (5, 4)], run, learner)
     assert [evaluation.best for evaluation in found] == [True, True, True, False]
-    assert [round(float(row["hypervolume"])) for row in rows(run.folder)] == [1, 9, 4, 5]
-    assert [row["best"] for row in rows(run.folder)] == ["1", "1", "1", "0"]
+    table = csv_rows(run.folder / "metrics.csv")
+    assert [round(float(row["hypervolume"])) for row in table] == [1, 9, 4, 5]
+    assert [row["best"] for row in table] == ["1", "1", "1", "0"]
     assert load_front(run.folder).hypervolume == pytest.approx(4)
     assert Front.load(run.checkpoints / "latest.npz").hypervolume == pytest.approx(5)
     for name in ("best", "latest"):
@@ -181,14 +165,11 @@ def test_a_random_run_reports_what_evaluate_finds_again(tmp_path):
     assert not np.isclose(other.returns, returns(run.folder)).any()
 
 
-# Other protocols than the default one
-
 DISCOUNTED = {"evaluation.protocol": "discounted"}
 
 
 @pytest.fixture(scope="module")
 def trained_discounted(tmp_path_factory) -> Path:
-    """A run by the discounted protocol whose best evaluation is not its last."""
     folder = tmp_path_factory.mktemp("runs") / "discounted"
     return train(tiny(**WORSE, **DISCOUNTED), output=folder).folder
 
@@ -199,7 +180,7 @@ def discounted(trained_discounted, tmp_path) -> Path:
 
 
 def test_training_measures_by_the_protocol_of_its_config(discounted, tmp_path):
-    front, found = load_front(discounted), rows(discounted)
+    front, found = load_front(discounted), csv_rows(discounted / "metrics.csv")
     typed = ["--protocol", "discounted", "--tradeoffs", "4", "--device", "cpu", "--output"]
     evaluate_command([str(discounted), *typed, str(tmp_path / "again")])
     again = Front.load(tmp_path / "again" / "front.npz")
@@ -243,9 +224,6 @@ def test_choose_counts_returns_by_the_run_s_own_protocol(discounted):
     np.testing.assert_allclose(usual.values, choice.values, rtol=1e-6)
 
 
-# Resumed runs
-
-
 def resumed(folder: Path, **changes: object) -> Run:
     run = Run.open(folder)
     return train(tiny(**{**WORSE, "max_env_steps": 256, **changes}), run)
@@ -269,7 +247,7 @@ def test_another_protocol_begins_the_record_of_the_best_checkpoint_anew(interrup
 def test_the_record_goes_on_if_evaluations_stay_comparable(run):
     before = checkpoint.load(run / "checkpoints/best.pt").progress
     resumed(run, **{"evaluation.every": 64})
-    assert float(rows(run)[-1]["hypervolume"]) < before.best_hypervolume
+    assert float(csv_rows(run / "metrics.csv")[-1]["hypervolume"]) < before.best_hypervolume
     after = checkpoint.load(run / "checkpoints/latest.pt").progress
     assert after.best_selection == after.best_hypervolume == before.best_hypervolume
     assert checkpoint.load(run / "checkpoints/best.pt").progress == before
@@ -277,7 +255,7 @@ def test_the_record_goes_on_if_evaluations_stay_comparable(run):
 
 def test_both_hypervolume_columns_stay_readable(run):
     """A resumed run with more trade-offs may be measured approximately from then on."""
-    table = rows(run)
+    table = csv_rows(run / "metrics.csv")
     expected = [float(row["hypervolume"]) for row in table]
     for row in table[2:]:
         row["hypervolume_approximate"] = row.pop("hypervolume")
@@ -288,8 +266,8 @@ def test_both_hypervolume_columns_stay_readable(run):
     assert provenance(run)["best_hypervolume"] == max(expected)
     evaluate_runs([str(run)], "", device="cpu")
     again = resumed(run)
-    assert len(rows(again.folder)) > len(table)
-    assert len(read_rows(run / "metrics.csv")) == len(rows(run))
+    assert len(csv_rows(again.folder / "metrics.csv")) > len(table)
+    assert len(read_rows(run / "metrics.csv")) == len(csv_rows(run / "metrics.csv"))
     for row in table:
         row.pop("hypervolume", None)
     write_rows(run, table)

@@ -1,4 +1,4 @@
-"""Random configs, files and messages: each is accepted and works, or is refused in one sentence.
+"""Random configs and files: each is accepted and works, or is refused in one sentence.
 
 CI tries a few of each. To try them for half an hour each, two at a time:
 
@@ -6,8 +6,6 @@ CI tries a few of each. To try them for half an hour each, two at a time:
 """
 
 import contextlib
-import io
-import json
 import math
 import time
 from collections.abc import Callable
@@ -25,9 +23,7 @@ from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, config_for, envs, load
 from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.configuration.files import file_values
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import History
 from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.train import train
@@ -75,8 +71,6 @@ def one_sentence():
         text = str(error)
         assert "\n" not in text and 10 < len(text) < 3000, text
 
-
-# Configs
 
 TASKS = [name for name in envs.names() if "/" not in name]
 ODD = st.one_of(
@@ -181,41 +175,6 @@ def test_a_random_config_trains_or_is_refused(fuzz):
     fuzz(trains_or_is_refused, configs(), 4)
 
 
-YAML = """env: cheetah
-seed: 3
-worlds: 64
-ppo: {clip: 0.2, epochs: 2}
-task:
-  objectives:
-    run: {run: 1.0}
-    energy: {energy: -1.0}
-cpu:
-  worlds: 32
-"""
-CUTS = st.lists(
-    st.tuples(st.integers(0, len(YAML)), st.integers(0, 8), st.text(max_size=4)), max_size=4
-)
-
-
-@pytest.mark.slow
-def test_a_random_yaml_file_is_read_or_refused(fuzz, tmp_path):
-    file = tmp_path / "x.yaml"
-
-    def holds(cuts: list[tuple[int, int, str]]) -> None:
-        text = YAML
-        for at, length, new in cuts:
-            text = text[:at] + new + text[at + length :]
-        file.write_text(text, errors="surrogatepass")
-        with one_sentence():
-            config = load_config(file_values(file, "cpu"))
-            assert math.isfinite(config.ppo.clip) and len(config.task.objectives) >= 2
-
-    fuzz(holds, CUTS, 300)
-
-
-# Files
-
-
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     return train(tiny(max_env_steps=96), output=tmp_path_factory.mktemp("fuzz") / "run").folder
@@ -237,7 +196,6 @@ class Damage(NamedTuple):
 
 
 def damages(size: int) -> st.SearchStrategy[Damage]:
-    """Damages of a file of `size` bytes."""
     return st.builds(
         Damage,
         st.lists(st.tuples(st.integers(0, size - 1), st.integers(1, 255)), max_size=8),
@@ -260,48 +218,6 @@ def test_a_damaged_checkpoint_gives_an_equal_policy_or_is_refused(fuzz, run, tmp
     fuzz(holds, damages(len(whole)), 100)
 
 
-LEAVES = st.one_of(
-    ODD,
-    st.sampled_from([torch.zeros(()), torch.zeros(3), torch.full((2, 2), math.nan), torch.ones(1)]),
-    st.sampled_from([b"bytes", (1, 2), {"agent": {}}, [torch.zeros(2)] * 9, "cheetah", 2**63]),
-)
-
-
-@st.composite
-def edits(draw: st.DrawFn, contents: dict[str, Any]) -> tuple[tuple[Any, ...], Any]:
-    """A place in a checkpoint's contents, and what to put there."""
-    path, place = [], contents
-    while True:
-        keys = sorted(place) if isinstance(place, dict) else list(range(len(place)))
-        key = draw(st.sampled_from(keys))
-        path.append(key)
-        place = place[key]
-        if not isinstance(place, dict | list) or not place or draw(st.integers(0, 9)) == 0:
-            return tuple(path), draw(LEAVES)
-
-
-def test_an_edited_checkpoint_works_or_is_refused(fuzz, run, tmp_path):
-    whole = (run / "checkpoints" / "latest.pt").read_bytes()
-    file, observation = tmp_path / "edited.pt", torch.randn(3, 13)
-    learner = MORLAX(tiny().make_worlds(8, 0), tiny())
-
-    def holds(edit: tuple[tuple[Any, ...], Any]) -> None:
-        path, value = edit
-        contents = place = torch.load(io.BytesIO(whole))
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] = value
-        torch.save(contents, file)
-        with one_sentence():
-            assert load(file)(observation, (0.3, 0.7)).isfinite().all()
-        with one_sentence():
-            checkpoint.restore(checkpoint.load(file), file, learner)
-            learner.iterate()
-            assert all(v.isfinite().all() for v in learner.agent.state_dict().values())
-
-    fuzz(holds, edits(torch.load(io.BytesIO(whole))), 30)
-
-
 @pytest.mark.parametrize("name", ["metrics.csv", "front.npz"])
 def test_a_damaged_result_is_finite_or_refused(fuzz, name, run, tmp_path):
     whole, file = (run / name).read_bytes(), tmp_path / name
@@ -316,89 +232,9 @@ def test_a_damaged_result_is_finite_or_refused(fuzz, name, run, tmp_path):
     fuzz(holds, damages(len(whole)), 200)
 
 
-# Messages to the explorer
-
 NAMES = st.sampled_from(
     [
         *("runs/a", "runs/b", "runs/damaged", "best", "latest", "..", "reset", "push", "add"),
         *("remove", "free", "find", "skip", "use", "again", "leave", "calm"),
     ]
 )
-ACTS = st.sampled_from(
-    [
-        *("steer", "tell", "nudge", "pause", "pace", "press", "select", "open", "require"),
-        *("maximize", "answer", "bookmark", "x", ""),
-    ]
-)
-FIELDS = st.sampled_from(
-    [
-        *("weights", "index", "value", "on", "name", "robot", "run", "checkpoint", "level"),
-        *("change", "preferred", "act", "x"),
-    ]
-)
-VALUES = st.one_of(
-    NAMES, ODD, st.floats(), st.integers(-1, 3), st.booleans(), st.lists(st.floats(), max_size=3)
-)
-KNOWN = st.sampled_from(
-    [
-        {"act": "press", "name": "find"},
-        {"act": "answer", "preferred": 1},
-        {"act": "open", "run": "runs/b", "checkpoint": None},
-        {"act": "open", "run": "runs/damaged", "checkpoint": None},
-        {"act": "open", "run": "runs/a", "checkpoint": "latest"},
-        {"act": "require", "index": 0, "level": 50.0},
-        {"act": "pause", "on": False},
-    ]
-)
-MESSAGES = st.one_of(
-    KNOWN,
-    st.builds(lambda name: {"act": "press", "name": name}, NAMES),
-    st.builds(lambda act, rest: {**rest, "act": act}, ACTS, st.dictionaries(FIELDS, VALUES)),
-    st.binary(max_size=200),
-    st.text(max_size=50),
-)
-
-
-def deliver(client: Any, message: Any) -> None:
-    if not isinstance(message, dict):
-        client.send_bytes(message)
-        return
-    with contextlib.suppress(TypeError):  # bytes, which JSON has not
-        client.send_bytes(json.dumps(message))
-
-
-@pytest.mark.slow
-def test_random_messages_leave_the_explorer_at_work(fuzz, make_run, tmp_path, monkeypatch):
-    from browsing import Client, exploring
-
-    monkeypatch.chdir(tmp_path)
-    for name in ("a", "b"):
-        make_run(tmp_path / "runs" / name, "hopper", "best", "latest")
-    damaged = tmp_path / "runs" / "damaged" / "checkpoints"
-    damaged.mkdir(parents=True)
-    (damaged / "best.pt").write_bytes(b"no checkpoint")
-    with exploring("runs/a") as (address, process):
-        weight = 0
-
-        def holds(messages: list[Any]) -> None:
-            nonlocal weight
-            client = Client(address)
-            for message in messages:
-                deliver(client, message)
-            client.close()
-            visitor = Client(address)  # still finds a page that does what it says
-            visitor.send("press", name="leave")
-            weight = weight % 99 + 1
-            wanted = [weight / 100, 1 - weight / 100]
-
-            def obeys() -> bool:
-                visitor.send("steer", weights=wanted)
-                return visitor.tradeoff(visitor.state["selected"]) == pytest.approx(wanted)
-
-            visitor.until(obeys, "the robot is not steered")
-            assert 0.05 <= visitor.state["pace"] <= 1
-            assert visitor.state["run"] in ("runs/a", "runs/b")
-            visitor.close()
-            assert process.poll() is None
-
-        fuzz(holds, st.lists(MESSAGES, max_size=20), 20)

@@ -16,7 +16,6 @@ from morlax_torch.gpu.group import ALONE
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory) -> list[dict]:
-    """Return what each of two processes has."""
     folder = tmp_path_factory.mktemp("processes")
     launch = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2"]
     words = [*launch, "--standalone", two_processes.__file__, str(folder), *ALGORITHMS]

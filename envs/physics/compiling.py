@@ -16,7 +16,6 @@ from unittest.mock import patch
 
 import warp as wp
 
-
 MOST_PROCESSES = 8  # a compiler takes up to 1 GB of memory
 MOST_SECONDS = 300.0  # BRUCE's largest module takes 30 s
 # They work on what kernels have written, which is garbage while no kernel runs.
