@@ -61,8 +61,14 @@ class Generated(nn.Module, ABC):
         """Map conditions (K, m + d) to parameters (K, P), in the order of `shapes`."""
 
     def forward(self, conditions: Tensor) -> dict[str, Tensor]:
-        """Map conditions (K, m + d) to {"flat": (K, P)}; trade-offs are scaled (`on_simplex`)."""
-        return {"flat": self.flat(conditions)}
+        """Map conditions (K, m + d) to parameters: name -> (K, *shape).
+
+        Their trade-offs are scaled to sum to one.
+
+        Raises:
+            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
+        """
+        return self.split(self.flat(conditions))
 
     def split(self, flat: Tensor) -> dict[str, Tensor]:
         """Return the parameters (..., *shape) that rows (..., P) consist of, by name."""
@@ -70,30 +76,30 @@ class Generated(nn.Module, ABC):
         return {name: values.reshape((*flat.shape[:-1], *shape)) for (name, shape), values in named}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run K networks, each on its own inputs (K, ...), with fused kernels if there are some."""
+        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
+
+        MLPs run in fused kernels where there are some; the result is that of `torch.vmap`, up to
+        rounding.
+        """
         definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
         if not self._mlp or len(inputs) != 1:
             return definition()
-        target, flat = self._target.copy, parameters["flat"]
+        target, generated = self._target.copy, [parameters[name] for name in self.shapes]
         if not isinstance(target, Symmetric):
-            return fused.mlps(inputs[0], self._mlp, [flat], definition)
-
-        def run_inside(flat: Tensor, x: Tensor) -> Tensor:
-            inside = {name.removeprefix("network."): p for name, p in self.split(flat).items()}
-            return functional_call(target.network, inside, x)
-
+            return fused.mlps(inputs[0], self._mlp, generated, definition)
         # one call for the rows and their images
-        buffers = self._buffers_of_family()
+        inside = {name.removeprefix("network."): parameters[name] for name in self.shapes}
+        run, buffers = vmap(partial(functional_call, target.network)), self._buffers_of_family()
         mirror_inputs = Reflection(buffers["inputs_order"], buffers["inputs_sign"])
         mirror_outputs = Reflection(buffers["outputs_order"], buffers["outputs_sign"])
         rows = torch.cat([inputs[0], mirror_inputs(inputs[0])], 1)
-        outputs = fused.mlps(rows, self._mlp, [flat], partial(vmap(run_inside), flat, rows))
+        outputs = fused.mlps(rows, self._mlp, generated, partial(run, inside, rows))
         plain, image = outputs.chunk(2, 1)
         return target.mixed(plain, mirror_outputs(image))
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run one network, {"flat": (P,)}, on the target's inputs."""
-        named = {**self.split(parameters["flat"]), **self._buffers_of_family()}
+        """Run one network, with parameters of the target's own shapes, on the target's inputs."""
+        named = {**parameters, **self._buffers_of_family()}
         return functional_call(self._target.copy, named, inputs)
 
     def specialize(self, condition: Tensor) -> nn.Module:
