@@ -75,14 +75,3 @@ def test_single_objective_wrappers_leave_the_other_objectives_unchanged(env, rew
     skipping = wrappers.MOMaxAndSkipObservation(env, skip=4)
     skipping.reset(seed=0)
     np.testing.assert_allclose(skipping.step(ACTION)[1], rewards[:4].sum(0), rtol=1e-6)
-
-
-def test_mo_sync_vector_env_runs_the_environments(rewards):
-    envs = wrappers.vector.MOSyncVectorEnv(
-        [lambda: mo_gymnasium.make(TASK, episode_length=20) for _ in range(2)]
-    )
-    envs.reset(seed=0)
-    for expected in rewards:
-        _, reward, _, truncated, _ = envs.step(np.tile(ACTION, (2, 1)))
-        np.testing.assert_array_equal(reward, np.tile(expected, (2, 1)))
-    assert truncated.all()

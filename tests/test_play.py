@@ -6,7 +6,6 @@ import sys
 import zipfile
 from pathlib import Path
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import mujoco
 import numpy as np
@@ -22,7 +21,6 @@ from morlax_torch.viewers.playing.deployment import Export, open_export
 from morlax_torch.viewers.playing.disturbances import Disturbances
 from morlax_torch.viewers.playing.episodes import policy_of, run
 from morlax_torch.viewers.playing.robot import Robot
-from morlax_torch.viewers.playing.showing import show
 from morlax_torch.viewers.playing.steering import (
     ENTER,
     EVENT,
@@ -206,16 +204,6 @@ def test_keys_and_sticks_steer_within_the_ranges(cart, tmp_path):
         steering.feel(event)
     np.testing.assert_allclose(steering.command, [-0.5, 0, 0], atol=1e-9)
     assert policy.target.tolist() == [0, 1]
-
-
-def test_a_window_shows_the_robot_in_real_time(cart, monkeypatch):
-    from mujoco import viewer
-
-    window = MagicMock(**{"is_running.side_effect": [True] * 10 + [False]})
-    monkeypatch.setattr(viewer, "launch_passive", lambda *_, **__: window)
-    assert show(cart, Disturbances(), seconds=5.0) == 0
-    assert window.sync.call_count == 10
-    assert "forward" in window.set_texts.call_args[0][0][2]
 
 
 @pytest.mark.slow

@@ -4,14 +4,12 @@ import gymnasium
 import numpy as np
 import pytest
 
-from morlax_torch import MorlaxError
-
 pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 from toppling import falling
 
 from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
@@ -73,45 +71,3 @@ def test_sb3_ppo_learns_to_run():
     logged = np.mean([episode["r"] for episode in learner.ep_info_buffer])
     assert after > 2 * before
     assert logged > 2 * before
-
-
-def test_sb3_wrappers_work():
-    env = VecNormalize(worlds("cheetah"))
-    assert env.reset().shape == (4, 17)
-    assert env.get_attr("objectives") == [("run", "energy")] * 4
-    assert env.has_attr("reward_space") and not env.has_attr("no_such_thing")
-    env.close()
-
-
-@pytest.mark.slow
-@pytest.mark.long
-@pytest.mark.usefixtures("opengl")
-def test_vec_video_recorder_films_the_worlds(tmp_path):
-    pytest.importorskip("moviepy")
-    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    env = worlds(render_mode="rgb_array", width=120, height=90)
-    film = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=20)
-    film.reset()
-    for _ in range(20):
-        film.step(falling().numpy())
-    film.close()
-    (path,) = tmp_path.glob("*.mp4")
-    details = next(imageio_ffmpeg.read_frames(str(path)))
-    assert details["size"] == (240, 180)  # two by two worlds
-    assert details["fps"] == pytest.approx(1 / env.vector.worlds.dt, rel=0.01)
-
-
-MISTAKES = {
-    "no reset": (lambda: worlds().step(falling().numpy()), "call reset first"),
-    "setting": (lambda: worlds().set_attr("tradeoff", (1, 0)), "tradeoff cannot be set"),
-    "render mode": (lambda: worlds(render_mode="human"), "Known: rgb_array"),
-    "calling": (lambda: worlds().env_method("render"), "render cannot be called"),
-}
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_raises_a_clear_error(name):
-    mistake, expected = MISTAKES[name]
-    with pytest.raises(MorlaxError) as error:
-        mistake()
-    assert expected in str(error.value)

@@ -10,7 +10,6 @@ import struct
 import subprocess
 import sys
 import termios
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -164,13 +163,6 @@ def test_slow_worlds_get_a_hint_to_an_algorithm_of_few_steps(
     assert printed.count("--algorithm hyper-sac") == hints
 
 
-def test_the_next_command_may_run_the_code_of_the_task(workplace, capsys):
-    Path("mine.py").write_text("from morlax_torch import envs\n\nMine = envs.get('hopper')\n")
-    typed = ("train", "--env", "mine.py:Mine", *SMALL[2:], "--output", "run")
-    command(typed)
-    assert capsys.readouterr().out.endswith("evaluate run --trust\n")
-
-
 def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, capsys):
     returns = {"hopper": "0 4e4", "cheetah": None}
     for env, point in returns.items():
@@ -198,28 +190,6 @@ def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
             lines.show("trial 3: training", row=1)
         for text in ("ant: filming 25%", "trial 3: training"):
             assert (text in output.getvalue()) == terminal
-
-
-def test_a_pipe_gets_the_phase_now_and_then(monkeypatch, capsys):
-    monkeypatch.setattr(live, "LONGEST_SILENCE", 0.01)
-    told, limit = "", time.monotonic() + 60
-    with live.Live():
-        phase("drawing", 0.5)
-        while "drawing" not in told:
-            assert time.monotonic() < limit
-            time.sleep(0.01)
-            told += capsys.readouterr().out
-    assert "   drawing 50%\n" in told
-
-
-def test_a_command_shows_its_phases(tmp_path, monkeypatch):
-    config = tiny(**{"task.episode_length": 10})
-    run, told = train(config, output=tmp_path / "run"), []
-    (run.folder / "front.npz").unlink()  # so that `pack` evaluates
-    monkeypatch.setattr(live.Live, "show", lambda _, *phase: told.append(phase))
-    command(["pack", str(run.folder), str(tmp_path / "small"), "--device", "cpu"])
-    evaluating = "evaluating 4 trade-offs"
-    assert told == [("building 4 worlds", None), (evaluating, 0.0), (evaluating, 0.5)]
 
 
 def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:

@@ -6,7 +6,7 @@ import gymnasium
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import envs
 
 pytest.importorskip("torchrl", reason="TorchRL is not installed")
 
@@ -99,14 +99,6 @@ def test_a_partial_reset_affects_only_the_selected_worlds():
     assert torch.equal(env.reset()["observation"], first["observation"])
 
 
-def test_gymnasium_environments_support_partial_resets(monkeypatch):
-    pytest.importorskip("mo_gymnasium")
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    env = worlds("gymnasium:mo-hopper-2obj-v5", 2, episode_length=5)
-    check_env_specs(env)
-    assert env.rollout(12, break_when_any_done=False)["next", "done"].sum() == 4
-
-
 @pytest.mark.usefixtures("single_thread")
 @pytest.mark.slow
 def test_torchrl_ppo_learns_a_tradeoff():
@@ -154,31 +146,6 @@ def test_torchrl_ppo_learns_a_tradeoff():
                 nn.utils.clip_grad_norm_(loss.parameters(), 1.0)
                 optimizer.step()
     assert max(returns[-2:]) > 2 * returns[0]
-
-
-MISTAKES = {
-    "task": (lambda: worlds("wlaker"), "did you mean 'walker'"),
-    "no reset": (lambda: worlds().rand_step(), "call reset first"),
-    "moving": (lambda: worlds().to("meta"), "use 'cuda' or 'cpu'"),
-}
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_raises_a_clear_error(name):
-    mistake, expected = MISTAKES[name]
-    with pytest.raises(MorlaxError) as error:
-        mistake()
-    assert expected in str(error.value)
-
-
-@pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
-def test_the_seed_reaches_the_worlds_own_environments():
-    car = TorchRLEnv("gymnasium:mo-mountaincarcontinuous-v0", 3, "cpu")
-    seen = []
-    for seed in (1, 2, 1):
-        car.set_seed(seed)
-        seen.append(car.reset()["observation"])
-    assert torch.equal(seen[0], seen[2]) and not torch.equal(seen[0], seen[1])
 
 
 def test_an_observation_that_shows_the_simulators_memory_is_copied(monkeypatch):

@@ -255,13 +255,3 @@ def test_processes_with_different_configs_do_not_train():
         _, message = ended([process])
         assert process.returncode == 2
         assert "process 1 has another config than process 0" in message
-
-
-@pytest.mark.slow
-def test_a_host_without_the_folder_of_a_resumed_run_is_told(whole):
-    port, longer = free_port(), ("--max-env-steps", str(2 * STEPS))
-    first = start(0, port, "--resume", str(whole), *longer)
-    _, message = ended([start(1, port, *SMALL, *longer)])
-    assert "process 0 resumes a run whose folder process 1 cannot find" in message
-    first.kill()
-    first.communicate()

@@ -19,7 +19,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.commands import train as train_command
-from morlax_torch.commands.terminal.display import Display
 from morlax_torch.commands.terminal.process import exiting_on_signals, interruptible
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import merged, task_values
@@ -28,7 +27,7 @@ from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Evaluation, Progress, read_rows
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.training import Schedule, Session, make_evaluator
+from morlax_torch.runs.training import Schedule
 from morlax_torch.train import train
 
 
@@ -222,23 +221,6 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
     assert iterations(tmp_path / "run") >= 3
 
 
-def test_a_signal_after_the_limit_does_not_interrupt_the_run(tmp_path, monkeypatch, capsys):
-    evaluated = Display.evaluated
-
-    def signaled(display: Display, evaluation: Evaluation) -> None:
-        evaluated(display, evaluation)
-        if evaluation.env_steps == 640:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Display, "evaluated", signaled)
-    monkeypatch.setattr(sys, "argv", ["train", *map(str, HOPPER), "--max-env-steps", "640"])
-    train_command.main()
-    output = " ".join(capsys.readouterr().out.split())
-    assert "done: 640 steps" in output and "interrupted" not in output
-    assert "morlax evaluate run" in output
-
-
 def test_a_non_finite_loss_stops_the_run_and_keeps_the_checkpoint(tmp_path):
     network, ppo = {"actor": (64, 64), "critic": (64, 64)}, {"learning_rate": 1.0, "epochs": 4}
     with pytest.raises(MorlaxError, match=r"became (nan|inf) in iterations 6 to 10.*latest.pt"):
@@ -287,22 +269,6 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
     assert iterations(tmp_path / "run") >= 5  # training went on while the evaluation was written
     resumed = train(config, Run.open(tmp_path / "run"))
     assert [row["env_steps"] for row in metrics(resumed)] == ["0", "160", "320"]
-
-
-def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    morlax = trainer(tiny(max_seconds=0.3, max_env_steps=None), 0)
-    evaluations = Session(morlax, make_evaluator(morlax)).training(evaluate_at=(0.1, 0.2))
-    *_, last = evaluations
-    assert last.train_seconds >= 0.3
-    assert last.iteration == morlax.iteration > 0
-    morlax = trainer(tiny(evaluation={"every": 64}), 0)
-    evaluations = Session(morlax, make_evaluator(morlax)).training()
-    assert [next(evaluations).iteration for _ in range(3)] == [0, 2, 4]
-    evaluations.close()
-    assert morlax.iteration == 4
-    assert not list(tmp_path.iterdir())
-    assert capsys.readouterr() == ("", "")
 
 
 def test_nohup_protects_a_run_from_its_terminal():

@@ -172,23 +172,6 @@ def test_a_run_trains_and_resumes_in_the_only_environment(tmp_path):
     assert rows[-1].split(",")[1] == "480"
 
 
-@pytest.mark.parametrize(
-    ("again", "tradeoffs", "message"),
-    [
-        (False, 6, r"make_env fails.*context already exists.*return the same environment"),
-        (True, 9, r"has 16 worlds.*needs 18, in two sets of episodes.*evaluation\.tradeoffs"),
-    ],
-)
-def test_evaluations_that_the_only_environment_cannot_have_are_refused(
-    tmp_path, again, tradeoffs, message
-):
-    envs.register(f"line-{tradeoffs}", alone(again))
-    config = config_for(f"line-{tradeoffs}", **{**TINY, "evaluation.tradeoffs": tradeoffs})
-    with pytest.raises(MorlaxError, match=message):
-        train(config, output=tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
 def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
     def terms(env, extras):
         return {**extras["terms"], "go": torch.tensor([math.nan, 1.0, 1.0])}
@@ -197,30 +180,3 @@ def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
     step = envs.make("faulty-line", 3, "cpu").step(torch.ones(3, 1))
     assert step.blown_up.tolist() == step.terminated.tolist() == [True, False, False]
     assert step.reward[0].tolist() == [0, 0] and step.reward[1:].isfinite().all()
-
-
-@pytest.mark.parametrize("name", ["go", "dones", "time_outs"])
-@pytest.mark.parametrize("change", [lambda x: x[:1], lambda x: x.tolist()])
-def test_numbers_of_another_shape_are_one_sentence(name, change):
-    class Misshapen(Line):
-        def step(self, actions):
-            seen, reward, dones, extras = super().step(actions)
-            parts = {**extras["terms"], "dones": dones, "time_outs": extras["time_outs"]}
-            parts[name] = change(parts[name])
-            return seen, reward, parts["dones"], {"terms": parts, "time_outs": parts["time_outs"]}
-
-    task = envs.from_vecenv(Misshapen, LineWorlds.read_terms, GOALS)
-    env = task(task.Options(), 3, torch.device("cpu"))
-    with pytest.raises(MorlaxError, match=r"actions of shape \(3, 1\)"):
-        env.step(torch.ones(3))
-    with pytest.raises(MorlaxError, match=rf"gives {name} as .* must be a tensor of shape \(3,\)"):
-        env.step(torch.ones(3, 1))
-
-
-def test_rsl_rl_is_told_that_it_cannot_shift_the_time_limits_of_such_worlds():
-    pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
-    from morlax_torch.adapters.rsl_rl import RslRlVecEnv
-
-    env = RslRlVecEnv(NAME, (0.5, 0.5), 4, "cpu")
-    with pytest.raises(MorlaxError, match=r"keeps its own time limits.*random_ep_len=False"):
-        env.episode_length_buf = torch.zeros(4)

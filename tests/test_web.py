@@ -1,9 +1,7 @@
 """The web page's graphs and models are those of the tasks, and mistakes are explained."""
 
-import http.client
 import io
 import json
-import urllib.error
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,6 @@ import pytest
 import web_robots
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.commands import pack
-from morlax_torch.commands.terminal import cli
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
 from morlax_torch.viewers import libraries
@@ -188,23 +184,6 @@ def read_arrays(data: bytes) -> dict[str, Any]:
 # Libraries
 
 
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [
-        (urllib.error.URLError("no route to host"), r" \(no route to host\)"),
-        (http.client.IncompleteRead(b"half", 999), "IncompleteRead"),
-    ],
-)
-def test_a_download_that_fails_is_one_sentence(error, reason, tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise error
-
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("urllib.request.urlopen", fail)
-    with pytest.raises(MorlaxError, match=f"cannot download https.*{reason}"):
-        libraries.files()
-
-
 def test_a_changed_download_is_refused_and_not_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("urllib.request.urlopen", lambda *_, **__: io.BytesIO(b"other"))
@@ -221,14 +200,6 @@ def no_libraries(monkeypatch):
     monkeypatch.setattr(writing.libraries, "files", dict)
 
 
-def test_nothing_is_left_of_a_page_that_cannot_be_written(tmp_path, make_run, no_libraries):
-    make_run(tmp_path / "run", "hopper", "best")
-    for runs, message in (([str(tmp_path / "none")], "does not exist"), (["nothing"], "shipped")):
-        with pytest.raises(MorlaxError, match=message):
-            writing.write_page(runs, tmp_path / "page")
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
 def test_a_folder_in_use_is_kept(tmp_path, no_libraries, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").touch()
@@ -236,12 +207,3 @@ def test_a_folder_in_use_is_kept(tmp_path, no_libraries, monkeypatch):
         with pytest.raises(MorlaxError, match="exists already"):
             writing.write_page(["hopper"], folder)
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
-
-
-@pytest.mark.parametrize("arguments", [[], ["hopper"], ["hopper", "ant", "page"]])
-def test_the_command_asks_for_a_run_and_a_folder(arguments, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["pack", *arguments])
-    with pytest.raises(SystemExit) as end:
-        cli.run(pack.command)
-    assert end.value.code == 2
-    assert "RUN ... --web FOLDER" in capsys.readouterr().err

@@ -272,26 +272,6 @@ def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
     assert not visit.complaints
 
 
-def test_the_map_tells_of_points_and_is_walked_with_arrow_keys(visit):
-    page = visit("?run=cheetah3&tradeoff=1,0,0")
-    runs(page)
-    axes = page.locator("#front .axis").all_text_contents()
-    assert len(axes) == 2 and all(text.endswith(" per second") for text in axes)
-    circle = page.locator("#front circle:not(.dominated):not(.mark)").first
-    circle.hover(force=True)
-    tip = page.inner_text(".tip")
-    assert tip.count("%") == 3 and "run" in tip and "per second" in tip
-    before = page.url
-    page.focus("#front svg")
-    for _ in range(3):
-        page.keyboard.press("ArrowRight")
-    for _ in range(8):
-        page.keyboard.press("ArrowLeft")
-    expect(page.locator("#weights output")).not_to_have_text(["100 %", "0 %", "0 %"])
-    assert page.url == before  # until a pointer or a slider is let go
-    assert not visit.complaints
-
-
 def test_robots_are_compared_and_chosen_without_a_server(visit):
     page = visit("?run=cheetah3&tradeoff=1,0,0")
     runs(page)
@@ -339,28 +319,6 @@ def test_a_pause_looks_back_and_what_follows_is_a_replay(visit):
     page.wait_for_function(f"{shown} > {now}")
     expect(page.locator("#timeline")).to_be_hidden()
     assert not visit.complaints
-
-
-def test_a_robot_that_cannot_be_loaded_leaves_the_other_on_the_stage(visit):
-    # a service worker's requests cannot be stopped
-    page = visit("?run=cheetah3", before="delete Navigator.prototype.serviceWorker")
-    runs(page)
-    page.route("**/runs/1/policy.onnx.packed", lambda route: route.abort())
-    page.select_option("#run", label="Tumbler")
-    page.wait_for_function("document.getElementById('event').textContent.includes('policy.onnx')")
-    assert page.title() == "cheetah3 · morlax" and page.is_hidden("#loading")
-    assert page.locator("#run option:checked").inner_text() == "cheetah3"
-    runs(page)
-    page.unroute("**/runs/1/policy.onnx.packed")
-    page.select_option("#run", label="Tumbler")
-    page.wait_for_function("document.title.startsWith('Tumbler')")
-    runs(page)
-
-
-def test_an_unknown_robot_is_named(visit):
-    page = visit("?run=hare")
-    page.wait_for_selector("#problem:not([hidden])")
-    assert page.inner_text("#problem") == "There is no robot hare here, but cheetah3, Tumbler."
 
 
 def test_a_second_visit_needs_no_network(visit):
@@ -412,7 +370,6 @@ def test_on_a_phone_the_panel_lies_below_the_robot_and_is_large_enough_to_tap(vi
     ("before", "sentence"),
     [
         ("HTMLCanvasElement.prototype.getContext = () => null", "cannot draw in 3D"),
-        ("delete globalThis.WebAssembly", "lacks WebAssembly"),
         ("const get = fetch; globalThis.fetch = () => get('nowhere')", "is missing on this web"),
     ],
 )
