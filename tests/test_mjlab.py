@@ -294,7 +294,12 @@ class NoCopies(TorchFunctionMode):
 
 @pytest.mark.parametrize("name", [GO1, G1])
 def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
-    own, ours = (calm(name, 3, pushed=True, episode_length_s=0.4) for _ in range(2))
+    def limited(cfg: Any) -> None:
+        (action,) = cfg.actions.values()
+        action.clip = {".*": (-0.5, 0.5)}
+
+    options = {"pushed": True, "edit": limited, "episode_length_s": 0.4}
+    own, ours = (calm(name, 3, **options) for _ in range(2))
     ages = torch.tensor([0, 7, 13])  # of episodes of 20 steps
     for env in (own, ours):
         env.episode_length_buf.copy_(ages)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import envs
 from morlax_torch.adapters.morl_baselines import MorlBaselinesAgent
 from morlax_torch.host.resources import one_thread
 from morlax_torch.runs.evaluating import evaluate
@@ -23,30 +22,6 @@ def test_the_agent_s_action_equals_the_policy_s(make_policy, dtype):
     assert action.shape == (4,) and action.dtype == np.float32
     expected = policy.specialize(tradeoff)(torch.from_numpy(seen)[None])[0]
     np.testing.assert_allclose(action, expected, rtol=1e-5, atol=1e-6)
-
-
-def test_policy_evaluation_mo_gives_the_returns_of_the_worlds(make_policy):
-    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
-    policy, tradeoff = make_policy("hopper"), np.array([0.25, 0.75])
-    worlds = envs.make("hopper", 1, "cpu", episode_length=60)
-    returns, discounted, seen, over = np.zeros(2), np.zeros(2), worlds.reset(), False
-    for t in range(60):
-        step = worlds.step(policy(seen, tradeoff))
-        if not over:
-            returns += step.reward[0].numpy()
-            discounted += 0.9**t * step.reward[0].numpy()
-        over, seen = over or bool(step.terminated | step.truncated), step.observation
-
-    scalar, scalar_discounted, vector, vector_discounted = evaluation.policy_evaluation_mo(
-        MorlBaselinesAgent(policy, gamma=0.9),
-        gymnasium.make(TASK, episode_length=60),
-        w=tradeoff,
-        rep=2,
-    )
-    np.testing.assert_allclose(vector, returns, rtol=1e-4)
-    np.testing.assert_allclose(vector_discounted, discounted, rtol=1e-4)
-    assert scalar == pytest.approx(tradeoff @ returns, rel=1e-4)
-    assert scalar_discounted == pytest.approx(tradeoff @ discounted, rel=1e-4)
 
 
 def test_the_discounted_protocol_gives_what_morl_baselines_measures_in_mo_gymnasium(make_policy):

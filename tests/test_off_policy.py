@@ -17,7 +17,6 @@ from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.baselines.pd_morl.interpolator import Interpolator
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
-from morlax_torch.runs.checkpoint import check_state
 
 N, T, DISCOUNT, STEPS = 4, 3, 0.9, 3
 SIZES = SimpleNamespace(
@@ -286,26 +285,9 @@ def test_what_cannot_work_is_refused(changes, message):
         small(changes.pop("algorithm", "hyper-sac"), **changes)
 
 
-def test_a_replay_that_does_not_fit_is_refused_and_one_that_does_is_named():
-    with pytest.raises(MorlaxError, match=r"a replay of .* takes .* try --method.replay") as error:
-        trained(small("hyper-sac", **{"method.replay": 10**12}), 0)
-    assert 10**6 < int(str(error.value).rstrip(".").split()[-1]) < 10**12
-
-
 def test_targets_start_as_networks_that_another_run_replaced(constants):
     constants("hyper-sac", start=10**9)  # nothing is learned
     learner = trained(small("hyper-sac", 10), 0)
     torch.nn.init.normal_(learner.agent.critic.weight)  # as start_from does
     iterate(learner, 1)
     assert torch.equal(learner.targets[0].weight, learner.agent.critic.weight)
-
-
-def test_a_checkpoint_with_a_replay_continues_where_none_is_kept(monkeypatch):
-    config = small("hyper-sac", 10)
-    stored = trained(config, 4).state_dict()
-    learner = trained(config, 0)
-    monkeypatch.setattr(learner, "_keeps_replay", False)  # as on a GPU
-    check_state(stored, learner.state_dict())
-    learner.load_state_dict(stored)
-    assert learner._held == 0 and learner.iteration == 4
-    assert "replay" not in learner.per_process

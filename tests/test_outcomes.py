@@ -83,14 +83,6 @@ def test_runs_on_a_gpu_are_appended_to_a_record(run, tmp_path, monkeypatch):
     assert outcomes == [["1", "0", "2"], ["0", "2", "0"]]
 
 
-def test_a_run_on_a_gpu_without_a_commit_is_refused_before_its_tests(run, tmp_path, monkeypatch):
-    monkeypatch.delenv("COMMIT", raising=False)
-    monkeypatch.setenv("PATH", str(tmp_path))  # without git
-    status, _ = run("--record-gpu", str(tmp_path / "record.csv"))
-    assert status == pytest.ExitCode.USAGE_ERROR
-    assert not (tmp_path / "record.csv").exists()
-
-
 def test_the_last_run_on_a_gpu_had_no_failure():
     recorded = rows(RECORD)
     assert all(date.fromisoformat(row["date"]) for row in recorded)

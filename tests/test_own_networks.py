@@ -13,14 +13,9 @@ from torch import nn
 from morlax_torch import MORLAX, MorlaxError, Policy, load, save
 from morlax_torch.algorithms import registry
 from morlax_torch.algorithms.base import BaseLearner
-from morlax_torch.commands import evaluate
-from morlax_torch.commands import train as train_command
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.evaluating import evaluate as evaluate_run
 from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.run import Run
-from morlax_torch.train import train
 
 O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
 
@@ -169,16 +164,3 @@ def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator)
     resumed = trainer(usual(), 0, critic=critic)
     checkpoint.restore(checkpoint.load(path), path, resumed)
     assert_same(weights(resumed), weights(morlax))
-
-
-def test_a_run_with_custom_networks_resumes_only_from_python(tmp_path, refused):
-    networks = {"actor": normed(), "critic": normed(outputs=m)}
-    run = train(usual(), output=tmp_path / "run", **networks)
-    resume = "--resume", run.folder, "--max-env-steps", 128
-    for module, arguments in ((train_command, resume), (evaluate, (run.folder,))):
-        assert "user-made actor, which no config describes" in refused(module, *arguments)
-    longer = train(usual(max_env_steps=128), Run.open(run.folder), **networks)
-    contents = checkpoint.load(longer.checkpoints / "latest.pt")
-    assert contents.learner["iteration"] == 4
-    policy = load(run.folder, actor=normed())
-    assert evaluate_run(policy, tradeoffs=4, device="cpu").returns.shape == (4, 2)

@@ -328,15 +328,3 @@ def test_an_entry_point_is_imported_only_when_its_task_is_used(offer):
     assert "offered_one" in sys.modules
     assert "morlax_torch/MyCrawler-v0" in gymnasium.registry
     del gymnasium.registry["morlax_torch/MyCrawler-v0"]
-
-
-def test_two_entry_points_with_one_name_are_rejected_and_built_in_names_kept(offer):
-    offer("offered_three", "twin = offered_three:Crawler")
-    offer("offered_four", "twin = offered_four:Crawler")
-    with pytest.raises(MorlaxError, match="several packages offer an environment called 'twin'"):
-        envs.get("twin")
-    offer("offered_five", "ant = offered_five:Crawler")
-    assert envs.get("ant").__name__ == "Ant"
-    assert envs.names().count("ant") == 1
-    with pytest.raises(MorlaxError, match="there is already an environment called 'ant'"):
-        envs.register("ant", envs.get("crawler.py:Crawler"))

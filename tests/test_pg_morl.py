@@ -226,16 +226,6 @@ def test_selection_equals_a_slow_greedy_one(m, alpha, size):
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
-def test_predictions_that_are_not_finite_are_not_selected(m):
-    predicted = np.concatenate([np.full((1, m), NAN), sphere(3, m), np.full((1, m), np.inf)])
-    archive = np.stack([np.full(m, 0.1), np.full(m, NAN)])
-    chosen = selection.select(archive, predicted, 9, np.zeros(m), 1.0)
-    assert sorted(chosen.tolist()) == [1, 2, 3]
-    assert selection.select(np.ones((1, m)), predicted[:1], 2, np.zeros(m), 1.0).tolist() == []
-    assert selection.select(np.ones((1, m)), predicted[:0], 2, np.zeros(m), 1.0).tolist() == []
-
-
-@pytest.mark.parametrize("m", (2, 3, 5))
 def test_the_sparsity_with_each_point_equals_that_of_the_union(m):
     front, points = sphere(25, m), 1.2 * sphere(20, m, seed=1)
     points = points[selection.shortfalls(points, front) < 0]

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import torch
 from acting import random_actions, still
-from crowd import MOTOR, SCENE, Crowd
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import envs
 from morlax_torch.envs.physics.warp import WarpPhysics
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -221,19 +220,3 @@ def test_reaching_the_solver_iteration_limit_is_not_an_overflow():
     for action in random_actions(env, 40):
         env.step(action)
     assert (env.physics.overflow() == 0).all()
-
-
-@pytest.mark.usefixtures("crowd")
-@pytest.mark.parametrize(
-    ("backend", "mjcf", "words"),
-    [
-        ("warp", '<option solver="PGS"/>', r'Warp .*PGS.*: set <option solver="Newton"/>, or'),
-        ("mujoco", '<size memory="3000"/>', r'out of memory.*: raise <size memory="100M"/> in'),
-    ],
-)
-def test_what_a_simulator_refuses_has_a_remedy(backend, mjcf, words, monkeypatch):
-    xml = SCENE.format(MOTOR).replace("<mujoco>", f"<mujoco>{mjcf}")
-    monkeypatch.setattr(Crowd, "load_model", lambda: mujoco.MjModel.from_xml_string(xml))
-    with pytest.raises(MorlaxError, match=words) as caught:
-        envs.make("crowd", 2, "cpu", backend).step(torch.zeros(2, 1))
-    assert "\n" not in str(caught.value)

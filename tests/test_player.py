@@ -26,16 +26,6 @@ def test_a_player_s_returns_match_an_evaluation(policy):
     np.testing.assert_allclose(player.returns, front.returns[0], rtol=1e-4)
 
 
-def test_staggering_does_not_shorten_a_player_s_episodes(make_policy):
-    policy = make_policy("cheetah", task={"stagger": True, "episode_length": 100})
-    player = Player(policy, (0.5, 0.5))
-    for _ in range(2):
-        while not player.over:
-            player.step()
-        assert player.steps == 100
-        player.reset()
-
-
 def test_the_drawn_robot_matches_the_simulated_pose_and_restarts(policy):
     player = Player(policy, (1.0, 0.0))
     first = [player.step().reward.clone() for _ in range(3)]

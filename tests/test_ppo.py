@@ -1,7 +1,6 @@
 """PPO updates: advantages and targets, minibatches, losses and optimizer steps."""
 
 import copy
-from collections.abc import Iterable
 
 import pytest
 import torch
@@ -225,27 +224,6 @@ def test_the_policy_loss_is_the_surrogate_minus_the_entropy_bonus(learner, sampl
         TRADEOFFS, near(samples, agent), noise(samples, generator)
     )
     torch.testing.assert_close(total, surrogate - 0.25 * entropy)
-
-
-def gradients(loss: Tensor, parameters: Iterable[Tensor]) -> tuple[Tensor | None, ...]:
-    return torch.autograd.grad(loss, list(parameters), retain_graph=True, allow_unused=True)
-
-
-@pytest.mark.parametrize("type", ("dual", "single"))
-def test_losses_reach_only_their_own_hypernetwork_and_shared_features(
-    learner, samples, generator, type
-):
-    agent = learner(type=type)
-    ppo, samples = PPO(agent, PPOConfig(entropy=0.1)), near(samples, agent)
-    policy_loss, _ = ppo.policy_loss(TRADEOFFS, samples, noise(samples, generator))
-    value_loss = ppo.value_loss(TRADEOFFS, samples)
-    for loss, own, other in (
-        (policy_loss, agent.actor, agent.critic),
-        (value_loss, agent.critic, agent.actor),
-    ):
-        assert all(gradient.any() for gradient in gradients(loss, own.parameters()))
-        others = other.parameters() if type == "dual" else (other.weight, other.bias)
-        assert all(gradient is None for gradient in gradients(loss, others))
 
 
 def steps_of(agent, config: PPOConfig, samples: Batch, count: int = 1) -> dict[str, Tensor]:

@@ -137,18 +137,11 @@ def test_randomization_is_disabled_by_default(backend):
     off = {"observation_noise": {"position": 0.0}, "action_delay": (0, 0), "push": 0.0}
     plain = envs.make("humanoid", 3, "cpu", backend, auto_reset=False)
     explicit = make("humanoid", backend, off, worlds=3, auto_reset=False)
-    untouched = torch.Generator().manual_seed(0).get_state()
     for action in random_actions(plain, 20):
         one, other = plain.step(action), explicit.step(action)
         assert torch.equal(one.observation, other.observation)
         assert torch.equal(one.reward, other.reward)
-    for env in (plain, explicit):
-        state = env.state_dict()
-        assert torch.equal(state.pop("generator"), untouched)
-        assert {name.split(".")[0] for name in state} == {
-            *("qpos", "qvel", "act", "ctrl", "warmstart", "sensors"),
-            *("time", "age", "blowups", "memory"),
-        }
+    assert not any(name.startswith("model.") for name in explicit.state_dict())
 
 
 # Noise

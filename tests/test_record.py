@@ -12,8 +12,7 @@ from PIL import Image
 
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
-from morlax_torch.host.phases import heard_by
-from morlax_torch.viewers.filming import panels, recording
+from morlax_torch.viewers.filming import recording
 from morlax_torch.viewers.filming.film import Film, Sweep
 from morlax_torch.viewers.filming.recording import write_video
 from morlax_torch.viewers.player import Player
@@ -92,32 +91,6 @@ def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     assert (rows[0] != rows[1]).mean() > 0.05
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("opengl")
-def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
-    film = Film(load("cheetah"), [(1.0, 0.0), (0.0, 1.0)], 160, 120)
-    times = []
-    timed = panels.timed
-    monkeypatch.setattr(
-        panels, "timed", lambda picture, time: times.append(time) or timed(picture, time)
-    )
-    done = []
-    with heard_by(lambda name, share: done.append(share)):
-        strip = film.strip(3.0, 6)
-    assert done == [0.0, 0.5]
-    runs, stands = np.array(times[:6]), np.array(times[6:])
-    assert runs[-1] == stands[-1] == 3.0
-    assert 0.15 < np.ptp(runs) < 0.4  # a cycle
-    assert np.ptp(stands) == 1.0  # it has none
-    first, *_, last = (strip[:90, -x - 160 : -x or None] for x in range(5 * 164, -1, -164))
-    middle = strip[:90, -2 * 164 - 160 : -2 * 164]
-    robot = slice(20, 80)  # rows; the first and the last picture show the same phase
-    closing, opposite = (
-        np.abs(picture[robot].astype(int) - first[robot]).mean() for picture in (last, middle)
-    )
-    assert closing < opposite
-
-
 @pytest.mark.usefixtures("opengl")
 @pytest.mark.slow
 def test_gifs_are_small(tmp_path):
@@ -177,19 +150,6 @@ def test_a_fallen_robot_freezes_while_the_other_continues(make_policy):
     assert all((panel == panels[-1]).all() for panel in panels[down:])
     assert panels[down].mean() < panels[down - 1].mean() - 15  # dimmed
     assert (frames[down] != frames[down + 1]).any()
-
-
-@pytest.mark.parametrize(
-    ("dt", "speed", "stride", "fps"),
-    [
-        *((0.01, 1, 4, 25), (0.02, 1, 2, 25), (1 / 30, 1, 1, 30), (0.015, 1, 3, 1 / 0.045)),
-        *((0.01, 0.25, 1, 25), (0.01, 3, 10, 30), (0.05, 1, 1, 20)),
-    ],
-)
-def test_any_control_step_gives_a_steady_frame_rate(dt, speed, stride, fps, make_policy):
-    film = Film(make_policy(), [(0.5, 0.5)])
-    film.dt = dt
-    assert film.pace(speed) == (stride, pytest.approx(fps))
 
 
 MISTAKES = {

@@ -65,14 +65,6 @@ def test_public_functions_can_be_imported_and_called_in_any_order(orders):
     assert "train() got an unexpected keyword argument 'nothing'" in done.stdout, done.stderr
 
 
-def test_help_lists_every_command(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "morlax_torch", "--help"])
-    commands.command(["--help"])
-    first, *others = capsys.readouterr().out.splitlines()
-    assert first.startswith("usage: python -m morlax_torch COMMAND ")
-    assert [line.split()[0] for line in others] == [*commands.COMMANDS, "--version"]
-
-
 def test_ci_runs_each_part_once_lint_is_green():
     jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
     usage = re.search(r"^# Usage: .ci/run \[(.*?)\]", (ROOT / ".ci/run").read_text(), re.MULTILINE)

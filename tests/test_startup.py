@@ -70,26 +70,6 @@ def test_help_imports_nothing_heavy(tmp_path):
         assert not modules[name] & HEAVY, name
 
 
-@pytest.mark.slow
-def test_public_names_are_listed_and_resolve(tmp_path):
-    done = python(
-        tmp_path,
-        "-c",
-        "import morlax_torch\n"
-        "for module in (morlax_torch, morlax_torch.envs):\n"
-        "    assert set(module.__all__) <= set(dir(module))\n"
-        "    for name in module.__all__:\n"
-        "        getattr(module, name)\n"
-        "assert callable(morlax_torch.envs.trust)\n"
-        "assert not hasattr(morlax_torch, 'nothing')\n"
-        "from morlax_torch import *\n"
-        "print(pareto.__name__, load.__module__)",
-    )
-    assert done.stdout.split() == ["morlax_torch.evaluation.pareto", "morlax_torch.runs.loading"], (
-        done.stderr
-    )
-
-
 @pytest.mark.parametrize("module", [["morlax_torch.train"], ["morlax_torch", "train"]])
 def test_training_prints_a_line_before_torch_is_imported(module, tmp_path, no_torch):
     done = python(tmp_path, "-m", *module, *TINY, first=no_torch)

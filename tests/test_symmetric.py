@@ -253,21 +253,6 @@ def test_tasks_that_see_or_reward_one_side_more_are_refused():
         mirror_of(observe=lambda env: Biped.observe(env) * scales)
 
 
-def test_bodies_of_designs_are_compared_too():
-    def shape(spec: mujoco.MjSpec, design: dict[str, float]) -> None:
-        spec.joint("left_knee").armature = design["armature"]
-
-    parts = {
-        "designs": {"armature": envs.DesignParameter(0.01, 0.005, 0.02, "kg m2")},
-        "load_spec": classmethod(lambda cls: mujoco.MjSpec.from_string(BIPED)),
-        "shape": classmethod(lambda cls, spec, design: shape(spec, design)),
-    }
-    envs.register("one-legged", type("OneLegged", (Biped,), parts))
-    changes = {"network.symmetric": True, "sampling.designs": 4}
-    with pytest.raises(MorlaxError, match="dof_armature of left_knee"):
-        learner(tiny("one-legged", **changes))
-
-
 NETWORKS = {name: task_values(name, "cuda").get("network", {}) for name in envs.names()}
 SYMMETRIC = [name for name, network in NETWORKS.items() if network.get("symmetric")]
 

@@ -174,15 +174,6 @@ def test_the_cheetah_s_run_reward_saturates_at_four_meters_per_second():
     assert fast == 4.0
 
 
-@pytest.mark.parametrize("task", ("cheetah", "walker", "hopper"))
-def test_planar_robots_clip_observed_velocities_to_ten(task):
-    env = make(task)
-    env.physics.qvel[:] = torch.tensor([[9.0], [-11.0]])
-    seen = env.observe()[:, -env.physics.model.nv :]
-    assert (seen[0] == 9.0).all()
-    assert (seen[1] == -10.0).all()
-
-
 # Properties of every built-in task
 
 

@@ -156,14 +156,6 @@ def test_clips_show_the_policies_of_their_trade_offs(base):
     assert max(smooth[::2]) < 0.5 * min(smooth[1::2])
 
 
-def test_every_clip_is_compared():
-    comparisons, random = synthetic(10), np.random.default_rng(0)
-    for _ in range(10):
-        comparisons.answer(*comparisons.pair(random))
-    assert all(one != other for one, other in comparisons.answers)
-    assert set(np.ravel(comparisons.answers)) == set(range(10))
-
-
 # learning
 
 
@@ -194,15 +186,6 @@ def test_a_lesson_continues_with_its_answers(base, lesson):
     assert again.comparisons.answers == lesson.comparisons.answers
     assert len(again.comparisons.clips.action) == len(lesson.comparisons.clips.action)
     assert again.pair() not in lesson.comparisons.answers
-
-
-def test_answers_about_one_objective_are_not_used_for_another(base, lesson):
-    path = lesson.folder / "comparisons.npz"
-    before = path.read_bytes()
-    with pytest.raises(MorlaxError, match=r"has answers about tall, not about calm: use another"):
-        Lesson(str(base), lesson.folder, "calm", clips=20)
-    assert path.read_bytes() == before
-    assert Comparisons.load(path).objective == "tall"
 
 
 def test_a_lesson_s_objective_varies_as_much_as_the_others(lesson):

@@ -2,9 +2,7 @@
 
 import math
 import os
-import random
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -147,18 +145,6 @@ def test_a_few_seconds_of_training_raise_the_hypervolume(tmp_path):
     assert hypervolumes[-1] > 1.8e6
 
 
-def start(folder: Path, *arguments: object) -> subprocess.Popen:
-    """Start the train command in a separate process, in `folder`."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch.train", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"},
-    )
-
-
 HOPPER = (
     *("--env", "hopper", "--device", "cpu", "--worlds", 32, "--sampling.clusters", 4),
     *("--ppo.minibatches", 2, "--evaluation.every", 1280, "--evaluation.tradeoffs", 4),
@@ -166,34 +152,8 @@ HOPPER = (
 )
 
 
-def wait_for(condition, process: subprocess.Popen) -> None:
-    limit = time.monotonic() + 60
-    while not condition():
-        assert process.poll() is None, process.stdout.read()
-        assert time.monotonic() < limit
-        time.sleep(0.01)
-
-
 def iterations(folder: Path) -> int:
     return checkpoint.load(folder / "checkpoints" / "latest.pt").learner["iteration"]
-
-
-@pytest.mark.slow
-def test_a_killed_run_can_always_be_resumed(tmp_path):
-    folder, moments = tmp_path / "run", random.Random(0)
-    process = start(tmp_path, *HOPPER)
-    wait_for(folder.is_dir, process)
-    reached = 0
-    for _ in range(2):
-        time.sleep(moments.uniform(0.0, 1.0))
-        process.kill()
-        process.communicate()
-        assert iterations(folder) >= reached
-        reached = iterations(folder)
-        process = start(tmp_path, "--resume", "run")
-        wait_for(lambda reached=reached: iterations(folder) > reached, process)
-    process.kill()
-    process.communicate()
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGHUP, 129)])

@@ -142,23 +142,6 @@ def test_a_search_writes_trials_and_a_config_that_trains(workplace, monkeypatch,
     assert rows() == table
 
 
-def test_best_yaml_of_an_own_robot_trains_with_the_same_config(workplace, scripted):
-    robot = "from morlax_torch import envs\n\n\nclass Mine(envs.get('hopper')):\n    pass\n"
-    (workplace / "mine.py").write_text(robot)
-    base = config_for("mine.py:Mine", device="cpu", worlds=32, evaluation={"tradeoffs": 5})
-    objectives = {"a": {"run": 1.0}, "b": {"jump": 2.0}}
-    base = base.model_copy(update={"task": base.task.model_copy(update={"objectives": objectives})})
-    search = search_at(workplace, base=base, **{"ppo.clip": [0.3]})
-    second = scripted(search, [1.0], [2.0] * 9)[1]
-    text = (workplace / "best.yaml").read_text()
-    assert yaml.safe_load(text)["env"] == f"{workplace}/mine.py:Mine"
-    config = train_command.read(["--config", "best.yaml", "--device", "cpu"])[0]
-    left_out = {"device", "backend"}
-    expected = search.config(second)
-    assert config.model_dump(exclude=left_out) == expected.model_dump(exclude=left_out)
-    assert config.task.objectives == objectives and config.ppo.clip == 0.3
-
-
 def test_searches_share_the_trials_of_one_storage(tmp_path, scripted):
     base, storage = tiny(), str(tmp_path / "shared.log")
     for folder, curves in (("one", [[1.0], [2.0]]), ("other", [[3.0], [4.0]])):
@@ -226,13 +209,6 @@ def test_a_trial_that_fails_does_not_end_the_study(workplace, scripted, storage)
     assert failures[2] == ("complete", "")
 
 
-def test_a_study_whose_trials_all_fail_says_so(workplace, scripted, capsys):
-    search = search_at(workplace)
-    scripted(search, MorlaxError("it is wrong."), MorlaxError("it is broken."))
-    with pytest.raises(MorlaxError, match="the last one because: it is broken"):
-        tune._print_end(search, 2, [])
-
-
 def test_clearly_worse_trials_are_pruned_at_a_ninth_and_a_third_of_the_time(tmp_path, scripted):
     search, good = search_at(tmp_path), [100.0 * n for n in range(1, 10)]
     late = [100.0, 100, 100, 900, 900, 900, 900, 900, 1e9]
@@ -290,14 +266,6 @@ def test_several_indicators_keep_all_non_dominated_trials(tmp_path, scripted):
     assert [trial.values[0] for trial in search.ranked()] == [3, 2, 1]
 
 
-def test_importance_finds_the_option_that_matters(tmp_path, scripted):
-    space = {"ppo.epochs": [2, 3], "ppo.learning_rate": [1e-4, 2e-4, 3e-4, 5e-4]}
-    search = search_at(tmp_path, **space)
-    assert search.importances() == {}
-    scripted(search, *[lambda config: [config.ppo.learning_rate]] * 12)
-    assert next(iter(search.importances())) == "ppo.learning_rate"
-
-
 def test_trials_change_few_options_of_the_best_trial(tmp_path, scripted):
     search = search_at(tmp_path, **space_values(None, "cpu"))
     trials = scripted(search, [1.0], [2.0], *[[0.5]] * 10)
@@ -305,13 +273,6 @@ def test_trials_change_few_options_of_the_best_trial(tmp_path, scripted):
     for earlier, later in ((0, 1), *((1, number) for number in range(2, len(trials)))):
         changed = [name for name in options[0] if options[earlier][name] != options[later][name]]
         assert 1 <= len(changed) <= 9
-
-
-def test_draws_fit_together(tmp_path, scripted):
-    space = {"sampling.clusters": [4, 7, 8, 16], "ppo.minibatches": [2, 3, 5, 8]}
-    search = search_at(tmp_path, **space)
-    scripted(search, *[[1.0]] * 20)
-    assert states(search) == ["complete"] * 20
 
 
 @pytest.mark.parametrize(

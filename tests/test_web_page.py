@@ -191,17 +191,6 @@ def test_observations_and_actions_are_those_of_python(empty, site, folder, numbe
         torch.testing.assert_close(observation, env.observe(), atol=1e-4, rtol=1e-5)
 
 
-def test_trade_offs_change_the_gait(empty, site):
-    returns = {}
-    for tradeoff in ((1, 0, 0), (0, 1, 0)):
-        steps = empty.evaluate(ACT, [site, "runs/0", tradeoff, 150])
-        returns[tradeoff] = np.sum([step["reward"] for step in steps], 0)
-        returns[tradeoff] = np.append(returns[tradeoff], steps[-1]["qpos"][0])
-    fast, lazy = returns.values()
-    assert fast[0] > lazy[0] + 50 and lazy[1] > fast[1] + 50  # objectives: run, energy
-    assert fast[3] > lazy[3] + 1  # m along x
-
-
 # The recorded start
 
 
@@ -299,25 +288,6 @@ def test_robots_are_compared_and_chosen_without_a_server(visit):
     press("thresholds off")
     expect(page.locator("#front .out")).to_have_count(0)
     assert page.get_by_role("button", name="A or B?").count() == 0 and page.is_hidden("#keep")
-    assert not visit.complaints
-
-
-def test_a_pause_looks_back_and_what_follows_is_a_replay(visit):
-    page = visit("?run=cheetah3")
-    page.wait_for_function("parseFloat(document.getElementById('clock').textContent) > 0.6")
-    page.click("#pause")
-    expect(page.locator("#timeline")).to_be_visible()
-    now = float(page.inner_text("#clock").split()[0])
-    page.locator("#timeline").press("Home")
-    page.wait_for_function("parseFloat(document.getElementById('clock').textContent) < 0.1")
-    with page.expect_download() as download:
-        page.click("#photo")
-    assert download.value.suggested_filename == "cheetah3 0.333,0.333,0.333.png"
-    page.click("#pause")
-    shown = "parseFloat(document.getElementById('clock').textContent)"
-    page.wait_for_function(f"{shown} > 0.1 && {shown} < {now}")
-    page.wait_for_function(f"{shown} > {now}")
-    expect(page.locator("#timeline")).to_be_hidden()
     assert not visit.complaints
 
 
