@@ -94,7 +94,6 @@ def test_a_specialized_policy_is_a_plain_module(policy, observation, tmp_path):
     "form",
     (
         list,
-        tuple,
         lambda w: np.array(w, dtype=np.float32),
         lambda w: 1000 * torch.tensor(w, dtype=torch.float64),  # they need not sum to one
         lambda w: (10 * torch.tensor(w)).round().long(),

@@ -1,5 +1,6 @@
-"""The version is the same everywhere, and each command knows it and its own name."""
+"""One package of one version, importable from anywhere, whose commands know their names."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -11,10 +12,15 @@ import yaml
 
 import morlax_torch
 from morlax_torch import __main__ as commands
+from morlax_torch import config_for
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.process import program
 
 ROOT = Path(__file__).parents[1]
+
+
+def python(*words: str) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, cwd=ROOT)
 
 
 def test_citation_and_changelog_name_the_version():
@@ -60,8 +66,7 @@ def test_public_functions_can_be_imported_and_called_in_any_order(orders):
     lines += [*orders, "assert train is morlax_torch.train.train"]
     lines += ["assert callable(evaluate) and choose is morlax_torch.choose"]
     lines += ["try: train(nothing=0)", "except TypeError as e: print(e)"]
-    command = [sys.executable, "-c", "\n".join(lines)]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = python("-c", "\n".join(lines))
     assert "train() got an unexpected keyword argument 'nothing'" in done.stdout, done.stderr
 
 
@@ -78,3 +83,33 @@ def test_workflows_pin_actions():
     for file in (ROOT / ".github").rglob("*.yml"):
         for action in re.findall(r"uses: (.*)", file.read_text()):
             assert re.match(r"\./|[\w-]+/[\w-]+@[0-9a-f]{40} # v", action), f"{file}: {action}"
+
+
+def test_the_package_does_not_contain_itself():
+    done = python("-c", "import morlax_torch.morlax_torch")
+    assert "ModuleNotFoundError: No module named 'morlax_torch.morlax_torch'" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["envs", "configs"])
+def test_a_folder_of_the_checkout_is_imported_under_one_name_only(name):
+    done = python("-c", f"import {name}")
+    last = done.stderr.strip().splitlines()[-1]
+    assert last == f"ImportError: import this package as morlax_torch.{name}, not as {name}."
+
+
+@pytest.mark.parametrize("folder", ["envs", "morlax_torch"])
+def test_tensors_of_floats_have_a_dtype_whatever_the_user_s_default_is(folder):
+    made = {f"torch.{name}" for name in ("zeros", "ones", "empty", "rand", "randn", "linspace")}
+    for file in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in made:
+                words = {keyword.arg for keyword in node.keywords}
+                assert words & {"dtype", None}, f"{file}:{node.lineno}: {ast.unparse(node)}"
+
+
+def test_a_tuned_config_is_one_call():
+    config = config_for("ant", worlds=1024, device="cpu", **{"ppo.learning_rate": 1e-3})
+    assert (config.env, config.worlds, config.ppo.learning_rate) == ("ant", 1024, 1e-3)
+    tuned = config_for("ant", device="cpu")
+    assert config.ppo.discount == tuned.ppo.discount
+    assert tuned == config_for("ant", device="cpu", ppo={})

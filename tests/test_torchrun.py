@@ -15,9 +15,7 @@ import pytest
 import torch
 from same import assert_same
 
-from morlax_torch import MorlaxError
 from morlax_torch.commands import train
-from morlax_torch.commands.terminal import arguments
 from morlax_torch.runs import checkpoint
 
 TORCHRUN = (sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2")
@@ -211,12 +209,6 @@ def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
     assert "error: " in errors and "Traceback" not in errors
     assert "every world blew up" in errors or "not finite" in errors
     assert all(value.isfinite().all() for value in state(tmp_path / "run").agent.values())
-
-
-def test_restarts_need_a_folder(monkeypatch):
-    monkeypatch.setattr(arguments, "MAY_RESTART", True)
-    with pytest.raises(MorlaxError, match="--max-restarts needs --output FOLDER, to go on from"):
-        train.read(SMALL)
 
 
 WAITING = """

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from morlax_torch import MorlaxError
-from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.tradeoffs import (
     dirichlet_tradeoffs,
     evaluation_tradeoffs,
@@ -66,12 +65,6 @@ def test_evaluation_tradeoffs_of_more_objectives_are_corners_and_fixed_draws(m):
     assert len(tradeoffs.unique(dim=0)) == 200
     torch.manual_seed(99)
     assert torch.equal(evaluation_tradeoffs(200, m), tradeoffs)
-
-
-def test_an_evaluation_needs_at_least_one_tradeoff_per_objective():
-    with pytest.raises(MorlaxError, match="tradeoffs"):
-        load_config({"env": "cheetah3", "evaluation": {"tradeoffs": 2}})
-    assert torch.equal(evaluation_tradeoffs(3, 3), torch.eye(3))
 
 
 def test_dirichlet_tradeoffs_depend_only_on_the_seed():

@@ -17,7 +17,6 @@ from browsing import COARSE, FEW_FRAMES, PATIENCE, chromium, until
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
-from morlax_torch.runs.loading import bookmark
 from morlax_torch.train import train
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.web.writing import build, write_page
@@ -88,7 +87,6 @@ def folder(tmp_path_factory) -> Path:
         task, **small, **{"sampling.clusters": 4, "ppo.minibatches": 1, "evaluation.tradeoffs": 4}
     )
     run = train(config, output=place / "run").folder
-    bookmark(run, "calm", (0.25, 0.75))
     write_page(["cheetah3", str(run)], place / "page")
     return place / "page"
 
@@ -226,14 +224,6 @@ def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
     page.locator("#triangle svg").click(position={"x": 160, "y": 40})
     expect(shares.first).to_have_text(re.compile(r"^(8[1-9]|9\d|100) %$"))
     assert not visit.complaints
-
-
-def test_a_link_opens_a_bookmark(visit):
-    page = visit("?run=Tumbler&tradeoff=@calm")
-    runs(page)
-    assert page.locator("#weights output").all_inner_texts() == ["25 %", "75 %"]
-    assert page.locator("#bookmarks button").all_inner_texts() == ["@calm"]
-    assert page.is_visible("#talk") and not visit.complaints
 
 
 def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
